@@ -65,7 +65,7 @@ def resource_use(process_id: int) -> ResourceUse:
     return ResourceUse(0.0, 0.0)
 
 
-def peak_megabytes() -> float:
+def peak_mebibytes() -> float:
     """Returns the largest memory that this process has had, MiB."""
     if sys.platform == "win32":
         import psutil

@@ -224,7 +224,7 @@ class Simulation:
         self._controller.reset()
 
     def _update_arming(self) -> None:
-        """Plays the autopilot's clockwork at the beginning of a cycle: next flight, arming, disarming.
+        """Arms, disarms or prepares the next flight, where that is due at the beginning of a cycle.
 
         ``flight_cycle`` counts cycles from the arming of the current flight: it is negative while the vehicle waits to
         be armed, 0 when it is armed, ``_flight_cycles`` at the planned disarming, and ``_end_cycles`` at the end.

@@ -92,22 +92,23 @@ class GyroVibration:
         return tuple(rotor_vibration + current for current, _ in self._resonance)
 
     def _rotor_sample(self, rotor: int, speed: float) -> float:
-        """Turns a rotor by one sampling period, and returns the vibration by it.
+        """Turns a rotor by one sampling period, and returns the vibration that it causes.
 
-        Two sines add up: one of the rotor's frequency, by its imbalance, and one of the blades' frequency. The
-        amplitude goes with the square of the speed, as the centrifugal force does.
+        Two sines add up: one at the rotor's frequency, by its imbalance, and one at the frequency of blade passage. The
+        amplitude is proportional to the square of the speed, as the centrifugal force is.
 
         Args:
             rotor: Index of the rotor, from 0.
             speed: Speed of the rotor, rad/s.
 
         Returns:
-            Vibration about each axis, rad/s.
+            Vibration, rad/s, the same about all three axes.
         """
         spec = self._spec
         angle = self._phases[rotor] + speed * self._step
         phase = angle % (2 * pi)
         self._phases[rotor] = phase
+        # ``gyro`` is the amplitude in hover, rad/s; ``balance`` is the imbalance's share of it, from 0 to 1.
         amplitude = spec.gyro * (speed / self._hover_speed) ** 2
         imbalance = spec.balance * sin(phase)
         blade_passage = (1 - spec.balance) * sin(spec.blades * phase)

@@ -64,6 +64,7 @@ def wind_command(
     wind = evidence.wind.estimate
     if evidence.wind.obstacle is not None:
         raise NotLearnable(evidence.wind.obstacle)
+    # There is an estimate unless something prevented it.
     assert wind is not None
     signals = evidence.signals
     wind_evidence = evidence.wind

@@ -67,12 +67,17 @@ ADDS_FACT = "AndFact"
 
 
 def fact_field(attribute: str, meaning: str) -> Any:
-    """Returns the definition of an optional field that is filled with facts of a result.
+    """Returns the pydantic definition of an optional field with a fact, or with a list of facts.
+
+    A fact is a code with figures, for programs; the field beside it has the sentence of the same fact, for people.
 
     Args:
-        attribute: attribute of the result that has the fact or the facts. If it has a plain sentence only, the field is
-            null or an empty list.
+        attribute: name of the result's attribute from which both fields are filled. If it has a text and no ``Fact``,
+            this field is null or an empty list, since a text has no code.
         meaning: description of the field in the schema.
+
+    Returns:
+        The definition, whose default is None.
     """
     return Field(default=None, validation_alias=attribute, description=meaning)
 
@@ -127,7 +132,11 @@ class Document(BaseModel):
 
     @model_validator(mode="after")
     def _keep_model_name(self) -> Self:
-        """Counts the name of the model as set where one model makes all figures: keys that are not set are absent."""
+        """Marks the field ``model`` as set where its default is the name of a model, so that the JSON has the key.
+
+        A document whose figures all come from one model declares its name as the default, which no caller sets; and
+        :meth:`as_dict` leaves out fields that were not set.
+        """
         field = type(self).model_fields.get("model")
         if field is not None and isinstance(field.default, ModelName):
             self.__pydantic_fields_set__.add("model")

@@ -202,6 +202,7 @@ def read_on_worker(job: Job, limits: JobLimits, read: ReadLog) -> JobOutcome:
     except IndexError:
         reader = LogReader()
     outcome = reader.read(job, limits, read)
+    # There is no outcome only if the caller asks to give up, which this one never does.
     assert outcome is not None
     _idle_readers.append(reader)
     return outcome

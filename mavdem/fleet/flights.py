@@ -27,7 +27,10 @@ Flights = Sequence[AxisRows]
 
 
 def log_row(flight: AxisRows) -> FlightRow:
-    """Returns the row that stands for a flight in all that is of its log: rows differ only in what is of an axis."""
+    """Returns a row of a flight from which to read values of its log, such as date and vehicle.
+
+    They are the same in all rows of the flight, which differ only in the values of their axes.
+    """
     return flight[0]
 
 
@@ -48,7 +51,7 @@ def flights_of(rows: Iterable[FlightRow]) -> list[FlightRows]:
         seconds = math.inf if row.date is None else row.date.timestamp()
         return seconds, row.order
 
-    flights = group_by(rows, lambda row: row.order.of_flight)
+    flights = group_by(rows, lambda row: row.order.without_axis)
     for flight in flights.values():
         flight.sort(key=lambda row: AXIS_ORDER.index(row.axis or ""))
     return sorted(flights.values(), key=date_and_order)

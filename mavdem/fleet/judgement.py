@@ -42,18 +42,19 @@ def publish(store: Store, assess: AssessRows) -> None:
     with judgement_lock(store.folder), store.transaction():
         # Another run may have set the baseline while this one waited for the lock.
         healthy = store.healthy
-        baseline = hashlib.sha256(repr(healthy).encode()).hexdigest()
+        baseline_hash = hashlib.sha256(repr(healthy).encode()).hexdigest()
         store.update_names()
+        # The column ``judged`` has the hash of the baseline, and ``file`` is null where a log is not tracked.
         query = """select distinct vehicle from flights where file is not null and judged is not ?
             order by vehicle"""
-        for (vehicle,) in store.db.execute(query, [baseline]).fetchall():
+        for (vehicle,) in store.db.execute(query, [baseline_hash]).fetchall():
             healthy_rows = [row for row in healthy if row.vehicle == vehicle]
-            _judge_vehicle(store, vehicle, assess, healthy_rows, baseline)
+            _judge_vehicle(store, vehicle, assess, healthy_rows, baseline_hash)
     update_table(store)
 
 
 def _judge_vehicle(
-    store: Store, vehicle: str, assess: AssessRows, healthy_rows: FlightRows, baseline: str
+    store: Store, vehicle: str, assess: AssessRows, healthy_rows: FlightRows, baseline_hash: str
 ) -> None:
     """Judges the health of one vehicle again from all its flights in the table, and stores the result in its rows.
 
@@ -64,12 +65,12 @@ def _judge_vehicle(
         vehicle: name of the vehicle; it has at least one row that is not judged yet.
         assess: function that judges all rows of a vehicle.
         healthy_rows: rows of the vehicle in the baseline; empty if it has none.
-        baseline: hash of the whole baseline, which marks the rows as judged with it.
+        baseline_hash: hash of the whole baseline, which marks the rows as judged with it.
     """
     selection = "select rowid, row, file from flights where vehicle = ? and file is not null"
     order = "order by file, log, rowid"
     unjudged_query = f"{selection} and judged is not ? {order}"
-    stored_rows = store.db.execute(unjudged_query, [vehicle, baseline]).fetchall()
+    stored_rows = store.db.execute(unjudged_query, [vehicle, baseline_hash]).fetchall()
     _, first_text, first_file = stored_rows[0]
     # If the name may be that of several vehicles, and there is no baseline, flights are not compared with each other,
     # so that only the new ones are judged.
@@ -81,7 +82,7 @@ def _judge_vehicle(
     for row_id, row in zip(row_ids, judged_rows, strict=True):
         store.db.execute(
             "update flights set row = ?, brief = ?, judged = ? where rowid = ?",
-            [json.dumps(row.as_dict()), brief_json(row), baseline, row_id],
+            [json.dumps(row.as_dict()), brief_json(row), baseline_hash, row_id],
         )
     # The Parquet file and the pages of the vehicle are now older than its rows.
     store.db.execute("insert into unpublished (vehicle) values (?)", [vehicle])

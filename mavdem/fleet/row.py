@@ -71,8 +71,8 @@ class RowOrder(NamedTuple):
     """Axis of the row, in which alone the rows of a flight differ."""
 
     @property
-    def of_flight(self) -> tuple[Any, ...]:
-        """The parts that the rows of one flight share: all but the axis."""
+    def without_axis(self) -> tuple[Any, ...]:
+        """All parts but the axis: the rows of one flight, and of no other, have them in common."""
         return self[:-1]
 
 

@@ -95,7 +95,7 @@ def rows_of_assessment(assessment: Assessment, file: str) -> FlightRows:
     margins belong to the axis. Without settled flight there is one row, of no axis, whose status says why.
 
     Args:
-        assessment: assessment of a vehicle.
+        assessment: assessment of a vehicle, with its evidence and analysis.
         file: path or URL of its log.
 
     Returns:
@@ -135,7 +135,8 @@ def _row_without_flight(
     """Returns the row of a vehicle that did not fly long enough for figures, or whose log lacks messages.
 
     Args:
-        assessment: assessment of the vehicle. The reason for the missing figures becomes the status of the row.
+        assessment: assessment of the vehicle, with an analysis. The reason for the missing figures becomes the status
+            of the row.
         judgement: headline and lights, by name.
         columns: values of columns that do not depend on a flight, such as the file.
 

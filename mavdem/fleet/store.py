@@ -185,8 +185,11 @@ class Store:
         entry = self.db.execute(query, [utf8_text(source.path)]).fetchone()
         if entry is None:
             return False
-        (version,) = entry
-        return outcome.ended == "source" or source.version in ("", version)
+        (last_version,) = entry
+        # "source" is the ``JobEnding`` of a log that could not be reached.
+        is_unreachable = outcome.ended == "source"
+        is_unchanged = source.version in ("", last_version)
+        return is_unreachable or is_unchanged
 
     def add(self, source: LogSource, outcome: JobOutcome, limits: JobLimits) -> None:
         """Adds the outcome of a log, with its pages, in place of what the store had by its name and by its content.

@@ -41,7 +41,7 @@ from mavdem.fleet.sources import fetch, is_url
 from mavdem.processes import (
     TERMINATION_SIGNALS,
     limit_memory,
-    peak_megabytes,
+    peak_mebibytes,
     resource_use,
     signal_name,
 )
@@ -452,7 +452,7 @@ def perform(job: Job, limits: JobLimits, read: ReadLog) -> JobOutcome:
         outcome = outcome_of(job, read)
     except MemoryError:
         os._exit(errno.ENOMEM)
-    return replace(outcome, seconds=time.perf_counter() - begin, megabytes=peak_megabytes())
+    return replace(outcome, seconds=time.perf_counter() - begin, megabytes=peak_mebibytes())
 
 
 def _silence_output() -> None:

@@ -71,8 +71,10 @@ class ModelJudging:
         row_format = learning.row_format
         if self._executor is None or model is None or row_format is None:
             return
-        has_physical = learning.estimate is not None and learning.estimate.physical is not None
-        if not has_physical or is_busy or now < self._next_time:
+        has_physical_parameters = (
+            learning.estimate is not None and learning.estimate.physical is not None
+        )
+        if not has_physical_parameters or is_busy or now < self._next_time:
             return
         self._next_time = now + JUDGING_PERIOD
         named_model = learning.named_model(model, stream.parameters)

@@ -223,6 +223,7 @@ class FlightLearning:
             cause = None if mark is None else mark.cause
             self._log(Fact(SessionFact.MOTION_UNEXPECTED, clock=estimate.seen, cause=cause))
         self.estimate = estimate
+        # ``begin`` has made it together with the learner that gave the estimate.
         assert self._gusts is not None
         for gust in self._gusts.add(estimate):
             self._log(gust)

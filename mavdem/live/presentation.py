@@ -91,15 +91,15 @@ class Presentation:
     ) -> None:
         """Adds a row to the history, with the latest wind and pose, and each motor as a share of its range.
 
-        The wind is kept as speed and half width of its band, m/s; NaN before any estimate. Of the pose roll, pitch,
-        their setpoints and the height are kept; NaN where they are not known.
+        The wind is kept as speed and half width of its band, m/s. Of the pose, roll, pitch and their setpoints are
+        kept, rad, and the height, m. What is not known is NaN.
 
         Args:
             row: the row.
             row_format: format of the row, with the boot of its time, and the range of the motors.
-            estimate: estimate of the learner; None of a row that was not learned from.
-            wind: the latest; None before any.
-            pose: the latest attitude with its setpoint; None before any.
+            estimate: estimate of the learner for this row; None if the learner did not take the row.
+            wind: the latest estimate of the wind; None before the first.
+            pose: the latest attitude with its setpoint; None before the first.
         """
         wind_speed = nan
         wind_band = nan
@@ -116,10 +116,12 @@ class Presentation:
             roll_setpoint, pitch_setpoint = pose.setpoint
             tilt_setpoints = (roll_setpoint, pitch_setpoint)
             if pose.position is not None:
+                # The third coordinate of the position points down.
                 height = -pose.position[2]
-        motors = row_format.scale.fraction(row.inputs)
+        motor_fractions = row_format.scale.fraction(row.inputs)
         self.history.advance(row.time, row_format.boot)
-        further_values = (wind_speed, wind_band, *tilts, *tilt_setpoints, height, *motors)
+        # ``LiveHistory.add_row`` defines this order.
+        further_values = (wind_speed, wind_band, *tilts, *tilt_setpoints, height, *motor_fractions)
         self.history.add_row(row.segment, row.time, row.outputs, estimate, further_values)
 
     def show(

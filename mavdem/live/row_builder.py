@@ -211,6 +211,7 @@ class RowBuilder:
         Args:
             inputs: the motors whose outputs become the rows' inputs.
         """
+        # The grid has begun, which decides its step from the attitude and motor outputs.
         assert self._grid.dt is not None and self.attitude_message is not None
         former_format = self.row_format
         geometry = inputs.motors.geometry

@@ -241,6 +241,7 @@ class LiveSession:
             row: motor outputs and motion at one time on the boot clock.
             arrival_time: arrival of the packet that completed the row, s of the monotonic clock.
         """
+        # The stream sets the format before its first row.
         row_format = self.stream.row_format
         assert row_format is not None
         learning = self._learning

@@ -61,18 +61,10 @@ class StatusReport:
         replaced by 0, and each watchdog is reported as not watching.
 
         ``obstacle`` is the first reason why there is no new model: the link is silent, no rows can be made of the
-        messages, or the flight does not allow learning. Where no vehicle is followed any more, as since two send under
-        one id, that is why its motion is missing, as long as either still sends its attitude.
+        messages, or the flight does not allow learning.
         """
         status = self.stream.status()
-        silence = self._silence_fact()
-        is_motion_silent = silence is not None and silence.subject == MissingMessages.MOTION
-        if (
-            is_motion_silent
-            and status.vehicle is None
-            and self.silence.has_attitudes(self.backlog.analysed_until)
-        ):
-            silence = status.obstacle
+        silence = self._silence_obstacle(status)
         rates = status.rates
         watch_facts = status.watch_facts
         if silence is not None:
@@ -99,6 +91,26 @@ class StatusReport:
         if self.learning.estimate is None:
             return status
         return status.with_predictions(self.learning.estimate)
+
+    def _silence_obstacle(self, status: SessionStatus) -> Fact | None:
+        """Returns the silence of the link as the reason why there is no new model; None while messages come.
+
+        If no vehicle is followed any more, for example because two send under one id, its motion is missing for that
+        reason. The stream knows the reason, and it is returned as long as any vehicle still sends its attitude.
+
+        Args:
+            status: status of the stream, whose ``obstacle`` is the reason that it knows.
+        """
+        silence = self._silence_fact()
+        is_motion_silent = silence is not None and silence.subject == MissingMessages.MOTION
+        is_unfollowed = status.vehicle is None
+        if (
+            is_motion_silent
+            and is_unfollowed
+            and self.silence.has_attitudes(self.backlog.analysed_until)
+        ):
+            return status.obstacle
+        return silence
 
     def _silence_fact(self) -> Fact | None:
         """That the link is lost, or what has not come for ``SILENCE_SECONDS``; None while messages come."""

@@ -1,6 +1,7 @@
 """The state of a live vehicle that a pilot looks for first: flight mode, arming and battery."""
 
 from dataclasses import replace
+from math import inf
 from typing import NamedTuple
 
 from mavdem.dataset.batteries import BATTERY_MESSAGES
@@ -46,7 +47,8 @@ def vehicle_state(recent: RecentMessages, vehicle: Telemetry, now: float) -> Veh
         if battery.charge is not None and battery.charge.values[-1] >= 0:
             charge = float(battery.charge.values[-1])
         batteries.append((float(battery.voltage.values[-1]), charge))
-    batteries.sort(key=lambda battery: 101.0 if battery[1] is None else battery[1])
+    # The emptiest battery is shown. Those of unknown charge come last.
+    batteries.sort(key=lambda battery: inf if battery[1] is None else battery[1])
     voltage, charge = batteries[0] if batteries else (None, None)
     return VehicleState(
         signals.mode_at(recent.boot, now),

@@ -427,10 +427,19 @@ class Watchdog:
             Alarms, with the time of the review, and ends of alarms, with the time at which the reason was seen last;
             s of the boot clock.
         """
-        alarms = []
         for kind, fact in review.facts.items():
             light = str(LIGHTS[kind])
             self.worst_lights[light] = worst_fact([fact, self.worst_lights.get(light, fact)])
+        return [*self._begun_alarms(review), *self._ended_alarms(review)]
+
+    def _begun_alarms(self, review: _Review) -> list[Fact]:
+        """Makes alarms of the warnings of a review that are not active, and returns them.
+
+        Args:
+            review: the review that ends, with all its facts.
+        """
+        alarms = []
+        for kind, fact in review.facts.items():
             if not fact.warns:
                 continue
             self._last_seen[kind] = review.now
@@ -438,18 +447,31 @@ class Watchdog:
             if active is None or (active.level, active.code) != (fact.level, fact.code):
                 self.active[kind] = fact
                 alarms.append(event_or_alarm(fact, review.now))
+        return alarms
+
+    def _ended_alarms(self, review: _Review) -> list[Fact]:
+        """Removes the active alarms that are over, and returns their ends as facts.
+
+        Args:
+            review: the review that ends; its warnings are among the active alarms already.
+
+        Returns:
+            The ends that are reported. After a loss of control there are none, since a wreck is no sound vehicle.
+        """
+        is_lost = self.loss is not None and not review.is_flying
+        ends = []
         for kind in list(self.active):
-            last_seen = self._last_seen[kind]
-            is_lost = self.loss is not None and not review.is_flying
+            # On the ground, the alarm of a loss of control stays.
             if is_lost and kind is WatchedQuantity.CONTROL:
                 continue
+            last_seen = self._last_seen[kind]
             if not review.is_flying or review.now - last_seen >= CALM_SECONDS:
-                ended = self.active.pop(kind)
+                ended_alarm = self.active.pop(kind)
                 if not is_lost:
-                    alarms.append(Fact(WatchFact.ALARM_OVER, time=last_seen, because=ended))
+                    ends.append(Fact(WatchFact.ALARM_OVER, time=last_seen, because=ended_alarm))
                 if kind is WatchedQuantity.CONTROL:
                     self.loss = None
-        return alarms
+        return ends
 
     def _update_watch_facts(self, review: _Review, motion: RecentMotion | None) -> None:
         """Notes for each thing that is watched since when it is, or why it is not.

@@ -106,17 +106,22 @@ def headline_of_comparison(
     if difference.is_of_same_flight:
         return render_section("difference_same_flight")
     differing_lights = _lights_bad_on_one_side(reviews)
-    lights = [Sentence(light.text, f"{light.name.capitalize()}:") for light in differing_lights]
-    axes = {light.axis for light in differing_lights if light.name == Light.MARGINS}
-    changed = _changes_by_relevance(difference, axes)
-    axes |= {change.quantity.axis for change in changed if change.quantity.kind in LOOP_KINDS}
-    # Gains matter where a loop differs, or where nothing else is known to.
-    matter = bool(axes) or not (lights or changed)
-    gains = _gains_by_relevance(parameters, axes) if matter else []
-    shown_gains = [*map(_parameter_text, gains[:MAX_HEADLINE_GAINS])]
+    light_sentences = [
+        Sentence(light.text, f"{light.name.capitalize()}:") for light in differing_lights
+    ]
+    bad_axes = {light.axis for light in differing_lights if light.name == Light.MARGINS}
+    changes = _changes_by_relevance(difference, bad_axes)
+    changed_axes = {
+        change.quantity.axis for change in changes if change.quantity.kind in LOOP_KINDS
+    }
+    axes_with_other_loops = bad_axes | changed_axes
+    # Gains matter where a loop differs, or where nothing else is known to differ.
+    gains_matter = bool(axes_with_other_loops) or not (light_sentences or changes)
+    gains = _gains_by_relevance(parameters, axes_with_other_loops) if gains_matter else []
+    shown_gains = [_parameter_text(gain) for gain in gains[:MAX_HEADLINE_GAINS]]
     return [
-        *lights,
-        *_conclusion(difference, changed),
+        *light_sentences,
+        *_conclusion(difference, changes),
         *render_section(
             "difference_gains",
             gains=shown_gains,
@@ -480,22 +485,25 @@ def next_blocks(
         return []
     later_side = _later_side(reviews)
     later_step = value_at(reviews.get(later_side) or {}, "next_step.sentence")
-    is_worse = any(light.bad_side == later_side for light in _lights_bad_on_one_side(reviews))
-    if is_worse and later_step:
+    is_later_worse = any(light.bad_side == later_side for light in _lights_bad_on_one_side(reviews))
+    if is_later_worse and later_step:
         return [Sentence(later_step, f"Next, by {later_side}:")]
-    changes = []
+    # New gains of an axis explain a change of its loops, which then is no sign of a fault.
+    unexplained_changes = []
     for change in difference.changes_with(QuantityOutcome.CHANGED):
         is_of_loop = change.quantity.kind in LOOP_KINDS
         if not (is_of_loop and _control_parameters_of_axis(parameters, change.quantity.axis)):
-            changes.append(change)
+            unexplained_changes.append(change)
     vehicles_before, vehicles_after = difference.vehicles
     known_vehicles = {*vehicles_before, *vehicles_after} - {UNKNOWN}
-    if not changes or len(known_vehicles) > 1:
+    if not unexplained_changes or len(known_vehicles) > 1:
         return []
-    weaker_motors = [change for change in changes if _is_weaker(change)]
-    candidates = weaker_motors or changes
-    surest = min(candidates, key=lambda change: change.p)
-    motor = _motor_name(surest, difference) if surest.quantity.is_of_motor else ""
+    weaker_motors = [change for change in unexplained_changes if _is_weaker(change)]
+    candidates = weaker_motors or unexplained_changes
+    surest_change = min(candidates, key=lambda change: change.p)
+    motor = ""
+    if surest_change.quantity.is_of_motor:
+        motor = _motor_name(surest_change, difference)
     return render_section("difference_next", motor=motor, is_weaker=bool(weaker_motors))
 
 

@@ -91,7 +91,8 @@ def tune_blocks(
             blocks.append(_gain_and_margin_table(advice, is_doubtful=is_doubtful))
         # The limits of gains that change stand beside the page's table of gains.
         gains_stand_elsewhere = has_tables_elsewhere and bool(advice.parameters)
-        for limit in [limit for limit in unshown_limits if axis in limit.axes]:
+        limits_of_axis = [limit for limit in unshown_limits if axis in limit.axes]
+        for limit in limits_of_axis:
             unshown_limits.remove(limit)
             if not (gains_stand_elsewhere and limit.is_about_gains_to_set):
                 blocks.append(limit.sentence)
@@ -344,6 +345,7 @@ def tuning_result(tuning: Tuning) -> Fact:
             return headline
         for rating in _rating_as_decided(advice, tuning.judgement.loop_decisions.get(axis)):
             ratings.append(rating.replace(subject=f"{axis} {rating.subject}"))
+    # The worst rating, and the first of equal ones.
     for level in (Level.BAD, Level.WATCH, Level.GOOD):
         for rating in ratings:
             if rating.level is level:

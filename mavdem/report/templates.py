@@ -496,6 +496,7 @@ def forbids_flight(fact: Fact) -> bool:
         reason = fact.figures.get(rule)
         if isinstance(reason, Fact) and reason.remedy:
             return forbids_flight(reason)
+        # Without the remedy of another fact, one with a "cause" states its own, which forbids to fly.
         return rule == "cause"
     if rule == "confirmed":
         return "is_unconfirmed" not in fact.figures

@@ -482,9 +482,12 @@ class Api:
             reported_progress = self._library.progress(entry)
             entry = replace(entry, **_values_of_keys(reported_progress, COLUMNS))
             reading_progress = _values_of_keys(reported_progress, PROGRESS_KEYS)
-            if "started" in reported_progress:
-                reading_progress["seconds"] = round(time.time() - reported_progress["started"])
+            # The UNIX time at which reading began, s.
+            reading_start = reported_progress.get("started")
+            if reading_start is not None:
+                reading_progress["seconds"] = round(time.time() - reading_start)
         stage_in_words = interface_words()["stages"][entry.stage]
+        # The document has fields of the same names as those of the entry, the place and the reported progress.
         return Progress.from_results(
             entry, words=stage_in_words, **queue_place._asdict(), **reading_progress
         )

@@ -153,14 +153,15 @@ def create_or_update_table(db: sqlite3.Connection) -> None:
     ones by the defaults of the fields.
 
     Args:
-        db: the fleet's SQLite file.
+        db: connection to the SQLite file of the library, which also has the tables of the fleet. Its ``row_factory``
+            is ``sqlite3.Row``, by which values of a row are found by name.
     """
-    missing_columns = {name: f"{name} default ''" for name in COLUMNS}
-    db.execute(f"create table if not exists entries ({', '.join(missing_columns.values())})")
-    for row in db.execute("pragma table_info(entries)"):
-        missing_columns.pop(row["name"], None)
-    for definition in missing_columns.values():
-        db.execute(f"alter table entries add column {definition}")
+    definitions = {name: f"{name} default ''" for name in COLUMNS}
+    db.execute(f"create table if not exists entries ({', '.join(definitions.values())})")
+    existing_columns = {column["name"] for column in db.execute("pragma table_info(entries)")}
+    for name, definition in definitions.items():
+        if name not in existing_columns:
+            db.execute(f"alter table entries add column {definition}")
     db.executescript(INDEXES_SQL)
 
 

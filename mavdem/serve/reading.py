@@ -254,6 +254,7 @@ def _write_results(vehicles: Sequence[AssessedVehicle], folder: Path) -> list[st
     document = complete_document("review", review_document(assessment) | {"files": files})
     paths = {name: folder / name for name in result_files(assessment)}
     write_result_files(paths, json.dumps(document, indent=1, allow_nan=False), assessment)
+    # Only an assessment in which no vehicle was judged has no evidence.
     assert assessment.evidence is not None
     write_series(folder, flight_series(assessment.evidence.signals))
     return list(files)
@@ -285,6 +286,7 @@ def _index_columns(assessment: Assessment, rows: FlightRows) -> JsonValues:
         assessment: the assessment whose sentences and events the index shows for the log.
         rows: the fleet's rows of the log, those of this assessment first.
     """
+    # Only an assessment in which no vehicle was judged has no evidence.
     assert assessment.evidence is not None
     parameters = assessment.evidence.signals.telemetry.parameters
     gains = {name: value for name, value in parameters.items() if CONTROL_PARAMETERS.match(name)}

@@ -152,6 +152,7 @@ def _start_viewer(recording: Path) -> WebServer:
                 socket.create_connection((LOOPBACK, port)).close()
                 return server
             time.sleep(POLL_SECONDS)
+        # The process has ended, or is killed now because it did not answer in time. Either way it has a return code.
         server.close()
         reason = str(server.process.returncode)
     except OSError as error:

@@ -295,14 +295,15 @@ class Transmitter:
         instead of restarting it.
 
         Args:
-            _: Time of the fault event (:meth:`_fault_events`), which is not needed.
+            _: Time of the motion, s. All functions of fault events are called with it; this one does not need it.
         """
-        interval = 1 / self._scenario.faults.mavproxy_rate
+        requested_interval = 1 / self._scenario.faults.mavproxy_rate
         for group in self.autopilot.groups.values():
             for name in group:
-                change = abs(self.schedule.interval(name) - interval)
+                change = abs(self.schedule.interval(name) - requested_interval)
+                # The autopilot stores intervals in steps, and so ignores a smaller change.
                 if change >= self.autopilot.interval_step:
-                    self.schedule.set(name, interval, self.clock)
+                    self.schedule.set(name, requested_interval, self.clock)
 
     def _restart_by_watchdog(self, now: float) -> None:
         """Boots the autopilot again in flight, which then says why."""
@@ -438,7 +439,8 @@ class LossyLink:
 
         Each frame gets three uniform random numbers, whether they are used or not, so that one fault does not change
         the random numbers of another. A frame that is to be overtaken is held until the next one arrives; then the two
-        swap their times of arrival.
+        swap their times of arrival. If none follows in this call, it is held until the next call, or until
+        :meth:`held_frames` at the end of the flight.
 
         Args:
             sent_frames: Frames with the times at which they are sent, s of the flight, ascending.
@@ -447,28 +449,32 @@ class LossyLink:
             The frames that arrive, with their times of arrival, s of the flight, ascending.
         """
         faults = self._faults
-        lost_share, delay, max_jitter = faults.loss, faults.delay, faults.jitter
-        has_outage = faults.outage is not None
-        uniform_numbers = self._random.random((len(sent_frames), 3)).tolist()
-        for (time, frame), (loss, jitter, order) in zip(sent_frames, uniform_numbers, strict=True):
-            if loss < lost_share or (has_outage and self.is_lost(time)):
+        random_numbers = self._random.random((len(sent_frames), 3)).tolist()
+        for (time, frame), numbers in zip(sent_frames, random_numbers, strict=True):
+            loss_number, jitter_number, order_number = numbers
+            if loss_number < faults.loss or self.is_out(time):
                 continue
             # A link keeps its order: a frame cannot arrive before the one that was sent before it.
-            self._latest = max(time + delay + max_jitter * jitter, self._latest)
+            arrival = time + faults.delay + faults.jitter * jitter_number
+            self._latest = max(arrival, self._latest)
             if self._overtaken_frame is not None:
                 earlier_arrival, overtaken_frame = self._overtaken_frame
                 self._overtaken_frame = None
                 yield earlier_arrival, frame
                 yield self._latest, overtaken_frame
-            elif order < faults.reordered:
+            elif order_number < faults.reordered:
                 self._overtaken_frame = self._latest, frame
             else:
                 yield self._latest, frame
 
-    def is_lost(self, time: float) -> bool:
-        """Returns whether the whole link is lost at a time, s of the motion."""
-        begin = self._faults.outage
-        return begin is not None and 0 <= time - BOOT_SECONDS - begin < self._faults.outage_seconds
+    def is_out(self, time: float) -> bool:
+        """Returns whether the link passes no frame at a time of the motion, s, because of the scenario's outage."""
+        outage_start = self._faults.outage
+        if outage_start is None:
+            return False
+        # Times of a scenario count from the arming.
+        seconds_of_outage = time - BOOT_SECONDS - outage_start
+        return 0 <= seconds_of_outage < self._faults.outage_seconds
 
     def held_frames(self) -> list[TimedFrame]:
         """Returns the frame that waits to be overtaken at the end of the flight, if there is one."""

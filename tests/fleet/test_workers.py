@@ -45,7 +45,7 @@ from mavdem.fleet.workers import (
     outcome_of,
     perform,
 )
-from mavdem.processes import lower_priority, peak_megabytes
+from mavdem.processes import lower_priority, peak_mebibytes
 
 
 def test_an_outcome_has_the_log_s_name_and_key_and_why_it_has_no_rows(tmp_path):
@@ -276,7 +276,7 @@ def test_an_outcome_has_the_time_and_the_largest_memory_of_its_reading(monkeypat
     monkeypatch.setenv("MAVDEM_TRACEBACK", "1")
     for name in ("forbid_child_processes", "limit_memory"):
         monkeypatch.setattr(workers, name, lambda *_: None)
-    largest = peak_megabytes()
+    largest = peak_mebibytes()
     outcome = perform(Job(str(tmp_path / "none")), JobLimits(300.0, 600), None)
     assert 0 < outcome.seconds < 60 and largest <= outcome.megabytes < 1e4
 

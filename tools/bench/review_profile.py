@@ -53,6 +53,9 @@ STAGES = {
 MEASURED_LOG = "MAVDEM_MEASURED_LOG"
 """Environment variable with the log that a process is to measure; it is set by this program for itself."""
 
+RESULT_FILE = "MAVDEM_MEASURED_RESULT"
+"""Environment variable with the JSON file to which that process writes its result."""
+
 
 class StageClock:
     """Adds up the processor time of stages, of which one may interrupt another."""
@@ -134,13 +137,23 @@ def measure(log: str) -> dict[str, float]:
 def stage_seconds(log: Path, checkout: Path) -> dict[str, float]:
     """Returns the processor seconds of each stage of a review, measured in a process of its own.
 
+    The process runs this file again, which finds the environment variable ``MEASURED_LOG`` and measures instead of
+    printing a table. A new process is needed because one process can import only one version of mavdem.
+
     Args:
         log: the log to review.
         checkout: the checkout of the repository whose code is measured.
+
+    Raises:
+        subprocess.CalledProcessError: the review failed.
     """
     with TemporaryDirectory() as folder:
         result = Path(folder) / "stages.json"
-        environment = {"PYTHONPATH": str(checkout), MEASURED_LOG: str(log), "RESULT": str(result)}
+        environment = {
+            "PYTHONPATH": str(checkout),
+            MEASURED_LOG: str(log),
+            RESULT_FILE: str(result),
+        }
         subprocess.run(
             [sys.executable, str(Path(__file__).resolve())],
             cwd=checkout,
@@ -191,6 +204,6 @@ def main(log: Path, before: Path | None) -> None:
 if __name__ == "__main__":
     if MEASURED_LOG in os.environ:
         stages = measure(os.environ[MEASURED_LOG])
-        Path(os.environ["RESULT"]).write_text(json.dumps(stages), "utf-8")
+        Path(os.environ[RESULT_FILE]).write_text(json.dumps(stages), "utf-8")
     else:
         main()

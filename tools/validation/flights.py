@@ -156,19 +156,20 @@ def percent_true(conditions: Any) -> str:
     return "–"
 
 
-def print_table(title: str, rows: Any, *sentences: str) -> None:
-    """Prints a table in Markdown, between a title and further sentences.
+def print_table(title: str, rows: Any, *remarks: str) -> None:
+    """Prints a table in Markdown, between a title and remarks.
 
     Args:
         title: sentence above the table.
-        rows: a data frame, or what one can be made from.
-        sentences: printed below the table.
+        rows: rows of the table: a data frame, or a list of dictionaries with a value by the header of each column.
+        remarks: sentences below the table.
     """
     table = pd.DataFrame(rows)
     cells = [[_cell_text(cell) for cell in row] for row in table.itertuples(index=False)]
+    # Some columns have words, so all are aligned on the left.
     blocks: Blocks = [Sentence(title), Table(list(table), cells, words=True)]
-    for sentence in sentences:
-        blocks.append(Sentence(sentence))
+    for remark in remarks:
+        blocks.append(Sentence(remark))
     click.echo(markdown(blocks) + "\n")
 
 

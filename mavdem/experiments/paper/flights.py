@@ -191,11 +191,17 @@ def _aligned_flight(data: Any) -> Flight:
     """Returns the flight of a structure ``Data_model``: twelve states and four motor commands at common times.
 
     Args:
-        data: MATLAB structure with ``time`` (N,), s, ``x_measured`` (12, N) and ``v`` (4, N).
+        data: MATLAB structure with ``time`` (N,) and its step ``dt``, s, the states ``x_measured`` (12, N) in SI units,
+            and the motor commands ``v`` (4, N).
+
+    Returns:
+        A flight with the four motor commands as inputs, and roll, rad, and roll rate, rad/s, as outputs.
     """
     states = np.asarray(data.x_measured, float)
-    outputs = states[[ROLL_ROW, ROLL_RATE_ROW]].T
-    return Flight(np.asarray(data.time, float), np.asarray(data.v, float).T, outputs, dt=data.dt)
+    # A flight has its samples in rows.
+    roll_and_rate = states[[ROLL_ROW, ROLL_RATE_ROW]].T
+    motor_commands = np.asarray(data.v, float).T
+    return Flight(np.asarray(data.time, float), motor_commands, roll_and_rate, dt=data.dt)
 
 
 def _interpolated_flight(data: Any) -> Flight:
@@ -205,7 +211,9 @@ def _interpolated_flight(data: Any) -> Flight:
     ``ARDRONE_RATE``. Roll comes from motion capture, roll rate from the inertial sensor.
 
     Args:
-        data: MATLAB structure.
+        data: MATLAB structure with times, s, and values of each device: ``otTime`` and the angles ``otOrient``, rad, of
+            the motion capture; ``imuTime`` and the body rates ``imuVAng``, rad/s, of the inertial sensor; ``navTime``
+            and the commands ``navMotor`` of the four motors. Samples are in columns.
 
     Returns:
         A flight with the commands of the four motors as inputs, and roll, rad, and its rate, rad/s, as outputs. It ends

@@ -94,7 +94,7 @@ def _errors_over_priors(runner: Runner, method: str, start: str) -> Array:
     Args:
         runner: runner that has the outcomes of the methods.
         method: ``DEM_P2`` or ``DEM_P1``.
-        start: start of the forecasts, a key of ``FORECAST_KIND_BY_START``.
+        start: start of the forecasts, ``DATA_START`` or ``ZERO_START``.
 
     Returns:
         (experiments, priors) errors.

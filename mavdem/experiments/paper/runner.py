@@ -83,7 +83,7 @@ def forecast_errors(outcomes: Iterable[Outcome], start: str) -> Array:
 
     Args:
         outcomes: N outcomes of methods on windows.
-        start: start of the forecasts, a key of ``FORECAST_KIND_BY_START``.
+        start: start of the forecasts, ``DATA_START`` or ``ZERO_START``.
 
     Returns:
         (N,) errors; infinite where there is no forecast.
@@ -97,13 +97,13 @@ def median_outcome(outcomes: list[Outcome], start: str) -> Outcome:
 
     Args:
         outcomes: outcomes of one method from several random priors.
-        start: start of the forecasts, a key of ``FORECAST_KIND_BY_START``.
+        start: start of the forecasts whose errors are compared, ``DATA_START`` or ``ZERO_START``.
 
     Returns:
         The outcome; of an even number, the upper one of the two in the middle.
     """
-    rows_by_error = np.argsort(forecast_errors(outcomes, start), kind="stable")
-    return outcomes[rows_by_error[len(outcomes) // 2]]
+    indices_by_error = np.argsort(forecast_errors(outcomes, start), kind="stable")
+    return outcomes[indices_by_error[len(outcomes) // 2]]
 
 
 def random_prior_methods(settings: Settings, count: int) -> list[Method]:

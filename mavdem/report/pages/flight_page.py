@@ -363,12 +363,12 @@ def _flight_chapters(
     steps = advised_steps(assessment.responses, advice)
     yield responses_chapter(assessment.responses, steps, assessment.lights[Light.MARGINS])
     yield from loops_chapters(assessment, evidence, advice)
-    gyro = gyro_chapter(assessment, timeline, is_full=is_full)
+    gyro = gyro_chapter(assessment, timeline, has_spectrograms=is_full)
     if is_full:
         trial = _notch_trial(name, assessment, evidence)
         gyro = gyro._replace(notch_trial=trial)
     yield gyro
-    yield other_sensors_chapter(assessment.noise, timeline, is_full=is_full)
+    yield other_sensors_chapter(assessment.noise, timeline, has_spectrograms=is_full)
     yield _motors_chapter(analysis, evidence, assessment.lights["motors"])
     yield _condition_chapter(analysis)
     yield _wind_chapter(assessment, analysis)

@@ -159,17 +159,25 @@ def first_plots(history: TimeHistory) -> str:
 
 
 def with_bar(page: str, **values: Any) -> str:
-    """Returns the page of a flight with the server's bar above it, and without its own security policy.
+    """Returns the page of a flight as the server sends it: with a bar of downloads and settings above it.
 
-    A name that was given to the flight is the page's title, with the log's beside it.
+    If the flight's motors are in trouble beside other flights of the vehicle, a remark in the bar says so, and the
+    light of the motors shows it (:func:`with_fleet_remark`). A name that the owner gave to the flight becomes the
+    title, with the name of the log beside it. The page's own content security policy is removed: it forbids the
+    server's script, and the server sends a policy that allows it.
 
     Args:
-        page: HTML of the flight's page.
-        **values: values that the template of the bar uses, by name. Among them are "given", the given names, "flight",
-            the flight's entry in the library, and perhaps "trouble", how it differs from others of its vehicle.
+        page: HTML of the flight's page, as it was written to its file.
+        **values: values that the template of the bar uses, by name. Required are "given", the ``GivenNames`` of flights
+            and vehicles, and "flight", the flight's entry in the library. Optional is "trouble", the ``FleetRemark`` on
+            the motors.
+
+    Returns:
+        The page as HTML.
     """
     pattern = AUTOPILOT_SET_PARAMETERS.pattern
     bar = render_server_page("bar", self_set_parameters=pattern, **values)
+    fleet_remark = values.get("trouble")
     given_name = values["given"].flights.get(values["flight"].content_hash)
     if given_name:
         page = TITLE.sub(
@@ -177,18 +185,25 @@ def with_bar(page: str, **values: Any) -> str:
             page,
             count=1,
         )
-    return with_fleet_remark(without_policy(page, **values), bar, values.get("trouble"))
+    return with_fleet_remark(without_policy(page, **values), bar, fleet_remark)
 
 
 def without_policy(page: str, **values: Any) -> str:
-    """Returns a page with the server's script in the place of its own security policy: the server sends another one.
+    """Returns a page with the server's script in the place of its own content security policy.
+
+    That policy protects a page that is opened as a file, and forbids the script. The server sends its own policy as an
+    HTTP header.
 
     Args:
-        page: HTML of a flight's page.
+        page: HTML of a flight's page, or of a comparison of flights.
         **values: values that the template ``key.html`` uses, by name.
+
+    Returns:
+        The page as HTML.
     """
-    head = render_server_page("key", **values)
-    return POLICY_ELEMENT.sub(lambda _: head, page, count=1)
+    head_elements = render_server_page("key", **values)
+    # The replacement is a function, since backslashes in a text would be taken for references to groups.
+    return POLICY_ELEMENT.sub(lambda _: head_elements, page, count=1)
 
 
 def vehicle_page(flights: Sequence[AxisRows], changes: Iterable[Block], **values: Any) -> str:

@@ -16,7 +16,9 @@ OTHER_SENSORS = "accelerometer", "demand", "d_term"
 """Signals besides the gyro whose spectra are shown, by their names in ``MeasuredNoise``."""
 
 
-def gyro_chapter(assessment: Assessment, timeline: Timeline | None, *, is_full: bool) -> Chapter:
+def gyro_chapter(
+    assessment: Assessment, timeline: Timeline | None, *, has_spectrograms: bool
+) -> Chapter:
     """Returns the chapter of the gyro's vibration: its spectrum, the filters of the fastest loop, and spectrograms.
 
     The fastest loop is the one with the highest crossover frequency, which the filters' delay concerns most.
@@ -24,14 +26,16 @@ def gyro_chapter(assessment: Assessment, timeline: Timeline | None, *, is_full: 
     Args:
         assessment: assessment of the log.
         timeline: charts over time, whose events are marked in the spectrogram.
-        is_full: whether there are spectrograms, which take much of a page.
+        has_spectrograms: whether there are spectrograms, which take much of a page.
     """
     noise = assessment.noise
     blocks: Blocks = [Sentence(str(fact)) for fact in noise.facts]
     fastest = fastest_loop(assessment)
     if fastest is not None:
         blocks += filter_sentences(fastest)
-    groups = [*_spectrum_groups(noise, GYRO, timeline, is_full=is_full, loop=fastest)]
+    groups = [
+        *_spectrum_groups(noise, GYRO, timeline, has_spectrograms=has_spectrograms, loop=fastest)
+    ]
     return Chapter("Spectra", blocks, groups)
 
 
@@ -42,18 +46,18 @@ def fastest_loop(assessment: Assessment) -> Loop | None:
 
 
 def other_sensors_chapter(
-    noise: MeasuredNoise, timeline: Timeline | None, *, is_full: bool
+    noise: MeasuredNoise, timeline: Timeline | None, *, has_spectrograms: bool
 ) -> Chapter:
     """Returns the folded chapter of the spectra of accelerometer, motors' demand and D term, as far as logged.
 
     Args:
         noise: spectra of all sensors.
         timeline: timeline of the flight; None if no vehicle flew.
-        is_full: whether there are spectrograms, which take much of a page.
+        has_spectrograms: whether there are spectrograms, which take much of a page.
     """
     groups: list[Group] = []
     for sensor in OTHER_SENSORS:
-        groups += _spectrum_groups(noise, sensor, timeline, is_full=is_full)
+        groups += _spectrum_groups(noise, sensor, timeline, has_spectrograms=has_spectrograms)
     title = "Other spectra"
     return Chapter(title, (), groups, folded=True)
 
@@ -63,7 +67,7 @@ def _spectrum_groups(
     sensor: str,
     timeline: Timeline | None,
     *,
-    is_full: bool,
+    has_spectrograms: bool,
     loop: Loop | None = None,
 ) -> Iterator[Group]:
     """Yields the spectrum of a sensor before and after its filters, and its spectrograms; nothing if not logged.
@@ -72,14 +76,14 @@ def _spectrum_groups(
         noise: spectra of all sensors.
         sensor: name of the sensor in ``noise``.
         timeline: timeline of the flight, whose events are marked in the spectrogram over time.
-        is_full: whether there are spectrograms, which take much of a page.
+        has_spectrograms: whether there are spectrograms, which take much of a page.
         loop: the loop whose filters are drawn, if any.
     """
     spectrum = noise.spectra.get(f"{sensor}_before", noise.spectra.get(sensor))
     if spectrum is None:
         return
     yield Group.side_by_side([spectrum_chart(noise, loop, sensor)])
-    if is_full:
+    if has_spectrograms:
         charts = [*spectrogram_charts(spectrum)]
         # The first spectrogram is over time; a second one, over throttle, has no place for events.
         if timeline is not None:

@@ -105,6 +105,16 @@ class Chapter(NamedTuple):
         """Name by which links within the page lead to it: its title in lower case, with hyphens between the words."""
         return anchor_of(self.title)
 
+    @property
+    def has_charts(self) -> bool:
+        """Whether it has anything that the script for charts draws."""
+        return bool(self.groups or self.notch_trial)
+
+    @property
+    def has_content(self) -> bool:
+        """Whether it has anything besides its title."""
+        return bool(self.has_charts or self.blocks or self.searchable or self.sections)
+
 
 def anchor_of(title: str) -> str:
     """Returns the name by which links within a page lead to the part with this title."""
@@ -217,8 +227,10 @@ class Head(NamedTuple):
 
         Of a session that goes on they are the newest.
         """
-        if len(self.events) <= MAX_BRIEF_EVENTS or self.is_newest_first:
-            return self.events[: MAX_NEWEST_EVENTS if self.is_newest_first else MAX_BRIEF_EVENTS]
+        if self.is_newest_first:
+            return self.events[:MAX_NEWEST_EVENTS]
+        if len(self.events) <= MAX_BRIEF_EVENTS:
+            return self.events
         facts = [page_event.event.fact for page_event in self.events]
         brief_events = []
         for index, total in worst_events(facts)[:MAX_BRIEF_EVENTS]:
@@ -259,18 +271,9 @@ def render_document(
     Returns:
         The page as HTML.
     """
-    chapters_with_content = [
-        chapter
-        for chapter in chapters
-        if chapter.blocks
-        or chapter.groups
-        or chapter.searchable
-        or chapter.notch_trial
-        or chapter.sections
-    ]
-    has_charts = head is not None or any(
-        chapter.groups or chapter.notch_trial for chapter in chapters_with_content
-    )
+    chapters_with_content = [chapter for chapter in chapters if chapter.has_content]
+    # The head of a flight's page has charts over time.
+    has_charts = head is not None or any(chapter.has_charts for chapter in chapters_with_content)
     return render_page(
         environment().get_template("document.html"),
         title=title,

@@ -57,6 +57,7 @@ def tune_page(name: str, tuning: Tuning, assessment: Assessment) -> str:
         The page as HTML.
     """
     evidence = assessment.evidence
+    # Gains are advised only of a vehicle that was judged, and so has evidence.
     assert evidence is not None
     judgement = tuning.judgement
     changes = gain_changes(
@@ -70,8 +71,9 @@ def tune_page(name: str, tuning: Tuning, assessment: Assessment) -> str:
     overview = margin_overview(tuning)
     if overview is not None:
         blocks.append(overview)
+    # Gains and margins have their tables in ``changes`` and ``overview``; details have a chapter at the end.
     blocks += tune_blocks(tuning, is_full=False, has_tables_elsewhere=True)
-    gyro = gyro_chapter(assessment, timeline=None, is_full=True)
+    gyro = gyro_chapter(assessment, timeline=None, has_spectrograms=True)
     chapters = [
         _step_chapter(tuning, assessment),
         Chapter("Margins", blocks),
@@ -82,7 +84,7 @@ def tune_page(name: str, tuning: Tuning, assessment: Assessment) -> str:
     ]
     heading = tuning_result(tuning)
     summary = [headline_sentence(headline(heading)), Sentence(str(judgement.next_step), "Next:")]
-    # No lights are shown: those of the loops are what the page is about, and the others are not.
+    # The row of lights is left out: this page is only about the loops, whose margins it shows in full.
     head = Head(heading.level, lights={}, changes=changes)
     return render_document(name, SUBTITLE, summary, chapters, head=head)
 

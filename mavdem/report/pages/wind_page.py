@@ -32,7 +32,8 @@ def wind_page(
 
     Args:
         name: name of the log, the title of the page.
-        wind_evidence: the estimated wind, perhaps with an earlier drag as its prior, and that of the autopilot.
+        wind_evidence: the estimated wind, perhaps with an earlier drag as its prior, and that of the autopilot. There
+            must be an estimate; the command refuses a log without one.
         assessment: assessment of the log, which gives the history of the flight and the warnings.
         parameters: parameters of the autopilot's drag model to set, with their intervals.
 
@@ -41,7 +42,7 @@ def wind_page(
     """
     wind = wind_evidence.estimate
     assert wind is not None
-    # The first sentence has the estimate, and the others what limits it.
+    # The first block is the sentence with the estimate, and the others say what limits it.
     estimate_sentence, *limitations = wind_blocks(wind_evidence)
     assert isinstance(estimate_sentence, Sentence)
     summary: Blocks = [

@@ -133,6 +133,7 @@ class DemObserver:
         first_row = center - input_center
         input_rows = generalized_inputs[first_row : first_row + len(generalized_outputs)]
         data = np.hstack([generalized_outputs, input_rows])
+        # Columns are x, ẋ, …, n each, then v, v̇, …, r each. Only x and v are returned.
         hidden = data @ self._state_map(data).T
         states = np.full((len(outputs), n), np.nan)
         estimated_inputs = np.full((len(outputs), r), np.nan)

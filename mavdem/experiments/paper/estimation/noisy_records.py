@@ -165,7 +165,7 @@ def flight_records(flights: Mapping[str, Flight], smoothness: float) -> list[Noi
 
     Args:
         flights: flights of the AR.Drone by name.
-        smoothness: width of the added noise's kernel, s; 0 for white noise.
+        smoothness: width of the Gaussian kernel that the added noise is smoothed with, s; 0 for white noise.
 
     Returns:
         One record of 2 s for each flight. The process noise is what the model does not explain of the recorded states.
@@ -185,6 +185,7 @@ def flight_records(flights: Mapping[str, Flight], smoothness: float) -> list[Noi
                 process_variances=window.process_noise.var(axis=0, ddof=1),
                 noise_variances=ADDED_NOISE_SD**2,
                 smoothness=smoothness,
+                # The smoothness of recorded process noise is not known: this is the value of Bos et al.
                 process_smoothness=DEM_SMOOTHNESS,
             )
         )

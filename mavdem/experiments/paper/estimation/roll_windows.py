@@ -128,11 +128,11 @@ def flight_windows(
 
     Args:
         flights: flights of the AR.Drone by name, with four motors as inputs, and roll and roll rate as outputs.
-        samples: samples of a window.
-        count: windows of a flight; a short flight has fewer.
+        samples: number of samples in a window.
+        count: largest number of windows in a flight; a short flight has fewer.
 
     Returns:
-        The windows flight by flight. One with a signal that does not move, or is not finite, is left out.
+        The windows, flight by flight. One with a signal that is constant or not finite is left out.
     """
     windows = []
     for name, flight in flights.items():
@@ -141,7 +141,9 @@ def flight_windows(
             states = np.asarray(flight.outputs[first : first + samples], float)
             motors = np.asarray(flight.inputs[first : first + samples], float)
             if len(states) == samples and is_moving(states) and is_moving(motors):
-                windows.append(roll_window(name, states, states[:, :1], motors, float(flight.dt)))
+                # A recorded flight has one measurement of roll, which is also taken for its true state.
+                measured_roll = states[:, :1]
+                windows.append(roll_window(name, states, measured_roll, motors, float(flight.dt)))
     return windows
 
 
