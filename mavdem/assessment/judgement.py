@@ -64,8 +64,10 @@ EVENTS_BY_LIGHT: dict[Light, tuple[Code, ...]] = {
         MotionEvent.ATTITUDE_LOST,
         MotionEvent.ATTITUDE_SWUNG,
         MotionEvent.FELL,
+        ReportedEvent.ATTITUDE_FAILED,
         ReportedEvent.CRASH_DETECTED,
         ReportedEvent.FLIGHT_TERMINATED,
+        ReportedEvent.PARACHUTE_RELEASED,
         ReportedEvent.FAILSAFE,
     ),
     Light.POWER: (
@@ -78,6 +80,7 @@ EVENTS_BY_LIGHT: dict[Light, tuple[Code, ...]] = {
     Light.ESTIMATOR: (
         MotionEvent.HEIGHT_DIVERGED,
         MotionEvent.POSITION_LOST,
+        ReportedEvent.ALTITUDE_FAILED,
         ReportedEvent.ESTIMATOR_DIVERGED,
         ReportedEvent.GPS_LOST,
     ),
@@ -144,7 +147,8 @@ def judge(evidence: Evidence, purposes: Sequence[Finding] = (), **known_lights: 
 def lights_with_event(lights: NamedFacts, headline: Fact) -> dict[str, Fact]:
     """Returns the lights with the event that is the headline as the fact of its light, if none is as bad as that.
 
-    Lights judge a flight until it was lost, so all may be good beside a headline that the vehicle hit something.
+    Lights judge a flight until it was lost, so all may be good beside a headline that the vehicle hit something. A
+    light that warns of something else by itself keeps that.
 
     Args:
         lights: the facts of the eight lights, by name.
@@ -158,6 +162,8 @@ def lights_with_event(lights: NamedFacts, headline: Fact) -> dict[str, Fact]:
     if headline.figures.get("watchdog"):
         # A watchdog restarts a program that hangs, whatever its supply.
         light = Light.TRACKING
+    if lights[light].warns:
+        return dict(lights)
     return {**lights, light: headline}
 
 

@@ -54,7 +54,7 @@ def with_lean_on_ground(
         flight: two times of the flight, s since boot.
 
     Returns:
-        The drag; unchanged where the log does not show the vehicle on the ground.
+        The drag; unchanged where the log does not show the vehicle on the ground before and after the flight.
     """
     if drag.source not in (DragSource.POPULATION, DragSource.PARAMETERS):
         return drag
@@ -81,29 +81,22 @@ def lean_on_ground(
         flight: two times of the flight, s since boot.
 
     Returns:
-        Force (2,) along body x and y, m/s²: the part that the stands before the flight and after it have in common, or
-        all of it if the log shows only one of them; ``None`` if it shows neither.
+        Force (2,) along body x and y, m/s²: the part that the stands before the flight and after it have in common.
+        ``None`` if the log does not show both: one stand alone may just be on a slope.
     """
     airborne = airborne_intervals(signals, boot)
     take_offs = [start for start, end in airborne if start <= flight[0] <= end]
     landings = [end for start, end in airborne if start <= flight[1] <= end]
-    stands: list[TimeInterval] = []
-    if take_offs:
-        end = take_offs[0] - TRANSITION_SECONDS
-        stands.append((end - STAND_SECONDS, end))
-    if landings:
-        start = landings[-1] + TRANSITION_SECONDS
-        stands.append((start, start + STAND_SECONDS))
-    leans = []
-    for stand in stands:
-        lean = _lean_of_stand(angles, boot, stand)
-        if lean is not None:
-            leans.append(lean)
-    if not leans:
+    if not take_offs or not landings:
         return None
-    first, last = leans[0], leans[-1]
-    is_shared = first * last > 0
-    return np.where(is_shared, np.sign(first) * np.minimum(abs(first), abs(last)), 0.0)
+    end = take_offs[0] - TRANSITION_SECONDS
+    before = _lean_of_stand(angles, boot, (end - STAND_SECONDS, end))
+    start = landings[-1] + TRANSITION_SECONDS
+    after = _lean_of_stand(angles, boot, (start, start + STAND_SECONDS))
+    if before is None or after is None:
+        return None
+    is_shared = before * after > 0
+    return np.where(is_shared, np.sign(before) * np.minimum(abs(before), abs(after)), 0.0)
 
 
 def _lean_of_stand(angles: Sequence[Attitude], boot: int, stand: TimeInterval) -> Array | None:

@@ -7,7 +7,12 @@ from refusals import prose
 
 from mavdem.assessment.condition import Condition
 from mavdem.assessment.evidence import Evidence
-from mavdem.assessment.judgement import headline_of, lights_with_event, next_step_of
+from mavdem.assessment.judgement import (
+    LIGHT_OF_EVENT,
+    headline_of,
+    lights_with_event,
+    next_step_of,
+)
 from mavdem.dataset.quality import QualityFigures
 from mavdem.dataset.segment_learnability import Learnability
 from mavdem.facts import Fact, Level
@@ -226,6 +231,7 @@ def test_a_bad_light_ranks_above_a_log_that_ends_in_the_air(name):
         ({}, ReportedEvent.AUTOPILOT_SAID, "watch", None),
         ({"vibration": "bad"}, Ending.CRASHED, "bad", None),
         ({"vibration": "watch"}, ReportedEvent.FAILSAFE, "watch", None),
+        ({"tracking": "watch"}, Ending.CRASHED, "bad", None),
     ],
 )
 def test_an_event_in_the_headline_is_its_light_where_none_is_as_bad(levels, code, level, light):
@@ -233,6 +239,12 @@ def test_an_event_in_the_headline_is_its_light_where_none_is_as_bad(levels, code
     event = Fact(code, Level(level))
     after = lights_with_event(before, event)
     assert {name for name, fact in after.items() if fact is event} == ({light} - {None})
+
+
+@mark.parametrize("codes", [MotionEvent, ReportedEvent, Ending])
+def test_each_bad_event_has_a_light(codes):
+    bad = {code for code in codes if Fact(code).is_bad}
+    assert bad <= set(LIGHT_OF_EVENT)
 
 
 def test_a_reset_by_the_watchdog_is_no_matter_of_the_supply():
