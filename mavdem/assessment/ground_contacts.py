@@ -492,6 +492,7 @@ class _Contact:
             or self._commands_climb((time_before, time))
         ):
             return False
+        # The stick or a descent must show that a landing was intended at all.
         return throttle_closing is not None or self._is_descending(time)
 
     def _is_descending(self, time: float) -> bool:

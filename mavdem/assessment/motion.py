@@ -97,6 +97,7 @@ def _with_errors_in_swings(events: Sequence[Fact]) -> Iterator[Fact]:
         for other in events:
             if not _overlap(event, other):
                 continue
+            # Without a setpoint the event has the figure ``is_lean``: its angle is the whole lean, and no error.
             if other.code is MotionEvent.ATTITUDE_CAUGHT and "is_lean" not in other.figures:
                 errors.append(other.figures["angle"])
             elif other.code is MotionEvent.MOTOR_AT_ITS_STOP:
@@ -240,6 +241,7 @@ def _events_of_flight(
     yield from losses
     contact = ground_contact(sensors, error, flight_interval, loss, reports)
     if contact is not None and loss is not None:
+        # A contact whose onset is not known is taken as the first of the two.
         is_ground_first = (loss_onset(contact) or 0.0) <= loss.start_time
         if is_ground_first or loss.code in CONTACTS:
             # The contact describes the same event, and more exactly.
@@ -284,6 +286,7 @@ def _standing_motors(
     """
     _, latest = flight_interval
     if contact is not None and contact.code is not MotionEvent.LANDED_HARD:
+        # A contact whose onset is not known leaves nothing out.
         latest = min(latest, loss_onset(contact) or latest)
     if loss is not None and loss.time is not None:
         latest = min(latest, loss.time + MAX_SETPOINT_DELAY)

@@ -88,14 +88,15 @@ def restarts(signals: Signals, span: Segment) -> Iterator[Fact]:
     descent = 0.0 if fall is None else fall.descent
     has_fallen = descent >= MIN_FALL_HEIGHT
     if is_watchdog or was_flying:
-        in_flight = has_fallen or _begins_in_flight(signals, span)
+        is_in_flight = has_fallen or _begins_in_flight(signals, span)
     else:
         # There is no other sign of a flight: only a fall and a tumble soon after the boot count as one.
         has_fallen_far = descent >= MIN_UNREPORTED_FALL_HEIGHT
         is_early = span.start <= MAX_BOOT_CLOCK
-        in_flight = is_early and has_fallen_far and _tumbles(signals, span)
+        is_in_flight = is_early and has_fallen_far and _tumbles(signals, span)
     attitude_name = telemetry.name_in_source("ATTITUDE")
-    if not in_flight:
+    if not is_in_flight:
+        # The first boot of a log is no restart.
         if span.boot > 0:
             yield Fact(
                 ReportedEvent.RESTARTED, time=span.start, boot=span.boot, basis=(attitude_name,)

@@ -78,7 +78,7 @@ def parse_records(records: SoundRecords, *, has_all_fields: bool = False) -> Par
 def _columns(
     content: Bytes, body_offsets: Offsets, layout: TopicLayout, fields: Sequence[NumberField]
 ) -> Columns:
-    """Decodes fields of one topic.
+    """Decodes fields of one topic, for all records at once.
 
     Args:
         content: Bytes of the file.
@@ -89,6 +89,7 @@ def _columns(
     Returns:
         Columns (N,) by name.
     """
+    # A record type with the given fields only: the bytes between them are skipped.
     record_type = np.dtype(
         {
             "names": [field.name for field in fields],

@@ -256,13 +256,16 @@ def _motor_of_change(
     # A motor whose command fell did not lose thrust.
     misfits[rises <= 0] = np.inf
     motor = int(np.argmin(misfits))
+    # A change in roll and pitch alone leaves the change in yaw unexplained, and one in yaw alone that in roll and
+    # pitch. These remainders are the misfits of the two.
     squares = change**2 / variance
-    tilt_only = float((squares * (1 - model.tilt_axes)).sum())
-    yaw_only = float((squares * model.tilt_axes).sum())
-    rivals = [tilt_only, yaw_only]
-    rivals.extend(np.delete(misfits, motor).tolist())
-    smallest_rival = min(rivals)
-    log_odds = float((smallest_rival - misfits[motor]) / 2)
+    misfit_of_tilt_only = float((squares * (1 - model.tilt_axes)).sum())
+    misfit_of_yaw_only = float((squares * model.tilt_axes).sum())
+    rival_misfits = [misfit_of_tilt_only, misfit_of_yaw_only]
+    rival_misfits.extend(np.delete(misfits, motor).tolist())
+    # The log likelihood of normal errors is minus half of the misfit.
+    log_odds = float((min(rival_misfits) - misfits[motor]) / 2)
+    # The neighbours supply a part of the missing thrust, so that the motor's own command rises by less than its work.
     work_rise = rises[motor] / model.own_rise_ratios[motor]
     is_explained = misfits[motor] <= MAX_MISFIT and log_odds >= STRONG_EVIDENCE_NATS
     if not is_explained or work_rise < MIN_WORK_RISE:

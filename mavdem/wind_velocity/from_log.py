@@ -511,8 +511,8 @@ def _longest_stuck(position: TimeSeries | None, boot: int, motion: _FlightMotion
     distance = np.linalg.norm(distances, axis=0)
     roll, pitch, _ = motion.attitude.T
     lean = np.arccos(np.cos(roll) * np.cos(pitch))
-    stuck = (lean >= STUCK_LEAN) & (distance < STUCK_DISTANCE)
-    return intervals.longest_true_duration(motion.time, stuck)
+    is_stuck = (lean >= STUCK_LEAN) & (distance < STUCK_DISTANCE)
+    return intervals.longest_true_duration(motion.time, is_stuck)
 
 
 def _flights(signals: Signals, boot: int, time: Array, height: Array) -> intervals.Intervals:

@@ -371,15 +371,13 @@ def validated_motion(time: Array, attitude: Array, velocity: Array) -> MotionSam
         raise ValueError("time must be finite and ascend")
     if len(stamps) and np.ptp(stamps) > MAX_FLIGHT_SECONDS:
         raise ValueError("time must be in s, of one flight")
-    usable = np.asarray(np.isfinite(np.hstack([angles, speeds])).all(axis=1))
-    if usable.sum() < MIN_SAMPLES:
-        finite_rolls = np.isfinite(angles[:, ROLL]).sum()
-        finite_yaws = np.isfinite(angles[:, YAW]).sum()
-        only_yaw_missing = finite_yaws < MIN_SAMPLES <= finite_rolls
-        raise NotLearnable(
-            AirflowFact.MOTION_UNKNOWN, missing="yaw" if only_yaw_missing else "velocity"
-        )
-    samples = MotionSamples(stamps[usable], angles[usable], speeds[usable], usable)
+    is_finite = np.asarray(np.isfinite(np.hstack([angles, speeds])).all(axis=1))
+    if is_finite.sum() < MIN_SAMPLES:
+        has_roll = np.isfinite(angles[:, ROLL]).sum() >= MIN_SAMPLES
+        has_yaw = np.isfinite(angles[:, YAW]).sum() >= MIN_SAMPLES
+        missing = "yaw" if has_roll and not has_yaw else "velocity"
+        raise NotLearnable(AirflowFact.MOTION_UNKNOWN, missing=missing)
+    samples = MotionSamples(stamps[is_finite], angles[is_finite], speeds[is_finite], is_finite)
     if abs(samples.attitude[:, TILT_COLUMNS]).max() > np.pi:
         raise ValueError("attitude seems to be in degrees: give rad")
     _require_velocity_follows_tilt(samples)

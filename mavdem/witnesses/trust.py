@@ -169,6 +169,7 @@ class SensorTrust:
         accelerometer = self.accelerometer
         unsound_names = []
         for candidate in self.accelerometers:
+            # Both flags are None if the log does not show them: only what is known to be excluded or wrong counts.
             may_be_used = candidate.is_used is not False
             if candidate is not accelerometer and may_be_used and candidate.is_sound is False:
                 unsound_names.append(candidate.name)

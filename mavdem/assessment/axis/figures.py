@@ -199,7 +199,7 @@ class LogAnalysis:
 
     @property
     def report_values(self) -> JsonValues:
-        """All figures by the keys of the document ``Report``, before they are turned into plain JSON values.
+        """Returns all figures by the keys of the document ``Report``, before they are turned into plain JSON values.
 
         Without a model the keys of :func:`model_figures` are missing. All other keys are always there: their values are
         None, or empty, for what is not known. Angles are in rad, rates in rad/s, times in s.

@@ -285,7 +285,7 @@ def loop_at_end_of_log(loop: Loop) -> Loop:
     for caution in loop.cautions:
         if caution.code is LoopFact.GAINS_SINCE:
             gains = {name: value for name, _, value in caution.figures["changes"]}
-            # Gains that make no complete controller are no starting point.
+            # Gains that make no complete controller are no starting point: the loop then keeps its own.
             with suppress(NotLearnable):
                 return loop.with_parameters(gains)
     return loop

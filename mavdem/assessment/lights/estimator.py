@@ -124,6 +124,7 @@ def estimator_light(evidence: Evidence) -> Fact:
     facts += evidence.warnings_in_flight(ESTIMATOR_EVENTS)
     if not facts:
         unmeasured = Fact(EstimatorLight.ESTIMATOR_UNMEASURED, airborne=evidence.was_in_air)
+        # A missing fix is no fact of its own here only if the position came from elsewhere.
         return unmeasured.replace(satellites=satellites) if lacks_fix else unmeasured
     return worst_fact(facts)
 
@@ -433,6 +434,7 @@ def _wrong_accelerometers(evidence: Evidence) -> Iterator[Fact]:
     for trust in evidence.trust:
         if not _has_flown_in(evidence, trust.boot):
             continue
+        # The key is False, which comes before True, for that of the primary instance.
         accelerometers = sorted(
             trust.accelerometers, key=lambda record: record is not trust.accelerometer
         )

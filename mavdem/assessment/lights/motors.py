@@ -228,8 +228,9 @@ def _trim_or_headroom(evidence: Evidence, hover: HoverFigures) -> Fact:
         hover: outputs of its motors in the hover.
 
     Returns:
-        A fact. The smallest ``headroom`` of a motor, as a share of its range, is a figure of an even trim (None if it
-        was used up for a known reason), and of an uneven trim if it is small.
+        One of four facts: ``HEADROOM_LITTLE`` with the motors of least headroom; the trim to watch, with the smallest
+        ``headroom`` of a motor as a share of its range if that is small; ``MOTORS_EVEN`` with the headroom, None if
+        full throttle used it up; or any other fact of the trim, unchanged.
     """
     trim = trim_of_signals(evidence.signals) or Fact(TrimFact.TRIM_UNKNOWN)
     headroom = min(hover.headroom)

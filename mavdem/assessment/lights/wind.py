@@ -45,8 +45,10 @@ def wind_light(evidence: Evidence, estimator: Fact) -> Fact:
     if estimator.is_bad or takes_much_lean:
         level: Level | None = Level.WATCH
     elif wind.may_be_lean:
+        # A load, or an autopilot that is mounted askew, may cause part of the lean.
         level = Level.UNKNOWN
     else:
+        # The fact then has the usual level of its code, good.
         level = None
     return Fact(
         WindLight.WIND_BLEW,

@@ -430,7 +430,9 @@ class GenerativeModel:
 
         At λ = 0 all noises have variance 1. The blocks S⊗I of outputs and states then have only the temporal precision
         S of smooth noise and its derivatives; the blocks of the inputs and of a prior of x do not depend on λ.
+        :meth:`error_precision` computes Π̃ at any λ from these two.
         """
+        # The rows of the prediction errors of outputs, inputs, states and the prior of x, which come in this order.
         rows = self.error_rows
         error_count = rows.state_prior.stop
         precision = np.zeros((error_count, error_count))
@@ -441,6 +443,7 @@ class GenerativeModel:
         precision[rows.states, rows.states] = np.kron(self.state_temporal_precision, np.eye(self.n))
         if self.state_precision is not None:
             precision[rows.state_prior, rows.state_prior] = self.state_precision
+        # Each derivative of an error has the noise of the error itself. The index −1 stands for no noise.
         noise_of_error = np.full(error_count, -1)
         noise_of_error[rows.outputs] = np.tile(self.output_groups, self.p + 1)
         noise_of_error[rows.states] = np.tile(self.state_groups, self.q + 1)

@@ -328,6 +328,7 @@ class KalmanFilter(NamedTuple):
             Predicted states (…, T + 1, n), the last one after the last sample, and innovations (…, T, m).
         """
         samples = measurements.shape[-2]
+        # The row of the gain of each sample.
         rows = self.gain_rows(samples)
         states = np.empty((*measurements.shape[:-2], samples + 1, len(self.A)))
         states[..., 0, :] = initial_state
@@ -335,9 +336,9 @@ class KalmanFilter(NamedTuple):
         # for each gain; the last gain is the steady-state one, which is used for all later samples.
         L_transposed = (self.A - self.gains @ self.C).mT
         # Letters of einsum: sample t, output m, state n.
-        driving = forcing + np.einsum("...tm,tnm->...tn", measurements, self.gains[rows])
+        driving_terms = forcing + np.einsum("...tm,tnm->...tn", measurements, self.gains[rows])
         for t, row in enumerate(rows):
-            states[..., t + 1, :] = states[..., t, :] @ L_transposed[row] + driving[..., t, :]
+            states[..., t + 1, :] = states[..., t, :] @ L_transposed[row] + driving_terms[..., t, :]
         innovations = measurements - states[..., :-1, :] @ self.C.T
         return FilteredSegments(states, innovations)
 

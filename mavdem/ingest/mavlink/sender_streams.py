@@ -83,11 +83,12 @@ def sender_stream_of(data: Bytes, all_frames: Frames, rows: Rows) -> SenderStrea
     has_several_links = steps.irregular > MIN_IRREGULAR_SHARE * max(len(rows) - 1, 0)
     reading_rows = _rows_of_possible_readings(all_frames, rows)
     frame_rows = rows[reading_rows]
+    # Without an irregular step or a repeated first reading there are no copies, and no keys are needed to find them.
     keys = np.zeros(0, dtype=np.uint32)
     if steps.irregular or _first_reading_is_repeated(data, all_frames, frame_rows):
         keys = _frame_keys(data, all_frames, frame_rows)
     if not has_several_links and not _has_copies(data, all_frames, frame_rows, keys):
-        # One flag stands for all frames, and takes no memory.
+        # One flag stands for all frames, and takes no memory. Duplicates may make the count negative.
         return SenderStream(np.broadcast_to(np.True_, len(rows)), max(steps.missing, 0))
     return _sender_stream_of_links(data, all_frames[rows], reading_rows[_possible_copies(keys)])
 

@@ -233,9 +233,11 @@ def _telemetry(
 
 
 def with_system_ids(vehicles: Sequence[tuple[str, Telemetry]]) -> Iterator[Telemetry]:
-    """Numbers vehicles from 1 where some have no system id, or several the same; repairs report it.
+    """Gives the vehicles of a recording distinct system ids, if they lack them.
 
-    In a log, vehicles are distinguished by their system ids; in a ROS 2 recording, by their namespaces.
+    In a log, vehicles are distinguished by their system ids; in a ROS 2 recording, by their namespaces. If a vehicle
+    has no system id, or two have the same, all are numbered from 1. With several vehicles, a repair of each reports
+    that.
 
     Args:
         vehicles: Namespace and telemetry of each vehicle; ``system`` is 0 where it is not known.
