@@ -97,6 +97,7 @@ class NextStep(Code):
     LOAD_GAINS = "load_gains"
     TUNE_OTHER_AXES = "tune_other_axes"
     LAND_NOW = "land_now"
+    LAND_SOON = "land_soon"
     FLY_ON = "fly_on"
 
 

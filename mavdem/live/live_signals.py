@@ -95,7 +95,7 @@ class LiveFindings:
     """What a live vehicle is judged by, besides its signals and its condition."""
 
     events: Facts = ()
-    """Losses of thrust."""
+    """Losses of thrust, or reports of the autopilot."""
 
     loops: Mapping[str, Loop | Fact] = field(default_factory=dict)
     """The control loops by axis, or why they are not known."""

@@ -22,7 +22,9 @@ from mavdem.facts import Fact, Facts, NamedFacts
 from mavdem.facts.assessment import Headline as HeadlineCode
 from mavdem.facts.assessment import NextStep
 from mavdem.facts.ending import Ending
+from mavdem.facts.events import ReportedEvent
 from mavdem.facts.lights import Light
+from mavdem.facts.power import PowerLight
 from mavdem.facts.session import LinkFact, RowsFact, SessionFact, VehicleFact
 from mavdem.facts.vibration import VibrationLight
 from mavdem.facts.watch import WatchFact
@@ -44,6 +46,9 @@ LINK_OBSTACLES = (
     VehicleFact.TWO_VEHICLES_LIVE,
 )
 """The obstacles with which no followed vehicle is received: the link is lost or silent, or none is followed on it."""
+
+EMPTYING_BATTERY = (ReportedEvent.BATTERY_WARNED, PowerLight.BATTERY_LOW, PowerLight.CHARGE_LOW)
+"""Lights of the power that advise a landing in flight, even if they are to be watched only."""
 
 
 class Latency(NamedTuple):
@@ -178,7 +183,8 @@ class SessionStatus(ImmutableResult):
         light becomes the headline unless the headline is bad already; where nothing is wrong, all lights together are
         the headline, so that it names those that need no model as well. Before a model is judged, that nothing is
         received of the vehicle is the headline instead. How the flight was lost outranks all that. In flight a bad
-        headline makes landing the next step, and what can wait until then is put after the landing.
+        headline makes landing the next step, and so does a battery that is getting empty; what can wait until then is put
+        after the landing.
         """
         weak_motors = self._weak_motors
         judgement = self.model_judgement
@@ -237,6 +243,8 @@ class SessionStatus(ImmutableResult):
             # Whether the vehicle still flies, and how, is not known.
             headline = self.obstacle
             next_step = Fact(NextStep.DO_AS_ADVISED, because=self.obstacle)
+        elif lights[Light.POWER].code in EMPTYING_BATTERY:
+            next_step = Fact(NextStep.LAND_SOON)
         elif headline.warns:
             advice = next_step_of(headline, lights, None)
             next_step = Fact(NextStep.FLY_ON, because=advice)

@@ -16,7 +16,7 @@ from mavdem.arrays import Flags
 from mavdem.assessment.condition import Condition
 from mavdem.assessment.ending import REPORTS_OF_LOSS, ending_of
 from mavdem.assessment.flights import RECOVERY_SECONDS
-from mavdem.assessment.lights.power import power_light
+from mavdem.assessment.lights.power import POWER_REPORTS, power_light
 from mavdem.assessment.lights.vibration import vibration_light
 from mavdem.assessment.limits import worst_fact
 from mavdem.assessment.reported import reported_events
@@ -37,7 +37,7 @@ from mavdem.facts.watch import WatchedQuantity, WatchFact
 from mavdem.ingest.telemetry import Telemetry
 from mavdem.ingest.vocabulary import IN_AIR, ON_GROUND
 from mavdem.live.control_watch import ControlWatch
-from mavdem.live.live_signals import LiveSignals, RecentMotion, live_evidence
+from mavdem.live.live_signals import LiveFindings, LiveSignals, RecentMotion, live_evidence
 from mavdem.live.messages import STATUS_MESSAGES
 from mavdem.live.recent_messages import RecentMessages
 from mavdem.live.samples import DECISION_SECONDS
@@ -162,6 +162,8 @@ class Watchdog:
         self._states: list[_StateSample] = []
         # Reports of the autopilot that the last search found, by ``_identity``.
         self._reported = set[tuple[object, ...]]()
+        # What the autopilot has reported of the power in the flights of this boot.
+        self._power_reports: list[Fact] = []
         # When the reason of each alarm was seen last, and the time of the last review, s of the boot clock.
         self._last_seen: dict[WatchedQuantity, float] = {}
         self._review_time = -inf
@@ -228,7 +230,31 @@ class Watchdog:
             return []
         reports = self._new_reports(recent_signals)
         self._report_time = now
+        if is_flying:
+            reports = [self._alarm_of_power(report, now) for report in reports]
         return reports
+
+    def _alarm_of_power(self, report: Fact, now: float) -> Fact:
+        """Makes a warning of the autopilot about the power in flight an active alarm, and returns what is reported.
+
+        ``review_lights`` judges the power by it from then on. That does not report it once more.
+
+        Args:
+            report: a new report of the autopilot, on anything.
+            now: present time on the boot clock, s.
+
+        Returns:
+            An alarm if it is a bad report on the power, otherwise the report.
+        """
+        if report.code not in POWER_REPORTS or not report.warns:
+            return report
+        self._power_reports.append(report)
+        self._last_seen[WatchedQuantity.BATTERY] = now
+        active = self.active.get(WatchedQuantity.BATTERY, report)
+        self.active[WatchedQuantity.BATTERY] = worst_fact([active, report])
+        if report.is_bad:
+            return event_or_alarm(report, report.start_time)
+        return report
 
     def _note_landed_state(self, now: float, state: int) -> None:
         """Notes whether the vehicle flies, where that has changed.
@@ -255,15 +281,16 @@ class Watchdog:
     def review_lights(self) -> None:
         """Judges battery and, in settled flight, vibration, by the functions that judge a log.
 
-        The battery is judged by all messages of the boot, vibration by those of the last minute. The review must have
-        begun, and be thorough; what is found is added to its facts.
+        The battery is judged by all messages of the boot and the autopilot's reports on it, vibration by those of the
+        last minute. The review must have begun, and be thorough; what is found is added to its facts.
         """
         review = self._review
         assert review is not None
         assert review.recent_signals is not None
         all_signals = self._signals(review.vehicle, review.now, -inf)
         condition = Condition(duration=review.now - review.phase_start)
-        power = power_light(live_evidence(all_signals, condition))
+        findings = LiveFindings(events=tuple(self._power_reports))
+        power = power_light(live_evidence(all_signals, condition, findings))
         review.facts[WatchedQuantity.BATTERY] = power
         self._battery_obstacle = _battery_obstacle(power)
         if review.has_settled:
@@ -416,7 +443,8 @@ class Watchdog:
         An alarm begins, or is reported again, when a fact warns with another level or code than the active alarm. It
         ends after the landing, or when its reason has not been found for ``CALM_SECONDS``, so that a condition that
         comes and goes gives one alarm. That of a loss of control ends only if the vehicle flies on for so long. On the
-        ground it stays, and other alarms end without a word: a wreck is no sound vehicle.
+        ground it stays, and other alarms end without a word: a wreck is no sound vehicle. So does the alarm of a battery
+        at any landing.
 
         The worst fact of each light (motors, vibration, power, …) is kept for the judgement of the whole flight.
 

@@ -183,6 +183,27 @@ def test_the_emptiest_of_two_batteries_is_alarmed_and_named():
     }
 
 
+def test_a_battery_that_the_autopilot_reports_is_an_alarm_headline_and_light():
+    """PX4 warns of a low battery (charge state 2), then of a critical one (3), while its voltage has no limit."""
+    states = {at: 1 if at < 10.0 else 2 if at < 14.0 else 3 for at in np.arange(4.0, 20.0, 0.5)}
+    sent = [
+        (at, "BATTERY_STATUS", {"voltages": [9100, *[65535] * 9], "charge_state": state})
+        for at, state in states.items()
+    ]
+    low = told(*sent, until=13.0).stream.status().overall_judgement
+    assert low.headline.code is low.lights[Light.POWER].code is ReportedEvent.BATTERY_WARNED
+    assert str(low.next_step) == "Land soon."
+    made = told(*sent)
+    [alarm] = said(made, ReportedEvent.BATTERY_ALARMED)
+    assert alarm.code is SessionFact.ALARM and alarm.time == approx(14.0, abs=0.1)
+    assert alarm.advised.startswith("Alarm: the autopilot reports a critical battery. Land now.")
+    status = made.stream.status()
+    critical = status.overall_judgement
+    assert critical.headline.code is critical.lights[Light.POWER].code is alarm.figures["because"].code
+    assert critical.next_step.code is NextStep.LAND_NOW
+    assert [fact.code for fact in status.active_alarms] == [critical.headline.code]
+
+
 def test_thinning_out_keeps_every_battery():
     recent = RecentMessages()
     for row in range(3 * MAX_ROWS):
