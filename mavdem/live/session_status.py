@@ -183,8 +183,8 @@ class SessionStatus(ImmutableResult):
         light becomes the headline unless the headline is bad already; where nothing is wrong, all lights together are
         the headline, so that it names those that need no model as well. Before a model is judged, that nothing is
         received of the vehicle is the headline instead. How the flight was lost outranks all that. In flight a bad
-        headline makes landing the next step, and so does a battery that is getting empty; what can wait until then is put
-        after the landing.
+        headline makes landing the next step, and so does a battery that is getting empty; what can wait until then is
+        put after the landing.
         """
         weak_motors = self._weak_motors
         judgement = self.model_judgement

@@ -443,8 +443,8 @@ class Watchdog:
         An alarm begins, or is reported again, when a fact warns with another level or code than the active alarm. It
         ends after the landing, or when its reason has not been found for ``CALM_SECONDS``, so that a condition that
         comes and goes gives one alarm. That of a loss of control ends only if the vehicle flies on for so long. On the
-        ground it stays, and other alarms end without a word: a wreck is no sound vehicle. So does the alarm of a battery
-        at any landing.
+        ground it stays, and other alarms end without a word: a wreck is no sound vehicle. So does the alarm of a
+        battery at any landing.
 
         The worst fact of each light (motors, vibration, power, …) is kept for the judgement of the whole flight.
 

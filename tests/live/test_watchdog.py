@@ -199,7 +199,9 @@ def test_a_battery_that_the_autopilot_reports_is_an_alarm_headline_and_light():
     assert alarm.advised.startswith("Alarm: the autopilot reports a critical battery. Land now.")
     status = made.stream.status()
     critical = status.overall_judgement
-    assert critical.headline.code is critical.lights[Light.POWER].code is alarm.figures["because"].code
+    assert (
+        critical.headline.code is critical.lights[Light.POWER].code is alarm.figures["because"].code
+    )
     assert critical.next_step.code is NextStep.LAND_NOW
     assert [fact.code for fact in status.active_alarms] == [critical.headline.code]
 
