@@ -4,11 +4,12 @@ import numpy as np
 from hover import Hover, changed, columns, evidence_of, with_texts
 from pytest import mark
 
-from mavdem.assessment.lights.motors import motors_light
+from mavdem.assessment.judgement import judge
 from mavdem.assessment.reported import reported_events
 from mavdem.dataset.signals import Signals
 from mavdem.facts import Level
 from mavdem.facts.events import ReportedEvent
+from mavdem.facts.lights import Light
 
 RESTARTS = (ReportedEvent.RESTARTED, ReportedEvent.RESTARTED_IN_FLIGHT)
 
@@ -49,11 +50,12 @@ def test_a_watchdog_reset_and_a_fall_are_a_restart_in_flight(text):
     assert 3.6 < event.figures["impact"] < 4.1
 
 
-def test_motors_that_stood_still_in_a_fall_after_a_restart_are_bad():
+def test_a_fall_after_a_watchdog_reset_is_the_headline_and_the_light_of_tracking():
     telemetry = with_texts(falling(20.0, tumbling=False), b"WDG: T-3 SL0 FL123 FT3")
     events = tuple(restart_events(telemetry))
-    fallen = evidence_of(Signals(telemetry), events=events)
-    assert motors_light(fallen) == events[0]
+    judgement = judge(evidence_of(Signals(telemetry), events=events))
+    assert judgement.headline == events[0] and judgement.headline.is_bad
+    assert judgement.lights[Light.TRACKING] == events[0]
 
 
 def test_the_watchdog_is_stated_once():
