@@ -118,19 +118,21 @@ def reported_events(signals: Signals) -> Facts:
     ]
     possible_problems = [problem for problem in problems if _is_possible(problem, signals)]
     events = []
-    for span in recorded_spans(signals):
-        flights = flights_in_boot(signals, span.boot)
+    for recorded_part in recorded_spans(signals):
+        flights = flights_in_boot(signals, recorded_part.boot)
         # Faults shortly before arming and after disarming belong to the flight too.
         around_armed = [
             (start - AVERAGING_SECONDS, end + AVERAGING_SECONDS)
-            for start, end in armed_intervals(signals, span.boot)
+            for start, end in armed_intervals(signals, recorded_part.boot)
         ]
         state_changes = [
-            *_arming_events(signals, span),
-            *_take_offs_and_landings(signals, span),
-            *_mode_changes(signals, span),
+            *_arming_events(signals, recorded_part),
+            *_take_offs_and_landings(signals, recorded_part),
+            *_mode_changes(signals, recorded_part),
         ]
-        faults = merge_repeats(_faults_of_boot(signals, span, possible_problems, fault_states))
+        faults = merge_repeats(
+            _faults_of_boot(signals, recorded_part, possible_problems, fault_states)
+        )
         for fact in in_time_order([*state_changes, *faults]):
             time = fact.start_time
             trigger = _trigger_of(fact, faults)
@@ -140,13 +142,15 @@ def reported_events(signals: Signals) -> Facts:
             is_restart = fact.code is ReportedEvent.RESTARTED_IN_FLIGHT
             if fact.is_bad and not is_restart and not in_intervals(time, around_armed):
                 fact = fact.replace(Level.WATCH)
-            events.append(fact.replace(height=_height_at(signals, span.boot, flights, time)))
+            events.append(
+                fact.replace(height=_height_at(signals, recorded_part.boot, flights, time))
+            )
     return tuple(events)
 
 
 def _faults_of_boot(
     signals: Signals,
-    span: Segment,
+    recorded_part: Segment,
     problems: Sequence[Fact],
     fault_states: Sequence[FaultSignal],
 ) -> list[Fact]:
@@ -156,19 +160,21 @@ def _faults_of_boot(
 
     Args:
         signals: signals of the vehicle.
-        span: the recorded part of the boot.
+        recorded_part: the recorded part of the boot.
         problems: facts on what texts and error codes report, of all boots.
         fault_states: messages that report a fault for as long as it lasts, of all boots.
 
     Returns:
         A fact for each fault. A restart by the watchdog is stated once.
     """
-    restarts_of_boot = list(restarts(signals, span))
-    problems_of_boot = [problem for problem in problems if problem.figures["boot"] == span.boot]
+    restarts_of_boot = list(restarts(signals, recorded_part))
+    problems_of_boot = [
+        problem for problem in problems if problem.figures["boot"] == recorded_part.boot
+    ]
     faults = [
         *restarts_of_boot,
-        *_estimator_changes(signals, span),
-        *_lasting_faults(signals, span, fault_states),
+        *_estimator_changes(signals, recorded_part),
+        *_lasting_faults(signals, recorded_part, fault_states),
         *problems_of_boot,
     ]
     if any(restart.figures.get("watchdog") for restart in restarts_of_boot):
@@ -277,7 +283,7 @@ def _without_contradicted_claim(
 
 def _event(
     signals: Signals,
-    span: Segment,
+    recorded_part: Segment,
     message: str,
     code: ReportedEvent,
     time: float,
@@ -288,7 +294,7 @@ def _event(
 
     Args:
         signals: signals of the vehicle.
-        span: the recorded time of the boot.
+        recorded_part: the recorded time of the boot.
         message: name of the message that reports the event.
         code: code of the fact.
         time: time on the boot clock, s.
@@ -296,10 +302,10 @@ def _event(
         figures: further figures, subject and end of the fact.
     """
     basis = (signals.telemetry.name_in_source(message),)
-    return Fact(code, level, time=time, boot=span.boot, basis=basis, **figures)
+    return Fact(code, level, time=time, boot=recorded_part.boot, basis=basis, **figures)
 
 
-def _arming_events(signals: Signals, span: Segment) -> Iterator[Fact]:
+def _arming_events(signals: Signals, recorded_part: Segment) -> Iterator[Fact]:
     """Yields an event for each time the motors were armed or disarmed, by the flag in HEARTBEAT messages.
 
     If a log begins while they are armed, the first event is at the beginning of the log, and its figure ``is_begun`` is
@@ -307,18 +313,18 @@ def _arming_events(signals: Signals, span: Segment) -> Iterator[Fact]:
 
     Args:
         signals: signals of the vehicle.
-        span: the recorded part of one boot.
+        recorded_part: the recorded part of one boot.
     """
-    state = series_of_boot(signals.armed, span.boot)
+    state = series_of_boot(signals.armed, recorded_part.boot)
     if state is None:
         return
     is_armed = state.values > 0
     for row in np.flatnonzero(np.diff(is_armed, prepend=False)):
         code = ReportedEvent.MOTORS_ARMED if is_armed[row] else ReportedEvent.MOTORS_DISARMED
-        yield _event(signals, span, "HEARTBEAT", code, state.time[row], is_begun=row == 0)
+        yield _event(signals, recorded_part, "HEARTBEAT", code, state.time[row], is_begun=row == 0)
 
 
-def _take_offs_and_landings(signals: Signals, span: Segment) -> Iterator[Fact]:
+def _take_offs_and_landings(signals: Signals, recorded_part: Segment) -> Iterator[Fact]:
     """Yields take-offs and landings in one boot.
 
     The flights are those that motor outputs and heights show, because a land detector may be mistaken. As they come
@@ -328,15 +334,15 @@ def _take_offs_and_landings(signals: Signals, span: Segment) -> Iterator[Fact]:
 
     Args:
         signals: signals of the vehicle.
-        span: the recorded part of one boot.
+        recorded_part: the recorded part of one boot.
     """
     vehicle = signals.telemetry.vehicle
     if vehicle in SURFACE_VEHICLES:
         return
-    detected_changes = _detected_changes(signals, span.boot)
+    detected_changes = _detected_changes(signals, recorded_part.boot)
     motor_message = DEMAND_MESSAGE if signals.motors is None else signals.motors.message
-    for flight in flights_in_boot(signals, span.boot):
-        if not without_grounded([flight], signals, span.boot):
+    for flight in flights_in_boot(signals, recorded_part.boot):
+        if not without_grounded([flight], signals, recorded_part.boot):
             continue
         take_off, landing = flight
         for code, time in (
@@ -349,13 +355,13 @@ def _take_offs_and_landings(signals: Signals, span: Segment) -> Iterator[Fact]:
             distances = abs(detected_changes - time)
             if np.any(distances <= AVERAGING_SECONDS):
                 detected_time = detected_changes[np.argmin(distances)]
-                yield _event(signals, span, "EXTENDED_SYS_STATE", code, detected_time)
+                yield _event(signals, recorded_part, "EXTENDED_SYS_STATE", code, detected_time)
                 continue
             stopped_in_air = code is ReportedEvent.ON_GROUND and _is_high(
-                signals, span.boot, flight
+                signals, recorded_part.boot, flight
             )
             if vehicle in POSSIBLE_MULTIROTORS and not stopped_in_air:
-                yield _event(signals, span, motor_message, code, time)
+                yield _event(signals, recorded_part, motor_message, code, time)
 
 
 def _detected_changes(signals: Signals, boot: int) -> Array:
@@ -401,7 +407,7 @@ def _is_high(signals: Signals, boot: int, flight_interval: TimeInterval) -> bool
     return bool(end_height - ground_height > MAX_TOUCH_DOWN_DROP)
 
 
-def _mode_changes(signals: Signals, span: Segment) -> Iterator[Fact]:
+def _mode_changes(signals: Signals, recorded_part: Segment) -> Iterator[Fact]:
     """Yields changes of the flight mode in one boot, with ArduPilot's reason if the log contains it.
 
     The level of an event is that of its reason: a mode that the pilot chose is good, one of a failsafe is to be
@@ -409,23 +415,23 @@ def _mode_changes(signals: Signals, span: Segment) -> Iterator[Fact]:
 
     Args:
         signals: signals of the vehicle.
-        span: the recorded part of one boot.
+        recorded_part: the recorded part of one boot.
     """
     columns = signals.telemetry.messages.get("CURRENT_MODE", {})
     message = "CURRENT_MODE" if columns else "HEARTBEAT"
     reason_numbers = {}
     if "Rsn" in columns:
-        is_selected = columns["boot"] == span.boot
+        is_selected = columns["boot"] == recorded_part.boot
         reason_numbers = dict(
             zip(columns["time"][is_selected].tolist(), columns["Rsn"][is_selected], strict=True)
         )
-    for time, mode in signals.mode_changes(span.boot):
+    for time, mode in signals.mode_changes(recorded_part.boot):
         cause, level = mode_change_reason(reason_numbers.get(time))
         code = ReportedEvent.MODE_CHANGED
-        yield _event(signals, span, message, code, time, level, subject=mode, cause=cause)
+        yield _event(signals, recorded_part, message, code, time, level, subject=mode, cause=cause)
 
 
-def _estimator_changes(signals: Signals, span: Segment) -> Iterator[Fact]:
+def _estimator_changes(signals: Signals, recorded_part: Segment) -> Iterator[Fact]:
     """Yields each change of the state estimator's primary lane, and each of its resets, in one boot.
 
     Each change of the value of one of the ``COUNTING_FIELDS``, which have the number of the lane or count resets, is an
@@ -433,24 +439,24 @@ def _estimator_changes(signals: Signals, span: Segment) -> Iterator[Fact]:
 
     Args:
         signals: signals of the vehicle.
-        span: the recorded part of one boot.
+        recorded_part: the recorded part of one boot.
     """
     for counting in COUNTING_FIELDS:
         columns = signals.telemetry.messages.get(counting.message, {})
         if counting.field not in columns:
             continue
-        is_selected = columns["boot"] == span.boot
+        is_selected = columns["boot"] == recorded_part.boot
         values = columns[counting.field][is_selected]
         times = columns["time"][is_selected]
         for row in 1 + np.flatnonzero(values[1:] != values[:-1]):
             subject = counting.subject.format(int(values[row]))
             yield _event(
-                signals, span, counting.message, counting.code, times[row], subject=subject
+                signals, recorded_part, counting.message, counting.code, times[row], subject=subject
             )
 
 
 def _lasting_faults(
-    signals: Signals, span: Segment, fault_states: Sequence[FaultSignal]
+    signals: Signals, recorded_part: Segment, fault_states: Sequence[FaultSignal]
 ) -> Iterator[Fact]:
     """Yields the faults of sensors, radio and battery that have a beginning and an end, while the motors are armed.
 
@@ -458,28 +464,30 @@ def _lasting_faults(
 
     Args:
         signals: signals of the vehicle.
-        span: the recorded part of one boot.
+        recorded_part: the recorded part of one boot.
         fault_states: messages that report a fault for as long as it lasts, of all boots.
 
     Yields:
         A fact with start and end for each interval; a fault that is still there when the record ends has no end.
     """
-    armed = intersection(armed_intervals(signals, span.boot), [(span.start, span.end)])
+    armed = intersection(
+        armed_intervals(signals, recorded_part.boot), [(recorded_part.start, recorded_part.end)]
+    )
     for fault in fault_states:
         if not len(fault.is_faulty):
             continue
         columns = fault.columns_of(signals)
-        is_selected = columns["boot"] == span.boot
+        is_selected = columns["boot"] == recorded_part.boot
         faulty_intervals = true_intervals(
             columns["time"][is_selected], fault.is_faulty[is_selected]
         )
         for start, end in intersection(faulty_intervals, armed):
             yield _event(
                 signals,
-                span,
+                recorded_part,
                 fault.message,
                 fault.code,
                 start,
-                until=end if end < span.end else None,
+                until=end if end < recorded_part.end else None,
                 subject=fault.subject,
             )

@@ -153,11 +153,11 @@ def usable_segments(
     # The first one is that of the best segment.
     learnabilities = list(segment_learnabilities(signals, components, min_rate))
     best_learnability = learnabilities[0]
-    usable = [learnability for learnability in learnabilities if learnability.learnable]
+    learnable = [learnability for learnability in learnabilities if learnability.learnable]
     cautions = _unused_segments(
-        best_learnability.segments, [learnability.segment for learnability in usable]
+        best_learnability.segments, [learnability.segment for learnability in learnable]
     )
-    flights = [_flight_with_cautions(learnability, *cautions) for learnability in usable]
+    flights = [_flight_with_cautions(learnability, *cautions) for learnability in learnable]
     flights.sort(key=lambda flight: (boot_number(flight), flight.time[0]))
     return UsableSegments(tuple(flights), best_learnability)
 
@@ -213,12 +213,12 @@ def _flight_with_cautions(learnability: Learnability, *log_cautions: Fact) -> Fl
     return replace(flight, provenance=provenance, cautions=cautions)
 
 
-def choose_vehicle(vehicles: Sequence[Telemetry], wanted: str | None = None) -> Telemetry:
+def choose_vehicle(vehicles: Sequence[Telemetry], requested: str | None = None) -> Telemetry:
     """Chooses one vehicle of a log.
 
     Args:
         vehicles: All vehicles of the log.
-        wanted: "system", "system:component" or the number of the vehicle's board. None chooses the only vehicle that
+        requested: "system", "system:component" or the number of the vehicle's board. None chooses the only vehicle that
             sends its attitude or, if none does, the only vehicle.
 
     Returns:
@@ -227,7 +227,7 @@ def choose_vehicle(vehicles: Sequence[Telemetry], wanted: str | None = None) -> 
     Raises:
         NotLearnable: No vehicle matches, or several do; the fact lists them.
     """
-    matching = _matching_vehicles(vehicles, wanted)
+    matching = _matching_vehicles(vehicles, requested)
     if len(matching) == 1:
         return matching[0]
     if not vehicles:
@@ -242,28 +242,28 @@ def choose_vehicle(vehicles: Sequence[Telemetry], wanted: str | None = None) -> 
         names.append(vehicle.board if has_same_ids and vehicle.board else _mavlink_ids(vehicle))
     raise NotLearnable(
         NotLearnableReason.SEVERAL_VEHICLES if matching else NotLearnableReason.NO_SUCH_VEHICLE,
-        name=wanted,
+        name=requested,
         names=names,
         kinds=[vehicle.vehicle for vehicle in listed_vehicles],
         autopilots=[vehicle.autopilot for vehicle in listed_vehicles],
     )
 
 
-def _matching_vehicles(vehicles: Sequence[Telemetry], wanted: str | None) -> list[Telemetry]:
+def _matching_vehicles(vehicles: Sequence[Telemetry], requested: str | None) -> list[Telemetry]:
     """Selects the vehicles of a log that a user's choice matches.
 
     Args:
         vehicles: All vehicles of the log.
-        wanted: "system", "system:component" or the number of a board; None without a choice.
+        requested: "system", "system:component" or the number of a board; None without a choice.
 
     Returns:
         Those vehicles; without a choice, the vehicles that send their attitude or, if none does, all.
     """
-    if wanted is not None:
+    if requested is not None:
         return [
             vehicle
             for vehicle in vehicles
-            if wanted in (str(vehicle.system), _mavlink_ids(vehicle), vehicle.board)
+            if requested in (str(vehicle.system), _mavlink_ids(vehicle), vehicle.board)
         ]
     vehicles_with_attitude = []
     for vehicle in vehicles:

@@ -72,18 +72,18 @@ def read_ulog(path: PathName) -> Log:
     records = _sound_records_of(path)
     loss = records.loss
     parsed_records = parse_records(records)
-    other = parsed_records.other
+    other_records = parsed_records.other
     initial_settings = {
-        name: value for name, value in other.initial_settings.items() if isfinite(value)
+        name: value for name, value in other_records.initial_settings.items() if isfinite(value)
     }
     parameters = dict(initial_settings)
-    for setting in other.changed_settings:
+    for setting in other_records.changed_settings:
         if isfinite(setting.value):
             parameters[setting.name] = setting.value
     initial_parameters = {
         name: value for name, value in initial_settings.items() if value != parameters[name]
     }
-    topics, outlier_count = _topics(parsed_records.topics, other.start_stamp / MICROSECONDS)
+    topics, outlier_count = _topics(parsed_records.topics, other_records.start_stamp / MICROSECONDS)
     translation = messages_of_topics(topics, parameters)
     messages = translation.messages
     if not messages:
@@ -95,10 +95,10 @@ def read_ulog(path: PathName) -> Log:
             damaged=loss.lost_bytes > 0,
         )
     attitude_notes = attitude_repairs(topics, messages)
-    if other.texts:
-        messages["STATUSTEXT"] = _status_texts(other.texts)
-    messages["PARAM_VALUE"] = _parameter_values(other)
-    information = other.information
+    if other_records.texts:
+        messages["STATUSTEXT"] = _status_texts(other_records.texts)
+    messages["PARAM_VALUE"] = _parameter_values(other_records)
+    information = other_records.information
     telemetry = Telemetry(
         system=_mavlink_id(parameters, "MAV_SYS_ID"),
         component=_mavlink_id(parameters, "MAV_COMP_ID"),
@@ -107,17 +107,17 @@ def read_ulog(path: PathName) -> Log:
         messages=messages,
         parameters=parameters,
         source=source,
-        repairs=(*_file_repairs(other, loss, outlier_count), *attitude_notes),
+        repairs=(*_file_repairs(other_records, loss, outlier_count), *attitude_notes),
         translated_from="ULog",
         initial_parameters=initial_parameters,
-        default_parameters=_default_parameters(other),
+        default_parameters=_default_parameters(other_records),
         source_names=translation.topic_names,
         firmware=_firmware(information),
-        dropouts=len(other.dropout_durations),
+        dropouts=len(other_records.dropout_durations),
         board=str(information.get("sys_uuid", "")).lower(),
         hardware=str(information.get("ver_hw", "")),
     )
-    frames = parsed_records.data_records + len(other.texts)
+    frames = parsed_records.data_records + len(other_records.texts)
     return log_of_vehicles((telemetry,), frames, bytes_skipped=0)
 
 
@@ -188,21 +188,21 @@ def _status_texts(texts: Sequence[LoggedText]) -> Columns:
     }
 
 
-def _parameter_values(other: OtherRecords) -> Columns:
+def _parameter_values(other_records: OtherRecords) -> Columns:
     """Makes PARAM_VALUE from the parameters' values when the logger began, and one for each later setting.
 
     All are of the type float32, also integer parameters. So PX4's encoding of integers as the bits of a float does not
     apply when they are decoded.
 
     Args:
-        other: The records with the parameters.
+        other_records: The records with the parameters.
 
     Returns:
         Columns (N,) of the N settings in the order of the log, ``time`` in s.
     """
-    initial = other.initial_settings
-    changed = other.changed_settings
-    stamps = [other.start_stamp] * len(initial) + [setting.stamp for setting in changed]
+    initial = other_records.initial_settings
+    changed = other_records.changed_settings
+    stamps = [other_records.start_stamp] * len(initial) + [setting.stamp for setting in changed]
     names = [*initial, *(setting.name for setting in changed)]
     values = [*initial.values(), *(setting.value for setting in changed)]
     return {
@@ -220,19 +220,19 @@ def _mavlink_id(parameters: Parameters, name: str) -> int:
     return int(value) if 1 <= value <= MAX_ID else DEFAULT_ID
 
 
-def _default_parameters(other: OtherRecords) -> dict[str, float]:
+def _default_parameters(other_records: OtherRecords) -> dict[str, float]:
     """Returns the default values of parameters: those of the chosen airframe or, without any, those of the firmware.
 
     PX4 logs only defaults that differ from the values in use. A value that the airframe sets is no change by the user,
     so the firmware's default is not used if the log has the airframe's.
 
     Args:
-        other: The records with the defaults.
+        other_records: The records with the defaults.
 
     Returns:
         Values by the name of the parameter.
     """
-    defaults = other.airframe_defaults or other.firmware_defaults
+    defaults = other_records.airframe_defaults or other_records.firmware_defaults
     return {name: value for name, value in defaults.items() if isfinite(value)}
 
 
@@ -278,11 +278,11 @@ def _topics(logged_topics: Sequence[LoggedTopic], start: float) -> tuple[Topics,
     return topics, outlier_count
 
 
-def _file_repairs(other: OtherRecords, loss: RecordLoss, outlier_count: int) -> Facts:
+def _file_repairs(other_records: OtherRecords, loss: RecordLoss, outlier_count: int) -> Facts:
     """Reports what is damaged or missing in a file.
 
     Args:
-        other: The records with the interruptions of the logger.
+        other_records: The records with the interruptions of the logger.
         loss: Summary of the parts that were left out.
         outlier_count: Number of messages that were left out because their stamps are far from all others.
 
@@ -296,7 +296,7 @@ def _file_repairs(other: OtherRecords, loss: RecordLoss, outlier_count: int) -> 
         duration=loss.lost_seconds,
     )
     # How long the logger was interrupted, s; what it missed in that time is not known.
-    durations = np.array(other.dropout_durations) / MILLISECONDS
+    durations = np.array(other_records.dropout_durations) / MILLISECONDS
     return (
         *damage,
         *repair_facts(Repair.LOGGED_MESSAGES_LEFT_OUT, count=outlier_count, flaw=Flaw.FAR_STAMP),

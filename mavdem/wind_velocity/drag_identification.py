@@ -295,6 +295,7 @@ def _expand(scaled_parameters: Array, grid: MotionGrid) -> _Expansion:
         return (after_positive_step - after_negative_step) / (2 * DIFFERENCE_STEP)
 
     filtered_motion: FilteredMotion = filter_motion(filter_parameters(points, grid), grid)
+    # Innovations (21, T, 2) and their covariances (21, T, 2, 2) at all points; index 0 is the point itself.
     innovations = filtered_motion.innovations[grid.complete].swapaxes(0, 1)
     covariances = filtered_motion.innovation_covariances[grid.complete].swapaxes(0, 1)
     inverse = np.linalg.inv(covariances[0])

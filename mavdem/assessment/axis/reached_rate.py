@@ -123,19 +123,19 @@ def _turns(rate: TimeSeries, setpoint: TimeSeries, segments: Segments) -> list[_
     return turns
 
 
-def _long_intervals(series: TimeSeries, rows: Flags) -> list[Segment]:
+def _long_intervals(series: TimeSeries, is_selected: Flags) -> list[Segment]:
     """Finds the intervals in which all samples of a series are selected, for at least ``MIN_TURN_SECONDS``.
 
     Args:
         series: N samples.
-        rows: (N,) whether a sample is selected.
+        is_selected: (N,) whether a sample is selected.
 
     Returns:
         The intervals, in time order, each within one boot.
     """
     # With a row that is not selected at each end, every run of selected rows has a first row and an end.
-    is_selected = np.concatenate([[False], rows, [False]])
-    changes = np.flatnonzero(np.diff(is_selected))
+    padded_flags = np.concatenate([[False], is_selected, [False]])
+    changes = np.flatnonzero(np.diff(padded_flags))
     intervals = []
     for first_row, end_row in changes.reshape(-1, 2):
         last_row = end_row - 1

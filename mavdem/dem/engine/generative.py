@@ -513,8 +513,8 @@ def _sum_over_orders(moments: Array, columns: Indices, temporal_precision: Array
         (s, s): Σ_kl S_kl times the moments of the k-th with the l-th derivatives.
     """
     orders, signals = columns.shape
-    flat = columns.ravel()
-    by_order = moments[np.ix_(flat, flat)].reshape(orders, signals, orders, signals)
+    indices = columns.ravel()
+    by_order = moments[np.ix_(indices, indices)].reshape(orders, signals, orders, signals)
     # Letters of einsum: orders k and l, signals i and j.
     return np.einsum("kl,kilj->ij", temporal_precision, by_order)
 

@@ -277,32 +277,34 @@ class DensityModel:
         steps_density = steps.quantity_density
         density = self._logging_error + steps_density
 
-        gradient = np.zeros((len(density), len(PARAMETER_NAMES), QUANTITIES, QUANTITIES), complex)
-        gradient[:, :LOOP_PARAMETERS] = self._loop_gradient(
+        derivatives = np.zeros(
+            (len(density), len(PARAMETER_NAMES), QUANTITIES, QUANTITIES), complex
+        )
+        derivatives[:, :LOOP_PARAMETERS] = self._loop_gradient(
             parameters, loop, source_densities, steps
         )
-        gradient[:, STEP_TIME] = self._step_time_gradient(parameters, loop, steps)
+        derivatives[:, STEP_TIME] = self._step_time_gradient(parameters, loop, steps)
         for name, slope in steps.log_slopes.items():
-            gradient[:, PARAMETER_NAMES.index(name)] += slope * steps_density
+            derivatives[:, PARAMETER_NAMES.index(name)] += slope * steps_density
 
         for source in Source:
             # The source's density and its derivatives are multiplied by the same responses and summed over the aliases,
-            # all in one product. Row 0 is the density, the others are derivatives by the entries of θ in ``rows``.
-            rows = list[int]()
+            # all in one product. The first is the density, the others are its derivatives by ``parameter_indices``.
+            parameter_indices = list[int]()
             densities = [source_densities[source]]
             for component in components:
                 if component.source != source:
                     continue
                 for name, slope in component.log_slopes.items():
-                    rows.append(PARAMETER_NAMES.index(name))
+                    parameter_indices.append(PARAMETER_NAMES.index(name))
                     densities.append(component.density * slope)
             response = loop.from_source[source]
             folded_products = self._folded_products(np.array(densities), response, response.conj())
             density += folded_products[:, 0]
-            # They are added one by one, since a parameter of two components of this source has two rows.
-            for number, row in enumerate(rows, start=1):
-                gradient[:, row] += folded_products[:, number]
-        return density, gradient
+            # They are added one by one, since a parameter of two components of this source occurs twice.
+            for number, parameter in enumerate(parameter_indices, start=1):
+                derivatives[:, parameter] += folded_products[:, number]
+        return density, derivatives
 
     def _closed_loop(self, parameters: LoopParameters) -> ClosedLoopResponse:
         """Computes the frequency responses of the closed loop at all J frequencies and F aliases of each.
@@ -462,7 +464,9 @@ class DensityModel:
             Sampled responses (J, n, C). Each quantity has the phase of its time stamps relative to those of the
             setpoint.
         """
+        # The phases of each quantity relative to the setpoint (C, J, F).
         response_with_phases = response * self._alias_phases[:, Quantity.SETPOINT]
+        # At each frequency, the product (n, F) @ (F, C) sums over the aliases.
         return alias_shares.swapaxes(0, 1) @ response_with_phases.transpose(1, 2, 0)
 
     def _folded_products(
@@ -481,8 +485,10 @@ class DensityModel:
         Returns:
             Folded products (J, n, C, C).
         """
+        # The products of each pair of quantities (C, C, J, F), of which the C² pairs are made one axis.
         products = response[:, None] * conjugate_response * self._alias_phases
         products = products.reshape(QUANTITIES**2, *conjugate_response.shape[1:])
+        # At each frequency, the product (n, F) @ (F, C²) sums over the aliases.
         folded_products = weights.swapaxes(0, 1) @ products.transpose(1, 2, 0)
         return folded_products.reshape(*folded_products.shape[:2], QUANTITIES, QUANTITIES)
 
@@ -515,7 +521,8 @@ class DensityModel:
             Derivatives (J, 5, C, C) by the logarithms of effect, damping, lag, delay and controller gain, in the order
             of θ.
         """
-        # Relative changes of the path from output to rate by the logarithm of each parameter.
+        # Relative changes of the path from output to rate by the logarithm of each parameter. For the effect, and for
+        # the gain of the controller, the relative change of the path is that of the parameter itself: the slope is 1.
         damping_slope = -parameters.damping * loop.plant
         lag_slope = -parameters.lag * self._s * loop.motor_lag
         delay_slope = -parameters.delay * self._s
@@ -544,6 +551,7 @@ class DensityModel:
             unit_slope[None], loop.from_rate, spectra_by_actuation_path - actuation
         )
         # The output without actuation noise is proportional to the controller's gain.
+        # Actuation noise is added to the output with a response of 1, which is subtracted here.
         control_law = loop.from_source[:, Quantity.OUTPUT].copy()
         control_law[Source.ACTUATION] -= 1
         direct_part = np.einsum("sjf,scjf->cjf", source_densities * control_law, conjugate)

@@ -191,6 +191,8 @@ def steady_likelihood(
     for addend in (weighted_residuals @ C)[::-1]:
         sums = sums @ L
         sums += addend
+    # The products Σ e_tᵀ F⁻¹ e_t of each two of the 1 + 3 runs of the filter, for each model: samples and channels are
+    # flattened to one axis, over which the matrix product sums.
     residuals_by_model = residuals.transpose(1, 2, 0, 3).reshape(B, 1 + CHANNELS, -1)
     weighted_by_model = weighted_residuals.transpose(1, 2, 0, 3).reshape(B, 1 + CHANNELS, -1)
     products = weighted_by_model @ residuals_by_model.mT

@@ -205,10 +205,11 @@ def _squared_errors(
     setpoint_errors = setpoint.squared_errors(states)
     trim_squares = float(trims @ trim_covariance @ trims)
     # The smoothed measurement noise is R (F⁻¹ e − Kᵀ r). Letters of einsum: sample t, channels i and j, state n.
-    weighted = np.einsum("tij,tj->ti", segment.precisions, segment.innovations)
-    weighted -= np.einsum("tni,tn->ti", segment.gains, segment.smoothing[1:])
+    noise_per_variance = np.einsum("tij,tj->ti", segment.precisions, segment.innovations)
+    noise_per_variance -= np.einsum("tni,tn->ti", segment.gains, segment.smoothing[1:])
+    # The square of a noise over its variance is (noise / variance)² · variance.
     return _SquaredErrors(
-        outputs=float(np.sum(weighted**2 * noise_variance)),
+        outputs=float(np.sum(noise_per_variance**2 * noise_variance)),
         inputs=setpoint_errors,
         states=driving.squared_errors(states) - setpoint_errors + trim_squares,
     )
