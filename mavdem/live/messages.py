@@ -117,6 +117,7 @@ def message_readers() -> dict[int, _MessageReader]:
     for definition in definitions_by_id().values():
         if definition.name not in MESSAGE_FIELDS:
             continue
+        # The type of a payload; it has fields, since only a structured type is made for a message.
         wire = definition.wire
         assert wire.fields is not None
         names = list(MESSAGE_FIELDS[definition.name])

@@ -179,82 +179,108 @@ class SessionStatus(ImmutableResult):
     def overall_judgement(self) -> Judgement:
         """Headline, lights and next step of the flight, from the model and from the checks that need no model.
 
-        Before a model is judged, everything that needs one is unknown. Each light is the worse of its two facts. A bad
-        light becomes the headline unless the headline is bad already; where nothing is wrong, all lights together are
-        the headline, so that it names those that need no model as well. Before a model is judged, that nothing is
-        received of the vehicle is the headline instead. How the flight was lost outranks all that. In flight a bad
-        headline makes landing the next step, and so does a battery that is getting empty; what can wait until then is
-        put after the landing.
+        A light is the judgement of one part of the vehicle, such as its motors. Each step below may replace the
+        headline and the next step of the one before it, so the last ones count most: the model with the worse lights;
+        how the flight was lost; and, in flight, what cannot wait until the landing.
         """
+        judgement = self._judgement_with_all_lights
+        is_checked = judgement.headline.code is not HeadlineCode.NOTHING_CHECKED
+        if not is_checked and self.is_flying and self._watched_names:
+            no_alarm = Fact(WatchFact.NO_ALARM, names=self._watched_names)
+            judgement = replace(judgement, headline=no_alarm)
+        # The review of the recording, where there is one, says more of the loss.
+        if self.loss is not None and judgement.headline.code not in Ending:
+            lights = lights_with_event(judgement.lights, self.loss)
+            judgement = _headed_by(self.loss, lights)
+        if self.is_over or not self.is_flying:
+            return judgement
+        return self._judgement_in_flight(judgement)
+
+    @property
+    def _judgement_by_model(self) -> Judgement:
+        """The judgement of the model; before one is judged, that everything which needs a model is unknown."""
+        if self.model_judgement is not None:
+            return self.model_judgement
+        reason = self._reason_without_model
         weak_motors = self._weak_motors
-        judgement = self.model_judgement
-        if judgement is None:
-            reason = self._reason_without_model
-            judgement = replace(
-                unjudged(weak_motors[0] if weak_motors else reason),
-                lights=lights_before_model(
-                    reason, self.rates, self.watch_facts, self.wind_obstacle
-                ),
-            )
+        return replace(
+            unjudged(weak_motors[0] if weak_motors else reason),
+            lights=lights_before_model(reason, self.rates, self.watch_facts, self.wind_obstacle),
+        )
+
+    @property
+    def _judgement_with_all_lights(self) -> Judgement:
+        """The judgement by the model with the lights that need no model, where those are worse.
+
+        A bad light becomes the headline unless the headline is bad already. Where nothing is wrong, all lights together
+        are the headline, so that it names those that need no model as well. Before a model is judged, this holds only
+        while the vehicle is received: otherwise the headline stays that nothing is received.
+        """
+        by_model = self._judgement_by_model
         lights_without_model = self._lights_without_model
         lights = {}
-        for name, light_by_model in judgement.lights.items():
+        for name, light_by_model in by_model.lights.items():
             light_without_model = lights_without_model.get(name, light_by_model)
             lights[name] = worst_fact([light_without_model, light_by_model])
-
-        headline = judgement.headline
-        next_step = judgement.next_step
+        headline = by_model.headline
+        next_step = by_model.next_step
         vibration = lights[Light.VIBRATION]
         if (
             vibration.code is VibrationLight.VIBRATION_UNKNOWN
             and "VIBRATION" in self.absent_messages
         ):
-            # What was asked for in vain is not advised.
+            # Requesting the message is not advised, since it was requested in vain.
             lights[Light.VIBRATION] = vibration.replace(is_asked=True)
             if next_step.figures.get("because") == vibration:
                 next_step = next_step_of(headline, lights, None)
-        has_judged_light = any(name in lights_without_model for name in VEHICLE_LIGHTS)
-        is_without_fault = isinstance(headline.code, HeadlineCode)
+
         bad_lights = [fact for fact in lights.values() if fact.is_bad]
         if bad_lights:
             if not headline.is_bad:
-                headline = bad_lights[0]
-                next_step = next_step_of(headline, lights, None)
-        elif self.model_judgement is None and has_judged_light and self._is_received:
+                return _headed_by(bad_lights[0], lights)
+            return Judgement(headline, next_step, lights)
+        has_judged_light = any(name in lights_without_model for name in VEHICLE_LIGHTS)
+        if self.model_judgement is None and has_judged_light and self._is_received:
             # The next step stays: it says what the model waits for.
-            headline = headline_by_lights(lights)
-        elif is_without_fault and lights != judgement.lights:
+            return Judgement(headline_by_lights(lights), next_step, lights)
+        # Headlines of this code are not about a fault.
+        is_without_fault = isinstance(headline.code, HeadlineCode)
+        if is_without_fault and lights != by_model.lights:
             headline = headline_by_lights(lights)
             if headline.warns:
-                next_step = next_step_of(headline, lights, None)
-        watched = self._watched_names
-        if headline.code is HeadlineCode.NOTHING_CHECKED and self.is_flying and watched:
-            headline = Fact(WatchFact.NO_ALARM, names=watched)
-        if self.loss is not None and headline.code not in Ending:
-            # The review of the recording, where there is one, says more of the loss.
-            headline = self.loss
-            lights = lights_with_event(lights, headline)
-            next_step = next_step_of(headline, lights, None)
-        if self.is_over or not self.is_flying:
-            return Judgement(headline, next_step, lights)
-        if headline.is_bad:
-            next_step = Fact(NextStep.LAND_NOW, because=headline)
-        elif not self._is_received and self.obstacle is not None:
-            # Whether the vehicle still flies, and how, is not known.
-            headline = self.obstacle
-            next_step = Fact(NextStep.DO_AS_ADVISED, because=self.obstacle)
-        elif lights[Light.POWER].code in EMPTYING_BATTERY:
-            next_step = Fact(NextStep.LAND_SOON)
-        elif headline.warns:
-            advice = next_step_of(headline, lights, None)
-            next_step = Fact(NextStep.FLY_ON, because=advice)
-        elif self.model_judgement is not None or not self._reason_without_model.remedy:
-            next_step = Fact(NextStep.FLY_ON, because=None)
+                return _headed_by(headline, lights)
         return Judgement(headline, next_step, lights)
+
+    def _judgement_in_flight(self, judgement: Judgement) -> Judgement:
+        """Returns a judgement with a next step for a vehicle that flies: landing, or flying on.
+
+        Args:
+            judgement: the judgement so far. If its headline is bad, the vehicle must land, and soon if its battery is
+                getting empty. Advice of another warning waits until after the landing. What a model waits for stays the
+                next step.
+        """
+        headline = judgement.headline
+        if headline.is_bad:
+            return replace(judgement, next_step=Fact(NextStep.LAND_NOW, because=headline))
+        if not self._is_received and self.obstacle is not None:
+            # Whether the vehicle still flies, and how, is not known.
+            next_step = Fact(NextStep.DO_AS_ADVISED, because=self.obstacle)
+            return replace(judgement, headline=self.obstacle, next_step=next_step)
+        if judgement.lights[Light.POWER].code in EMPTYING_BATTERY:
+            return replace(judgement, next_step=Fact(NextStep.LAND_SOON))
+        if headline.warns:
+            advice = next_step_of(headline, judgement.lights, None)
+            return replace(judgement, next_step=Fact(NextStep.FLY_ON, because=advice))
+        if self.model_judgement is not None or not self._reason_without_model.remedy:
+            return replace(judgement, next_step=Fact(NextStep.FLY_ON, because=None))
+        return judgement
 
     @property
     def _watched_names(self) -> tuple[str, ...]:
-        """Names of what is watched without a model on the followed vehicle."""
+        """Names of what is watched without a model on the followed vehicle.
+
+        Facts on other vehicles of the link have the figure "vehicle", and are left out.
+        """
         return tuple(
             fact.subject
             for fact in self.watch_facts
@@ -322,3 +348,13 @@ class SessionStatus(ImmutableResult):
             error_ratio = estimate.ahead_ratio[longest_useful].mean()
             useful_horizon = UsefulHorizon(horizons[longest_useful], error_ratio)
         return replace(self, prediction_band=angle_band, useful_horizon=useful_horizon)
+
+
+def _headed_by(headline: Fact, lights: NamedFacts) -> Judgement:
+    """Returns a judgement with a headline and the next step that follows from it.
+
+    Args:
+        headline: what matters most.
+        lights: the judgement of each part of the vehicle, by name.
+    """
+    return Judgement(headline, next_step_of(headline, lights, None), lights)

@@ -379,6 +379,7 @@ class LiveWind:
             [sample for sample in self._velocities if sample.time >= start_time - MAX_VELOCITY_GAP]
         ).reshape(-1, 4)
         velocity_times = velocities[:, 0]
+        # For each attitude the row of the first velocity that is not earlier; the one before it is earlier.
         next_row = np.searchsorted(velocity_times, attitudes[:, 0])
         is_between = (next_row > 0) & (next_row < len(velocities))
         attitudes = attitudes[is_between]
@@ -521,8 +522,10 @@ def _filter_weights(log_likelihoods: Array) -> Array:
     Returns:
         Weights (sizes · draws,), which sum to 1.
     """
-    likelihood_of_size = log_likelihoods.reshape(len(GUST_PARAMETERS), -1).mean(axis=1)
+    # A size has the mean of the log likelihoods over its draws of the drag.
+    log_likelihood_of_size = log_likelihoods.reshape(len(GUST_PARAMETERS), -1).mean(axis=1)
     # The log density of a normal distribution is minus half of the squared distance.
     prior_distances = (GUST_PARAMETERS - GUST_PRIOR_MEAN) / GUST_PRIOR_SD
-    log_weights = likelihood_of_size - (prior_distances**2).sum(axis=1) / 2
-    return np.repeat(scipy.special.softmax(log_weights) / DRAG_DRAWS, DRAG_DRAWS)
+    log_prior = -(prior_distances**2).sum(axis=1) / 2
+    weight_of_size = scipy.special.softmax(log_likelihood_of_size + log_prior)
+    return np.repeat(weight_of_size / DRAG_DRAWS, DRAG_DRAWS)

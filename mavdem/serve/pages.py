@@ -127,6 +127,7 @@ class Pages:
         result = self._visible_library.search(request, FLIGHTS_PER_PAGE)
         visitor = self._visible_library.visitor_values(request)
         may_read = visitor["may_read"]
+        troubles = self._visible_library.rows_with_trouble(result.entries) if may_read else {}
         problems = search_problems(result.query)
         if not result.entries:
             problems += unknown_terms(result.query)
@@ -144,9 +145,7 @@ class Pages:
                 sample=self._sample_log,
                 is_live=self._monitor is not None,
                 vehicles=self._library.vehicle_names() if may_read else [],
-                troubles=self._visible_library.rows_with_trouble(result.entries)
-                if may_read
-                else {},
+                troubles=troubles,
                 **visitor,
             )
         )

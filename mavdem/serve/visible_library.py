@@ -128,7 +128,8 @@ class VisibleLibrary:
         """
         if not entry.date or entry.vehicle in ("", UNNAMED_VEHICLE):
             return None
-        # Copies of the log have the same date, so only an entry with an earlier date is another flight.
+        # Copies of the log have the same date, so only an entry with an earlier date is another flight. One without a
+        # digest, whose log the library does not keep, need not have a page that can be compared.
         condition = "vehicle = ? and stage = ? and digest != '' and date != '' and date < ?"
         values = [entry.vehicle, Stage.DONE, entry.date]
         entries = self.library.find(condition, values, 1, order=ListingOrder.FLIGHT).entries

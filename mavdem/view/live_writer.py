@@ -394,6 +394,7 @@ class LiveWriter:
         for row in rows:
             if row.pose is not None:
                 poses.append((row.segment, row.pose.time + row.timeline_offset, row.pose))
+        # The viewer draws lines in the order of their paths: by their numbers, setpoints lie below measurements.
         for number, axis in enumerate(AXES):
             if axis not in self.channels.output_names:
                 angle = Lines(f"axes/{axis}/1_measured", (axis,), (MEASURED,))

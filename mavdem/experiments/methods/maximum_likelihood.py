@@ -401,6 +401,8 @@ def regress_on_products(products: list[Array], target_count: int, samples: int) 
         ``ROUNDING_TOLERANCE``, which is the most likely such covariance where states and outputs are of size 1.
     """
     total = np.sum(products, axis=0)
+    # With regressors x, targets z and coefficients β = (Σ z xᵀ)(Σ x xᵀ)⁺, the residuals z − β x have the squared sum
+    # Σ z zᵀ − β Σ x zᵀ − (β Σ x zᵀ)ᵀ + β (Σ x xᵀ) βᵀ.
     regressor_products = total[:-target_count, :-target_count]
     cross_products = total[-target_count:, :-target_count]
     target_products = total[-target_count:, -target_count:]
@@ -412,6 +414,7 @@ def regress_on_products(products: list[Array], target_count: int, samples: int) 
     residual_covariance = (
         target_products - explained_products - explained_products.T + squared_predictions
     ) / samples
+    # Rounding leaves the difference a little asymmetric, and may make eigenvalues negative.
     symmetric = (residual_covariance + residual_covariance.T) / 2
     variances, axes = np.linalg.eigh(symmetric)
     covariance = axes * np.maximum(variances, ROUNDING_TOLERANCE) @ axes.T

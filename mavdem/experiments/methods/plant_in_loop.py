@@ -386,7 +386,7 @@ class ClosedLoop(ForecasterBase):
             P = motors_filter.predicted_covariances(steps)[:-1]
             precisions = motors_filter.innovation_precisions[motors_filter.gain_rows(steps)]
             gains = P @ motors_output.T @ precisions
-            # Letters of einsum: window s, sample t, state n, channel i.
+            # Letters of einsum: forecast s, sample t, state n, channel i. The gains are the same for all forecasts.
             estimates = states[:, :-1] + np.einsum("tni,sti->stn", gains, innovations)
             covariances = P - gains @ motors_output @ P
         C = full_filter.C
@@ -442,8 +442,10 @@ class ClosedLoop(ForecasterBase):
         Returns:
             Means and variances of angle and rate (H, 2).
         """
-        all_variances = np.tile(variances, (len(means), 1))[:length]
-        return self._output_forecast(means.reshape(-1, CHANNELS)[:length], all_variances)
+        joined_means = means.reshape(-1, CHANNELS)[:length]
+        # Variances depend only on the steps since the start of a forecast, so that all forecasts have the same.
+        joined_variances = np.tile(variances, (len(means), 1))[:length]
+        return self._output_forecast(joined_means, joined_variances)
 
     def _output_forecast(self, means: Array, variances: Array) -> Forecast:
         """Returns the outputs of centred channels (…, 3) and of their variances, in the order of the record."""

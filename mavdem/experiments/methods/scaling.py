@@ -92,6 +92,8 @@ class NormalizedUnits(NamedTuple):
         Returns:
             The model of the inputs u and the outputs y.
         """
+        # As y = scale · y′ + trim, each row of C′ is multiplied by the scale of its output. The prediction error e′ is
+        # e / scale, so each column of K′ is divided by it.
         scale = self.output_scale
         return replace(
             model,

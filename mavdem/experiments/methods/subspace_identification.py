@@ -78,6 +78,7 @@ def subspace_fit(segments: Segments, order: int) -> NormalizedFit:
     Raises:
         NotLearnable: too few samples for the order, or states that the outputs do not show.
     """
+    # Windows have the shape (windows, samples, inputs and outputs).
     horizon = choose_horizon(segments, order)
     first_inputs, first_outputs = segments[0]
     k = first_inputs.shape[1]

@@ -92,8 +92,8 @@ def _experiment_errors(runner: Runner, start: str) -> ErrorsByMethod:
 
     Args:
         runner: runner that has the outcomes of all methods, that is, their forecasts of each experiment's test data.
-        start: state from which the forecasts start, a key of ``FORECAST_KIND_BY_START``: "the data" (the state that is
-            estimated at the end of training) or "state 0".
+        start: start of the forecasts: ``DATA_START``, the state that is estimated at the end of training, or
+            ``ZERO_START``, state 0.
 
     Returns:
         Mean squared prediction errors (experiments,), summed over the outputs, by name of the method. An error is
@@ -118,8 +118,7 @@ def _experiment_outcome(runner: Runner, method: str, number: int, start: str) ->
         runner: runner that has the outcomes.
         method: name of the method.
         number: number of the experiment.
-        start: start of the forecasts whose errors decide which prior is the median: a key of
-            ``FORECAST_KIND_BY_START``.
+        start: start of the forecasts whose errors decide which prior is the median, ``DATA_START`` or ``ZERO_START``.
 
     Returns:
         The outcome on the experiment's single window.

@@ -99,16 +99,20 @@ def with_noise_states(model: DiscreteModel, noise: Array, order: int) -> Discret
     n, r = model.Gamma.shape
     fits = [fit_autoregression(series, order) for series in noise.T]
     noise_count = order * n
+    # Rows and columns: n states x, then n values of w_t, and n of each of its earlier values.
+    latest_noise = slice(n, 2 * n)
     Phi = np.zeros((n + noise_count, n + noise_count))
+    # The next state is Φ x + w_t.
     Phi[:n, :n] = model.Phi
-    Phi[:n, n : 2 * n] = np.eye(n)
+    Phi[:n, latest_noise] = np.eye(n)
+    # The next noise is the autoregression of the earlier ones, with white noise of covariance Q.
     for lag in range(order):
         columns = slice(n + lag * n, n + (lag + 1) * n)
-        Phi[n : 2 * n, columns] = np.diag([fit.coefficients[lag] for fit in fits])
-    # Values of the noise move on by one sample.
-    Phi[2 * n :, n:-n] = np.eye(noise_count - n)
+        Phi[latest_noise, columns] = np.diag([fit.coefficients[lag] for fit in fits])
     Q = np.zeros_like(Phi)
-    Q[n : 2 * n, n : 2 * n] = np.diag([fit.variance for fit in fits])
+    Q[latest_noise, latest_noise] = np.diag([fit.variance for fit in fits])
+    # All other values of the noise are those of one sample before.
+    Phi[2 * n :, n:-n] = np.eye(noise_count - n)
     return DiscreteModel(
         Phi,
         Gamma=np.vstack([model.Gamma, np.zeros((noise_count, r))]),
