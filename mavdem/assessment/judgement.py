@@ -23,6 +23,7 @@ from mavdem.facts.ending import Ending, MotionEvent
 from mavdem.facts.events import ReportedEvent
 from mavdem.facts.lights import Light, Unjudged
 from mavdem.facts.loops import LoopAction
+from mavdem.facts.motors import TrimFact
 from mavdem.immutable import ImmutableResult, ReadOnlyDict
 
 LIGHTS_OF_FLIGHT = (Light.MOTORS, Light.VIBRATION, Light.TRACKING, Light.MARGINS, Light.WIND)
@@ -93,6 +94,9 @@ LIGHT_OF_EVENT: dict[Code, Light] = {
     code: light for light, codes in EVENTS_BY_LIGHT.items() for code in codes
 }
 """The light of each event of ``EVENTS_BY_LIGHT``."""
+
+TRIMS_OF_WEAK_MOTOR = (TrimFact.TRIM_OF_ONE_MOTOR, TrimFact.TRIM_OF_LEADING_MOTOR)
+"""Patterns of the trim by which one motor is probably weak, although it is only to be watched."""
 
 MIN_CHECKED_LIGHTS = 3
 """Lights of the vehicle that must be good before a flight is called sound: half of them, a choice."""
@@ -323,7 +327,7 @@ def headline_of(evidence: Evidence, lights: NamedFacts) -> Fact:
     if urgent and reasons:
         urgent = reasons
     if bad_events:
-        return _worst_event(bad_events)
+        return _with_weak_motor(_worst_event(bad_events), lights[Light.MOTORS])
     if urgent:
         return urgent[0]
     if bad_lights:
@@ -376,6 +380,33 @@ def _worst_event(bad_events: Sequence[Fact]) -> Fact:
             if event.code is ReportedEvent.BATTERY_SPENT:
                 return event
     return worst
+
+
+def _with_weak_motor(event: Fact, motors: Fact) -> Fact:
+    """Adds a motor that was found weak before the loss to the event of a lost flight.
+
+    It need not be the cause: the motion may not show what failed first, or it may be something else.
+
+    Args:
+        event: the event in the headline.
+        motors: the fact of the light "motors", which judges the flight until it was lost.
+
+    Returns:
+        The event, with the fact on the motor as ``weak_motor``. It is unchanged if it is no loss of a flight, no single
+        motor was found weak, or the event names this motor already.
+    """
+    is_weak = motors.is_bad or motors.code in TRIMS_OF_WEAK_MOTOR
+    if event.code not in Ending or motors.code in Ending or not motors.subject or not is_weak:
+        return event
+    named_facts = (event, event.figures.get("cause"), event.figures.get("word"))
+    for fact in named_facts:
+        if fact is None:
+            continue
+        names = (fact.subject, *fact.figures.get("names", ()))
+        # The autopilot names a motor without its place.
+        if motors.subject in names or motors.subject.partition(" (")[0] in names:
+            return event
+    return event.replace(weak_motor=motors)
 
 
 def _reason_on_ground(evidence: Evidence) -> Fact:
@@ -510,7 +541,7 @@ def _next_step_against(headline: Fact, lights: NamedFacts) -> Fact:
 
     The advice of another light is added only if the fault in the headline does not explain that light. Bad power always
     has other causes, and so has bad vibration if power is the headline. After a loss of the vehicle, every bad light
-    may be its reason, and a bad motor is named as the suspect.
+    may be its reason, and a motor that is bad, or was found weak, is named as the suspect.
 
     Args:
         headline: headline of the judgement, with a fault.
@@ -525,7 +556,7 @@ def _next_step_against(headline: Fact, lights: NamedFacts) -> Fact:
     if headline.code in Ending:
         related_lights = VEHICLE_LIGHTS
         motors = lights[Light.MOTORS]
-        if motors.is_bad:
+        if motors.is_bad or "weak_motor" in headline.figures:
             headline = headline.replace(suspect=motors.subject)
     also: Facts = tuple(
         lights[name]

@@ -340,6 +340,7 @@ def _environment() -> Environment:
         "rounded": rounded,
         "rounded_below": rounded_below,
         "sentence": sentence,
+        "weak_motor_clause": _weak_motor_clause,
         "with_interval": with_interval,
         "with_unit": _with_display_unit,
         "without_full_stop": without_full_stop,
@@ -479,6 +480,17 @@ def as_clause(text: object) -> str:
     if _IDENTIFIER.match(clause):
         return clause
     return clause[:1].lower() + clause[1:]
+
+
+def _weak_motor_clause(weak_motor: Fact | None) -> str:
+    """Returns the clause about a motor that was found weak before a flight was lost; empty without one.
+
+    Args:
+        weak_motor: the fact on the motor.
+    """
+    if weak_motor is None:
+        return ""
+    return f"; the flight before shows that {as_clause(headline(weak_motor))}"
 
 
 def forbids_flight(fact: Fact) -> bool:

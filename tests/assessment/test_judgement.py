@@ -17,12 +17,12 @@ from mavdem.dataset.quality import QualityFigures
 from mavdem.dataset.segment_learnability import Learnability
 from mavdem.facts import Fact, Level
 from mavdem.facts.assessment import Headline, NextStep
-from mavdem.facts.ending import Ending, MotionEvent
+from mavdem.facts.ending import Ending, FailedFirst, MotionEvent
 from mavdem.facts.events import ReportedEvent
 from mavdem.facts.learnability import NotLearnableReason
 from mavdem.facts.lights import Light
 from mavdem.facts.loops import LoopAction
-from mavdem.facts.motors import MotorsLight, MotorWatchFact
+from mavdem.facts.motors import MotorsLight, MotorWatchFact, TrimFact
 from mavdem.motors.motor_changes import MotorAlarm, thrust_losses
 
 GROUNDED = Fact(NotLearnableReason.NEVER_ARMED)
@@ -129,6 +129,28 @@ def test_after_a_loss_each_bad_light_is_in_the_next_step_and_a_bad_motor_first(c
     following = next_step_of(lost, known, None)
     assert known[Light.VIBRATION] in following.figures["also"]
     assert "motor 2 first" in str(following) and str(following).count("motor 2") == 1
+
+
+@mark.parametrize(
+    "cause_subject, is_added", [("", True), ("motor 3", True), ("motor 2 (left)", False)]
+)
+def test_the_headline_of_a_crash_has_a_motor_that_was_weak_before(cause_subject, is_added):
+    known = lights()
+    # A trim is only to be watched, and no bad light.
+    known[Light.MOTORS] = Fact(
+        TrimFact.TRIM_OF_LEADING_MOTOR,
+        subject="motor 2 (left)",
+        deviation=0.1,
+        half=0.04,
+        assumed=False,
+    )
+    cause = Fact(FailedFirst.LIMIT_FIRST, subject=cause_subject) if cause_subject else None
+    crash = Fact(Ending.CRASHED, time=9.0, height=2.0, cause=cause, word=None)
+    worst = headline(known, ending=crash)
+    clause = "; the flight before shows that motor 2 works 10 ± 4 % harder than the mean"
+    assert (clause in str(worst)) is is_added
+    if cause is None:
+        assert "motor 2 first" in str(next_step_of(worst, known, None))
 
 
 def test_a_light_that_only_repeats_what_to_do_first_is_not_in_the_next_step():

@@ -158,6 +158,19 @@ def test_a_limit_in_hover_names_one_motor_only_where_it_stands_out(motors, subje
     assert limited.sentence.startswith("Motor 3 is" if subject else "Motor 1 and motor 3 are")
 
 
+@mark.parametrize("seconds, code", [(7.0, MotorsLight.MOTOR_LIMITED), (3.0, None)])
+def test_without_a_hover_a_motor_is_bad_that_is_at_its_limit_in_most_of_the_flight(seconds, code):
+    flight = evidence(lambda time: np.outer([0, 0, 1, 0], 600.0 * (time % 10 < seconds)))
+    restless = replace(flight, condition=replace(flight.condition, hover=None), events=())
+    limited = motors_light(restless)
+    if code is None:
+        assert limited.level == "unknown"
+    else:
+        assert (limited.code, limited.subject, limited.level) == (code, FRONT_LEFT, "bad")
+        assert limited.figures["share"] == approx(0.7, abs=0.05)
+        assert limited.sentence.endswith(" % of the time.")
+
+
 def test_a_limited_motor_is_not_suspect_where_others_work_as_hard():
     # Motors 1 and 2 (one direction of rotation) work harder; gusts drive only motor 1 to its limit.
     def twisted(time):

@@ -9,16 +9,16 @@ from mavdem.assessment.evidence import Evidence
 from mavdem.assessment.failure_by_commands import SPENT_THRUST_SHARE
 from mavdem.assessment.limits import worst_fact
 from mavdem.assessment.motor_speeds import REPORTS_OF_MOTOR
-from mavdem.dataset.motor_outputs import motor_outputs_or_obstacle
+from mavdem.dataset.motor_outputs import MotorOutputs, motor_outputs_or_obstacle
 from mavdem.dataset.quality import STOP_MARGIN, samples_at_limits
-from mavdem.dataset.segments import in_segments, settled_segments
+from mavdem.dataset.segments import Segments, in_segments, settled_segments
 from mavdem.facts import Code, Fact, Level
 from mavdem.facts.ending import FailedFirst, MotionEvent
 from mavdem.facts.learnability import MotorObstacle
 from mavdem.facts.motors import MotorsLight, MotorWatchFact, TrimFact
 from mavdem.loops.limit_cycles import MIN_AT_LIMIT_SHARE
 from mavdem.motors.balance import MIN_STEADY_SECONDS
-from mavdem.motors.hover import HoverFigures
+from mavdem.motors.hover import HoverFigures, hover_figures
 from mavdem.motors.saturation import most_limited_motors
 from mavdem.motors.trim_pattern import trim_of_signals
 
@@ -28,6 +28,9 @@ MAX_HOVER_COMMAND = 0.8
 MIN_HEADROOM = 0.1
 """Share of the motors' range to be left for gusts at the 99th percentile of the output; less is to be watched."""
 
+MIN_MOST_SHARE = 0.5
+"""Share of the flight at the limit above which a motor is there for most of the flight, whatever the vehicle did."""
+
 MIN_TOGETHER_SHARE = 0.5
 """Share of the samples with a motor at its limit above which the motors count as limited together: most of them."""
 
@@ -36,8 +39,8 @@ def motors_light(evidence: Evidence) -> Fact:
     """Judges the motors by the worst fact about them in a log.
 
     Of equally bad facts the first one is returned, in this order: events that name a motor; a limit cycle that drives
-    motors to their limits; a motor at its limit in the hover; and an uneven trim or a small headroom. If no hover was
-    measured, a fact that says so replaces the last two.
+    motors to their limits; a motor at its limit in the hover or, if that was too short, for most of the flight; and an
+    uneven trim or a small headroom. If no hover was measured, a fact that says so replaces the last one.
 
     Args:
         evidence: signals, events and measurements of the vehicle.
@@ -65,13 +68,46 @@ def motors_light(evidence: Evidence) -> Fact:
         )
     else:
         # In a shorter hover one manoeuvre could decide the share of the time at the limit.
-        limited = limited_motors(hover)
-        if _has_full_throttle(evidence) or _is_limited_together(evidence, hover):
-            limited = None
-        if limited is not None and hover.seconds >= MIN_STEADY_SECONDS:
-            facts.append(limited.fact(MotorsLight.MOTOR_LIMITED).replace(is_settled=True))
         facts.append(_trim_or_headroom(evidence, hover))
+    limited = _limited_motors_of_flight(evidence, hover)
+    if limited is not None:
+        facts.append(limited)
     return worst_fact(facts)
+
+
+def _limited_motors_of_flight(evidence: Evidence, hover: HoverFigures | None) -> Fact | None:
+    """Returns the motors that were at their upper limit in the hover or, if that was too short, in most of the flight.
+
+    In a short hover one manoeuvre could decide the share of the time at the limit. But a motor that is at its limit all
+    the time may keep the vehicle from settling, so that there is hardly a hover: then all of the flight is judged.
+
+    Args:
+        evidence: signals, events and measurements of the vehicle.
+        hover: outputs of its motors in the hover; None if none was measured.
+
+    Returns:
+        The fact; None if no motor was at its limit for long, or the limits are no sign of weak motors.
+    """
+    motors = evidence.signals.motors
+    if motors is None or _has_full_throttle(evidence):
+        return None
+    is_settled = hover is not None and hover.seconds >= MIN_STEADY_SECONDS
+    if hover is not None and is_settled:
+        figures = hover
+        segments = settled_segments(evidence.signals)
+    else:
+        segments = evidence.flight_segments(motors.boot)
+        seconds = sum(segment.duration for segment in segments)
+        outputs = motors.outputs[in_segments(motors, *segments)]
+        if seconds < MIN_STEADY_SECONDS or not motors.scale.fraction(outputs).any():
+            return None
+        figures = hover_figures(motors.geometry.names, motors.scale, seconds, outputs, lean={})
+    limited = limited_motors(figures)
+    if limited is None or (not is_settled and limited.share <= MIN_MOST_SHARE):
+        return None
+    if _is_limited_together(motors, segments, figures):
+        return None
+    return limited.fact(MotorsLight.MOTOR_LIMITED).replace(is_settled=is_settled)
 
 
 def _has_full_throttle(evidence: Evidence) -> bool:
@@ -91,21 +127,20 @@ def _has_full_throttle(evidence: Evidence) -> bool:
     return False
 
 
-def _is_limited_together(evidence: Evidence, hover: HoverFigures) -> bool:
+def _is_limited_together(motors: MotorOutputs, segments: Segments, figures: HoverFigures) -> bool:
     """Returns whether motors were at their limit mostly while all of them gave nearly full throttle.
 
     If the vehicle hovers well below full throttle, it only climbed hard for a moment, which is no sign of single
     motors. If its hover is near full throttle too, it always lacks thrust: then the result is False.
 
     Args:
-        evidence: signals, events and measurements of the vehicle.
-        hover: outputs of its motors in the hover.
+        motors: outputs of the motors.
+        segments: the segments of flight that are judged.
+        figures: figures of the motors in these segments.
     """
-    motors = evidence.signals.motors
-    if motors is None or np.mean(hover.trim_of_range) > MAX_HOVER_COMMAND:
+    if np.mean(figures.trim_of_range) > MAX_HOVER_COMMAND:
         return False
-    is_in_segment = in_segments(motors, *settled_segments(evidence.signals))
-    commands = motors.scale.fraction(motors.outputs[is_in_segment])
+    commands = motors.scale.fraction(motors.outputs[in_segments(motors, *segments)])
     is_at_limit, _ = samples_at_limits(commands, motors.scale)
     limited_rows = is_at_limit.any(axis=1)
     if not limited_rows.any():
