@@ -106,7 +106,8 @@ def serve_command(
             "--request-rate asks the vehicle of --link: give --link LINK too, or leave --request-rate out."
         )
     require_extra("serve", "`mavdem serve`")
-    # The web framework takes a second to import, and `mavdem serve --help` does not need it.
+    # The web framework takes a second to import, live sessions as long, and `mavdem serve --help` does not need them.
+    from mavdem.cli.live_status import print_event
     from mavdem.serve.run import ServerOptions, serve
 
     options = ServerOptions(
@@ -131,4 +132,4 @@ def serve_command(
         print_to_stderr(f"mavdem: {fact.advised}")
 
     opens_browser = has_screen() and not no_browser
-    serve(options, report_address, report_warning, opens_browser=opens_browser)
+    serve(options, report_address, report_warning, print_event, opens_browser=opens_browser)

@@ -50,6 +50,7 @@ class LinkFact(Code):
     STREAM_FILE_FAILED = "stream_file_failed"
     STREAM_RECORDING_ENDED = "stream_recording_ended"
     DATAGRAMS_LOST = "datagrams_lost"
+    FLIGHT_SAVED = "flight_saved"
 
 
 class VehicleFact(Code):

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from datetime import UTC, datetime
+from math import nan
 from threading import Event as ThreadEvent
 from threading import Thread
 
@@ -11,8 +12,9 @@ from mavdem.errors import Refusal, fact_from_error
 from mavdem.facts import Fact
 from mavdem.facts.event import Event
 from mavdem.facts.serve import RefusalReason
-from mavdem.facts.session import LinkFact
-from mavdem.live import LiveStream
+from mavdem.facts.session import LinkFact, RowsFact, SessionFact, VehicleFact
+from mavdem.facts.watch import WatchFact
+from mavdem.live import LiveStream, clock
 from mavdem.live.link import Link
 from mavdem.live.raw_recording import RawRecording
 from mavdem.live.session import LiveSession
@@ -27,6 +29,23 @@ PAGE_SECONDS = 5.0
 
 MAX_SILENT_PAGES = 12
 """Pages in a row during which nothing is received, a minute in all, after which the session of a vehicle is over."""
+
+REPORTED_CODES = frozenset(
+    {
+        LinkFact.CONNECTION_LOST,
+        LinkFact.LINK_OPEN_AGAIN,
+        RowsFact.NOTHING_RECEIVED,
+        RowsFact.MESSAGES_RESUMED,
+        VehicleFact.FOLLOWING_VEHICLE,
+        VehicleFact.VEHICLE_REBOOTED,
+        SessionFact.FLIGHT_LEARNED,
+        WatchFact.ALARM_OVER,
+    }
+)
+"""What the server's terminal says of a flight besides alarms and warnings: the link, the vehicle and the landing.
+
+How the learning goes on is on the page.
+"""
 
 MODEL_AXIS = "roll"
 """Axis whose model a session learns."""
@@ -48,7 +67,9 @@ class LinkMonitor:
         library: Library,
         log_added: Callable[[], None],
         warn: Callable[[Fact], None],
+        report_event: Callable[[Event], None],
         request_rate: float | None = None,
+        server_address: str = "",
     ) -> None:
         """Opens the link; sessions begin with :meth:`start`.
 
@@ -57,7 +78,10 @@ class LinkMonitor:
             library: library to which recordings of sessions are added.
             log_added: function that is called after a recording was added.
             warn: function that is called with the reason where no session runs any more, and with what was lost.
+            report_event: function that is called with each alarm and warning, with ``REPORTED_CODES``, and where a
+                flight is saved.
             request_rate: rate that each vehicle is asked for, Hz; None to send nothing at all.
+            server_address: URL of the server, with which the address of a saved flight begins.
 
         Raises:
             Unreadable: the link cannot be opened.
@@ -70,6 +94,8 @@ class LinkMonitor:
         self._library = library
         self._log_added = log_added
         self._warn = warn
+        self._report_event = report_event
+        self._server_address = server_address
         self._request_rate = request_rate
         self._is_stopping = ThreadEvent()
         self._silent_pages = 0
@@ -134,7 +160,7 @@ class LinkMonitor:
             Settings(),
             _ignore,
             _ignore,
-            _raise_when_recording_ended,
+            self._take_event,
             executor,
             recording,
             self._request_rate,
@@ -159,8 +185,35 @@ class LinkMonitor:
                 entry = self._library.add(path, name)
                 self._latest_flight = PageLink(f"Latest flight: {entry.name}", f"/f/{entry.id}")
                 self._log_added()
+                self._report_saved_flight(f"/f/{entry.id}")
             else:
                 path.unlink()
+
+    def _take_event(self, event: Event) -> None:
+        """Passes on an event of a session if the server's terminal is to say it.
+
+        Args:
+            event: event that the session reports.
+
+        Raises:
+            OSError: the event is the end of the recording, and this error ends the session.
+        """
+        fact = event.fact
+        if fact.code is LinkFact.STREAM_RECORDING_ENDED:
+            raise OSError(fact.figures["error"])
+        if fact.warns or fact.code in REPORTED_CODES:
+            # What the sentences advise is to be done with this server's options, not with those of `mavdem live`.
+            with sentences_for(Medium(has_terminal=False)):
+                self._report_event(event)
+
+    def _report_saved_flight(self, path: str) -> None:
+        """Reports where a flight is saved.
+
+        Args:
+            path: path of the flight's page on this server.
+        """
+        saved = Fact(LinkFact.FLIGHT_SAVED, address=self._server_address + path)
+        self._report_event(Event(nan, saved, reception=clock.unix_time()))
 
     def _is_over(self) -> bool:
         """Returns whether the session is to end."""
@@ -202,17 +255,3 @@ class LinkMonitor:
 
 def _ignore(_: object) -> None:
     """Takes the reports of a session that the server does not show elsewhere than on the page."""
-
-
-def _raise_when_recording_ended(event: Event) -> None:
-    """Raises an error, which ends the session, if an event is that its recording can no longer be written.
-
-    Args:
-        event: event that the session reports.
-
-    Raises:
-        OSError: the event is the end of the recording.
-    """
-    fact = event.fact
-    if fact.code is LinkFact.STREAM_RECORDING_ENDED:
-        raise OSError(fact.figures["error"])

@@ -16,6 +16,7 @@ from uvicorn.protocols.http.h11_impl import H11Protocol, RequestResponseCycle
 from mavdem.errors import Unreadable, error_message
 from mavdem.extras import missing_modules
 from mavdem.facts import Fact
+from mavdem.facts.event import Event
 from mavdem.facts.serve import StartFailure
 from mavdem.fleet.cluster import Cluster
 from mavdem.fleet.workers import JobLimits
@@ -80,6 +81,7 @@ def serve(
     options: ServerOptions,
     report_address: Callable[[str], None],
     warn: Callable[[Fact], None],
+    report_event: Callable[[Event], None],
     *,
     opens_browser: bool,
 ) -> None:
@@ -89,6 +91,7 @@ def serve(
         options: options of the server.
         report_address: function that is called with the server's URL when it listens.
         warn: function that is called with problems that its owner should know.
+        report_event: function that is called with what happens on the link, such as alarms.
         opens_browser: whether to open the URL in a browser of this machine.
 
     Raises:
@@ -102,10 +105,17 @@ def serve(
     if options.scheduler:
         cluster = Cluster(options.scheduler, options.limits, read_for_library)
     reading_threads = ReadingThreads(library, options.processes, options.limits, cluster)
+    url = _url(options.host, listener)
     monitor = None
     if options.link:
         monitor = LinkMonitor(
-            options.link, library, reading_threads.notify, warn, options.request_rate
+            options.link,
+            library,
+            reading_threads.notify,
+            warn,
+            report_event,
+            options.request_rate,
+            server_address=url,
         )
     viewer = RecordingViewer()
     # The viewer opens on this machine only, so it is offered only where all visitors sit at this machine.
@@ -130,7 +140,6 @@ def serve(
         timeout_graceful_shutdown=MAX_SHUTDOWN_SECONDS,
         proxy_headers=options.is_behind_proxy,
     )
-    url = _url(options.host, listener)
     report_address(url)
     if opens_browser:
         threading.Thread(target=webbrowser.open, args=(url,), daemon=True).start()

@@ -7,16 +7,19 @@ from threading import Event
 from unittest.mock import Mock
 
 from command_line import free_port
-from pytest import fixture, mark
+from pytest import fixture, mark, raises
 from recorded_flights import FLIGHT
 from serving import serving
 
 from mavdem.cli.serve import serve_command
-from mavdem.facts import Fact
+from mavdem.facts import Fact, Level
+from mavdem.facts.event import Event as HappenedEvent
+from mavdem.facts.events import ReportedEvent
 from mavdem.facts.serve import RefusalReason
-from mavdem.facts.session import RowsFact
+from mavdem.facts.session import LinkFact, RowsFact, SessionFact
 from mavdem.ingest import read_log
 from mavdem.live.raw_recording import RawRecording
+from mavdem.report.live import moment_text
 from mavdem.serve import link_monitor
 from mavdem.serve.library import Library
 from mavdem.serve.link_monitor import LinkMonitor
@@ -33,7 +36,9 @@ def heard(tmp_path, monkeypatch):
     come = []
     warned = []
     port = free_port()
-    live = LinkMonitor(f"udpin:127.0.0.1:{port}", library, lambda: come.append(True), warned.append)
+    live = LinkMonitor(
+        f"udpin:127.0.0.1:{port}", library, lambda: come.append(True), warned.append, print
+    )
 
     def begin():
         live.start()
@@ -70,7 +75,7 @@ def test_a_session_is_over_when_a_vehicle_that_was_heard_is_silent_for_a_minute(
     tmp_path, monkeypatch
 ):
     monkeypatch.setattr(link_monitor, "live_page", Mock(return_value=""))
-    live = LinkMonitor(f"udpin:127.0.0.1:{free_port()}", Library(tmp_path), Mock(), Mock())
+    live = LinkMonitor(f"udpin:127.0.0.1:{free_port()}", Library(tmp_path), Mock(), Mock(), Mock())
     session = Mock()
     seconds = -20 * link_monitor.PAGE_SECONDS
     for session.intake.recording.frame_count in [0] * 20 + [7] * 20:
@@ -80,12 +85,37 @@ def test_a_session_is_over_when_a_vehicle_that_was_heard_is_silent_for_a_minute(
     assert seconds == 60
 
 
+def test_the_terminal_has_alarms_the_link_and_where_the_flight_is_saved(tmp_path):
+    told = []
+    link = f"udpin:127.0.0.1:{free_port()}"
+    live = LinkMonitor(
+        link, Library(tmp_path), Mock(), Mock(), told.append, server_address="http://127.0.0.1:8600"
+    )
+    live._link.close()
+    alarm = HappenedEvent(
+        4.0, Fact(ReportedEvent.BATTERY_ALARMED, Level.BAD), reception=1e9, clock=4.0
+    )
+    silence = HappenedEvent(9.0, Fact(RowsFact.NOTHING_RECEIVED, subject="messages", duration=2.0))
+    back = HappenedEvent(12.0, Fact(RowsFact.MESSAGES_RESUMED, subject="messages", duration=5.0))
+    for event in (alarm, silence, HappenedEvent(9.0, Fact(SessionFact.NOT_SETTLED)), back):
+        live._take_event(event)
+    live._report_saved_flight("/f/abc")
+    assert told[:3] == [alarm, silence, back]
+    (saved,) = told[3:]
+    assert saved.sentence == "Flight saved: http://127.0.0.1:8600/f/abc"
+    assert moment_text(saved).count(":") == 2
+    with raises(OSError, match="no space"):
+        live._take_event(
+            HappenedEvent(1.0, Fact(LinkFact.STREAM_RECORDING_ENDED, error="no space"))
+        )
+
+
 @mark.parametrize("code", [RowsFact.NO_LIVE_ATTITUDE, RowsFact.LIVE_RATES_TOO_LOW])
 def test_the_page_of_a_server_advises_an_option_that_the_server_has(tmp_path, monkeypatch, code):
     slow = Fact(code, can_ask=True, because=Fact(RowsFact.NO_LIVE_MOTORS))
     assert slow.remedy == "Ask for more with `--request-rate 100`."
     monkeypatch.setattr(link_monitor, "live_page", lambda *_: slow.remedy)
-    live = LinkMonitor(f"udpin:127.0.0.1:{free_port()}", Library(tmp_path), Mock(), Mock())
+    live = LinkMonitor(f"udpin:127.0.0.1:{free_port()}", Library(tmp_path), Mock(), Mock(), Mock())
     session = Mock()
     session.intake.recording.frame_count = 0
     live._update_page(session)
@@ -130,7 +160,7 @@ def test_what_the_socket_holds_when_the_server_ends_is_recorded(tmp_path, monkey
     monkeypatch.setattr(link_monitor, "run_session", wait_for_the_end)
     library = Library(tmp_path)
     port = free_port()
-    live = LinkMonitor(f"udpin:127.0.0.1:{port}", library, Mock(), Mock())
+    live = LinkMonitor(f"udpin:127.0.0.1:{port}", library, Mock(), Mock(), Mock())
     live.start()
     assert has_begun.wait(300.0)
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as vehicle:
