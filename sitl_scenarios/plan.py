@@ -435,10 +435,9 @@ def _multisine_demands(multisine: Multisine, cycle: float) -> Array:
     lowest = max(1, round(multisine.lowest * multisine.period))
     highest = round(multisine.highest * multisine.period)
     all_axes = multisine.axis == "all"
-    if all_axes:
-        # Each of the three axes gets one harmonic at least.
-        highest = max(highest, lowest + 2)
-    highest = max(highest, lowest)
+    # Each of the axes gets one harmonic at least.
+    least_count = len(AXES) if all_axes else 1
+    highest = max(highest, lowest + least_count - 1)
     harmonics = range(lowest, highest + 1)
     samples = round(multisine.period / cycle)
     demands = np.zeros((samples, 3))

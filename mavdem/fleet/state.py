@@ -57,7 +57,7 @@ class VehicleState(NamedTuple):
 
     @property
     def telemetry(self) -> Telemetry | None:
-        """The messages of the vehicle; None of a fleet."""
+        """The messages of the vehicle of the first row, which must exist; None of a fleet, which stores no messages."""
         row = self.rows[0]
         for vehicle in self.vehicles:
             if (vehicle.system, vehicle.component) == (row.system, row.component):
@@ -109,12 +109,9 @@ def state_of(
     if comes_from_fleet and chosen_state.names == {UNKNOWN}:
         raise NotLearnable(Incomparable.VEHICLES_UNKNOWN, subject=name)
     if not chosen_state.names:
-        if (
-            vehicle is not None
-            and vehicle not in state.names
-            and state.names
-            and not chosen_state.rows
-        ):
+        # Other vehicles have flights, but there is none of this name, not even a row without a flight.
+        is_name_wrong = vehicle is not None and bool(state.names) and vehicle not in state.names
+        if is_name_wrong and not chosen_state.rows:
             raise NotLearnable(
                 Incomparable.VEHICLE_MISSING,
                 subject=name,

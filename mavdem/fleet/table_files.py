@@ -117,21 +117,23 @@ def _needs_whole_table(store: Store, changed_vehicles: set[str | None]) -> bool:
 def _assign_vehicles(db: sqlite3.Connection) -> None:
     """Assigns vehicles that have no file yet to the last file, or to further ones as it becomes full.
 
+    A file may have more rows than ``ROWS_PER_FILE``, since all rows of a vehicle are in one file.
+
     Args:
-        db: the connection to the store.
+        db: the connection to the store, whose table ``table_files`` has the number of the file of each vehicle.
     """
-    sizes: dict[int, int] = {}
+    row_counts: dict[int, int] = {}
     query = "select number, count(*) from table_files join flights using (vehicle) group by number"
-    for number, rows in db.execute(query):
-        sizes[number] = rows
-    number = max(sizes, default=0)
+    for number, row_count in db.execute(query):
+        row_counts[number] = row_count
+    last_number = max(row_counts, default=0)
     query = """select vehicle, count(*) from flights
         where vehicle not in (select vehicle from table_files) group by vehicle order by vehicle"""
-    for vehicle, rows in db.execute(query).fetchall():
-        if sizes.get(number, 0) >= ROWS_PER_FILE:
-            number += 1
-        sizes[number] = sizes.get(number, 0) + rows
-        db.execute("insert into table_files values (?, ?)", [vehicle, number])
+    for vehicle, row_count in db.execute(query).fetchall():
+        if row_counts.get(last_number, 0) >= ROWS_PER_FILE:
+            last_number += 1
+        row_counts[last_number] = row_counts.get(last_number, 0) + row_count
+        db.execute("insert into table_files values (?, ?)", [vehicle, last_number])
 
 
 def _outdated_files(store: Store, *, is_whole: bool) -> set[int]:

@@ -138,14 +138,23 @@ class FlightPhase:
         self._is_known = has_states or armed != [(-inf, inf)]
 
         in_air = flight_states.landed_state_intervals(signals, boot, (IN_AIR,))
-        flights = intersection(armed, in_air)
+        self._update_flight(now, intersection(armed, in_air), signals.climb_rate)
+        self._review_time = now
+
+    def _update_flight(self, now: float, flights: Intervals, climb_rate: TimeSeries | None) -> None:
+        """Ends the flight of the last review if it is over, and dates the present one.
+
+        Args:
+            now: time of the review, s of the boot clock.
+            flights: times, s, in which the vehicle was armed and in the air, in the last seconds.
+            climb_rate: upward speed of the last seconds, m/s; None if none comes.
+        """
         flight = _interval_at(now, flights)
         # The flight of the last review has ended, also where another has begun since.
         take_off_time = nan if flight is None else flight[0]
         if self.is_in_air and (flight is None or take_off_time > self._review_time):
             earlier_ends = [end for _, end in flights if end < now]
             self._end_flight(max(earlier_ends, default=now))
-        climb_rate = signals.climb_rate
         if flight is not None:
             # The take-off is dated once the mean collective around it is known; later it is out of sight.
             is_in_sight = isfinite(take_off_time) and now < self._takeoff_time + AVERAGING_SECONDS
@@ -154,7 +163,6 @@ class FlightPhase:
             self.is_in_air = True
             self._update_settled_start(now, climb_rate)
         self._update_free_climb_start(now, climb_rate)
-        self._review_time = now
 
     def _end_flight(self, touchdown_time: float) -> None:
         """Ends the flight at a touch-down, s of the boot clock, and withdraws its last seconds."""

@@ -154,8 +154,9 @@ def advise_gains(recording: Path, vehicle: str) -> GainAdvice:
         vehicle: "system:component" of the vehicle in it.
 
     Returns:
-        The gains of each axis, their effect on the vehicle's twin, and the files; or the reason why no gains are
-        advised. For axes without new gains, the decision on their loops. With them comes the judgement of the vehicle.
+        Facts, and with them the judgement of the vehicle. The facts are the gains of each axis, their effect on the
+        vehicle's twin, a simulation of it, and the files; for axes without new gains, the decision on their loops; or
+        the reason why no gains are advised at all.
 
     Raises:
         OSError: the files cannot be written.
@@ -165,6 +166,7 @@ def advise_gains(recording: Path, vehicle: str) -> GainAdvice:
         assessment = assess(log, vehicle, AXES[0], Options(with_model=False))
     except Refusal as error:
         return GainAdvice((Fact(GainFact.GAINS_LEFT, because=error.fact),))
+    # Only an assessment in which no vehicle was judged has no evidence.
     assert assessment.evidence is not None
     try:
         tuning = tuned(assessment, AXES, is_written=True)

@@ -18,6 +18,9 @@ def lights_before_model(
 ) -> dict[str, Fact]:
     """Returns what each light says before a model is judged; a light that is judged without one replaces it.
 
+    A light is the judgement of one part of the vehicle, such as its motors. Without a model it says what is watched so
+    far, or why it is not judged.
+
     Args:
         reason: why there is no judgement of a model.
         rates: rates of attitude and motor messages, Hz, by message name.
@@ -50,18 +53,19 @@ def lights_before_model(
         (Light.MOTORS, WatchedQuantity.MOTOR_LIMITS, WatchFact.NO_MOTOR_AT_LIMIT),
         (Light.MARGINS, WatchedQuantity.OSCILLATION, WatchFact.NO_OSCILLATION),
     ):
-        hindrance = obstacle(kind)
-        if hindrance is not None:
-            lights[str(light)] = Fact(Unjudged.NOT_JUDGED, because=hindrance)
+        watch_obstacle = obstacle(kind)
+        if watch_obstacle is not None:
+            lights[str(light)] = Fact(Unjudged.NOT_JUDGED, because=watch_obstacle)
             continue
-        # The balance of the motors has its own reason, the margins that of the model.
+        # Nothing has alarmed so far. The rest of the light is not judged: the balance of the motors for a reason of its
+        # own, and the margins for want of a model.
         if light is Light.MOTORS:
-            missing = obstacle(WatchedQuantity.MOTORS)
+            reason_for_rest = obstacle(WatchedQuantity.MOTORS)
         elif reason.code is RowsFact.LIVE_RATES_TOO_LOW:
-            missing = Fact(MarginsLight.MARGINS_UNKNOWN, because=reason.figures["because"])
+            reason_for_rest = Fact(MarginsLight.MARGINS_UNKNOWN, because=reason.figures["because"])
         else:
-            missing = reason
-        lights[str(light)] = Fact(code, because=missing)
+            reason_for_rest = reason
+        lights[str(light)] = Fact(code, because=reason_for_rest)
     for light in (Light.TRACKING, Light.ESTIMATOR):
         # How these messages are recorded is known after the session, so that the fact has no path.
         lights[str(light)] = Fact(Unjudged.JUDGED_LATER, path="")

@@ -123,7 +123,7 @@ def live_evidence(
         reason=Fact(Unjudged.NOT_JUDGED, because=None),
         figures=QualityFigures(armed=condition.duration, airborne=condition.duration),
     )
-    log = log_of_vehicles((signals.telemetry,), 0, 0)
+    log = log_of_vehicles((signals.telemetry,), frames=0, bytes_skipped=0)
     return Evidence(
         log,
         signals,

@@ -352,6 +352,7 @@ class RowBuilder:
         """
         if self.inputs is None or self.attitude_message is None:
             return None
+        # The streams are attitude, then the ports of the motors.
         attitude = self._row_streams[0]
         if not attitude.time:
             return None

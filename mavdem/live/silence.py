@@ -30,8 +30,8 @@ class SilenceMonitor:
         """Records that some messages arrived together.
 
         Args:
-            first_arrival: arrival of the first of them, s of the monotonic clock.
-            last_arrival: arrival of the last of them, s of the monotonic clock.
+            first_arrival: when the first of them arrived, s of the monotonic clock.
+            last_arrival: when the last of them arrived, s of the monotonic clock.
 
         Returns:
             The time without messages before them, s; 0 for the first ones.

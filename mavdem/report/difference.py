@@ -251,7 +251,8 @@ def light_table(reviews: Mapping[str, Review]) -> Table | None:
     if not all(lights_by_side.values()):
         return None
     rows = []
-    for name in next(iter(lights_by_side.values())):
+    first_lights = next(iter(lights_by_side.values()))
+    for name in first_lights:
         for side, lights in lights_by_side.items():
             light = lights.get(name)
             if light is not None:

@@ -225,16 +225,18 @@ def logged_notches(controller: Controller, filters: Sequence[TriedFilter]) -> li
         filters: the filters.
     """
     notches: list[Notch] = []
-    without = without_filters(controller, filters)
+    controller_without_filters = without_filters(controller, filters)
+    other_notch_count = len(controller_without_filters.notches)
     for tried in filters:
         if not tried.is_on:
             continue
         if tried.motor_frequencies:
             notches += _motor_notches(tried)
             continue
-        # The controller lists the notches of the filters that are tried before all others.
-        alone = without.with_parameters(tried.parameters)
-        notches += alone.notches[: len(alone.notches) - len(without.notches)]
+        # Of the filters that are tried, this controller has one. It lists the notches of that one before all others.
+        controller_with_filter = controller_without_filters.with_parameters(tried.parameters)
+        notch_count = len(controller_with_filter.notches) - other_notch_count
+        notches += controller_with_filter.notches[:notch_count]
     return notches
 
 

@@ -79,6 +79,8 @@ class RecordingRequests:
             The entry of the flight; None if no recordings are requested.
         """
         with self._library.transaction() as db:
+            # A single statement, so that no other server can claim the same entry in between. The pattern excludes
+            # entries whose log is not kept.
             row = db.execute(
                 """update entries set recording_stage = ?, claimed = ? where id =
                 (select id from entries where recording_stage = ? and digest glob ? limit 1)

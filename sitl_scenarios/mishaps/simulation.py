@@ -277,9 +277,12 @@ class InstrumentedSimulation(Simulation):
             self._on_ground = True
             self._contact.advance(self.cycle)
             self._state = self._contact.state_on_ground(self._state)
-            self._gyro.raw_rates = self._gyro.filtered_rates = self._state.rates
+            measured_rates = self._state.rates
         else:
-            self._gyro.raw_rates = self._gyro.filtered_rates = NO_ROTATION
+            measured_rates = NO_ROTATION
+        # On the ground the gyro measures the rotation alone: its vibration and its filters are left out.
+        self._gyro.raw_rates = measured_rates
+        self._gyro.filtered_rates = measured_rates
 
     def _lift_ratio(self) -> float:
         """Returns the thrust of all rotors, as of sound propellers in still air, by the weight."""

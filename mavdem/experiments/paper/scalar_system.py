@@ -117,7 +117,8 @@ def random_harmonics(
     """
     power = np.exp(-((frequencies * smoothness) ** 2))
     power[0] = 0.0
-    # The variance of the complex numbers is 1/2, because a real series has each coefficient and its conjugate.
+    # Real and imaginary part have a standard deviation of 1/2 each, so the complex numbers have a variance of 1/2: a
+    # real series has each coefficient and its conjugate.
     real_part, imaginary_part = rng.standard_normal((2, len(frequencies))) / 2
     return standard_deviation * np.sqrt(power / power.sum()) * (real_part + 1j * imaginary_part)
 

@@ -123,15 +123,18 @@ class Timeline(NamedTuple):
             for event, label in zip(self.events, labels, strict=True)
             if event.has_time
         ]
-        # Where numbers have no room beside each other, the first ones are drawn: how the flight was lost, then alarms,
-        # and of those the latest, since what a flight ended with comes after what led to it.
+
+        def rank(labelled_event: tuple[Event, str]) -> int:
+            """Returns the rank of an event: 0 for how the flight was lost, 1 for an alarm, and 2 for any other."""
+            event, _ = labelled_event
+            if isinstance(event.fact.code, Ending):
+                return 0
+            return 1 if event.is_alarm else 2
+
+        # Where labels have no room beside each other, a page draws those of the first marks. The sort is stable, so
+        # that of events of one rank the latest comes first: what a flight ended with comes after what led to it.
         labelled_events.reverse()
-        labelled_events.sort(
-            key=lambda labelled: (
-                not isinstance(labelled[0].fact.code, Ending),
-                not labelled[0].is_alarm,
-            )
-        )
+        labelled_events.sort(key=rank)
         event_marks = []
         for event, label in labelled_events:
             colour = BAD if event.is_alarm else MEASURED

@@ -16,7 +16,7 @@ from mavdem.fleet.quantities import (
     relative_to_median_motor,
 )
 from mavdem.fleet.report_columns import NOT_IDENTIFIABLE, value_at
-from mavdem.report.blocks import Table, headline_sentence
+from mavdem.report.blocks import Blocks, Table, headline_sentence
 from mavdem.report.charts.change_plan import change_plan
 from mavdem.report.charts.chart import TIME_AFTER_STEP, Axis, Chart, Group, Line, LineStyle
 from mavdem.report.charts.comparison_charts import FlightSeries, flight_series_charts
@@ -93,13 +93,6 @@ def comparison_page(
         charts = tuple(_step_charts(sides, legend, axis))
         if charts:
             steps_of_axes[axis] = charts
-    series = dict(zip(SIDE_COLOURS, flights, strict=True))
-    sides_without_series = [side for side, flown in series.items() if flown is None]
-    known_series = {side: flown for side, flown in series.items() if flown is not None}
-    histories = [
-        Group.side_by_side([_with_single_side(chart)])
-        for chart in flight_series_charts(known_series, legend, SIDE_COLOURS)
-    ]
     changes = [[name, f"{before:.4g}", f"{after:.4g}"] for name, before, after in parameters]
     change_header = f"{counted(len(changes), 'parameter')} changed"
     plan = change_plan(difference)
@@ -111,12 +104,7 @@ def comparison_page(
         Chapter("Step response", (), [Group.of_axes(steps_of_axes)] if steps_of_axes else []),
         Chapter("Motors", (), _chart_group(_trim_chart(sides, legend, difference), TRIMS_CAPTION)),
         Chapter("Spectra", (), _chart_group(_spectrum_chart(sides, legend)), folded=True),
-        Chapter(
-            "Time series",
-            render_section("difference_series", lacking=sides_without_series),
-            histories,
-            folded=True,
-        ),
+        _series_chapter(flights, legend),
         _table_chapter("Margins", "rate loop (90 % interval)", _margin_rows(sides))._replace(
             folded=True
         ),
@@ -124,15 +112,37 @@ def comparison_page(
         _table_chapter("Parameters", change_header, changes),
         Chapter("In words", difference_blocks(difference, parameters, lacking), folded=True),
     ]
-    headlines = {side: value_at(review, "headline.sentence") for side, review in sides.items()}
     headline = headline_of_comparison(sides, difference, parameters)
-    summary = [
-        *[headline_sentence(f"{sentence.lead} {sentence.text}".strip()) for sentence in headline],
-        *([] if difference.is_of_same_flight else headline_blocks(headlines, headline)),
-        *next_blocks(difference, parameters, sides),
-    ]
+    summary: Blocks = []
+    for sentence in headline:
+        summary.append(headline_sentence(f"{sentence.lead} {sentence.text}".strip()))
+    if not difference.is_of_same_flight:
+        headlines = {side: value_at(review, "headline.sentence") for side, review in sides.items()}
+        summary += headline_blocks(headlines, headline)
+    summary += next_blocks(difference, parameters, sides)
     subtitle = f"{legend['A']} and {legend['B']} over each other."
     return render_document(" and ".join(names), subtitle, summary, chapters, back)
+
+
+def _series_chapter(
+    flights: tuple[FlightSeries | None, FlightSeries | None], legend: Mapping[str, str]
+) -> Chapter:
+    """Returns the folded chapter with the time series of both flights, drawn over each other.
+
+    Args:
+        flights: time series of the flight of each side, A and B; None where they were not stored with the flight, which
+            the chapter says.
+        legend: name of each side in legends.
+    """
+    series = dict(zip(SIDE_COLOURS, flights, strict=True))
+    sides_without_series = [side for side, flown in series.items() if flown is None]
+    known_series = {side: flown for side, flown in series.items() if flown is not None}
+    remarks = render_section("difference_series", lacking=sides_without_series)
+    groups = [
+        Group.side_by_side([_with_single_side(chart)])
+        for chart in flight_series_charts(known_series, legend, SIDE_COLOURS)
+    ]
+    return Chapter("Time series", remarks, groups, folded=True)
 
 
 def _legend_name(side: str, name: str, review: Review) -> str:

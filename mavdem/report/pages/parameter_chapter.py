@@ -128,16 +128,18 @@ def _all_parameters(telemetry: Telemetry) -> Table:
     rows: list[list[str]] = []
     defaults = telemetry.changed_defaults
     for name, value in sorted(telemetry.parameters.items()):
-        row: list[str] = [name, f"{value:.7g}", "", meaning_of(name)]
-        is_default_known = name in defaults and not AUTOPILOT_SET_PARAMETERS.search(name)
-        remark = f"not the default, {defaults[name]:.7g}" if is_default_known else ""
-        if name in telemetry.initial_parameters:
-            value_before = f"{telemetry.initial_parameters[name]:.7g}"
-            remark = "; ".join(filter(None, [f"changed in flight, from {value_before}", remark]))
-            row[2] = Rated(remark, Level.WATCH)
-        else:
-            row[2] = remark
-        rows.append(row)
+        has_changed_in_flight = name in telemetry.initial_parameters
+        # ``changed_defaults`` has the defaults of those parameters only that differ from them.
+        differs_from_default = name in defaults and not AUTOPILOT_SET_PARAMETERS.search(name)
+        remarks = []
+        if has_changed_in_flight:
+            remarks.append(f"changed in flight, from {telemetry.initial_parameters[name]:.7g}")
+        if differs_from_default:
+            remarks.append(f"not the default, {defaults[name]:.7g}")
+        remark = "; ".join(remarks)
+        if has_changed_in_flight:
+            remark = Rated(remark, Level.WATCH)
+        rows.append([name, f"{value:.7g}", remark, meaning_of(name)])
     return Table(["parameter", "value", "remark", "meaning"], rows, words=True)
 
 
