@@ -62,7 +62,7 @@ def attitude_losses(
     error: AttitudeError,
     flight_interval: TimeInterval,
     *,
-    goes_on: bool = False,
+    is_ongoing: bool = False,
 ) -> list[Fact]:
     """Returns the losses of attitude in one flight, in time order.
 
@@ -74,15 +74,15 @@ def attitude_losses(
         sensors: sensors of the boot.
         error: error of roll and pitch in this boot.
         flight_interval: start and end of the flight, s since boot.
-        goes_on: whether the vehicle may fly on after the last sample, as in flight. A loss that lasts until then is
-            judged by what it was so far; in a record that ended it is serious.
+        is_ongoing: whether the flight may continue after the last sample, as in a live session. A loss that lasts
+            until then is judged by what it was so far; in a record that ended it is serious.
 
     Returns:
         An event for each loss. Its code is ``ATTITUDE_CAUGHT`` if the loss was recovered or harmless; that of the last
         one may be ``TIPPED``, ``HIT`` or ``ATTITUDE_LOST`` instead.
     """
     events = []
-    latest_end = float(error.time[-1]) if goes_on else inf
+    latest_end = float(error.time[-1]) if is_ongoing else inf
     for start, loss_end in _loss_intervals(sensors, error, flight_interval):
         end = min(loss_end, latest_end)
         event = _AttitudeLoss(sensors, flight_interval, error, start, end).event()

@@ -53,7 +53,7 @@ OFF_RATIO = 0.5
 """Command of a motor, relative to its usual one, below which the motor is off: no vehicle hovers with half of it."""
 
 
-class Trouble(NamedTuple):
+class LossContext(NamedTuple):
     """The time just before a vehicle was lost, in which the commands of the motors are examined."""
 
     interval: TimeInterval
@@ -82,7 +82,7 @@ class _LossCommands:
     recorded: TimeSeries
     """All commands of the boot, (M, k)."""
     time: Array
-    """(N,) times of the samples in the time of trouble, s since boot."""
+    """(N,) times of the samples in the time before the loss, s since boot."""
     now: Array
     """(N, k) commands at these times."""
     before: Array
@@ -96,11 +96,11 @@ class _LossCommands:
         return self.now.mean(axis=0) - self.usual
 
 
-def failure_by_commands(signals: Signals, boot: int, trouble: Trouble) -> Fact | None:
+def failure_by_commands(signals: Signals, boot: int, loss_context: LossContext) -> Fact | None:
     """Returns the fact on what failed first, by the commands of the motors; None if they show no failure.
 
-    The commands in the time of trouble are compared with the usual ones before. The first of these failures that they
-    show is returned:
+    The commands in the time before the loss are compared with the usual ones before. The first of these failures that
+    they show is returned:
 
     1. All motors were switched off.
     2. The mean command of all motors was near the highest, so that all thrust was in use.
@@ -113,45 +113,45 @@ def failure_by_commands(signals: Signals, boot: int, trouble: Trouble) -> Fact |
     Args:
         signals: signals of the vehicle.
         boot: number of the boot.
-        trouble: the time in which the attitude left its setpoint, or before an impact.
+        loss_context: the time in which the attitude left its setpoint, or before an impact.
     """
-    commands = _commands_around(signals, boot, trouble.interval)
+    commands = _commands_around(signals, boot, loss_context.interval)
     if commands is None:
         return None
-    cause_of_all = _all_off(commands) or _thrust_spent(commands, trouble)
+    cause_of_all = _all_off(commands) or _thrust_spent(commands, loss_context)
     if cause_of_all is not None:
         return cause_of_all
-    is_attitude_lost = trouble.fall_direction is not None
+    is_attitude_lost = loss_context.fall_direction is not None
     if not is_attitude_lost:
-        # Then the time of trouble ends with an impact. After a loss of attitude the thrust points sideways, so that the
-        # vehicle sinks even if not all thrust is in use.
-        _, impact = trouble.interval
+        # Then the time before the loss ends with an impact. After a loss of attitude the thrust points sideways, and
+        # the vehicle sinks even if not all thrust is in use.
+        _, impact = loss_context.interval
         sinking = _sinking_at_full_throttle(signals, boot, commands.motors, impact)
         if sinking is not None:
             return sinking
     frozen = _frozen_output(signals, commands)
     if frozen is not None:
         return frozen
-    weak = weak_motor(commands.motors, commands.change, trouble.fall_direction)
+    weak = weak_motor(commands.motors, commands.change, loss_context.fall_direction)
     if weak is None:
-        # If the time of trouble is long, the controller changes the commands of all motors again and again, so that
-        # their means over this time do not show the weak one. Its first response does.
+        # If the time before the loss is long, the controller changes the commands of all motors again and again, so
+        # that their means over this time do not show the weak one. Its first response does.
         is_first = commands.time <= commands.time[0] + FIRST_RESPONSE_SECONDS
         first_change = commands.now[is_first].mean(axis=0) - commands.usual
-        weak = weak_motor(commands.motors, first_change, trouble.fall_direction)
+        weak = weak_motor(commands.motors, first_change, loss_context.fall_direction)
     if weak is None:
         return None
-    return _failure_of_motor(commands, trouble, weak)
+    return _failure_of_motor(commands, loss_context, weak)
 
 
 def _commands_around(signals: Signals, boot: int, interval: TimeInterval) -> _LossCommands | None:
-    """Selects the commands of the motors in the time of trouble, just before it, and in the flight before that.
+    """Selects the commands of the motors in the time before the loss, just before it, and in the flight before that.
 
     Args:
         signals: signals of the vehicle.
         boot: number of the boot.
-        interval: start and end of the time of trouble, s since boot: in it something went wrong, so that the vehicle
-            was lost.
+        interval: start and end of the time before the loss, s since boot: in it something went wrong, so that the
+            vehicle was lost at its end.
 
     Returns:
         The commands; None if any of the three intervals has no samples.
@@ -184,7 +184,7 @@ def _all_off(commands: _LossCommands) -> Fact | None:
     Args:
         commands: commands around the loss.
     """
-    # Each motor must have been off on average over the time of trouble.
+    # Each motor must have been off on average over the time before the loss.
     if not (commands.now.mean(axis=0) < OFF_RATIO * commands.usual).all():
         return None
     off_times = commands.time[(commands.now < OFF_RATIO * commands.usual).all(axis=1)]
@@ -192,7 +192,7 @@ def _all_off(commands: _LossCommands) -> Fact | None:
     return Fact(FailedFirst.ALL_OFF_FIRST, time=time)
 
 
-def _thrust_spent(commands: _LossCommands, trouble: Trouble) -> Fact | None:
+def _thrust_spent(commands: _LossCommands, loss_context: LossContext) -> Fact | None:
     """Returns the fact that all thrust was in use, so that none was left to keep the height.
 
     Once the attitude is lost, the controller drives motors to their limits anyway. Then the commands before that are
@@ -200,15 +200,15 @@ def _thrust_spent(commands: _LossCommands, trouble: Trouble) -> Fact | None:
 
     Args:
         commands: commands around the loss.
-        trouble: time and kind of the trouble.
+        loss_context: time before the loss, and its kind.
 
     Returns:
         The fact, with the time since when all thrust was in use, and the mean command since then as ``share`` of the
         highest one; None if some thrust was left.
     """
-    start, end = trouble.interval
+    start, end = loss_context.interval
     stop = commands.motors.scale.stop
-    is_attitude_lost = trouble.fall_direction is not None
+    is_attitude_lost = loss_context.fall_direction is not None
     counted_commands = commands.before if is_attitude_lost else commands.now
     if counted_commands.mean() / stop <= SPENT_THRUST_SHARE:
         return None
@@ -219,13 +219,15 @@ def _thrust_spent(commands: _LossCommands, trouble: Trouble) -> Fact | None:
     return Fact(FailedFirst.THRUST_SPENT_FIRST, time=spent_since, share=share)
 
 
-def _failure_of_motor(commands: _LossCommands, trouble: Trouble, weak: WeakMotor) -> Fact | None:
+def _failure_of_motor(
+    commands: _LossCommands, loss_context: LossContext, weak: WeakMotor
+) -> Fact | None:
     """Returns the fact that one motor failed: it was at its limit, or the opposite one at idle to make up for it.
 
     Args:
         commands: commands around the loss.
-        trouble: time and kind of the trouble. Without a side to which the vehicle fell, an earlier limit of this motor
-            alone must confirm it.
+        loss_context: time before the loss, and its kind. Without a side to which the vehicle fell, an earlier limit of
+            this motor alone must confirm it.
         weak: the motor and its opposite one.
 
     Returns:
@@ -235,7 +237,7 @@ def _failure_of_motor(commands: _LossCommands, trouble: Trouble, weak: WeakMotor
     scale = commands.motors.scale
     idle = min_running_command(commands.motors)
     name = commands.motors.geometry.names[weak.motor]
-    if trouble.fall_direction is None and list(trouble.names_at_limit) != [name]:
+    if loss_context.fall_direction is None and list(loss_context.names_at_limit) != [name]:
         return None
     opposite_was_at_limit, _ = samples_at_limits(commands.before[:, weak.opposite], scale)
     motor_was_idle = commands.before[:, weak.motor] < idle

@@ -11,7 +11,11 @@ import numpy as np
 from mavdem.assessment.attitude_error import AttitudeError, attitude_error
 from mavdem.assessment.attitude_losses import LOST_ANGLE
 from mavdem.assessment.commanded_overturn import commanded_overturn
-from mavdem.assessment.failure_by_commands import Trouble, changed_functions, failure_by_commands
+from mavdem.assessment.failure_by_commands import (
+    LossContext,
+    changed_functions,
+    failure_by_commands,
+)
 from mavdem.assessment.flights import loss_onset
 from mavdem.assessment.lowered_throttle import lowered_throttle
 from mavdem.assessment.motor_events import LASTING_SECONDS
@@ -64,8 +68,8 @@ def first_failure(
     """Returns the fact on what failed first before a vehicle was lost; None if the log does not show it.
 
     The cause is a motor that was off or stood still when the loss began, or a setpoint that turned the vehicle over.
-    Otherwise the commands of the motors are examined over a short interval (:func:`_trouble_before_impact`,
-    :func:`_trouble_of_attitude`). If the height estimate diverged before, that is the cause instead.
+    Otherwise the commands of the motors are examined over a short interval (:func:`_context_of_impact`,
+    :func:`_context_of_attitude_loss`). If the height estimate diverged before, that is the cause instead.
 
     Args:
         signals: signals of the vehicle.
@@ -98,10 +102,10 @@ def first_failure(
     if error is None:
         return None
     if loss.code is MotionEvent.HIT:
-        trouble = _trouble_before_impact(events, boot, onset)
+        loss_context = _context_of_impact(events, boot, onset)
     else:
-        trouble = _trouble_of_attitude(error, onset)
-    cause = failure_by_commands(signals, boot, trouble)
+        loss_context = _context_of_attitude_loss(error, onset)
+    cause = failure_by_commands(signals, boot, loss_context)
     diverged = _diverged_height(events, boot, onset)
     if diverged is not None:
         return Fact(
@@ -115,15 +119,15 @@ def first_failure(
     if cause is None or cause.code is not FailedFirst.ALL_OFF_FIRST:
         return cause
     # An autopilot that wrongly assumes a landing switches all motors off in the air.
-    if trouble.fall_direction is not None and _assumed_landing(signals, boot, onset):
+    if loss_context.fall_direction is not None and _assumed_landing(signals, boot, onset):
         return _landing_assumed(signals, cause, collective)
     return reason_of_stop(signals, events, boot, cause)
 
 
-def _trouble_before_impact(events: Sequence[Fact], boot: int, impact: float) -> Trouble:
+def _context_of_impact(events: Sequence[Fact], boot: int, impact: float) -> LossContext:
     """Finds the time before an impact in which something went wrong, and the motors that were at their limit.
 
-    It begins with the first sign of trouble, which is a motor at its limit or a fall, but not later than
+    It begins with the first sign of a failure, which is a motor at its limit or a fall, but not later than
     ``MAX_SETPOINT_DELAY`` before the impact.
 
     Args:
@@ -132,7 +136,7 @@ def _trouble_before_impact(events: Sequence[Fact], boot: int, impact: float) -> 
         impact: time when the loss began, s since boot.
 
     Returns:
-        The interval from the first sign of trouble to the impact, s since boot, and the names of those motors.
+        The interval from the first sign of a failure to the impact, s since boot, and the names of those motors.
     """
     latest_start = impact - MAX_SETPOINT_DELAY
     # In the impact itself the controller drives motors to their limits, so that only earlier limits are signs.
@@ -144,12 +148,13 @@ def _trouble_before_impact(events: Sequence[Fact], boot: int, impact: float) -> 
     falls = _events_at(events, MotionEvent.FELL, boot, latest_start, 2 * MAX_SETPOINT_DELAY)
     start = latest_start
     for event in [*motors_at_limit, *falls]:
+        # An event without a time does not move the start.
         start = min(start, event.time or start)
     names_at_limit = [event.subject for event in motors_at_limit]
-    return Trouble((start, impact), names_at_limit=names_at_limit)
+    return LossContext((start, impact), names_at_limit=names_at_limit)
 
 
-def _trouble_of_attitude(error: AttitudeError, onset: float) -> Trouble:
+def _context_of_attitude_loss(error: AttitudeError, onset: float) -> LossContext:
     """Finds the time from the onset of a loss of attitude until the error exceeded ``LOST_ANGLE``.
 
     Args:
@@ -161,7 +166,7 @@ def _trouble_of_attitude(error: AttitudeError, onset: float) -> Trouble:
     """
     lost_row = np.argmax((error.time >= onset) & (error.magnitude > LOST_ANGLE))
     interval = (onset, float(error.time[lost_row]))
-    return Trouble(interval, fall_direction=complex(error.lean[lost_row]))
+    return LossContext(interval, fall_direction=complex(error.lean[lost_row]))
 
 
 def _standing_motor(events: Sequence[Fact], boot: int, onset: float) -> Fact | None:

@@ -111,7 +111,7 @@ class ControlWatch:
         if error is None:
             return None
         sensors = BootSensors(signals, self._recent.boot, take_off)
-        events = attitude_losses(sensors, error, (take_off, inf), goes_on=True)
+        events = attitude_losses(sensors, error, (take_off, inf), is_ongoing=True)
         lost = [event for event in events if event.code is not MotionEvent.ATTITUDE_CAUGHT]
         return ending_of(signals, lost)
 

@@ -97,6 +97,7 @@ class LossConfirmation(NamedTuple):
             return 0.0
         mean = shares.mean()
         block_variance = np.array([shares.var()])
+        # The function takes several signals and windows; here it is one signal, and one window with all blocks.
         is_selected = np.ones((1, len(shares)), dtype=bool)
         long_run = long_run_variance(
             shares[:, None], is_selected, np.array([[mean]]), block_variance, PRIOR_FREEDOM

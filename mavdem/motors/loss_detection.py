@@ -235,8 +235,8 @@ class MotorLossDetector:
         """
         # The mean command is the measure of thrust. It is 0 or NaN for motors that stand still or have no command.
         thrust = block.commands.mean()
-        are_running = thrust > 0
-        if not are_running:
+        do_motors_run = thrust > 0
+        if not do_motors_run:
             return
         # The balance is relative to the thrust, so that neither battery nor climb changes it.
         balance = self._model.torque_rows @ (block.commands / thrust)

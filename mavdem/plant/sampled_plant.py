@@ -262,8 +262,9 @@ class SampledPlant(NamedTuple):
             rate: measured rate (T,), rad/s.
 
         Returns:
-            The smoothed wind torque (T,), rad/s².
+            The smoothed wind torque (T,), rad/s², and the states that the filter predicted.
         """
+        # The first state is the rate, the second one the torque of the motors; the others belong to the wind.
         initial_state = np.zeros(len(self.wind_output))
         initial_state[0] = rate[0]
         initial_state[1] = commanded_torque[0]

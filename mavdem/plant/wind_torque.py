@@ -1,4 +1,4 @@
-"""Wind torque of a recorded flight: its course with a band, its mean and standard deviation, spectrum and gusts.
+"""Wind torque of a recorded flight over time with its 90 % interval, its mean and deviation, spectrum and gusts.
 
 With known physical parameters, the equation of the rate leaves the wind torque w = dp/dt + damping · p − motor torque.
 It is smoothed over each segment by a Kalman smoother, as coloured noise of the components that the gray-box fit found.

@@ -237,6 +237,7 @@ def _best_fit(angle: Array, setpoint: Array, is_known: Flags) -> _Fit:
         later_angle = angle[delay:][rows]
         earlier_setpoint = setpoint[: len(setpoint) - delay][rows]
         is_finite = np.isfinite(earlier_setpoint)
+        # With fewer than two samples the covariances are NaN, and the delay is skipped.
         covariances = np.cov(earlier_setpoint[is_finite], later_angle[is_finite])
         setpoint_variance, angle_variance = covariances.diagonal()
         if not np.isfinite(covariances).all() or setpoint_variance <= 0 or angle_variance <= 0:

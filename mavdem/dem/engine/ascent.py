@@ -1,4 +1,4 @@
-"""The iteration of DEM: steps for states X (D), parameters θ (E) and noise precisions λ (M) until F̄ converges.
+"""Iteration of DEM: steps for states X (D), parameters θ (E), noise precisions λ (M) until the free energy F̄ converges.
 
 Dynamic Expectation Maximization (DEM) fits a model by maximising its free energy F̄.
 

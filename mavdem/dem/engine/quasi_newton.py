@@ -1,4 +1,4 @@
-"""Quasi-Newton maximisation of F̄ over θ and λ, for models in which rounds of D, E and M steps converge slowly.
+"""Quasi-Newton maximisation of the free energy F̄ over parameters θ and log noise precisions λ, where DEM is slow.
 
 If hidden states and θ are strongly coupled, each round covers only a small part of the way. F̄ at the states of the D
 step and at optimal covariances is a function of θ and λ alone, whose gradient is that of F̄ with the states and

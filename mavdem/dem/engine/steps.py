@@ -1,4 +1,4 @@
-"""The D, E and M steps of DEM: each maximises F̄ over the states X, the parameters θ or the log noise precisions λ.
+"""The D, E and M steps of DEM: they maximise the free energy F̄ over states X, parameters θ and log noise precisions λ.
 
 Each step holds the other quantities, and takes the gradient ascent of Eq. ``GA_basic`` to its end: the limit of
 infinite learning rates k, which is always stable. F̄ is quadratic in X and in θ, so their maxima have closed forms. In λ

@@ -1,4 +1,4 @@
-"""The free energy F̄ of the plant in its loop, by the terms that DEM's has, and F(t), the share of each sample.
+"""The free energy F̄ of the plant in its loop, by the same terms as in DEM, and F(t), the share of each sample.
 
 The model is linear and Gaussian, so that the D step is exact: given the parameters, a Kalman filter and smoother have
 the posterior of the states, and F̄ is the log likelihood. The posterior of parameters θ and hyperparameters λ is
