@@ -28,7 +28,7 @@ COURSE_DECIMALS = 4
 
 
 class WindMinute(Document):
-    """Mean wind of one minute."""
+    """Mean wind of a part of the flight of about a minute."""
 
     start: Seconds
     """on the boot clock"""
@@ -45,12 +45,16 @@ class WindMinute(Document):
 
 
 class WindLayer(Document):
-    """Mean wind of a layer of 10 m of height."""
+    """Mean wind of a layer of about 10 m of height."""
 
     height: Metres
-    """height of the middle of the layer"""
+    """mean height of the vehicle in the layer"""
     speed: Speed
     """mean speed"""
+    low: Speed
+    """lower end of its 90 % interval"""
+    high: Speed
+    """upper end of its 90 % interval"""
     direction: Degrees
     """where the wind comes from, clockwise from north"""
 
@@ -108,9 +112,9 @@ class WindVelocity(Document):
     band: list[list[Speed]]
     """half widths of the 90 % band of velocity"""
     minutes: list[WindMinute]
-    """mean wind of each minute"""
+    """mean wind of each of the equal parts of about a minute"""
     profile: list[WindLayer]
-    """mean wind of layers of 10 m"""
+    """mean wind of layers of about 10 m"""
     drag: Drag
     """drag of the vehicle"""
     status: dict[str, str]

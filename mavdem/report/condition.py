@@ -210,7 +210,7 @@ def _autopilot_wind(evidence: WindEvidence, wind: WindVelocity) -> dict[str, flo
 
 
 class _MeanWinds(NamedTuple):
-    """The mean wind of each minute, or of each layer of height."""
+    """The mean wind of each part of about a minute, or of each layer of height."""
 
     header: str
     """Header of the first column."""
@@ -219,24 +219,24 @@ class _MeanWinds(NamedTuple):
     """Key of what stands in the first column."""
 
     rows: tuple[dict[str, float], ...]
-    """Mean wind of each minute or layer: "speed", m/s, "direction", degrees, and ``key``."""
+    """Mean wind of each part or layer: "speed", "low" and "high", m/s, "direction", degrees, and ``key``."""
 
 
 def wind_tables(wind: WindVelocity, max_rows: int | None = None) -> list[Table]:
-    """Returns a table of the mean wind of each minute, and one of the mean wind in each layer of height.
+    """Returns a table of the mean wind of each part of about a minute, and one of that in each layer of height.
 
-    Each row has the start of the minute (s) or the height of the layer (m), the wind speed (m/s; of a minute with its
-    90 % interval), and the direction that the wind comes from, if that is identifiable. A table with a single row is
+    Each row has the start of the part (s) or the mean height in the layer (m), the wind speed with its 90 % interval
+    (m/s), and the direction that the wind comes from, if that is identifiable. A table with a single row is
     left out, since it would only repeat the mean of the flight. There is no table where the data does not
     determine the wind speed.
 
     Args:
         wind: estimated wind of a flight.
-        max_rows: most rows of a table. Of more minutes or layers, evenly spaced ones are shown; None for all.
+        max_rows: most rows of a table. Of more parts or layers, evenly spaced ones are shown; None for all.
     """
     identified = wind.identified_figures
     mean_winds_by_subject = (
-        _MeanWinds("Minute from (s)", "start", identified.minutes),
+        _MeanWinds("From (s)", "start", identified.minutes),
         _MeanWinds("Height (m)", "height", identified.profile),
     )
     tables = []
@@ -249,9 +249,7 @@ def wind_tables(wind: WindVelocity, max_rows: int | None = None) -> list[Table]:
         rows = []
         for index in _evenly_spaced(len(mean_winds.rows), max_rows):
             row = mean_winds.rows[index]
-            speed = f"{row['speed']:.1f}"
-            if "low" in row:
-                speed += f" ({row['low']:.1f} to {row['high']:.1f})"
+            speed = f"{row['speed']:.1f} ({row['low']:.1f} to {row['high']:.1f})"
             cells = [f"{row[mean_winds.key]:.0f}", speed]
             if wind.direction_identifiable:
                 cells.append(compass_text(row["direction"]))

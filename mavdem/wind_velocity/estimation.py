@@ -8,7 +8,7 @@ from typing import Any, NamedTuple, Self
 import numpy as np
 from numpy.random import default_rng
 
-from mavdem.arrays import Array
+from mavdem.arrays import Array, Indices
 from mavdem.confidence import INTERVAL_QUANTILES, Interval, coverage_factor, half_width
 from mavdem.dataset.axes import HORIZONTAL
 from mavdem.dem.engine.linalg import one_thread
@@ -37,6 +37,9 @@ INDEPENDENT_SECONDS = 10.0
 
 LAYER_HEIGHT = 10.0
 """Height of a layer of the wind profile, m."""
+
+MIN_LAYER_DISTANCE = LAYER_HEIGHT / 2
+"""Least distance of the mean heights of two layers, m: nearer ones are one, as of a hover at the border of two."""
 
 CALM_SPEED = 0.5
 """Lower end of the speed's interval, m/s, below which still air counts as likely."""
@@ -101,8 +104,10 @@ class WindVelocity(ImmutableResult):
         velocity: (T, 2) velocity of the air, north and east, m/s.
         band: (T, 2) half widths of its band, which holds the truth with probability 90 %, m/s.
         minutes: mean of each minute: ``start`` and ``end`` (s), ``speed``, ``low``, ``high`` (m/s), ``direction``.
-        profile: mean by height in layers of 10 m: ``height``, ``speed``, ``direction``; empty within one layer.
+        profile: mean by height in layers of about 10 m: mean ``height`` in the layer, m, and ``speed``, ``low``,
+            ``high`` and ``direction`` as of a minute; empty within one layer.
         along: (T, 2) velocity of the vehicle relative to the mean wind, along body x and y, m/s.
+        air_velocity: (T, 2) velocity of the vehicle relative to the wind of each step, along body x and y, m/s.
         drag: drag of the vehicle, by its prior and this flight.
         status: status of "speed", "direction" and "drag", by name.
         reasons: reason why any of these is not reported, by name.
@@ -121,6 +126,7 @@ class WindVelocity(ImmutableResult):
     velocity: Array
     band: Array
     along: Array
+    air_velocity: Array
     minutes: tuple[dict[str, float], ...]
     profile: tuple[dict[str, float], ...]
     drag: Drag
@@ -331,6 +337,10 @@ def estimate_wind(
         velocity=wind_velocity,
         band=half_width(variances.mean(axis=1) + winds.var(axis=1)),
         along=np.einsum("tij,tj->ti", fine.body_axes, fine.velocity - [*mean_wind_velocity, 0.0]),
+        # The wind is taken to be horizontal.
+        air_velocity=np.einsum(
+            "tij,tj->ti", fine.body_axes, fine.velocity - np.pad(wind_velocity, ((0, 0), (0, 1)))
+        ),
         minutes=tuple(_minutes(winds, variances, fine.time, fine.step)),
         profile=tuple(_profile(winds, variances, step_heights, fine.step)),
         drag=flight_drag,
@@ -401,7 +411,7 @@ def _minutes(winds: Array, variances: Array, time: Array, step: float) -> list[d
 
 
 def _profile(winds: Array, variances: Array, heights: Array, step: float) -> list[dict[str, float]]:
-    """Returns the mean wind by height, in layers of ``LAYER_HEIGHT``.
+    """Returns the mean wind by height, in layers of about ``LAYER_HEIGHT``.
 
     Layers in which the vehicle was for less than ``INDEPENDENT_SECONDS`` are left out, since a single gust would
     determine their mean.
@@ -413,25 +423,49 @@ def _profile(winds: Array, variances: Array, heights: Array, step: float) -> lis
         step: time step, s.
 
     Returns:
-        A dictionary for each layer, the lowest first: ``height`` of its middle, m, mean ``speed``, m/s, and the
-        ``direction`` that the wind comes from, degrees. Empty for a flight within one layer.
+        A dictionary for each layer, the lowest first: mean ``height`` of the vehicle in it, m; mean ``speed`` with the
+        ends ``low`` and ``high`` of its interval, m/s; and the ``direction`` that the wind comes from, degrees. Empty
+        for a flight within one layer.
     """
-    layer_of_step = np.floor(heights / LAYER_HEIGHT)
     layers = []
-    for layer in np.unique(layer_of_step):
-        rows = layer_of_step == layer
-        if np.count_nonzero(rows) * step < INDEPENDENT_SECONDS:
+    for rows in _layer_rows(heights):
+        if len(rows) * step < INDEPENDENT_SECONDS:
             continue
         mean = _mean_wind(winds[rows], variances[rows], step)
         layers.append(
             {
-                "height": LAYER_HEIGHT * (layer + 0.5),
+                "height": float(heights[rows].mean()),
                 "speed": mean.speed,
+                "low": mean.low,
+                "high": mean.high,
                 "direction": mean.direction,
             }
         )
     if len(layers) < 2:
         return []
+    return layers
+
+
+def _layer_rows(heights: Array) -> list[Indices]:
+    """Divides the steps of a flight among layers of height.
+
+    Layers begin at multiples of ``LAYER_HEIGHT``. A hover at such a border is partly above and partly below it, at one
+    height nevertheless. So a layer is joined to the one below if their mean heights differ by less than
+    ``MIN_LAYER_DISTANCE``.
+
+    Args:
+        heights: heights of the vehicle (T,), m.
+
+    Returns:
+        Indices of the steps of each layer, ascending, the lowest layer first.
+    """
+    layer_of_step = np.floor(heights / LAYER_HEIGHT)
+    layers: list[Indices] = []
+    for layer in np.unique(layer_of_step):
+        rows = np.flatnonzero(layer_of_step == layer)
+        if layers and heights[rows].mean() - heights[layers[-1]].mean() < MIN_LAYER_DISTANCE:
+            rows = np.sort(np.concatenate([layers.pop(), rows]))
+        layers.append(rows)
     return layers
 
 

@@ -27,7 +27,12 @@ from mavdem.ingest import read_log
 from mavdem.live.wind import LiveWind
 from mavdem.report.condition import wind_blocks, wind_tables
 from mavdem.wind_velocity.compass import meteorological_direction
-from mavdem.wind_velocity.estimation import WindVelocity, lower_speed_bound, speed_status
+from mavdem.wind_velocity.estimation import (
+    WindVelocity,
+    _layer_rows,
+    lower_speed_bound,
+    speed_status,
+)
 from mavdem.wind_velocity.from_log import (
     YAW_RESET,
     WindEvidence,
@@ -219,7 +224,7 @@ def test_calm_air_is_below_a_speed():
     (table,) = wind_tables(replace(wind, minutes=course, profile=()), max_rows=4)
     # The direction of a wind that may be still air is not shown, and the mounting is no reason for that.
     assert "Still air" in wind.reasons["direction"].sentence
-    assert table.header == ["Minute from (s)", "Wind (m/s)"]
+    assert table.header == ["From (s)", "Wind (m/s)"]
     assert [row[0] for row in table.rows] == ["0", "180", "360", "540"]
     assert table.rows[1][1] == "3.0 (1.5 to 6.0)"
 
@@ -391,6 +396,24 @@ def test_the_mean_of_a_layer_is_formed_as_that_of_a_minute():
     by_height, by_minute = ([one["speed"] for one in part] for part in (wind.profile, wind.minutes))
     assert by_height == approx(by_minute, rel=0.005)
     assert min(by_height) < wind.speed < max(by_height)
+
+
+def test_a_hover_at_one_height_is_one_layer():
+    """It is partly above and partly below the border of two layers, which the vehicle climbed through to it."""
+    heights = np.concatenate([np.linspace(0.0, 20.0, 300), 20.0 + 0.5 * np.sin(np.arange(600))])
+    climb, hover = _layer_rows(heights)
+    assert heights[climb].max() < 10 and len(climb) + len(hover) == len(heights)
+    high = np.repeat([12.0, 27.0], 100)
+    assert [high[rows].mean() for rows in _layer_rows(high)] == [12, 27]
+
+
+def test_the_speed_through_the_air_of_a_hover_in_gusts_is_that_of_the_gusts():
+    time, attitude, velocity, air = flight(legs=0.0, turning=0.0, jump=1.0, gusts=0.2, seed=5)
+    wind = mavdem.estimate_wind(time, attitude, velocity)
+    speed = np.hypot(*wind.air_velocity.T)
+    # Along the body it is shorter by the cosine of the tilt, which is below 25°.
+    assert speed == approx(np.hypot(*wind.velocity.T), rel=0.1)
+    assert speed[wind.time > 65].mean() > 1.3 * speed[wind.time < 55].mean()
 
 
 @mark.slow

@@ -54,7 +54,7 @@ def wind_page(
     has_rose = wind.speed_identifiable and wind.direction_identifiable
     rose = Group.side_by_side([rose_of_wind(wind) if has_rose else None])
     chapter = Chapter(
-        "By direction, minute and height, and the drag",
+        "By direction, time and height, and the drag",
         [*wind_tables(wind), drag_table(wind.drag, parameters)],
         [rose] if has_rose else [],
         is_side_by_side=True,
@@ -105,9 +105,10 @@ def _airspeed_chart(wind: WindVelocity) -> Chart:
     The airspeed of VFR_HUD is not drawn beside it: without a sensor, ArduPilot sends the ground speed in its place.
 
     Args:
-        wind: the estimated wind, with the velocity relative to its mean.
+        wind: the estimated wind, with the velocity of the vehicle relative to it. The wind of each moment counts, not
+            the mean: for a vehicle that hovers in gusts the speed through the air is that of the gusts.
     """
-    forward, right = wind.along.T
+    forward, right = wind.air_velocity.T
     lines = [
         Line("forward", PREDICTED, wind.time, forward),
         Line("to the right", MEASURED, wind.time, right),

@@ -40,6 +40,7 @@ def wind(speed=Status.REPORTED, direction=Status.REPORTED):
         velocity=velocity,
         band=np.ones_like(velocity),
         along=np.zeros_like(velocity),
+        air_velocity=-velocity,
         minutes=(),
         profile=(),
         drag=None,
