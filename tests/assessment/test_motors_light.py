@@ -10,6 +10,7 @@ from pytest import approx, mark
 
 from mavdem.assessment.assess import alarms_before_loss
 from mavdem.assessment.axis.analysis import motor_alarms
+from mavdem.assessment.lights import motors
 from mavdem.assessment.lights.motors import motors_light
 from mavdem.dataset.signals import Signals
 from mavdem.facts import Fact, Level
@@ -79,6 +80,17 @@ def test_an_uneven_trim_does_not_hide_a_small_headroom():
 
 
 @mark.slow
+def test_a_motor_without_headroom_works_harder_where_the_trim_is_not_known(monkeypatch):
+    monkeypatch.setattr(motors, "trim_of_signals", lambda signals: None)
+    weak_motor = motors_light(evidence(lambda time: np.array([[0], [0], [430], [0]])))
+    assert (weak_motor.code, weak_motor.subject) == (MotorsLight.HEADROOM_LITTLE, "")
+    assert weak_motor.figures["excess"] == approx(0.53, abs=0.02)
+    assert "; it works 53 % harder than the mean of all" in weak_motor.sentence
+    assert weak_motor.remedy.startswith("Compare the propeller of motor 3")
+    all_alike = motors_light(evidence(lambda time: 430.0))
+    assert all_alike.figures["excess"] is None
+
+
 def test_what_names_a_motor_before_its_balance_goes_first():
     even = evidence()
     named, failed, other = (

@@ -18,6 +18,7 @@ from mavdem.facts.learnability import MotorObstacle
 from mavdem.facts.motors import MotorsLight, MotorWatchFact, TrimFact
 from mavdem.loops.limit_cycles import MIN_AT_LIMIT_SHARE
 from mavdem.motors.balance import MIN_STEADY_SECONDS
+from mavdem.motors.change_hypotheses import FAULT_RISE
 from mavdem.motors.hover import HoverFigures, hover_figures
 from mavdem.motors.saturation import most_limited_motors
 from mavdem.motors.trim_pattern import trim_of_signals
@@ -30,6 +31,9 @@ MIN_HEADROOM = 0.1
 
 MIN_MOST_SHARE = 0.5
 """Share of the flight at the limit above which a motor is there for most of the flight, whatever the vehicle did."""
+
+UNKNOWN_TRIMS = (TrimFact.TRIM_UNKNOWN, TrimFact.TRIM_UNSURE, TrimFact.TRIM_OF_UNKNOWN_PLACES)
+"""Facts that say why it is not known how evenly the motors work."""
 
 MIN_TOGETHER_SHARE = 0.5
 """Share of the samples with a motor at its limit above which the motors count as limited together: most of them."""
@@ -276,7 +280,18 @@ def _trim_or_headroom(evidence: Evidence, hover: HoverFigures) -> Fact:
         for name, headroom_of_motor in zip(hover.motors, hover.headroom, strict=True):
             if headroom_of_motor - headroom < STOP_MARGIN:
                 names.append(name)
-        return Fact(MotorsLight.HEADROOM_LITTLE, names=names, share=headroom, trim=highest_trim)
+        excess = None
+        if trim.code in UNKNOWN_TRIMS and len(names) == 1:
+            imbalance = hover.imbalance[hover.motors.index(names[0])] / 100
+            # A weak motor, as well as lean, may be the reason for the small headroom.
+            excess = imbalance if imbalance > FAULT_RISE else None
+        return Fact(
+            MotorsLight.HEADROOM_LITTLE,
+            names=names,
+            share=headroom,
+            trim=highest_trim,
+            excess=excess,
+        )
     if is_headroom_small:
         # The trim may be the reason for the small headroom, but the pilot must know of both.
         return trim.replace(headroom=headroom)
