@@ -160,15 +160,20 @@ def lights_with_event(lights: NamedFacts, headline: Fact) -> dict[str, Fact]:
     """
     levels = {lights[name].level for name in VEHICLE_LIGHTS}
     is_shown = Level.BAD in levels or headline.level in levels
-    light = LIGHT_OF_EVENT.get(headline.code)
+    light = light_of_event(headline)
     if is_shown or light is None or headline.level not in (Level.BAD, Level.WATCH):
         return dict(lights)
-    if headline.figures.get("watchdog"):
-        # A watchdog restarts a program that hangs, whatever its supply.
-        light = Light.TRACKING
     if lights[light].warns:
         return dict(lights)
     return {**lights, light: headline}
+
+
+def light_of_event(event: Fact) -> Light | None:
+    """Returns the light that shows an event in the headline; None for one of no light."""
+    if event.figures.get("watchdog"):
+        # A watchdog restarts a program that hangs, whatever its supply.
+        return Light.TRACKING
+    return LIGHT_OF_EVENT.get(event.code)
 
 
 def lights_without_loops(evidence: Evidence) -> dict[str, Fact]:

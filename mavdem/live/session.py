@@ -360,8 +360,9 @@ class LiveSession:
     def report_gain_advice(self, *, is_at_end: bool = False) -> None:
         """Starts the advice of gains when it is due, and reports advice that is ready.
 
-        It is called once in ``STATUS_PERIOD``, and at the end. The advice comes with the judgement of the recording,
-        which replaces that by the model; if gains were written to files, its next step is to load them.
+        It is called once in ``STATUS_PERIOD``, and at the end. The advice of a landing begins on the ground. It
+        comes with the judgement of the recording, which replaces that by the model; if gains were written to files, its
+        next step is to load them.
 
         Args:
             is_at_end: whether the session ends. Then a settled flight without a landing gets advice too, and the call
@@ -370,6 +371,9 @@ class LiveSession:
         adviser = self.gain_adviser
         vehicle = self.stream.followed_vehicle
         if adviser is None or vehicle is None:
+            return
+        if adviser.is_due and self.stream.is_flying and not is_at_end:
+            # A recording of a vehicle that still lands would end in the air.
             return
         if is_at_end and self._learning.has_settled and not self._learning.has_landed:
             adviser.is_due = True

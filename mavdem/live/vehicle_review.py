@@ -14,7 +14,7 @@ from mavdem.live.flight_phase import FlightPhase
 from mavdem.live.live_signals import RecentMotion
 from mavdem.live.motor_alarms import MotorAlarms
 from mavdem.live.rate_check import RateCheck
-from mavdem.live.recent_messages import RecentMessages
+from mavdem.live.recent_messages import RecentMessages, TimedValues
 from mavdem.live.row_builder import RowBuilder
 from mavdem.live.samples import DECISION_SECONDS
 from mavdem.live.vehicle_selection import Component, VehicleSelector
@@ -78,9 +78,13 @@ class VehicleReview:
         """
         # An autopilot may well reboot in a crash: how the flight was lost stays.
         loss = self.watchdog.loss
+        was_flying = boot > 0 and self.phase.is_flying
+        first_texts = self._texts_since_last_attitude() if boot > 0 else []
         self.recent_messages = RecentMessages(boot)
+        for text in first_texts:
+            self.recent_messages.add("STATUSTEXT", 0.0, text.values)
         self.phase = FlightPhase(self.recent_messages)
-        self.watchdog = Watchdog(self.recent_messages, loss)
+        self.watchdog = Watchdog(self.recent_messages, loss, was_flying=was_flying)
         # The parts of the present review that are not done yet.
         self._pending_parts: deque[Callable[[RowBuilder], None]] = deque()
         # Times of the boot clock, s: of the latest message, of the present review, of its latest part, and since when
@@ -93,6 +97,14 @@ class VehicleReview:
         self._candidate_messages: dict[str, Fields] = {}
         self.telemetry: Telemetry | None = None
         self._motion: RecentMotion | None = None
+
+    def _texts_since_last_attitude(self) -> list[TimedValues]:
+        """Returns the texts that came after the last attitude of a boot.
+
+        If the clock begins again, they are of the new boot, which only attitudes prove; they may have its reason.
+        """
+        texts = self.recent_messages.rows.get("STATUSTEXT", [])
+        return [text for text in texts if text.time >= self._message_time]
 
     def proceed(self, now: float, rows: RowBuilder) -> None:
         """Begins a review when one is due, and performs its next part when that is due.

@@ -16,6 +16,7 @@ from mavdem.arrays import Flags
 from mavdem.assessment.condition import Condition
 from mavdem.assessment.ending import REPORTS_OF_LOSS, ending_of
 from mavdem.assessment.flights import RECOVERY_SECONDS
+from mavdem.assessment.judgement import light_of_event
 from mavdem.assessment.lights.power import POWER_REPORTS, power_light
 from mavdem.assessment.lights.vibration import vibration_light
 from mavdem.assessment.limits import worst_fact
@@ -144,12 +145,15 @@ class Watchdog:
         loss: how the flight was lost, by its motion or a report of the autopilot; it stays until the next take-off.
     """
 
-    def __init__(self, recent: RecentMessages, loss: Fact | None = None) -> None:
+    def __init__(
+        self, recent: RecentMessages, loss: Fact | None = None, *, was_flying: bool = False
+    ) -> None:
         """Begins without a review.
 
         Args:
             recent: messages of the boot.
             loss: how a flight of the former boot was lost; None if it was not, or the vehicle took off again.
+            was_flying: whether the vehicle flew when the former boot ended.
         """
         self.is_thorough = False
         self.active: dict[WatchedQuantity, Fact] = {}
@@ -162,6 +166,9 @@ class Watchdog:
         self._states: list[_StateSample] = []
         # Reports of the autopilot that the last search found, by ``_identity``.
         self._reported = set[tuple[object, ...]]()
+        # Whether the former boot ended in flight, and that the autopilot restarted in flight; None if it did not.
+        self._was_flying = was_flying
+        self._restart: Fact | None = None
         # What the autopilot has reported of the power in the flights of this boot.
         self._power_reports: list[Fact] = []
         # When the reason of each alarm was seen last, and the time of the last review, s of the boot clock.
@@ -185,6 +192,9 @@ class Watchdog:
         active = [fact for fact in self.active.values() if fact.is_bad]
         if self.loss is not None and self.loss not in active:
             active.insert(0, self.loss)
+        is_flying = bool(self._states) and self._states[-1].landed_state == IN_AIR
+        if self._restart is not None and is_flying:
+            active.insert(0, self._restart)
         return tuple(active)
 
     def begin_review(
@@ -369,10 +379,14 @@ class Watchdog:
         columns |= self._recent.columns(["AVAILABLE_MODES"])
         # The latest landed state holds until now.
         states = [*self._states, _StateSample(now, self._states[-1].landed_state)]
-        times = np.array([sample.time for sample in states])
+        boots = [self._recent.boot] * len(states)
+        if self._was_flying:
+            # All that is known of the former boot.
+            states.insert(0, _StateSample(0.0, IN_AIR))
+            boots.insert(0, self._recent.boot - 1)
         landed_state = TimeSeries(
-            times,
-            boot=np.full(len(times), self._recent.boot),
+            np.array([sample.time for sample in states]),
+            boot=np.array(boots),
             values=np.array([sample.landed_state for sample in states]),
         )
         return LiveSignals(
@@ -399,6 +413,12 @@ class Watchdog:
         self._reported = {_identity(fact) for fact in facts}
         reports = []
         for fact in facts:
+            if fact.code is ReportedEvent.RESTARTED_IN_FLIGHT:
+                # It is found seconds after it happened, and its cause may follow.
+                if self._restart is None:
+                    reports.append(event_or_alarm(fact, fact.start_time))
+                self._note_restart(fact)
+                continue
             is_known = _identity(fact) in former_identities
             is_late = fact.start_time <= self._report_time - LATE_REPORT_SECONDS
             # These facts mean something in a log only: a stream begins anywhere, and ``BootClock`` reports restarts.
@@ -409,6 +429,20 @@ class Watchdog:
         if self.loss is None and reports_of_loss:
             self.loss = ending_of(signals, reports_of_loss)
         return reports
+
+    def _note_restart(self, restart: Fact) -> None:
+        """Makes a restart of the autopilot in flight the fact of its light, which depends on its cause.
+
+        Args:
+            restart: the restart, as far as it is known now.
+        """
+        for name, fact in list(self.worst_lights.items()):
+            if fact == self._restart:
+                del self.worst_lights[name]
+        self._restart = restart
+        light = light_of_event(restart)
+        assert light is not None
+        self.worst_lights[str(light)] = restart
 
     def _add_motion_facts(self, review: _Review, motion: RecentMotion) -> None:
         """Judges the motion in flight: a limit cycle that begins, and a motor that stays at its upper limit.

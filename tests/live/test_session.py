@@ -227,7 +227,7 @@ def test_the_judgement_of_a_recording_waits_for_the_ground_and_for_the_end():
     one, _, _ = session_of([], gain_adviser=adviser)
     one.stream = Mock(is_flying=True)
     one.report_gain_advice()
-    assert one.judging.judgement is None
+    assert one.judging.judgement is None and not adviser.update.called, "while it still lands"
     one.report_gain_advice(is_at_end=True)
     assert one.judging.judgement is by_recording
 

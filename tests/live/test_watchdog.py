@@ -206,6 +206,33 @@ def test_a_battery_that_the_autopilot_reports_is_an_alarm_headline_and_light():
     assert [fact.code for fact in status.active_alarms] == [critical.headline.code]
 
 
+def rebooted(before, text):
+    """What is sent before a reboot, then a text, and a flight whose clock begins at 0."""
+    after = Flight(Hover(hovering=30.0), attitude=20.0, motors=20.0, clock=-12.0).frames(12.0, 18.0)
+    return replay([*before, (12.0, message("STATUSTEXT", severity=2, text=text)), *after])
+
+
+@mark.parametrize(
+    "text, light", [(b"WDG: T2 SL0", Light.TRACKING), (b"Frame: QUAD/X", Light.POWER)]
+)
+def test_a_restart_in_flight_is_an_alarm_with_its_cause(text, light):
+    before = Flight(Hover(hovering=30.0), attitude=20.0, motors=20.0).frames(end=12.0)
+    made = rebooted(before, text)
+    [alarm] = said(made, ReportedEvent.RESTARTED_IN_FLIGHT)
+    assert alarm.code is SessionFact.ALARM
+    judged = made.stream.status().overall_judgement
+    assert judged.headline.code is judged.lights[light].code is ReportedEvent.RESTARTED_IN_FLIGHT
+    assert judged.headline.figures["watchdog"] == (light is Light.TRACKING)
+    assert judged.next_step.code is NextStep.LAND_NOW
+    assert judged.headline in made.stream.status().active_alarms
+
+
+def test_a_restart_on_the_ground_is_no_alarm():
+    before = Flight(attitude=20.0, motors=20.0, clock=20.0).frames(-8.0, 4.0)
+    made = rebooted(before, b"Frame: QUAD/X")
+    assert VehicleFact.VEHICLE_REBOOTED in made.codes and SessionFact.ALARM not in made.codes
+
+
 def test_thinning_out_keeps_every_battery():
     recent = RecentMessages()
     for row in range(3 * MAX_ROWS):
