@@ -65,6 +65,7 @@ class VehicleReview:
         self._report = report
         # Parameters of the autopilot as of the last choice of inputs.
         self._parameters: Parameters = {}
+        self.phase = FlightPhase(RecentMessages())
         self.watchdog = Watchdog(RecentMessages())
         self.restart(0)
 
@@ -78,7 +79,7 @@ class VehicleReview:
         """
         # An autopilot may well reboot in a crash: how the flight was lost stays.
         loss = self.watchdog.loss
-        was_flying = boot > 0 and self.phase.is_flying
+        was_flying = self.phase.is_flying
         first_texts = self._texts_since_last_attitude() if boot > 0 else []
         self.recent_messages = RecentMessages(boot)
         for text in first_texts:
