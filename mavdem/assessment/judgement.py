@@ -24,6 +24,7 @@ from mavdem.facts.events import ReportedEvent
 from mavdem.facts.lights import Light, Unjudged
 from mavdem.facts.loops import LoopAction
 from mavdem.facts.motors import TrimFact
+from mavdem.facts.watch import WatchFact
 from mavdem.immutable import ImmutableResult, ReadOnlyDict
 
 LIGHTS_OF_FLIGHT = (Light.MOTORS, Light.VIBRATION, Light.TRACKING, Light.MARGINS, Light.WIND)
@@ -97,6 +98,10 @@ LIGHT_OF_EVENT: dict[Code, Light] = {
 
 TRIMS_OF_WEAK_MOTOR = (TrimFact.TRIM_OF_ONE_MOTOR, TrimFact.TRIM_OF_LEADING_MOTOR)
 """Patterns of the trim by which one motor is probably weak, although it is only to be watched."""
+
+PARTIAL_CHECKS = (WatchFact.NO_MOTOR_AT_LIMIT, WatchFact.NO_OSCILLATION)
+"""Lights of a live flight that say what one check has shown so far; their figure ``because`` is why the rest of the
+light is unknown."""
 
 MIN_CHECKED_LIGHTS = 3
 """Lights of the vehicle that must be good before a flight is called sound: half of them, a choice."""
@@ -496,8 +501,11 @@ def _nothing_wrong(lights: NamedFacts) -> Fact:
     if not checked:
         # A log that lacks data is the reason. If it has all that is needed, the most urgent light says why it is
         # unknown.
-        reason = unchecked[0] if lights[Light.LOG].is_good else Light.LOG
-        return Fact(Headline.NOTHING_CHECKED, because=lights[reason])
+        reason = lights[unchecked[0] if lights[Light.LOG].is_good else Light.LOG]
+        if reason.code in PARTIAL_CHECKS and reason.figures["because"] is not None:
+            # What a check has shown so far is not the reason why the rest of its light is unknown.
+            reason = reason.figures["because"]
+        return Fact(Headline.NOTHING_CHECKED, because=reason)
     # The motors must be among the checked lights, since only their light shows a motor or propeller that is about to
     # fail. But that light alone is not enough.
     is_enough = Light.MOTORS in checked and len(checked) >= MIN_CHECKED_LIGHTS

@@ -23,6 +23,8 @@ from mavdem.facts.learnability import NotLearnableReason
 from mavdem.facts.lights import Light
 from mavdem.facts.loops import LoopAction
 from mavdem.facts.motors import MotorsLight, MotorWatchFact, TrimFact
+from mavdem.facts.session import SessionFact
+from mavdem.facts.watch import WatchFact
 from mavdem.motors.motor_changes import MotorAlarm, thrust_losses
 
 GROUNDED = Fact(NotLearnableReason.NEVER_ARMED)
@@ -186,6 +188,14 @@ def test_nothing_wrong_is_said_of_what_was_checked_only():
     nothing = headline(lights(**dark | {"log": "good"}))
     assert nothing.code is Headline.NOTHING_CHECKED
     assert nothing.figures["because"].level == "unknown"
+    assert str(nothing).startswith("The vehicle could not be judged: ")
+
+
+def test_what_a_check_has_shown_is_no_reason_why_nothing_was_judged():
+    unknown = lights(**dict.fromkeys(Light, "unknown") | {"log": "good"})
+    because = Fact(SessionFact.NOT_SETTLED)
+    unknown["motors"] = Fact(WatchFact.NO_MOTOR_AT_LIMIT, because=because)
+    assert headline(unknown).figures["because"] == because
 
 
 def test_a_sound_vehicle_is_told_what_its_model_is_worth():
