@@ -11,7 +11,7 @@ from rich.live import Live
 from rich.text import Text
 
 from mavdem.cli.streams import STDERR, escape_unprintable, print_to_stderr
-from mavdem.facts import Fact, Facts, Figure
+from mavdem.facts import Fact, Facts
 from mavdem.facts.event import Event
 from mavdem.facts.session import LinkFact, RowsFact, SessionFact
 from mavdem.facts.watch import WatchFact
@@ -98,11 +98,15 @@ class StatusLines:
             for sentence in render_section("live_status", status=status)
         ]
         judgement = status.overall_judgement
-        if status.obstacle is not None and judgement.headline == status.obstacle:
-            # The verdict states it.
-            sentences.pop()
         vehicle_line = escape_unprintable(vehicle_text(status))
         verdict = escape_unprintable(" ".join(verdict_lines(judgement)))
+        obstacle = status.obstacle
+        if obstacle is not None and judgement.headline == obstacle:
+            # The verdict states it, and mostly what to do about it.
+            sentences.remove(escape_unprintable(obstacle.advised))
+            remedy = escape_unprintable(obstacle.remedy)
+            if remedy not in verdict:
+                sentences.append(remedy)
         if self._terminal_text is None:
             self._print_new(status, [vehicle_line, *sentences, verdict])
             return
@@ -132,8 +136,8 @@ class StatusLines:
             if isinstance(because, Fact) and because.code in PASSING_OBSTACLES:
                 continue
             key = (fact.figures.get("vehicle"), fact.subject)
-            if self._watch_meanings.get(key) != _meaning(fact):
-                self._watch_meanings[key] = _meaning(fact)
+            if self._watch_meanings.get(key) != fact.meaning:
+                self._watch_meanings[key] = fact.meaning
                 changed_facts.append(fact)
         if changed_facts:
             print_to_stderr(timed(watched_quantities_text(changed_facts)))
@@ -168,26 +172,6 @@ class StatusLines:
             if status.delay_fact is not None:
                 printed_sentences.append(str(status.delay_fact))
         print_to_stderr(timed(" ".join(printed_sentences)))
-
-
-def _meaning(figure: Figure) -> Hashable:
-    """Returns the content of a fact without its measurements, so that two facts can be compared for news.
-
-    Measurements vary from second to second, and their changes are no news.
-
-    Args:
-        figure: A fact, or a value of one.
-
-    Returns:
-        A key of the fact's code, level, subject and values, with None in the place of every number.
-    """
-    if isinstance(figure, Fact):
-        figures = tuple((name, _meaning(value)) for name, value in figure.figures.items())
-        return figure.code, figure.level, figure.subject, figures
-    if isinstance(figure, tuple):
-        return tuple(map(_meaning, figure))
-    is_measurement = isinstance(figure, int | float) and not isinstance(figure, bool)
-    return None if is_measurement else figure
 
 
 def print_fact(fact: Fact, moment: str = "") -> None:

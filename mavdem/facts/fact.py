@@ -7,7 +7,7 @@ for each code. Code compares codes and levels, never text.
 from __future__ import annotations
 
 import tomllib
-from collections.abc import Mapping
+from collections.abc import Hashable, Mapping
 from dataclasses import dataclass
 from enum import StrEnum
 from importlib.resources import files
@@ -156,6 +156,11 @@ class Fact:
         return self.replace(**grounded_figures | {"is_grounded": True})
 
     @property
+    def meaning(self) -> Hashable:
+        """Its content without measurements, to compare two facts for news: these vary from second to second."""
+        return _meaning(self)
+
+    @property
     def _words(self) -> Words:
         # The sentences are made by ``report``, a room above all that make facts.
         from mavdem.report.templates import sentence_and_remedy
@@ -179,6 +184,17 @@ class Fact:
     def advised(self) -> str:
         """The sentence and, after it, the remedy."""
         return " ".join(filter(None, self._words))
+
+
+def _meaning(figure: Figure) -> Hashable:
+    """Returns code, level, subject and values of a fact, or one of its values, with None in the place of a number."""
+    if isinstance(figure, Fact):
+        figures = tuple((name, _meaning(value)) for name, value in figure.figures.items())
+        return figure.code, figure.level, figure.subject, figures
+    if isinstance(figure, tuple):
+        return tuple(map(_meaning, figure))
+    is_measurement = isinstance(figure, int | float) and not isinstance(figure, bool)
+    return None if is_measurement else figure
 
 
 def plain(value: Any) -> Figure:

@@ -4,18 +4,19 @@ One thread does all of it except what takes long: models are learned in the exec
 view's own queue. What is received is recorded first, and waits for its analysis; times are those of arrival.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Hashable
 from concurrent.futures import Executor
 
 from mavdem.dem import Estimate, Learned, Settings
 from mavdem.dem.online.learner import FIRST_FIT_RUNNING
 from mavdem.dem.parallel import LearningProcess
+from mavdem.errors import NotLearnable
 from mavdem.facts import Fact, Level
 from mavdem.facts.event import Event
 from mavdem.facts.lights import Light
 from mavdem.facts.loops import GainFact
 from mavdem.facts.margins import MarginsLight
-from mavdem.facts.session import DelayedWork, MissingMessages, SessionFact, TimeUse
+from mavdem.facts.session import DelayedWork, MissingMessages, RowsFact, SessionFact, TimeUse
 from mavdem.live import clock
 from mavdem.live.backlog import STEP_SECONDS, Backlog, LatencyMeter
 from mavdem.live.clock_speed import ClockSpeed
@@ -34,6 +35,14 @@ from mavdem.live.silence import SilenceMonitor, resumption
 from mavdem.live.status_report import StatusReport
 from mavdem.live.stream import LiveStream
 from mavdem.live.time_account import TimeAccount
+
+OBSTACLES_TO_ROWS = (
+    RowsFact.NO_LIVE_ATTITUDE,
+    RowsFact.ATTITUDE_ASKED,
+    RowsFact.NO_LIVE_MOTORS,
+    RowsFact.LIVE_RATES_TOO_LOW,
+)
+"""Obstacles without rows, and so without a model of the flight."""
 
 
 class LiveSession:
@@ -119,6 +128,8 @@ class LiveSession:
         # When the status was reported last, s of the monotonic clock, and the obstacle that was reported last.
         self._status_time = 0.0
         self._obstacle: Fact | None = None
+        # Why there were no rows in flight when that was last so; None before.
+        self._rows_obstacle: Fact | None = None
 
     def step(self, timeout: float = 0.1) -> None:
         """Performs one iteration of the session: receives, records, analyses for a while, reports, and sends requests.
@@ -291,19 +302,15 @@ class LiveSession:
         if DelayedWork.ESTIMATES not in self.backlog.postponed:
             self._report_status(status)
         if status.is_flying:
+            if status.obstacle is not None and status.obstacle.code in OBSTACLES_TO_ROWS:
+                self._rows_obstacle = status.obstacle
             self._presentation.preview(
                 self.stream.latest_row(), self.stream.pose, self._learning.row_format
             )
         else:
             self._learning.is_free = False
         # The same obstacle with other figures, as rates that vary, is no news.
-        was_same = (
-            status.obstacle is not None
-            and self._obstacle is not None
-            and (status.obstacle.code, status.obstacle.subject)
-            == (self._obstacle.code, self._obstacle.subject)
-        )
-        if status.obstacle != self._obstacle and not was_same:
+        if _meaning(status.obstacle) != _meaning(self._obstacle):
             # That there is a first model was reported when it came.
             was_first_fit = self._obstacle == FIRST_FIT_RUNNING
             self._obstacle = status.obstacle
@@ -341,6 +348,8 @@ class LiveSession:
         """
         if isinstance(self._executor, LearningProcess):
             self._executor.suspend(False)
+        if self._learning.learner is None and self._rows_obstacle is not None:
+            raise NotLearnable(self._rows_obstacle)
         return self._learning.final_model(self.stream.parameters)
 
     def judge_final_model(self, model: Learned | None) -> Learned | None:
@@ -396,3 +405,8 @@ class LiveSession:
         """Restores the vehicle's rates, which it must confirm, and ends the recording."""
         self._rates.restore()
         self.intake.end_recording()
+
+
+def _meaning(obstacle: Fact | None) -> Hashable:
+    """Returns the content of an obstacle to learning without its measurements; None without one."""
+    return None if obstacle is None else obstacle.meaning

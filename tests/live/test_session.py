@@ -183,6 +183,23 @@ def test_why_there_is_no_model_at_the_end_is_a_fact(error, code):
     assert refused(one.final_model).code is code
 
 
+def test_an_obstacle_with_another_reason_is_news_and_why_there_is_no_model_at_the_end(monkeypatch):
+    one, _, told = session_of([])
+    reasons = [Fact(RowsFact.NO_LIVE_MOTORS), Fact(RowsFact.NO_LIVE_ATTITUDE, can_ask=False)]
+    slow = [
+        Fact(RowsFact.LIVE_RATES_TOO_LOW, can_ask=False, because=because) for because in reasons
+    ]
+    counts = []
+    for obstacle in (slow[0], slow[0], slow[1]):
+        status = SessionStatus(vehicle="1:1", obstacle=obstacle, is_flying=True)
+        monkeypatch.setattr(LiveSession, "status", status)
+        monkeypatch.setattr(one._presentation, "log", told.append)
+        one._update_status(0.0)
+        counts.append(len(told))
+    assert counts == [1, 1, 2]
+    assert refused(one.final_model) == slow[1]
+
+
 @mark.slow
 def test_a_prior_of_other_inputs_is_not_used_and_says_so():
     other = mavdem.learn(simulated(samples=300, wind=1.0))

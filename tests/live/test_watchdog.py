@@ -320,6 +320,18 @@ def test_rates_that_vary_are_no_news(capsys):
     assert counts == [2, 0, 0, 0]
 
 
+def test_what_the_verdict_states_is_not_said_twice_and_its_remedy_stays(capsys):
+    lines = StatusLines(None)
+    status = SessionStatus(vehicle="1:1", obstacle=Fact(SessionFact.NOT_FLYING))
+    for _ in range(2):
+        # The second line repeats an unchanged state.
+        lines.show(Mock(status=status))
+        lines._print_time = -np.inf
+    last = capsys.readouterr().err.splitlines()[-1]
+    for text in (str(status.obstacle), status.obstacle.remedy):
+        assert last.count(text) == 1
+
+
 def test_a_wind_that_may_come_from_anywhere_is_half_a_turn_uncertain():
     assert (
         WindEstimate(60.0, np.array([-0.1, 0.0]), np.array([5.0, 5.0])).compass.direction_half_width
