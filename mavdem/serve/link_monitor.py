@@ -1,6 +1,7 @@
 """Live sessions on a link that the server monitors: a page while the vehicle flies, then its log in the library."""
 
 from collections.abc import Callable
+from dataclasses import replace
 from datetime import UTC, datetime
 from math import nan
 from threading import Event as ThreadEvent
@@ -19,6 +20,7 @@ from mavdem.live.link import Link
 from mavdem.live.raw_recording import RawRecording
 from mavdem.live.session import LiveSession
 from mavdem.live.session_loop import run_session
+from mavdem.live.session_status import SessionStatus
 from mavdem.report.pages.flight_page import live_page
 from mavdem.report.pages.page import PageLink
 from mavdem.report.templates import Medium, sentences_for
@@ -46,6 +48,11 @@ REPORTED_CODES = frozenset(
 
 How the learning goes on is on the page.
 """
+
+NO_VEHICLE_CODES = frozenset(
+    {LinkFact.CONNECTION_LOST, RowsFact.NOTHING_RECEIVED, VehicleFact.NO_VEHICLE_YET}
+)
+"""Obstacles of a session on whose link no vehicle has come yet."""
 
 MODEL_AXIS = "roll"
 """Axis whose model a session learns."""
@@ -88,6 +95,8 @@ class LinkMonitor:
         """
         self.problem: Fact | None = None
         self._page = ""
+        # The page of the session before, which is shown until another vehicle is received; empty for none.
+        self._finished_page = ""
         # The recording of the session before, in the library.
         self._latest_flight: PageLink | None = None
         self._link = Link(link)
@@ -117,6 +126,8 @@ class LinkMonitor:
     @property
     def page(self) -> str:
         """The HTML page of the running session, which is at most a few seconds old.
+
+        Until its vehicle is received, it is that of the session before, if there was one.
 
         Raises:
             Refusal: no session runs any more.
@@ -186,6 +197,10 @@ class LinkMonitor:
                 self._latest_flight = PageLink(f"Latest flight: {entry.name}", f"/f/{entry.id}")
                 self._log_added()
                 self._report_saved_flight(f"/f/{entry.id}")
+                if session.stream.followed_vehicle is not None and not self._is_stopping.is_set():
+                    self._finished_page = _finished_page(
+                        session, PageLink(entry.name, f"/f/{entry.id}")
+                    )
             else:
                 path.unlink()
 
@@ -239,18 +254,70 @@ class LinkMonitor:
         is_silent = frames > 0 and frames == self._frames_at_last_page
         self._silent_pages = self._silent_pages + 1 if is_silent else 0
         self._frames_at_last_page = frames
-        # Sentences for a browser must not advise options of `mavdem live`, which its reader cannot give.
-        with sentences_for(Medium(has_terminal=False)):
-            self._page = live_page(
-                session.link.name,
-                MODEL_AXIS,
-                session.history,
-                session.status,
-                session.time_account(),
-                None,
-                PageLink("Flights", "/"),
-                self._latest_flight,
-            )
+        status = session.status
+        if self._finished_page:
+            if _awaits_vehicle(status):
+                self._page = self._finished_page
+                return
+            self._finished_page = ""
+        self._page = _page_of(session, status, latest_flight=self._latest_flight)
+
+
+def _awaits_vehicle(status: SessionStatus) -> bool:
+    """Returns whether no vehicle has been received in a session."""
+    obstacle = status.obstacle
+    return status.vehicle is None and (obstacle is None or obstacle.code in NO_VEHICLE_CODES)
+
+
+def _page_of(
+    session: LiveSession,
+    status: SessionStatus,
+    *,
+    latest_flight: PageLink | None = None,
+    saved_flight: PageLink | None = None,
+) -> str:
+    """Returns the HTML page of a session.
+
+    Args:
+        session: the session.
+        status: its status.
+        latest_flight: the page of the flight before, if any.
+        saved_flight: the page of this session's flight in the library; None while it goes on.
+    """
+    # Sentences for a browser must not advise options of `mavdem live`, which its reader cannot give.
+    with sentences_for(Medium(has_terminal=False)):
+        return live_page(
+            session.link.name,
+            MODEL_AXIS,
+            session.history,
+            status,
+            session.time_account(),
+            None,
+            PageLink("Flights", "/"),
+            latest_flight,
+            saved_flight,
+        )
+
+
+def _finished_page(session: LiveSession, saved_flight: PageLink) -> str:
+    """Returns the HTML page of a session that has ended, which leads to its flight in the library.
+
+    It says what was known when messages last came: that none come any more is true of each vehicle that was switched
+    off, and says nothing of the flight.
+
+    Args:
+        session: the session.
+        saved_flight: the page of its flight in the library.
+    """
+    latest = session.stream.status()
+    status = replace(
+        session.status,
+        is_over=True,
+        obstacle=latest.obstacle or Fact(SessionFact.FLIGHT_OVER, because=None),
+        rates=latest.rates,
+        watch_facts=latest.watch_facts,
+    )
+    return _page_of(session, status, saved_flight=saved_flight)
 
 
 def _ignore(_: object) -> None:

@@ -3,6 +3,7 @@
 import errno
 import socket
 import time
+from dataclasses import replace
 from threading import Event
 from unittest.mock import Mock
 
@@ -16,10 +17,13 @@ from mavdem.facts import Fact, Level
 from mavdem.facts.event import Event as HappenedEvent
 from mavdem.facts.events import ReportedEvent
 from mavdem.facts.serve import RefusalReason
-from mavdem.facts.session import LinkFact, RowsFact, SessionFact
+from mavdem.facts.session import LinkFact, RowsFact, SessionFact, TimeUse, VehicleFact
 from mavdem.ingest import read_log
+from mavdem.live.history import LiveHistory
 from mavdem.live.raw_recording import RawRecording
+from mavdem.live.session_status import SessionStatus
 from mavdem.report.live import moment_text
+from mavdem.report.pages.page import PageLink
 from mavdem.serve import link_monitor
 from mavdem.serve.library import Library
 from mavdem.serve.link_monitor import LinkMonitor
@@ -61,8 +65,8 @@ def test_a_session_has_a_page_and_leaves_its_log(tmp_path, heard):
     assert "udpin:127.0.0.1:" in live.page and not warned
     assert '<a href="/">← Flights</a>' in live.page and "the last 0 s" not in live.page
     (entry,), _ = library.find("1", [], 10)
-    # The page of the next session, which waits for a vehicle, leads to the flight that was recorded.
-    while "Latest flight: " not in live.page:
+    # While the next session waits for a vehicle, the page is that of the flight, and leads to its recording.
+    while "This flight is over." not in live.page:
         time.sleep(0.05)
     assert f'<a href="/f/{entry.id}">' in live.page
     (telemetry,) = read_log(library.log_path(entry)).vehicles
@@ -83,6 +87,41 @@ def test_a_session_is_over_when_a_vehicle_that_was_heard_is_silent_for_a_minute(
         seconds += link_monitor.PAGE_SECONDS * (not live._is_over())
     live._link.close()
     assert seconds == 60
+
+
+def test_a_finished_flight_is_shown_until_the_next_vehicle_comes(tmp_path, monkeypatch):
+    live = LinkMonitor(f"udpin:127.0.0.1:{free_port()}", Library(tmp_path), Mock(), Mock(), Mock())
+    live._link.close()
+    monkeypatch.setattr(link_monitor, "live_page", Mock(return_value="running"))
+    live._finished_page = "finished"
+    session = Mock()
+    session.intake.recording.frame_count = 0
+    shown = []
+    silence = Fact(RowsFact.NOTHING_RECEIVED, subject="messages", duration=2.0)
+    for status in (
+        SessionStatus(obstacle=silence),
+        SessionStatus(obstacle=Fact(VehicleFact.NO_VEHICLE_YET)),
+        SessionStatus("1:1"),
+        SessionStatus(obstacle=silence),
+    ):
+        session.status = status
+        live._update_page(session)
+        shown.append(live.page)
+    assert shown == ["finished", "finished", "running", "running"]
+
+
+def test_the_page_of_a_finished_flight_leads_to_the_library_and_keeps_what_it_knew():
+    session = Mock()
+    session.link.name = "udpin:127.0.0.1:14550"
+    session.history = LiveHistory()
+    session.time_account.return_value = dict.fromkeys(TimeUse, 0.0)
+    known = SessionStatus("1:1")
+    session.stream.status.return_value = known
+    silence = Fact(RowsFact.NOTHING_RECEIVED, subject="messages", duration=2.0)
+    session.status = replace(known, obstacle=silence)
+    page = link_monitor._finished_page(session, PageLink("a.tlog", "/f/abc"))
+    assert "This flight is over." in page and '<a href="/f/abc">a.tlog</a>' in page
+    assert "Nothing was received" not in page and "The flight is over; nothing more" in page
 
 
 def test_the_terminal_has_alarms_the_link_and_where_the_flight_is_saved(tmp_path):

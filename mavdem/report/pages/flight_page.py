@@ -601,6 +601,7 @@ def live_page(
     learned: Learned | None,
     back: PageLink | None = None,
     latest_flight: PageLink | None = None,
+    saved_flight: PageLink | None = None,
 ) -> str:
     """Returns the HTML of the page of a live flight.
 
@@ -613,6 +614,7 @@ def live_page(
         learned: the model at the end; None if there was none.
         back: the page that leads here, if any.
         latest_flight: the page of the flight before, if any.
+        saved_flight: the page of this flight in the library of a server, where it is over; None for none.
     """
     # Imported here: a page of a log needs nothing of live sessions.
     from mavdem.report.live import live_report, moment_text, vehicle_text
@@ -653,6 +655,7 @@ def live_page(
         timeline_title="What happened" if status.is_over else "What happens, the newest first",
         is_newest_first=not status.is_over,
         latest_flight=latest_flight,
+        saved_flight=saved_flight,
     )
     flight_conclusion = conclusion(judgement)
     summary = [flight_conclusion.headline, flight_conclusion.next_step]

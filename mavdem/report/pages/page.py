@@ -218,6 +218,9 @@ class Head(NamedTuple):
     latest_flight: PageLink | None = None
     """The flight before that of a live page, once it is in the library; None without one."""
 
+    saved_flight: PageLink | None = None
+    """The page of a live flight in the library, once it is over; None without one."""
+
     day_in_name: date | None = None
     """Day in the name of the log's file, which is shown where the log has no date; None without one."""
 
@@ -236,6 +239,11 @@ class Head(NamedTuple):
         for index, total in worst_events(facts)[:MAX_BRIEF_EVENTS]:
             brief_events.append(self.events[index]._replace(total=total))
         return brief_events
+
+    @property
+    def earlier_events(self) -> Sequence[PageEvent]:
+        """The events of a session that goes on before the newest ones, which a page shows in full; none of a log."""
+        return self.events[MAX_NEWEST_EVENTS:] if self.is_newest_first else ()
 
     @property
     def has_more_of_events(self) -> bool:

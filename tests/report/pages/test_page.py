@@ -287,6 +287,20 @@ def test_a_live_flight_has_what_was_trained_on_its_events_and_no_wind_below_0():
     assert (np.nanmin(wind.lower_edge), np.nanmax(wind.upper_edge)) == (0.0, 2.5)
 
 
+def test_a_session_that_goes_on_lists_each_event_once_and_offers_no_fields_of_a_log():
+    events = [
+        PageEvent(Event(float(time), Fact(VehicleFact.NO_VEHICLE_YET)), moment=f"moment {time} s")
+        for time in range(12)
+    ]
+    history = LiveHistory()
+    flown(history, 2.0)
+    timeline = live_timeline(history, "roll")
+    head = Head(Level.GOOD, {}, events, timeline, is_newest_first=True)
+    page = render_document("Live", "", [], head=head)
+    assert [page.count(f"moment {time} s<") for time in range(12)] == [1] * 12
+    assert "Earlier events" in page and "Plot any field" not in page
+
+
 def test_of_chapters_to_be_watched_two_are_open_first_that_of_the_headline():
     lights = {
         Light.VIBRATION: Fact(VibrationLight.VIBRATION_MEASURED, Level.WATCH),
