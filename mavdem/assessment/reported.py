@@ -357,10 +357,10 @@ def _take_offs_and_landings(signals: Signals, recorded_part: Segment) -> Iterato
                 detected_time = detected_changes[np.argmin(distances)]
                 yield _event(signals, recorded_part, "EXTENDED_SYS_STATE", code, detected_time)
                 continue
-            stopped_in_air = code is ReportedEvent.ON_GROUND and _is_high(
+            is_stopped_in_air = code is ReportedEvent.ON_GROUND and stopped_in_air(
                 signals, recorded_part.boot, flight
             )
-            if vehicle in POSSIBLE_MULTIROTORS and not stopped_in_air:
+            if vehicle in POSSIBLE_MULTIROTORS and not is_stopped_in_air:
                 yield _event(signals, recorded_part, motor_message, code, time)
 
 
@@ -384,8 +384,8 @@ def _detected_changes(signals: Signals, boot: int) -> Array:
     return landed_state.time[is_defined][is_change]
 
 
-def _is_high(signals: Signals, boot: int, flight_interval: TimeInterval) -> bool:
-    """Returns whether the vehicle was in the air when a flight ended by its motor outputs.
+def stopped_in_air(signals: Signals, boot: int, flight_interval: TimeInterval) -> bool:
+    """Returns whether the vehicle was in the air when a flight ended by its motor outputs, or by disarming.
 
     It was if it sank by more than ``MAX_TOUCH_DOWN_DROP`` afterwards. If the record ends within a second, its height
     above the take-off must exceed that instead.

@@ -4,14 +4,19 @@ The functions that judge a log judge the last seconds, so that an alarm in fligh
 """
 
 from collections import deque
+from collections.abc import Sequence
 from dataclasses import replace
 from math import hypot, inf, isnan
+from typing import NamedTuple
 
 from mavdem.assessment.attitude_error import WITHOUT_SETPOINT_SHARE, attitude_error
 from mavdem.assessment.attitude_losses import LOST_ANGLE, attitude_losses
 from mavdem.assessment.ending import ending_of
 from mavdem.assessment.flights import RECOVERY_SECONDS
+from mavdem.assessment.ground_contacts import ground_contact
+from mavdem.assessment.reported import stopped_in_air
 from mavdem.dataset.grounded import MAX_SETPOINT_DELAY
+from mavdem.dataset.intervals import TimeInterval
 from mavdem.dataset.setpoints import MAX_SETPOINT_AGE, SETPOINT_MESSAGE
 from mavdem.dataset.signals import CLIMB_RATE_FIELDS, Signals
 from mavdem.facts import Fact
@@ -38,6 +43,16 @@ after as long."""
 
 MAX_SAMPLES = 8192
 """Messages of one name that are kept, a choice: it bounds the memory for hostile stamps."""
+
+
+class FlightEnd(NamedTuple):
+    """How a flight ended, as far as the messages since then show it."""
+
+    is_in_air: bool
+    """Whether the motors were stopped in the air, so that the vehicle has not landed."""
+
+    loss: Fact | None
+    """How the vehicle was lost that fell from there; None before it has met the ground."""
 
 
 class ControlWatch:
@@ -114,6 +129,39 @@ class ControlWatch:
         events = attitude_losses(sensors, error, (take_off, inf), is_ongoing=True)
         lost = [event for event in events if event.code is not MotionEvent.ATTITUDE_CAUGHT]
         return ending_of(signals, lost)
+
+    def flight_end(
+        self,
+        vehicle: Telemetry,
+        flight_interval: TimeInterval,
+        reports: Sequence[Fact],
+        motion: RecentMotion | None,
+    ) -> FlightEnd:
+        """Judges a flight that has just ended, by disarming for example: it may have ended above the ground.
+
+        Args:
+            vehicle: identity and parameters of the vehicle, without messages.
+            flight_interval: take-off and end of the flight, s of the boot clock; the take-off is minus infinity where
+                it was not seen.
+            reports: events that the autopilot reports, which may say why the motors were stopped.
+            motion: motor outputs of the last seconds; None if they do not come.
+
+        Returns:
+            Whether it ended in the air, and how the vehicle was lost then, as the review of its recording would say it.
+        """
+        signals = self._signals(vehicle, motion)
+        boot = self._recent.boot
+        if not stopped_in_air(signals, boot, flight_interval):
+            return FlightEnd(is_in_air=False, loss=None)
+        take_off, _ = flight_interval
+        error = attitude_error(signals, boot)
+        contact = None
+        if error is not None:
+            sensors = BootSensors(signals, boot, take_off)
+            contact = ground_contact(sensors, error, flight_interval, None, reports)
+        if contact is None:
+            return FlightEnd(is_in_air=True, loss=None)
+        return FlightEnd(is_in_air=True, loss=ending_of(signals, [*reports, contact]))
 
     def _signals(self, vehicle: Telemetry, motion: RecentMotion | None) -> LiveSignals:
         """Returns the last seconds in the form that a log has.

@@ -41,8 +41,10 @@ class Milestones:
         self.margins_follow = False
         self._has_model = False
         self._has_parameters = False
-        # Whether the vehicle flew at the latest update, and how many rows had been learned from at the last landing.
+        # Whether the vehicle flew at the latest update; when the flight ended that is not reported yet, s of the boot
+        # clock; and how many rows had been learned from at the last report of a flight.
         self._was_flying = False
+        self._unreported_end: float | None = None
         self._reported_rows = 0
 
     def note_first_model(self, learning: FlightLearning, now: float, takeoff_time: float) -> None:
@@ -70,7 +72,8 @@ class Milestones:
         """Reports two milestones as they are reached; it is called once in a status period.
 
         The first is that physical parameters with an identifiable control effectiveness are known. The second, at each
-        landing, is what the flight has shown, provided that rows were learned from since the last such report.
+        landing, is what the flight has shown, provided that rows were learned from since the last such report. A
+        vehicle whose motors were stopped in the air has not landed: what it showed is reported once it is lost.
 
         Args:
             learning: learning that has the latest estimates.
@@ -82,10 +85,15 @@ class Milestones:
             self._has_parameters = True
             figures = _parameter_figures(learning, physical)
             self._log(Fact(SessionFact.PARAMETERS_KNOWN, axis=self._axis, **figures))
-        has_landed = self._was_flying and not status.is_flying
+        if status.is_flying:
+            self._unreported_end = None
+        elif self._was_flying:
+            self._unreported_end = now
         self._was_flying = status.is_flying
-        if has_landed:
-            self._report_flight(learning, status, now, physical)
+        is_end_known = status.has_landed or status.loss is not None
+        if self._unreported_end is not None and is_end_known:
+            self._report_flight(learning, status, self._unreported_end, physical)
+            self._unreported_end = None
 
     def report_end(
         self, learning: FlightLearning, status: SessionStatus, now: float, model: Learned | None
@@ -132,7 +140,7 @@ class Milestones:
                 SessionFact.FLIGHT_LEARNED,
                 clock=now,
                 axis=self._axis,
-                is_flying=status.is_flying,
+                is_flying=status.is_flying or not status.has_landed,
                 is_lost=status.loss is not None,
                 is_fitted=physical is not None,
                 margins_follow=self.margins_follow,

@@ -151,6 +151,9 @@ class SessionStatus(ImmutableResult):
     model_judgement: Judgement | None = None
     """Headline, lights and next step by the model so far; None before it is judged."""
 
+    has_landed: bool = True
+    """Whether the latest flight ended on the ground; false while the vehicle may be falling with its motors stopped."""
+
     loss: Fact | None = None
     """How the flight was lost, until the next take-off; None if it was not."""
 

@@ -277,6 +277,7 @@ class LiveStream:
             late_samples=self._rows.late_samples,
             undecoded_frames=self.frame_reader.undecoded_frames,
             motor_alarms=tuple(self.motor_alarms.latest),
+            has_landed=watchdog.has_landed,
             loss=watchdog.loss,
             active_alarms=(*watchdog.active_alarms, *self.motor_alarms.active),
             watch_facts=self.watch_facts,

@@ -78,6 +78,9 @@ Healthy vehicles that yaw or climb reach about half of it.
 CALM_SECONDS = 10.0
 """Time without what an alarm is about, after which it is over, s: a choice."""
 
+FALL_SECONDS = 2 * RECOVERY_SECONDS
+"""Time after a flight in which a vehicle whose motors were stopped in the air meets the ground and lies still, s."""
+
 LISTENING_SECONDS = 3.0
 """Time after the first review of a boot in which no message counts as missing, s: some come once a second."""
 
@@ -143,6 +146,8 @@ class Watchdog:
         worst_lights: the worst fact found so far, by light.
         control: takes attitudes and their setpoints, and judges whether control of the flight was lost.
         loss: how the flight was lost, by its motion or a report of the autopilot; it stays until the next take-off.
+        has_landed: whether the latest flight ended on the ground; not in flight, nor while a vehicle whose motors were
+            stopped may still be in the air. True before any flight.
     """
 
     def __init__(
@@ -161,16 +166,20 @@ class Watchdog:
         self.worst_lights: dict[str, Fact] = {}
         self.control = ControlWatch(recent)
         self.loss = loss
+        self.has_landed = True
         self._recent = recent
         # Time, s, and MAV_LANDED_STATE at the beginning and the end of each phase.
         self._states: list[_StateSample] = []
-        # Reports of the autopilot that the last search found, by ``_identity``.
+        # Reports of the autopilot that the last search found, and the same by ``_identity``.
+        self._reports: list[Fact] = []
         self._reported = set[tuple[object, ...]]()
         # Whether the former boot ended in flight, and that the autopilot restarted in flight; None if it did not.
         self._was_flying = was_flying
         self._restart: Fact | None = None
         # What the autopilot has reported of the power in the flights of this boot.
         self._power_reports: list[Fact] = []
+        # The report of a landing that is not certain yet; None without one.
+        self._landing_report: Fact | None = None
         # When the reason of each alarm was seen last, and the time of the last review, s of the boot clock.
         self._last_seen: dict[WatchedQuantity, float] = {}
         self._review_time = -inf
@@ -281,6 +290,9 @@ class Watchdog:
         # A report of the landed state that changes for a moment is no other flight. The first phase of a boot has two
         # states at most.
         is_first_phase = len(self._states) <= 2
+        if state == IN_AIR:
+            self.has_landed = False
+            self._landing_report = None
         if state == IN_AIR and (is_first_phase or now - self._states[-1].time >= RECOVERY_SECONDS):
             self.loss = None
             self.active.pop(WatchedQuantity.CONTROL, None)
@@ -315,7 +327,7 @@ class Watchdog:
             takeoff_time: when the vehicle left the ground, s of the boot clock; minus infinity where that was not seen.
 
         Returns:
-            Alarms that begin, become worse, or are over.
+            A landing that is certain now, and alarms that begin, become worse, or are over.
         """
         review = self._review
         assert review is not None
@@ -334,10 +346,44 @@ class Watchdog:
             if self.loss is not None:
                 for kind in EXPLAINED_BY_LOSS:
                     review.facts.pop(kind, None)
+        else:
+            self._judge_end_of_flight(review, takeoff_time, motion)
+        news = []
+        if self.has_landed and self._landing_report is not None:
+            news.append(self._landing_report)
+            self._landing_report = None
         self._update_watch_facts(review, motion)
-        alarms = self._changed_alarms(review)
+        news += self._changed_alarms(review)
         self._review_time = review.now
-        return alarms
+        return news
+
+    def _judge_end_of_flight(
+        self, review: _Review, takeoff_time: float, motion: RecentMotion | None
+    ) -> None:
+        """Judges whether the flight that has just ended did so on the ground, and how the vehicle was lost otherwise.
+
+        A vehicle that was disarmed in the air falls. That it hit the ground is an alarm as in flight. A flight that
+        ended in the air and of which no more is known after ``FALL_SECONDS`` has not landed.
+
+        Args:
+            review: the review, whose ``facts`` are added to.
+            takeoff_time: when the vehicle left the ground, s of the boot clock; minus infinity where that was not seen.
+            motion: motor outputs of the last seconds; None if they do not come.
+        """
+        if len(self._states) < 2 or self._states[-2].landed_state != IN_AIR:
+            return
+        # The motors stopped between two reviews; at the former one the vehicle was as high as it flew.
+        flight_end = self._states[-2].time
+        if review.now - flight_end > FALL_SECONDS:
+            return
+        end = self.control.flight_end(
+            review.vehicle, (takeoff_time, flight_end), self._reports, motion
+        )
+        self.has_landed = not end.is_in_air
+        if end.loss is not None and self.loss is None:
+            review.facts[WatchedQuantity.CONTROL] = end.loss
+            self.loss = end.loss
+            self._judge_motors_of_loss(end.loss)
 
     def _judge_motors_of_loss(self, loss: Fact) -> None:
         """Makes the motor that failed the light of the motors; without one, nothing says any more that all are sound.
@@ -410,6 +456,7 @@ class Watchdog:
         """
         former_identities = self._reported
         facts = reported_events(signals)
+        self._reports = list(facts)
         self._reported = {_identity(fact) for fact in facts}
         reports = []
         for fact in facts:
@@ -423,8 +470,14 @@ class Watchdog:
             is_late = fact.start_time <= self._report_time - LATE_REPORT_SECONDS
             # These facts mean something in a log only: a stream begins anywhere, and ``BootClock`` reports restarts.
             is_for_logs_only = fact.code is ReportedEvent.RESTARTED or fact.figures.get("is_begun")
-            if not is_known and not is_late and not is_for_logs_only:
-                reports.append(fact.replace(height=None))
+            if is_known or is_late or is_for_logs_only:
+                continue
+            report = fact.replace(height=None)
+            if fact.code is ReportedEvent.ON_GROUND and not self.has_landed:
+                # The rest of the review finds out whether the vehicle is on the ground.
+                self._landing_report = report
+            else:
+                reports.append(report)
         reports_of_loss = [fact for fact in reports if fact.code in REPORTS_OF_LOSS]
         if self.loss is None and reports_of_loss:
             self.loss = ending_of(signals, reports_of_loss)

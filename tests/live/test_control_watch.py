@@ -115,6 +115,56 @@ def test_a_lean_without_a_setpoint_is_lost_only_where_it_is_far():
     assert leant.stream.status().loss is None
 
 
+@dataclass(frozen=True)
+class Tumbling(Hover):
+    """Hovers for a moment; once its motors stop, it turns over if ``tumbles``."""
+
+    hovering: float = 1.0
+    tumbles: bool = True
+
+    def roll(self, t):
+        since_stop = np.asarray(t) - self.landed
+        tumbled = self.tumbles * np.clip(since_stop, 0.0, 1.4)
+        return np.where(since_stop < 0.0, super().roll(t), tumbled)
+
+    def roll_rate(self, t):
+        return (self.roll(t + 0.01) - self.roll(t - 0.01)) / 0.02
+
+
+@dataclass(frozen=True)
+class StoppedFlight(Flight):
+    """A flight whose motors stop 10 m above the take-off, over ``ground``, m, to which the vehicle falls."""
+
+    ground: float = 0.0
+
+    def _climb(self, start, end):
+        drop = 10.0 - self.ground
+        for time, name, fields in super()._climb(start, end):
+            falling = np.clip(time - self.hover.landed, 0.0, None)
+            height = np.interp(time, [6.0, 11.0], [0.0, 10.0])
+            is_falling = 0.0 < falling < np.sqrt(2 * drop / 9.81)
+            fallen = min(0.5 * 9.81 * falling**2, drop)
+            motion = {"vz": 9.81 * falling * is_falling} if time > 11.0 else {}
+            yield time, name, fields | {"z": fallen - float(height)} | motion
+
+
+def test_a_vehicle_disarmed_in_the_air_has_not_landed():
+    made = replay(StoppedFlight(Tumbling(), 25.0, 25.0).frames(end=37.0))
+    [alarm] = alarms(made)
+    assert alarm.figures["because"].code is Ending.CRASHED
+    assert ReportedEvent.ON_GROUND not in made.codes
+    status = made.stream.status()
+    assert not status.is_flying and not status.has_landed
+    assert status.loss is alarm.figures["because"]
+
+
+def test_a_landing_above_the_take_off_is_one():
+    made = replay(StoppedFlight(Tumbling(tumbles=False), 25.0, 25.0, ground=9.9).frames(end=37.0))
+    assert not alarms(made)
+    assert ReportedEvent.ON_GROUND in made.codes
+    assert made.stream.status().has_landed
+
+
 @mark.parametrize(
     "boot_time, take_off", [(0.0, 47.0), (39.5, 43.0)], ids=["in this boot", "in the next"]
 )

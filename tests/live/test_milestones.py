@@ -10,6 +10,8 @@ from mavdem.dem import Learned
 from mavdem.dem.online.estimate import Estimate
 from mavdem.dem.online.learner import OnlineLearner
 from mavdem.dem.settings import Settings
+from mavdem.facts import Fact
+from mavdem.facts.ending import Ending
 from mavdem.facts.identifiability import Status
 from mavdem.facts.session import SessionFact
 from mavdem.live.learning import FlightLearning
@@ -65,6 +67,19 @@ def test_a_landing_reports_what_the_flight_has_shown():
     margins |= {"gain_margin": 14.9, "gain_margin_interval": (13.0, 17.0)}
     known = str(facts[1].replace(**margins))
     assert "margins 66° (60 to 72) and 14.9 dB (13.0 to 17.0). Mean wind" in known
+
+
+def test_a_flight_that_ends_in_the_air_is_no_landing():
+    facts = []
+    milestones = Milestones("roll", facts.append)
+    learning = learning_with()
+    for now, is_flying in ((39.0, True), (40.0, False), (41.0, False)):
+        milestones.update(learning, SessionStatus(is_flying=is_flying, has_landed=False), now)
+    assert not facts
+    lost = SessionStatus(has_landed=False, loss=Fact(Ending.CRASHED))
+    milestones.update(learning, lost, 42.0)
+    [shown] = facts
+    assert shown.figures["is_lost"] and shown.figures["clock"] == 40.0
 
 
 @mark.parametrize(
