@@ -181,24 +181,25 @@ def _axes_reported_together(tuning: Tuning) -> list[list[str]]:
 
 
 def _facts_on_axis(tuning: Tuning, axis: str) -> list[Fact]:
-    """Returns the rating of the margins of an axis, unless it is doubtful, and what to do with its gains, and why.
+    """Returns what is reported of an axis: the rating of its margins, what to do with its gains, and why.
 
     Args:
         tuning: advice on the gains of each axis, or the fact why there is none.
         axis: "roll", "pitch" or "yaw".
+
+    Returns:
+        Facts in the order of the report: first the margins, without which the gains stand alone on a doubtful axis,
+        whose flight contradicts them. Without advice, the fact why there is none.
     """
     advice = tuning.axes[axis]
     if isinstance(advice, Fact):
         return [advice]
     decision = tuning.judgement.loop_decisions.get(axis)
     conclusion = advice.conclusion
-    if (
-        decision is not None
-        and decision.action
-        and decision.action.code is LoopAction.LOWER_BY_A_THIRD
-    ):
-        # Gains that are not computed from the loop are to be lowered all the same, which is advice too.
-        conclusion = conclusion.replace(action=decision.action)
+    action = None if decision is None else decision.action
+    if action is not None and action.code is LoopAction.LOWER_BY_A_THIRD:
+        # An oscillating axis is to be lowered by a third, also where no gains could be computed from its loop.
+        conclusion = conclusion.replace(action=action)
     if axis in tuning.doubtful_axes:
         return [conclusion]
     reasons = [note for note in advice.notes if note.code in REASONS_FOR_GAINS]

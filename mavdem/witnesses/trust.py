@@ -129,7 +129,10 @@ class SensorTrust:
         return (self._flight_check(), *vehicle_sensors, *motion, stick)
 
     def _flight_check(self) -> Fact:
-        """Returns the check of whether the vehicle flew as a fact, with the statements of sensors that show it."""
+        """Returns the check of whether the vehicle flew, with the statements of its sensors for and against that.
+
+        Where the sensors do not decide it, a vehicle whose motors had enough power to fly is assumed to have flown.
+        """
         return Fact(
             TrustCheck.FLIGHT,
             _level(self.flew),

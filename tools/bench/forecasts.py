@@ -23,7 +23,11 @@ from mavdem.report.blocks import Table, markdown
 from mavdem.report.comparison import comparison_report
 
 COLUMNS = ["flight", "windows", "median ratio", "worst", "below 1", "in the 90 % band"]
-"""Columns of the table by flight: error ratios of the windows, and shares of windows and of samples."""
+"""Columns of the table by flight.
+
+"median ratio" and "worst" are those of the errors of the windows over the error of a constant forecast; "below 1" is
+the share of windows with a smaller error than that, "in the 90 % band" the share of samples.
+"""
 
 
 def evenly_chosen_windows(name: str, flight: mavdem.Flight, max_count: int | None) -> list[Window]:
@@ -41,7 +45,7 @@ def evenly_chosen_windows(name: str, flight: mavdem.Flight, max_count: int | Non
 
 
 def table_by_flight(comparison: Comparison) -> Table:
-    """Returns a table with a row for each flight, on the forecasts of the method "ours".
+    """Returns a table with a row for each flight, on the forecasts of this library, the method "ours".
 
     Args:
         comparison: errors of all methods on all windows.
@@ -51,7 +55,9 @@ def table_by_flight(comparison: Comparison) -> Table:
         (summary,) = (row for row in comparison.summaries(flight) if row["method"] == "ours")
         share_below_1 = 1 - summary["worse_than_constant"] / summary["windows"]
         # The last horizon is the whole forecast. It has no share where there is no band.
-        share_in_band = summary["horizons"][-1]["inside"] or np.nan
+        share_in_band = summary["horizons"][-1]["inside"]
+        if share_in_band is None:
+            share_in_band = np.nan
         rows.append(
             [
                 flight,

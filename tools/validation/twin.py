@@ -62,8 +62,8 @@ GYRO_FILTER_PARAMETERS = {"ardupilot": "INS_GYRO_FILTER", "px4": "IMU_GYRO_CUTOF
 """Parameter of the gyro's low-pass, by autopilot."""
 
 
-def random_vehicle(seed: int, number: int) -> Scenario:
-    """Draws a vehicle, and returns its flight with all axes excited and a gain margin of ``FLIGHT_GAIN_MARGIN``.
+def random_scenario(seed: int, number: int) -> Scenario:
+    """Draws a vehicle for a flight with all axes excited, with gains for a gain margin of ``FLIGHT_GAIN_MARGIN``.
 
     The gain margin is proportional to one over the gains of the rate loop. So the vehicle hovers once with the gains
     that it has, and the excess of its margin, dB, becomes the factor on its gains.
@@ -83,8 +83,7 @@ def random_vehicle(seed: int, number: int) -> Scenario:
     sections = {key: defaults[key] | values[key] for key in ("vehicle", "sensors", "stream")}
     scenario = scenario_from_values(defaults | values | sections)
     hover = in_hover(scenario, 1.0)
-    # The margins are crossover (Hz), phase margin (degrees), gain margin (dB), and so on.
-    gain_margin = truth(hover, fly(hover))["roll_rate_margins"][2]
+    _crossover, _phase_margin, gain_margin, *_ = truth(hover, fly(hover))["roll_rate_margins"]
     excess = gain_margin - FLIGHT_GAIN_MARGIN
     return with_gains(scenario, 10 ** (excess / 20))
 
@@ -202,7 +201,7 @@ def evaluate_vehicle(number: int, seed: int) -> list[Values]:
         number: number of the vehicle.
         seed: seed of all vehicles.
     """
-    scenario = random_vehicle(seed, number)
+    scenario = random_scenario(seed, number)
     lag = 1e3 * (scenario.vehicle.lag_up or 0.0)
     name = f"{scenario.stream.autopilot}, {lag:.0f} ms, {scenario.stream.rate:.0f} Hz"
     with TemporaryDirectory() as folder:

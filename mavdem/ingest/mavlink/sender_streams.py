@@ -126,14 +126,17 @@ def _sequence_steps(sequence: Bytes) -> _SequenceSteps:
 
 
 def _rows_of_possible_readings(all_frames: Frames, rows: Rows) -> NDArray[np.int32]:
-    """Finds the readable frames of a sender with a boot clock that the autopilot itself stamps.
+    """Finds the frames of a sender from which its boot clock may be read.
+
+    These are the readable ones of the messages in ``READING_LAYOUTS``, whose ``time_boot_ms`` or ``time_usec`` is set
+    by the autopilot and not by a companion computer or ground station.
 
     Args:
         all_frames: The frames (N,) of all senders.
-        rows: Rows (n,) of the sender's frames.
+        rows: Rows (n,) of the sender's frames in ``all_frames``.
 
     Returns:
-        Rows (m,) among the sender's frames, ascending.
+        Positions (m,) of the found frames in ``rows``, ascending.
     """
     parts = [np.zeros(0, dtype=np.int32)]
     for first in range(0, len(rows), ROWS_AT_ONCE):
@@ -145,7 +148,7 @@ def _rows_of_possible_readings(all_frames: Frames, rows: Rows) -> NDArray[np.int
 
 
 def _has_reading(message_ids: Offsets) -> Flags:
-    """Flags messages (n,), by their ids, that have a boot clock which the autopilot itself stamps."""
+    """Flags messages (n,) whose id is in ``READING_LAYOUTS``: the autopilot itself stamps their boot clock."""
     flags = np.zeros(len(message_ids), dtype=np.bool_)
     for message_id in READING_LAYOUTS:
         flags |= message_ids == message_id
