@@ -52,6 +52,9 @@ class ClockSpeed:
         """
         self.speed = 1.0
         self._log = log
+        # Seconds of the vehicle's clock, without its jumps, and s of this computer's clock, at the latest advance.
+        self._elapsed_seconds = 0.0
+        self._advance_time: float | None = None
         # Readings from which a measurement can begin, the oldest first, and the latest reading.
         self._readings = deque[_ClockReading]()
         self._latest: _ClockReading | None = None
@@ -69,6 +72,18 @@ class ClockSpeed:
             return vehicle_seconds
         return vehicle_seconds / self.speed
 
+    def elapsed_seconds(self, now: float) -> float:
+        """Returns the seconds of the vehicle's clock since the first update, without its jumps and from any number on.
+
+        Since its latest advance, which attitudes bring, the clock is taken to run at the measured speed.
+
+        Args:
+            now: s of this computer's monotonic clock.
+        """
+        if self._advance_time is None:
+            return now
+        return self._elapsed_seconds + (now - self._advance_time) * self.speed
+
     def update(self, now: float, vehicle_time: float) -> None:
         """Takes the present reading of both clocks, and measures the speed if the vehicle's clock has advanced.
 
@@ -81,15 +96,23 @@ class ClockSpeed:
             vehicle_time: latest time of the vehicle's boot clock, s; NaN before any.
         """
         latest_reading = self._latest
+        if self._advance_time is None:
+            self._elapsed_seconds = now
+            self._advance_time = now
         if isnan(vehicle_time) or (
             latest_reading is not None and vehicle_time == latest_reading.vehicle_time
         ):
             return
+        elapsed_seconds = self.elapsed_seconds(now)
         if latest_reading is not None:
             step = vehicle_time - latest_reading.vehicle_time
             has_jumped = step <= 0 or step >= SPEED_WINDOW_SECONDS
             if has_jumped:
                 self._readings.clear()
+            else:
+                elapsed_seconds = self._elapsed_seconds + step
+        self._elapsed_seconds = elapsed_seconds
+        self._advance_time = now
         latest_reading = _ClockReading(now, vehicle_time)
         self._latest = latest_reading
         readings = self._readings

@@ -1,6 +1,7 @@
 """The lights of a live flight before a model of it is judged: what is watched already, or each light's own reason."""
 
 from collections.abc import Mapping
+from typing import NamedTuple
 
 from mavdem.assessment.lights import REGISTRY
 from mavdem.dataset.attitude import ATTITUDE_MESSAGES
@@ -85,9 +86,7 @@ def _log_light(rates: Mapping[str, float]) -> Fact | None:
     Args:
         rates: rates of the messages, Hz, by name.
     """
-    attitude_rate = max((rates.get(name, 0.0) for name in ATTITUDE_MESSAGES), default=0.0)
-    motor_rates = [rate for name, rate in rates.items() if name not in ATTITUDE_MESSAGES]
-    motor_rate = max(motor_rates, default=0.0)
+    attitude_rate, motor_rate = fastest_rates(rates)
     if min(attitude_rate, motor_rate) < MIN_STREAM_RATE:
         return None
     return Fact(
@@ -98,3 +97,24 @@ def _log_light(rates: Mapping[str, float]) -> Fact | None:
         needed_rate=MIN_STREAM_RATE,
         damage=None,
     )
+
+
+class FastestRates(NamedTuple):
+    """Rates of the messages that rows are made of where several come."""
+
+    attitude: float
+    """Rate of the fastest attitude message, Hz; 0 without one."""
+
+    motors: float
+    """Rate of the fastest message of motor outputs, Hz; 0 without one."""
+
+
+def fastest_rates(rates: Mapping[str, float]) -> FastestRates:
+    """Returns the rates of the fastest messages of attitude and of motor outputs.
+
+    Args:
+        rates: rates of all messages of attitude and motor outputs, Hz, by name.
+    """
+    attitude_rates = [rate for name, rate in rates.items() if name in ATTITUDE_MESSAGES]
+    motor_rates = [rate for name, rate in rates.items() if name not in ATTITUDE_MESSAGES]
+    return FastestRates(max(attitude_rates, default=0.0), max(motor_rates, default=0.0))

@@ -49,7 +49,12 @@ class RateNegotiation:
         self._greeting_time = -inf
 
     def update(
-        self, now: float, message_time: float, *, is_busy: bool, clock_speed: float = 1.0
+        self,
+        now: float,
+        message_time: float,
+        *,
+        is_busy: bool,
+        vehicle_seconds: float | None = None,
     ) -> None:
         """Sends what is due: a greeting if the link needs one, then requests to the vehicle once it is known.
 
@@ -62,7 +67,7 @@ class RateNegotiation:
             now: time up to which everything that arrived is analysed, s of the monotonic clock.
             message_time: time of the last message, s of that clock.
             is_busy: whether the analysis is late, so that messages seem to come only as fast as they are analysed.
-            clock_speed: seconds of the vehicle's clock in one second of this computer's clock; above 0.
+            vehicle_seconds: seconds of the vehicle's clock so far; None if it runs as this computer's.
         """
         if self._requested_rate is None or self._intake.is_lost or is_busy:
             # A new measurement, which begins with the next call.
@@ -80,7 +85,7 @@ class RateNegotiation:
             self._request = self._request_to(vehicle, self._requested_rate)
         for message in self._stream.drain_replies():
             self._request.take_reply(message)
-        rates = self._arrival_rates.update(now, vehicle.message_counts, clock_speed)
+        rates = self._arrival_rates.update(now, vehicle.message_counts, vehicle_seconds)
         self._intake.send(self._request.frames_due(now, rates, vehicle.parameters))
         for fact in self._request.drain_events():
             self._log(fact)

@@ -110,12 +110,15 @@ class _MessageCounts(NamedTuple):
     counts: dict[int, int]
     """Number of messages until then, by message id."""
 
+    vehicle_seconds: float
+    """Seconds of the vehicle's clock until then."""
+
 
 class ArrivalRates:
     """Rates of messages over the last ``RATE_WINDOW_SECONDS``, by the vehicle's clock.
 
-    They are counted by a clock of this computer and divided by the speed of the vehicle's clock, since that clock
-    itself stops when no attitude comes.
+    The window is one of this computer's clock, since the vehicle's stops when no attitude comes. What arrived in it is
+    divided by the seconds of the vehicle's clock in the same window: the speed of that clock may vary.
     """
 
     def __init__(self) -> None:
@@ -124,32 +127,36 @@ class ArrivalRates:
         self._window: deque[_MessageCounts] = deque()
 
     def update(
-        self, now: float, counts: Mapping[int, int], clock_speed: float = 1.0
+        self, now: float, counts: Mapping[int, int], vehicle_seconds: float | None = None
     ) -> dict[int, float] | None:
         """Adds the present counts of messages, and returns the rate of each message over the last seconds.
 
         Args:
             now: s of this computer's monotonic clock.
             counts: number of messages that have arrived so far, by message id.
-            clock_speed: seconds of the vehicle's clock in one of this computer's; above 0.
+            vehicle_seconds: seconds of the vehicle's clock so far (``ClockSpeed.elapsed_seconds``); None if it runs as
+                this computer's.
 
         Returns:
             Hz by message id; None while less than ``DECISION_SECONDS`` have been measured.
         """
         window = self._window
+        if vehicle_seconds is None:
+            vehicle_seconds = now
         if not window or now - window[-1].time >= COUNT_PERIOD:
-            window.append(_MessageCounts(now, dict(counts)))
+            window.append(_MessageCounts(now, dict(counts), vehicle_seconds))
         # The window begins with the latest counts that are at least ``RATE_WINDOW_SECONDS`` old.
         while len(window) > 1 and window[1].time <= now - RATE_WINDOW_SECONDS:
             window.popleft()
         start = window[0]
         duration = now - start.time
-        if duration < DECISION_SECONDS:
+        vehicle_duration = vehicle_seconds - start.vehicle_seconds
+        if duration < DECISION_SECONDS or vehicle_duration <= 0:
             return None
         rates = {}
         for message_id, message_count in counts.items():
             new_messages = message_count - start.counts.get(message_id, 0)
-            rates[message_id] = new_messages / (duration * clock_speed)
+            rates[message_id] = new_messages / vehicle_duration
         return rates
 
 

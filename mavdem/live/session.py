@@ -167,7 +167,7 @@ class LiveSession:
             analysed_time,
             self._silence_monitor.message_time,
             is_busy=self.backlog.is_late,
-            clock_speed=self._clock_speed.speed,
+            vehicle_seconds=self._clock_speed.elapsed_seconds(analysed_time),
         )
         if now - self._status_time >= STATUS_PERIOD:
             self._status_time = now

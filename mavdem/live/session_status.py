@@ -30,7 +30,7 @@ from mavdem.facts.vibration import VibrationLight
 from mavdem.facts.watch import WatchFact
 from mavdem.immutable import ImmutableResult
 from mavdem.live.history import REPORTED_HORIZON
-from mavdem.live.live_lights import lights_before_model
+from mavdem.live.live_lights import fastest_rates, lights_before_model
 from mavdem.live.vehicle_state import VehicleState
 from mavdem.live.wind import WindEstimate
 from mavdem.motors.motor_changes import MotorAlarm
@@ -322,6 +322,14 @@ class SessionStatus(ImmutableResult):
         if self.obstacle is not None:
             return self.obstacle
         return Fact(SessionFact.BEING_LEARNED if self.is_flying else SessionFact.NOT_FLYING)
+
+    @property
+    def row_rate(self) -> float:
+        """Rate of the slower of attitude and motor outputs, by the fastest message of each that comes, Hz; 0 of none.
+
+        Slower messages of the same, which nothing is made of, do not count.
+        """
+        return min((rate for rate in fastest_rates(self.rates) if rate), default=0.0)
 
     @property
     def delay_fact(self) -> Fact | None:

@@ -7,6 +7,7 @@ from pytest import approx, mark
 
 from mavdem.facts.session import RateFact
 from mavdem.live.clock_speed import ClockSpeed
+from mavdem.live.rate_request import ArrivalRates
 
 
 def measured(now, vehicle_times):
@@ -44,3 +45,21 @@ def test_attitude_that_ends_and_jumps_of_the_clock_leave_the_speed_as_it_was():
     vehicle_times[now > 30] -= 1120.0
     clock_speed, facts = measured(now, vehicle_times)
     assert clock_speed.speed == approx(1.0) and not facts
+
+
+def test_rates_stay_those_of_the_vehicle_where_its_clock_becomes_slower():
+    """100 messages in each second of the vehicle's clock, whose speed falls just before a new window."""
+    clock_speed = ClockSpeed(lambda fact: None)
+    arrival_rates = ArrivalRates()
+    vehicle_time = 0.0
+    measured_rates = []
+    for now in np.arange(0.0, 40.0, 0.1).tolist():
+        vehicle_time += 0.05 if now < 20.0 else 0.01
+        clock_speed.update(now, 50.0 + vehicle_time)
+        if now == approx(21.0):
+            arrival_rates = ArrivalRates()
+        counts = {30: round(100 * vehicle_time)}
+        rates = arrival_rates.update(now, counts, clock_speed.elapsed_seconds(now))
+        if rates is not None:
+            measured_rates.append(rates[30])
+    assert measured_rates == approx(np.full(len(measured_rates), 100.0), rel=0.03)

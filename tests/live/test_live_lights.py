@@ -63,6 +63,12 @@ def test_rates_that_suffice_are_a_good_log(slow):
     assert fast.overall_judgement.lights[Light.LOG].is_good
 
 
+def test_the_rate_shown_is_that_of_the_messages_that_rows_are_made_of(slow):
+    rates = {"ATTITUDE": 100.0, "SERVO_OUTPUT_RAW": 99.0, "ATTITUDE_QUATERNION": 25.0}
+    assert replace(slow, rates=rates).row_rate == 99.0
+    assert SessionStatus().row_rate == 0.0
+
+
 def test_the_next_step_fits_the_moment(slow):
     learning = replace(slow, obstacle=None)
     assert "Fly on" in str(learning.overall_judgement.next_step)

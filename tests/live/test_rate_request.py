@@ -136,7 +136,8 @@ class Vehicle:
             counts = {kind: int(count) for kind, count in self.counts.items()}
             self.vehicle_time += 0.1 * self.clock_speed
             self.measured_speed.update(self.now, self.vehicle_time)
-            rates = self.arrivals.update(self.now, counts, self.measured_speed.speed)
+            elapsed = self.measured_speed.elapsed_seconds(self.now)
+            rates = self.arrivals.update(self.now, counts, elapsed)
             if not self.silent:
                 for command, kind, interval in said(self.request.frames_due(self.now, rates)):
                     self.sent.append((round(self.now, 1), command, kind))
