@@ -162,6 +162,8 @@ class LiveHistory:
         self.events: list[Event] = []
         self.learned_intervals: list[TimeInterval] = []
         self.boot = 0
+        # Time, s of the timeline, and voltage, V, of the battery, the latest ``MAX_ROWS`` of them.
+        self._voltages: deque[tuple[float, float]] = deque(maxlen=MAX_ROWS)
         # Columns as ``table`` lists them. Of all rows that were added, every ``_stride``-th one is kept.
         self._rows: list[array[float]] = []
         self._stride = 1
@@ -190,6 +192,16 @@ class LiveHistory:
         has_passed = time + self.timeline_offset <= self.now
         if not has_passed:
             self.now = time + self.timeline_offset
+
+    def add_voltage(self, voltage: float) -> None:
+        """Adds the voltage of the battery, V, at the present time of the timeline; the same time once only."""
+        if isfinite(self.now) and not (self._voltages and self._voltages[-1][0] == self.now):
+            self._voltages.append((self.now, voltage))
+
+    @property
+    def voltages(self) -> Array:
+        """(N, 2) Times of the timeline, s, and voltages of the battery then, V."""
+        return np.array(self._voltages).reshape(-1, 2)
 
     def add_row(
         self,

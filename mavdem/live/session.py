@@ -6,6 +6,7 @@ view's own queue. What is received is recorded first, and waits for its analysis
 
 from collections.abc import Callable, Hashable
 from concurrent.futures import Executor
+from math import inf
 
 from mavdem.dem import Estimate, Learned, Settings
 from mavdem.dem.online.learner import FIRST_FIT_RUNNING
@@ -43,6 +44,9 @@ OBSTACLES_TO_ROWS = (
     RowsFact.LIVE_RATES_TOO_LOW,
 )
 """Obstacles without rows, and so without a model of the flight."""
+
+SAMPLE_PERIOD = 0.1
+"""Time between two samples of the motion in the history while there are no rows, s: a choice, finer than plots show."""
 
 
 class LiveSession:
@@ -128,6 +132,8 @@ class LiveSession:
         # When the status was reported last, s of the monotonic clock, and the obstacle that was reported last.
         self._status_time = 0.0
         self._obstacle: Fact | None = None
+        # Time of the latest sample that was added to the history without a row, s of the boot clock.
+        self._sample_time = -inf
         # Why there were no rows in flight when that was last so; None before.
         self._rows_obstacle: Fact | None = None
 
@@ -230,6 +236,7 @@ class LiveSession:
         for row in self.stream.take_frames(batches[0].stamp, frames):
             self._take_row(row, first_arrival)
         self.history.advance(self.stream.now, self.stream.boot)
+        self._add_sample_to_history()
         self._withdraw_landing()
         motion_silence = self._silence_monitor.note_samples(self.stream.sample_count)
         self._silence_monitor.note_attitudes(self.stream.attitude_count)
@@ -240,6 +247,24 @@ class LiveSession:
                 self._presentation.log(fact)
         if self.stream.boot != former_boot or silence > SILENCE_SECONDS:
             self._rates.restart()
+
+    def _add_sample_to_history(self) -> None:
+        """Adds the latest sample to the history in flight while messages come too slowly for rows.
+
+        So what is measured is drawn at any rate. Samples are ``SAMPLE_PERIOD`` apart, and nothing is learned of them.
+        """
+        # After a reboot the clock begins again. A difference to a time that is not known (NaN) is never long enough.
+        is_due = abs(self.stream.now - self._sample_time) >= SAMPLE_PERIOD
+        if not self.stream.is_flying or not is_due:
+            return
+        self._sample_time = self.stream.now
+        latest = self.stream.latest_row()
+        if latest is None:
+            return
+        self.history.motor_names = latest.row_format.geometry.names
+        self._presentation.add_to_history(
+            latest.row, latest.row_format, None, self.stream.wind.latest, self.stream.pose
+        )
 
     def _take_row(self, row: AlignedRow, arrival_time: float) -> None:
         """Learns from one row of the flight, and shows it.
@@ -299,6 +324,8 @@ class LiveSession:
             The status.
         """
         status = self.status
+        if status.is_flying and status.state is not None and status.state.voltage is not None:
+            self.history.add_voltage(status.state.voltage)
         if DelayedWork.ESTIMATES not in self.backlog.postponed:
             self._report_status(status)
         if status.is_flying:

@@ -12,6 +12,7 @@ from mavdem.dem.parallel import LearningProcess
 from mavdem.errors import Refusal, fact_from_error
 from mavdem.facts import Fact
 from mavdem.facts.event import Event
+from mavdem.facts.events import ReportedEvent
 from mavdem.facts.serve import RefusalReason
 from mavdem.facts.session import LinkFact, RowsFact, SessionFact, VehicleFact
 from mavdem.facts.watch import WatchFact
@@ -42,9 +43,11 @@ REPORTED_CODES = frozenset(
         VehicleFact.VEHICLE_REBOOTED,
         SessionFact.FLIGHT_LEARNED,
         WatchFact.ALARM_OVER,
+        ReportedEvent.OFF_GROUND,
+        ReportedEvent.ON_GROUND,
     }
 )
-"""What the server's terminal says of a flight besides alarms and warnings: the link, the vehicle and the landing.
+"""What the server's terminal says of a flight besides alarms and warnings: the link, the vehicle, take-off and landing.
 
 How the learning goes on is on the page.
 """

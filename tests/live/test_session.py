@@ -8,6 +8,7 @@ from unittest.mock import Mock
 
 import numpy as np
 from live_faults import error_ratios, run_session, undisturbed
+from live_hover import Flight
 from mavlink_streams import message
 from numpy.testing import assert_allclose, assert_array_equal
 from pymavlink.dialects.v20 import all as dialect
@@ -43,6 +44,7 @@ from mavdem.live.link import LinkLost, ReceivedPiece
 from mavdem.live.raw_recording import RawRecording
 from mavdem.live.session import LiveSession
 from mavdem.live.session_status import SessionStatus
+from mavdem.report.charts.timeline import live_timeline
 from mavdem.report.numbers import plus_minus
 from mavdem.report.pages.flight_page import live_page
 from sitl_scenarios.files import load, scenario_of
@@ -141,6 +143,24 @@ def run(one):
     while one.link.script:
         one.step(0.0)
     one.end()
+
+
+def test_motion_motors_and_battery_are_plotted_though_messages_are_too_slow_for_rows():
+    slow = Flight(attitude=25.0, motors=25.0).frames(end=18.0)
+    session, _, _ = session_of([[frame] for frame in slow])
+    run(session)
+    history = session.history
+    assert session.stream.row_format is None and history.learned_intervals == []
+    history.add_voltage(12.1)
+    history.add_voltage(12.1)
+    history.advance(history.now + 1.0, history.boot)
+    history.add_voltage(12.0)
+    charts = {chart.title: chart for chart in live_timeline(history, "roll").flight_charts}
+    assert {"Roll", "Pitch", "Height", "Motors", "Battery"} <= charts.keys()
+    assert len(charts["Motors"].lines) == 4
+    assert charts["Battery"].lines[0].y.tolist() == [12.1, 12.0]
+    spacing = np.diff(charts["Roll"].lines[0].x)
+    assert spacing.min() > 0.09 and np.median(spacing) < 0.2
 
 
 @mark.slow

@@ -462,6 +462,11 @@ def live_timeline(history: LiveHistory, axis: str) -> Timeline | None:
         lines = tuple(line for line in chart.lines if np.isfinite(line.y).any())
         if lines:
             drawn_charts.append(chart._replace(lines=lines))
+    if len(history.voltages) > 1:
+        voltage_time, voltage = history.voltages.T
+        drawn_charts.append(
+            over_time("Battery", "V", [Line("voltage", MEASURED, voltage_time, voltage)])
+        )
     return Timeline(
         flight_charts=tuple(drawn_charts),
         span=(time[0], time[-1]),
