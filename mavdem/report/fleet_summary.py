@@ -165,21 +165,26 @@ def _health_summary(vehicles: Mapping[str, VehicleFlights], names: GivenNames) -
         names: names that were given to vehicles.
 
     Returns:
-        Values by the names that the template uses: "ill", "judged" and "recovered_count" are numbers of vehicles,
-        "named" and "recovered" lists in words.
+        Values by the names that the template uses: "ill", "watched", "judged" and "recovered_count" are numbers of
+        vehicles, "named" and "recovered" lists in words. Watched are those whose row is of that colour, but which do
+        not need a look.
     """
     labels = {
         name: vehicle_label(name, vehicle.last.frame, names) for name, vehicle in vehicles.items()
     }
     urgent = []
+    watched_count = 0
     for name in sorted(vehicles, key=lambda name: (vehicles[name].urgency, name)):
         vehicle = vehicles[name]
         if vehicle.urgency.rank < MAX_URGENT_RANK:
             urgent.append(f"{labels[name]} ({as_clause(vehicle.words.conclusion)})")
+        elif vehicle.last.badge_level is Level.WATCH:
+            watched_count += 1
     healthy = [name for name in vehicles if vehicles[name].health == MotorHealth.OK]
     recovered = [labels[name] for name in healthy if vehicles[name].was_in_trouble]
     return {
         "ill": len(urgent),
+        "watched": watched_count,
         "named": abbreviated_list(urgent),
         "recovered": abbreviated_list(sorted(recovered)),
         "recovered_count": len(recovered),

@@ -102,6 +102,23 @@ def test_a_repaired_vehicle_says_that_later_flights_show_nothing():
     assert "in earlier flights, and not in the latest: quad." in text
 
 
+def test_vehicles_to_watch_and_not_judged_are_counted_beside_those_that_need_a_look():
+    unjudged = {"health": "unknown", "headline": "It drifts.", "headline_level": "watch"}
+    rows = [
+        flight_row("lost", 0, health="unknown", headline="It fell.", headline_level="bad"),
+        flight_row("changed", 0, **unjudged),
+        flight_row("other", 0, **unjudged),
+    ]
+    text = plain_text(fleet_blocks(rows))
+    assert "1 of 3 vehicles needs a look: lost (it fell); 2 more are to be watched." in text
+    assert "Motors not judged: 3 vehicles, for the reason that each gives." in text
+    text = plain_text(fleet_blocks(rows[1:2]))
+    assert text.startswith(
+        "Whether motors drift could not be judged of any vehicle yet; 1 vehicle is"
+    )
+    assert "Motors not judged" not in text
+
+
 def test_a_flight_that_two_logs_have_counts_once_and_by_the_better():
     slow = [
         flight_row("quad", 0, axis, key="slow", file="/logs/quad/0.tlog", tier="c")
