@@ -108,7 +108,8 @@ class Advice(ImmutableResult):
 
         The fact has these figures:
 
-        - ``share``: fraction of the models with the margins, with the new gains.
+        - ``share``: fraction of the models with the margins at all ``EFFECTIVENESS_FACTORS``, with the new gains.
+        - ``share_as_flown``: the same at the thrust of the flight alone.
         - ``has_room``: whether the logged gains surely have the margins already.
         - ``can_go_on``: whether gains of loops with enough margin may be raised further.
         - ``stage`` of tuning, and number of ``flights`` that it still needs.
@@ -127,6 +128,7 @@ class Advice(ImmutableResult):
         return Fact(
             code,
             share=self.sure,
+            share_as_flown=self.after.share_meeting(self.target),
             has_room=self.rating.is_good,
             can_go_on=not reasons_for_no_gains(self.before, for_higher_gains=True),
             stage=int(self.stage or 0),

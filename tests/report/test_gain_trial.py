@@ -8,11 +8,15 @@ from pytest import approx, mark
 from mavdem.assessment.axis.twin import GainTrial, TwinMotion, samples_of_most_movement
 from mavdem.assessment.evidence import Evidence
 from mavdem.facts import Fact
-from mavdem.facts.loops import LoopFact
+from mavdem.facts.loops import GainFact, LoopFact
 from mavdem.loops.advice import advise
+from mavdem.loops.axis_loops import MARGIN_TARGETS
 from mavdem.loops.twin_flight import ReplaySegment
 from mavdem.report.charts import gain_trial
+from mavdem.report.charts.chart import Axis, Chart, Line
 from mavdem.report.charts.gain_trial import gain_trial_groups
+from mavdem.report.pages.tune_page import _step_caption
+from mavdem.report.palette import PHYSICAL, PREDICTED
 
 WITHOUT_TWIN = partial_record(Evidence, loops={"roll": Fact(LoopFact.LOOP_TOO_SHORT)})
 
@@ -31,6 +35,25 @@ def test_steps_of_both_gains_are_drawn_over_each_other():
             assert abs(line.y[0]) < 0.05 and line.y[-1] == approx(1, abs=0.15)
     rate_now, rate_advised = charts[0].lines
     assert rate_now.y.max() > rate_advised.y.max() > 1, "the advised gains overshoot less"
+
+
+def test_the_caption_of_steps_explains_only_what_is_drawn():
+    axis = Axis("time (s)")
+    now, advised = (
+        Chart("", axis, axis, (Line("", colour, np.arange(2.0), np.arange(2.0)),))
+        for colour in (PREDICTED, PHYSICAL)
+    )
+    assert _step_caption({"roll": {"rate": [now]}}).endswith(
+        "step of the setpoint. Blue: predicted with the gains that flew."
+    )
+    caption = _step_caption({"roll": {"rate": [now, advised]}})
+    assert "Green: " in caption and "Grey" not in caption
+
+
+def test_kept_gains_say_how_many_models_have_the_margins_with_and_without_other_thrust():
+    figures = {"share": 0.17, "share_as_flown": 0.68, "has_room": False, "can_go_on": False}
+    fact = Fact(GainFact.KEEP_GAINS, **figures, **MARGIN_TARGETS["default"]._asdict())
+    assert "68 % have them with its thrust, and 17 % with 20 % more or less, too." in fact.sentence
 
 
 @mark.slow

@@ -12,7 +12,7 @@ from mavdem.loops.advice import Advice
 from mavdem.loops.identified_step import STEP_SECONDS
 from mavdem.loops.step_response import StepResponse
 from mavdem.report.blocks import Blocks, Sentence, headline_sentence
-from mavdem.report.charts.chart import Group, Panel
+from mavdem.report.charts.chart import Chart, Group, Panel
 from mavdem.report.charts.flight_charts import loop_charts, step_charts
 from mavdem.report.charts.gain_trial import CAPTION, predicted_step_chart, twin_charts
 from mavdem.report.gain_changes import gain_changes
@@ -25,17 +25,22 @@ from mavdem.report.loops import (
 )
 from mavdem.report.pages.noise_chapters import gyro_chapter
 from mavdem.report.pages.page import Chapter, Head, render_document
+from mavdem.report.palette import MEASURED, PHYSICAL, PREDICTED
 from mavdem.report.templates import headline
 
 SUBTITLE = "Margins of the loops, and gains to set. Nothing was sent to the vehicle."
 """What stands below the title."""
 
-STEP_CAPTION = (
-    "Response to a step of the setpoint. Grey: this flight's with its 90 % band, measured or, where the rate rises "
-    "within few messages, of the identified loop. Blue: predicted with the gains that flew. Green: with the "
-    "advised ones."
-)
-"""What stands below the charts of the steps."""
+STEP_CAPTION = "Response to a step of the setpoint."
+"""What stands below the charts of the steps, before the meaning of the colours that are drawn."""
+
+COLOUR_MEANINGS = {
+    MEASURED: "Grey: this flight's with its 90 % band, measured or, where the rate rises within few messages, of the "
+    "identified loop.",
+    PREDICTED: "Blue: predicted with the gains that flew.",
+    PHYSICAL: "Green: with the advised ones.",
+}
+"""What the colours of step responses mean, in the order of the caption."""
 
 LOOP_CAPTION = "Open loops with 90 % bands. Dashed: where the gain is 1, with the phase margin."
 """What stands below the charts of the open loops."""
@@ -110,8 +115,23 @@ def _step_chapter(tuning: Tuning, assessment: Assessment) -> Chapter:
                 panels[axis][loop_name] = step_charts(response_of_loop, steps, has_gain=False)[axis]
             elif isinstance(advice, Advice):
                 panels[axis][loop_name] = [predicted_step_chart(compared_loops(advice), loop_name)]
-    groups = _groups(panels, assessment, STEP_CAPTION)
+    groups = _groups(panels, assessment, _step_caption(panels))
     return Chapter("Step response", (), groups)
+
+
+def _step_caption(panels: Mapping[str, Mapping[str, Sequence[Panel]]]) -> str:
+    """Returns the caption of step responses, which explains the colours of the lines that are drawn, and no others.
+
+    Args:
+        panels: panels by axis, and then by loop.
+    """
+    colours = set[str]()
+    for loops in panels.values():
+        for panel in chain(*loops.values()):
+            if isinstance(panel, Chart):
+                colours.update(line.colour for line in panel.lines)
+    meanings = [words for colour, words in COLOUR_MEANINGS.items() if colour in colours]
+    return " ".join([STEP_CAPTION, *meanings])
 
 
 def _groups(
