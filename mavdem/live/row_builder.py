@@ -375,7 +375,8 @@ class RowBuilder:
         """
         motion = self.recent_motion()
         # Without a rate, from two samples of each stream, the format would have no step.
-        if motion is None or self._grid.is_running or not motion.rate:
+        outputs = self.latest_motor_outputs()
+        if motion is None or outputs is None or self._grid.is_running or not motion.rate:
             return None
         motors = motion.motors
         attitude = motion.tilts[self.axis]
@@ -392,7 +393,8 @@ class RowBuilder:
         )
         row = AlignedRow(
             time,
-            motors.outputs[-1],
+            # The outputs of the motion are those of the latest review.
+            np.array(outputs),
             np.array([attitude.angle[-1], attitude.rate[-1]]),
             self._grid.segment,
             is_settled=False,

@@ -161,6 +161,8 @@ def test_motion_motors_and_battery_are_plotted_though_messages_are_too_slow_for_
     assert charts["Battery"].lines[0].y.tolist() == [12.1, 12.0]
     spacing = np.diff(charts["Roll"].lines[0].x)
     assert spacing.min() > 0.09 and np.median(spacing) < 0.2
+    # Each sample has the latest outputs.
+    assert np.mean(np.diff(charts["Motors"].lines[0].y) != 0) > 0.5
 
 
 @mark.slow
