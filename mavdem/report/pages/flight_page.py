@@ -653,6 +653,7 @@ def live_page(
         vehicle=status.vehicle or "",
         light_anchors=_live_anchors(timeline, chapters),
         timeline_title="What happened" if status.is_over else "What happens, the newest first",
+        has_log=False,
         is_newest_first=not status.is_over,
         latest_flight=latest_flight,
         saved_flight=saved_flight,

@@ -212,6 +212,9 @@ class Head(NamedTuple):
     changes: GainChanges | None = None
     """Gains to set before the next flight; None if none change."""
 
+    has_log: bool = True
+    """Whether the page is of a log, any field of which can be plotted where the log is; not of a live session."""
+
     is_newest_first: bool = False
     """Whether the events are those of a session that goes on, the newest first."""
 

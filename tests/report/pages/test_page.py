@@ -295,7 +295,7 @@ def test_a_session_that_goes_on_lists_each_event_once_and_offers_no_fields_of_a_
     history = LiveHistory()
     flown(history, 2.0)
     timeline = live_timeline(history, "roll")
-    head = Head(Level.GOOD, {}, events, timeline, is_newest_first=True)
+    head = Head(Level.GOOD, {}, events, timeline, has_log=False, is_newest_first=True)
     page = render_document("Live", "", [], head=head)
     assert [page.count(f"moment {time} s<") for time in range(12)] == [1] * 12
     assert "Earlier events" in page and "Plot any field" not in page
