@@ -327,8 +327,17 @@ class ForkedCall(Generic[Result]):
     process fails or is ended, :meth:`result` is None, and the caller does the work itself.
     """
 
+    _process: BaseProcess
+    _receiver: "Connection[Any, Any]"
+
     def __init__(self, work: Callable[[], Result]) -> None:
-        """Starts the process."""
+        """Starts the process.
+
+        Raises:
+            OSError: this is Windows, where a process cannot be copied.
+        """
+        if sys.platform == "win32":
+            raise OSError("Windows cannot fork a process.")
         context = get_context("fork")
         self._receiver, sender = context.Pipe(duplex=False)
         # Ctrl-C reaches both processes: this one decides what it means, and ends the other.
@@ -481,7 +490,15 @@ def _initialize_worker(stop_pipe: Pollable, prepare: Callable[[], None] | None) 
         signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGTERM})
 
 
-def _prepare_learning(niceness: int, pause_receiver: "Connection[Any, Any]") -> None:
+class PauseReceiver(Protocol):
+    """The receiving end of a pipe through which a parent process pauses its worker: a connection of any system."""
+
+    def recv_bytes(self) -> bytes:
+        """Waits for a message and returns it. Raises EOFError when the other end is closed."""
+        ...
+
+
+def _prepare_learning(niceness: int, pause_receiver: PauseReceiver) -> None:
     """Sets the priority of a worker, lets its parent pause it, and makes it ignore SIGTERM.
 
     A service manager sends SIGTERM to the whole process group. It would end the worker before the parent process has
@@ -499,7 +516,7 @@ def _prepare_learning(niceness: int, pause_receiver: "Connection[Any, Any]") -> 
         lower_priority(niceness)
 
 
-def _receive_pauses(pause_receiver: "Connection[Any, Any]") -> None:
+def _receive_pauses(pause_receiver: PauseReceiver) -> None:
     """Pauses the main thread, which learns, and lets it continue, when the parent process sends that.
 
     The handler of a signal runs in the main thread between any two of its instructions, on every operating system. No

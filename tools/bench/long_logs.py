@@ -198,7 +198,12 @@ def info_cost(path: Path, checkout: Path) -> Cost:
     Args:
         path: the log.
         checkout: the checkout of the repository whose command is run.
+
+    Raises:
+        OSError: this is not Linux, whose kernel says how much memory a process took at most.
     """
+    if sys.platform != "linux":
+        raise OSError("The cost of info is measured on Linux only.")
     process = subprocess.Popen(
         [sys.executable, "-m", "mavdem", "info", str(path)],
         cwd=checkout,
