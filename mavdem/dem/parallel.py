@@ -334,10 +334,10 @@ class ForkedCall(Generic[Result]):
         """Starts the process.
 
         Raises:
-            OSError: this is Windows, where a process cannot be copied.
+            NotImplementedError: this is Windows, where a process cannot be copied.
         """
         if sys.platform == "win32":
-            raise OSError("Windows cannot fork a process.")
+            raise NotImplementedError
         context = get_context("fork")
         self._receiver, sender = context.Pipe(duplex=False)
         # Ctrl-C reaches both processes: this one decides what it means, and ends the other.
