@@ -414,16 +414,20 @@ def _axes_of_parameter(name: str) -> list[str]:
     return [axis for axis, pattern in PARAMETER_NAMES_OF_AXES.items() if pattern.search(name)]
 
 
-def _control_parameters_of_axis(
-    parameters: Sequence[ParameterChange], axis: str
-) -> list[ParameterChange]:
-    """Returns the changed parameters that figures of an axis's loops depend on: of control, of this axis or of all."""
-    relevant = []
+def _is_explained(change: QuantityChange, parameters: Sequence[ParameterChange]) -> bool:
+    """Returns whether changed parameters explain a change: of a loop, by parameters of control of its axis or of all.
+
+    Args:
+        change: change of one quantity.
+        parameters: parameters of the autopilot that changed.
+    """
+    if change.quantity.kind not in LOOP_KINDS:
+        return False
     for parameter in parameters:
         axes = _axes_of_parameter(parameter.name)
-        if CONTROL_PARAMETERS.match(parameter.name) and (not axes or axis in axes):
-            relevant.append(parameter)
-    return relevant
+        if CONTROL_PARAMETERS.match(parameter.name) and (not axes or change.quantity.axis in axes):
+            return True
+    return False
 
 
 def _gains_by_relevance(
@@ -468,7 +472,7 @@ def next_blocks(
     parameters: Sequence[ParameterChange] = (),
     reviews: Mapping[str, Review] = NO_REVIEWS,
 ) -> list[Sentence]:
-    """Returns the next step: that of B by itself where a light is bad in B alone, else what part to check.
+    """Returns the next step: that of the later log by itself if a light is bad in it alone, else what part to check.
 
     That part is the motor that became weaker with the lowest p-value. If none did, it is the part of the change with
     the lowest p-value.
@@ -492,8 +496,7 @@ def next_blocks(
     # New gains of an axis explain a change of its loops, which then is no sign of a fault.
     unexplained_changes = []
     for change in difference.changes_with(QuantityOutcome.CHANGED):
-        is_of_loop = change.quantity.kind in LOOP_KINDS
-        if not (is_of_loop and _control_parameters_of_axis(parameters, change.quantity.axis)):
+        if not _is_explained(change, parameters):
             unexplained_changes.append(change)
     vehicles_before, vehicles_after = difference.vehicles
     known_vehicles = {*vehicles_before, *vehicles_after} - {UNKNOWN}
