@@ -160,7 +160,7 @@ def difference_blocks(
     parameter_sentences = render_section(
         "difference_parameters",
         difference,
-        parameters=_gains_first(parameters),
+        parameters=[_parameter_text(parameter) for parameter in _gains_first(parameters)],
         lacking=lacking,
     )
     return [
