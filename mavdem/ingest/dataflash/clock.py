@@ -36,7 +36,7 @@ MAX_STAMP_SECONDS = 2.0**63 / 1e6
 
 
 class LogClock(NamedTuple):
-    """The n messages with a stamp of all names, in the order of the log."""
+    """The n messages of all names that have a stamp, in the order of the log."""
 
     names: tuple[str, ...]
     """Names of these messages."""
@@ -63,8 +63,12 @@ def log_clock(logged_tables: Mapping[str, MessageTable]) -> LogClock:
         Names of the messages with stamps, positions in the file and times, s, of all N stamps in the order of the log,
         and for each name the rows of its messages among these.
     """
-    stamps = stamps_of_messages(logged_tables)
-    names = tuple(name for name in stamps if name not in MESSAGES_WITH_OLD_STAMPS)
+    stamps: dict[str, Array] = {}
+    for name, table in logged_tables.items():
+        table_stamps = stamps_of_table(table)
+        if table_stamps is not None and name not in MESSAGES_WITH_OLD_STAMPS:
+            stamps[name] = table_stamps
+    names = tuple(stamps)
     if not names:
         return LogClock((), np.zeros(0, dtype=np.int64), np.zeros(0), {})
     positions = np.concatenate([logged_tables[name].position for name in names])
@@ -78,20 +82,12 @@ def log_clock(logged_tables: Mapping[str, MessageTable]) -> LogClock:
     return LogClock(names, positions[order], seconds[order], dict(zip(names, rows, strict=True)))
 
 
-def stamps_of_messages(logged_tables: Mapping[str, MessageTable]) -> dict[str, Array]:
-    """Returns the stamps of the messages that have any, s, by name.
-
-    Args:
-        logged_tables: Decoded messages by name.
-
-    Returns:
-        Stamps (n,), s, by name of the message.
-    """
-    stamps: dict[str, Array] = {}
-    for name, table in logged_tables.items():
-        for field, units_per_second in CLOCK_FIELDS.items():
-            if field in table.columns:
-                stamps[name] = table.columns[field] / units_per_second
+def stamps_of_table(table: MessageTable) -> Array | None:
+    """Returns the stamps (n,), s, of the messages of one name; None if they have none."""
+    stamps = None
+    for field, units_per_second in CLOCK_FIELDS.items():
+        if field in table.columns:
+            stamps = table.columns[field] / units_per_second
     return stamps
 
 
@@ -113,7 +109,6 @@ def on_boot_clock(
     """
     if not clock.names:
         return {}, ()
-    stamps = stamps_of_messages(logged_tables)
     # All messages have one clock: their stamps, in the order of the log, are read as those of one message.
     positions = clock.positions
     seconds = clock.seconds
@@ -139,7 +134,7 @@ def on_boot_clock(
         elif name in UNSTAMPED_MESSAGES and len(table.position):
             # The row of the stamped message after each.
             rows = np.searchsorted(positions, table.position)
-            tables[name] = _placed_by_neighbours(name, table, stamps.get(name), rows, time, boot)
+            tables[name] = _placed_by_neighbours(name, table, rows, time, boot)
     count = np.count_nonzero(is_impossible)
     impossible_stamps = repair_facts(
         Repair.LOGGED_MESSAGES_LEFT_OUT, count=count, flaw=Flaw.IMPOSSIBLE_STAMP
@@ -157,7 +152,6 @@ def _boots(boot: Rows, rows: NDArray[np.signedinteger]) -> Rows:
 def _placed_by_neighbours(
     name: str,
     table: MessageTable,
-    stamps: Array | None,
     next_rows: NDArray[np.signedinteger],
     time: Array,
     boot: Rows,
@@ -172,7 +166,6 @@ def _placed_by_neighbours(
     Args:
         name: Name of the messages.
         table: The messages (N,).
-        stamps: Their stamps (N,), s; None if they have none.
         next_rows: Row (N,) of the first stamped message after each, in the order of the log.
         time: Times (S,) of all stamped messages on the boot clock, s.
         boot: Numbers (S,) of their boots.
@@ -182,6 +175,7 @@ def _placed_by_neighbours(
     """
     row_before = np.maximum(next_rows - 1, 0)
     row_after = np.minimum(next_rows, len(time) - 1)
+    stamps = stamps_of_table(table)
     if stamps is None:
         is_arming = np.isin(table.columns.get("Id", 0), ARMING_EVENTS)
         ends_gap = (name == "EV") & is_arming & (boot[row_after] == boot[row_before])

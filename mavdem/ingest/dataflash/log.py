@@ -29,7 +29,7 @@ from mavdem.ingest.dataflash.clock import (
     LogClock,
     log_clock,
     on_boot_clock,
-    stamps_of_messages,
+    stamps_of_table,
 )
 from mavdem.ingest.dataflash.samples import ACCELEROMETER_FIELDS, GYRO_FIELDS, raw_samples
 from mavdem.ingest.dataflash.sensors import STATUS_3D_FIX
@@ -359,15 +359,15 @@ def _boot_times_in_utc(logged_tables: Mapping[str, MessageTable]) -> BootTimesIn
     Returns:
         Positions of N such messages in the file, and the UNIX time, s, by each of them.
     """
-    positions = logged_tables["GPS"].position
-    columns = logged_tables["GPS"].columns
-    stamps = stamps_of_messages({"GPS": logged_tables["GPS"]}).get("GPS")
+    table = logged_tables["GPS"]
+    columns = table.columns
+    stamps = stamps_of_table(table)
     if stamps is None or not {"Status", "GMS", "GWk"} <= columns.keys():
         return BootTimesInUtc(np.zeros(0, dtype=np.int64), np.zeros(0))
     has_time = (columns["Status"] >= STATUS_3D_FIX) & (columns["GWk"] > 0)
     utc_at_boot = satellite_utc(columns["GWk"], columns["GMS"]) - stamps
     has_time &= np.isfinite(utc_at_boot)
-    return BootTimesInUtc(positions[has_time], utc_at_boot[has_time])
+    return BootTimesInUtc(table.position[has_time], utc_at_boot[has_time])
 
 
 def _lost_messages(recording: DataflashRecording) -> int:
