@@ -122,7 +122,7 @@ def hover_figures(
     outputs: Array,
     lean: Mapping[str, float],
 ) -> HoverFigures:
-    """Computes trim, headroom and time at the limits of each motor from its outputs in settled flight.
+    """Computes trim, headroom and time at the limits of each motor from its outputs, as a rule in settled flight.
 
     Means and shares are over samples. Outputs are converted to shares of their range, so that vehicles with PWM (µs)
     and with normalised outputs have comparable figures.
@@ -130,7 +130,7 @@ def hover_figures(
     Args:
         names: Names of the k motors.
         scale: Scale of their outputs.
-        seconds: Duration of settled flight, s.
+        seconds: Duration of the flight with these outputs, s.
         outputs: (N, k) outputs in the unit of the scale.
         lean: Mean angle, degrees, by axis, if it is known.
 

@@ -3,7 +3,7 @@
 from dataclasses import replace
 
 import numpy as np
-from hover import X_QUAD_PARAMETERS, Hover, changed, evidence_of, with_pulses
+from hover import X_QUAD_PARAMETERS, Hover, changed, columns, evidence_of, with_pulses
 from hover import pulses as outputs_of
 from numpy.random import default_rng
 from pytest import approx, mark
@@ -181,6 +181,19 @@ def test_without_a_hover_a_motor_is_bad_that_is_at_its_limit_in_most_of_the_flig
         assert (limited.code, limited.subject, limited.level) == (code, FRONT_LEFT, "bad")
         assert limited.figures["share"] == approx(0.7, abs=0.05)
         assert limited.sentence.endswith(" % of the time.")
+
+
+def test_a_motor_message_that_ends_at_the_take_off_with_motors_off_is_no_limit():
+    telemetry = HOVER.telemetry(10.0, 10.0, parameters=X_QUAD_PARAMETERS)
+    time = telemetry.messages["SERVO_OUTPUT_RAW"]["time"]
+    in_air = np.where((time >= 6.0) & (time < HOVER.landed), 2, 1)
+    telemetry = changed(telemetry, "EXTENDED_SYS_STATE", **columns(time, landed_state=in_air))
+    # The motors ran before. While they are off, the autopilot sends less than their lowest pulse.
+    pulses = np.where((time > 2.0) & (time < 4.0), default_rng(3).normal(1500, 3, (4, 1)), 980.0)
+    pulses[:, time >= 6.3] = np.nan
+    flight = evidence_of(Signals(with_pulses(telemetry, pulses), inputs="motors"))
+    assert flight.has_operated and flight.condition.hover is None
+    assert motors_light(flight).code is MotorsLight.MOTORS_NOT_SEEN
 
 
 def test_a_limited_motor_is_not_suspect_where_others_work_as_hard():

@@ -7,11 +7,13 @@ import numpy as np
 from mavdem.assessment.axis.overrides import limited_motors
 from mavdem.assessment.evidence import Evidence
 from mavdem.assessment.failure_by_commands import SPENT_THRUST_SHARE
+from mavdem.assessment.flights import total_duration
 from mavdem.assessment.limits import worst_fact
 from mavdem.assessment.motor_speeds import REPORTS_OF_MOTOR
 from mavdem.dataset.motor_outputs import MotorOutputs, motor_outputs_or_obstacle
 from mavdem.dataset.quality import STOP_MARGIN, samples_at_limits
 from mavdem.dataset.segments import Segments, in_segments, settled_segments
+from mavdem.errors import NotLearnable
 from mavdem.facts import Code, Fact, Level
 from mavdem.facts.ending import FailedFirst, MotionEvent
 from mavdem.facts.learnability import MotorObstacle
@@ -71,7 +73,6 @@ def motors_light(evidence: Evidence) -> Fact:
             )
         )
     else:
-        # In a shorter hover one manoeuvre could decide the share of the time at the limit.
         facts.append(_trim_or_headroom(evidence, hover))
     limited = _limited_motors_of_flight(evidence, hover)
     if limited is not None:
@@ -101,11 +102,15 @@ def _limited_motors_of_flight(evidence: Evidence, hover: HoverFigures | None) ->
         segments = settled_segments(evidence.signals)
     else:
         segments = evidence.flight_segments(motors.boot)
-        seconds = sum(segment.duration for segment in segments)
+        seconds = total_duration(segments)
         outputs = motors.outputs[in_segments(motors, *segments)]
-        if seconds < MIN_STEADY_SECONDS or not motors.scale.fraction(outputs).any():
+        if seconds < MIN_STEADY_SECONDS or not len(outputs):
             return None
-        figures = hover_figures(motors.geometry.names, motors.scale, seconds, outputs, lean={})
+        try:
+            figures = hover_figures(motors.geometry.names, motors.scale, seconds, outputs, lean={})
+        except NotLearnable:
+            # The motors were off at all samples of the flight, as where their message came only until the take-off.
+            return None
     limited = limited_motors(figures)
     if limited is None or (not is_settled and limited.share <= MIN_MOST_SHARE):
         return None
