@@ -8,8 +8,6 @@ from mavdem.cli.commands import load_command, main
 from mavdem.cli.commands import mavdem as mavdem_command
 
 MAVDEM = [sys.executable, "-c", "import sys; from mavdem.__main__ import run; sys.exit(run())"]
-# Seconds that a slow, busy machine may take for anything; on others nothing waits for them
-PATIENCE = 300.0
 
 
 def strict_json(text):

@@ -9,7 +9,8 @@ from unittest.mock import Mock
 
 import click
 import numpy as np
-from command_line import MAVDEM, PATIENCE, refused, run, strict_json
+from command_line import MAVDEM, refused, run, strict_json
+from patience import PATIENCE
 from pytest import mark, raises
 from recorded_flights import FLIGHT, LOGS, SLOW
 

@@ -10,8 +10,9 @@ from contextlib import closing
 from types import SimpleNamespace
 from unittest.mock import Mock
 
-from command_line import PATIENCE, free_port, refused, run, strict_json
+from command_line import free_port, refused, run, strict_json
 from live_faults import Wire
+from patience import PATIENCE
 from pytest import approx, mark, raises
 from rerun_file import drawn
 

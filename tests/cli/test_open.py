@@ -4,7 +4,8 @@ import json
 import subprocess
 import sys
 
-from command_line import PATIENCE, run
+from command_line import run
+from patience import PATIENCE
 from pytest import mark
 from recorded_flights import SLOW, short_flight
 from rerun.chunk import RrdReader

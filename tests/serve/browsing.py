@@ -12,7 +12,7 @@ import subprocess
 import time
 from contextlib import contextmanager
 
-from patience import PATIENCE
+from patience import PATIENCE, until
 from pytest import skip
 
 CHROMIUM = shutil.which("chromium") or shutil.which("google-chrome")
@@ -122,10 +122,7 @@ class Browser:
         self._session = None
         try:
             place = folder / "DevToolsActivePort"
-            ends = time.monotonic() + PATIENCE
-            while not (place.is_file() and place.read_text().count("\n")):
-                assert time.monotonic() < ends, "Chromium does not start"
-                time.sleep(0.02)
+            until(lambda: place.is_file() and place.read_text().count("\n"))
             port, path = place.read_text().splitlines()
             self._address = f"ws://127.0.0.1:{port}"
             self._session = self._loop.run_until_complete(_session())

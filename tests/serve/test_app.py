@@ -608,8 +608,7 @@ def test_a_viewer_ends_when_its_tab_is_gone(monkeypatch):
     monkeypatch.setattr("mavdem.serve.viewers.MAX_SECONDS_WITHOUT_TAB", 0.05)
     with running_viewer(monkeypatch) as (viewer, viewers, start):
         viewers.open(Path("a.rrd"))
-        while not viewer.close.called:
-            time.sleep(0.01)
+        until(lambda: viewer.close.called)
         viewers.open(Path("a.rrd"))
         assert start.call_count == 2
 

@@ -4,13 +4,13 @@ import errno
 import os
 import shutil
 import threading
-import time
 from dataclasses import replace
 from pathlib import Path
 from unittest.mock import Mock
 
 from filelock import FileLock, Timeout
 from fleet_rows import flight_row
+from patience import until
 from pytest import approx, fixture, mark, raises
 from recorded_flights import SLOW
 from refusals import unreadable
@@ -441,8 +441,7 @@ def test_a_log_waits_for_a_cluster_that_has_gone(library, tmp_path, monkeypatch)
 
     work = ReadingThreads(library, 1, LIMITS, cluster=Mock(read=read))
     work.start()
-    while not library.find(*search_condition("stage:done"), 1)[1]:
-        time.sleep(0.01)
+    until(lambda: library.find(*search_condition("stage:done"), 1)[1])
     work.stop()
     assert {*tries} == {read_for_library}
     work._publish_table(None)
@@ -457,8 +456,7 @@ def test_processes_read_logs_within_limits_and_go_on_after_a_hostile_one(library
     work = ReadingThreads(library, 1, JobLimits(1, 600), read=rows_of_log)
     work.start()
     work.notify()
-    while library.find(*search_condition("stage:failed"), 10)[1] < len(names):
-        time.sleep(0.05)
+    until(lambda: library.find(*search_condition("stage:failed"), 10)[1] == len(names))
     work.stop()
     entries, _ = library.find(*ALL, 10)
     assert all(entry.problem for entry in entries if entry.name != "sound.ulg")

@@ -8,6 +8,7 @@ from threading import Event
 from unittest.mock import Mock
 
 from command_line import free_port
+from patience import PATIENCE, until
 from pytest import fixture, mark, raises
 from recorded_flights import FLIGHT
 from serving import serving
@@ -60,14 +61,12 @@ def heard(tmp_path, monkeypatch):
 def test_a_session_has_a_page_and_leaves_its_log(tmp_path, heard):
     begin, library, warned, come = heard
     live = begin()
-    while not come:  # it is silent
-        time.sleep(0.05)
+    until(lambda: come)  # it is silent
     assert "udpin:127.0.0.1:" in live.page and not warned
     assert '<a href="/">← Flights</a>' in live.page and "the last 0 s" not in live.page
     (entry,), _ = library.find("1", [], 10)
     # While the next session waits for a vehicle, the page is that of the flight, and leads to its recording.
-    while "This flight is over." not in live.page:
-        time.sleep(0.05)
+    until(lambda: "This flight is over." in live.page)
     assert f'<a href="/f/{entry.id}">' in live.page
     (telemetry,) = read_log(library.log_path(entry)).vehicles
     assert entry.name.endswith(".tlog") and (telemetry.system, telemetry.component) == (1, 1)
@@ -177,8 +176,7 @@ def test_a_full_disk_ends_the_session_and_says_so(tmp_path, monkeypatch, heard, 
 
     monkeypatch.setattr(RawRecording, fails, full)
     live = begin()
-    while not warned:
-        time.sleep(0.05)
+    until(lambda: warned)
     assert warned[0].code is RefusalReason.SESSION_FAILED and "No space left" in warned[0].sentence
     assert come and library.find("1", [], 10)[1] == 1
     monkeypatch.setattr(live, "start", lambda: None)
@@ -201,7 +199,7 @@ def test_what_the_socket_holds_when_the_server_ends_is_recorded(tmp_path, monkey
     port = free_port()
     live = LinkMonitor(f"udpin:127.0.0.1:{port}", library, Mock(), Mock(), Mock())
     live.start()
-    assert has_begun.wait(300.0)
+    assert has_begun.wait(PATIENCE)
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as vehicle:
         for first in range(0, len(FRAMES), 1000):
             vehicle.sendto(FRAMES[first : first + 1000], ("127.0.0.1", port))

@@ -4,6 +4,7 @@ import json
 import threading
 
 from mcap.reader import make_reader
+from patience import until
 from pytest import approx, mark, raises
 from recorded_flights import short_flight
 from serving import LIMITS, log, record_made_up, serving
@@ -79,8 +80,7 @@ def test_a_download_waits_for_the_recording(tmp_path, monkeypatch):
         threads = [threading.Thread(target=download) for _ in range(2)]
         for thread in threads:
             thread.start()
-        while not server.library.find("recording_stage <> ''", (), 1)[1]:
-            pass
+        until(lambda: server.library.find("recording_stage <> ''", (), 1)[1])
         server.work.run()
         for thread in threads:
             thread.join()

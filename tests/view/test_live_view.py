@@ -40,7 +40,6 @@ from mavdem.view.live_content import Channels, figures, status_document
 from mavdem.view.live_view import LiveView, SinkThread
 from mavdem.view.sinks import RecordingFile, Viewer, WebServer, sinks_for
 
-# Seconds that a slow, busy machine may take for anything; on others nothing waits for them
 DT = 0.01
 HORIZONS = (1, 25, 50)
 MOTORS = tuple(f"motor {i} (somewhere)" for i in range(1, 5))
