@@ -20,8 +20,15 @@ LOST = 18.0
 """When the vehicle begins to leave its level setpoint, s."""
 
 
+class Rolling(Hover):
+    """A hover that rolls in a way of its own: its rate is the slope of the angle."""
+
+    def roll_rate(self, t):
+        return (self.roll(t + 0.01) - self.roll(t - 0.01)) / 0.02
+
+
 @dataclass(frozen=True)
-class Leaving(Hover):
+class Leaving(Rolling):
     """Leaves its setpoint from ``LOST`` on, faster and faster, and is back after ``back`` s; it lands at ``landed``."""
 
     hovering: float = 3.0
@@ -35,9 +42,6 @@ class Leaving(Hover):
     def roll(self, t):
         away = np.clip(np.asarray(t) - LOST, 0.0, None)
         return np.where(away < self.back, np.minimum(3.0 * away**2, self.largest), 0.0)
-
-    def roll_rate(self, t):
-        return (self.roll(t + 0.01) - self.roll(t - 0.01)) / 0.02
 
     def motors(self, t):
         outputs = super().motors(t)
@@ -109,14 +113,17 @@ def test_what_a_log_does_not_call_lost_raises_no_alarm(harmless):
     assert made.stream.status().loss is None
 
 
+@mark.slow
 def test_a_lean_without_a_setpoint_is_lost_only_where_it_is_far():
     """A pilot may lean by 80 degrees on purpose; nobody flies on the back for seconds without saying so."""
     leant = flown(Leaving(largest=1.4, back=2.0), setpoint=False)
     assert leant.stream.status().loss is None
+    overturned = flown(Leaving(), setpoint=False)
+    assert overturned.stream.status().loss.code is Ending.CONTROL_LOST
 
 
 @dataclass(frozen=True)
-class Tumbling(Hover):
+class Tumbling(Rolling):
     """Hovers for a moment; once its motors stop, it turns over if ``tumbles``."""
 
     hovering: float = 1.0
@@ -126,9 +133,6 @@ class Tumbling(Hover):
         since_stop = np.asarray(t) - self.landed
         tumbled = self.tumbles * np.clip(since_stop, 0.0, 1.4)
         return np.where(since_stop < 0.0, super().roll(t), tumbled)
-
-    def roll_rate(self, t):
-        return (self.roll(t + 0.01) - self.roll(t - 0.01)) / 0.02
 
 
 @dataclass(frozen=True)
