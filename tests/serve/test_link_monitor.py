@@ -57,6 +57,22 @@ def heard(tmp_path, monkeypatch):
     live.stop()
 
 
+@fixture
+def idle(tmp_path):
+    """A monitor that runs no session, and the events that the terminal of its server has."""
+    told = []
+    live = LinkMonitor(
+        f"udpin:127.0.0.1:{free_port()}",
+        Library(tmp_path),
+        Mock(),
+        Mock(),
+        told.append,
+        server_address="http://127.0.0.1:8600",
+    )
+    yield live, told
+    live._link.close()
+
+
 @mark.slow
 def test_a_session_has_a_page_and_leaves_its_log(tmp_path, heard):
     begin, library, warned, come = heard
@@ -74,11 +90,9 @@ def test_a_session_has_a_page_and_leaves_its_log(tmp_path, heard):
         assert server.get("/live").status == 404 and "/live" not in server.get("/").text
 
 
-def test_a_session_is_over_when_a_vehicle_that_was_heard_is_silent_for_a_minute(
-    tmp_path, monkeypatch
-):
+def test_a_session_is_over_when_a_vehicle_that_was_heard_is_silent_for_a_minute(idle, monkeypatch):
+    live, _ = idle
     monkeypatch.setattr(link_monitor, "live_page", Mock(return_value=""))
-    live = LinkMonitor(f"udpin:127.0.0.1:{free_port()}", Library(tmp_path), Mock(), Mock(), Mock())
     session = Mock()
     seconds = -20 * link_monitor.PAGE_SECONDS
     for session.intake.recording.frame_count in [0] * 20 + [7] * 20:
@@ -88,9 +102,8 @@ def test_a_session_is_over_when_a_vehicle_that_was_heard_is_silent_for_a_minute(
     assert seconds == 60
 
 
-def test_a_finished_flight_is_shown_until_the_next_vehicle_comes(tmp_path, monkeypatch):
-    live = LinkMonitor(f"udpin:127.0.0.1:{free_port()}", Library(tmp_path), Mock(), Mock(), Mock())
-    live._link.close()
+def test_a_finished_flight_is_shown_until_the_next_vehicle_comes(idle, monkeypatch):
+    live, _ = idle
     monkeypatch.setattr(link_monitor, "live_page", Mock(return_value="running"))
     live._finished_page = "finished"
     session = Mock()
@@ -123,13 +136,8 @@ def test_the_page_of_a_finished_flight_leads_to_the_library_and_keeps_what_it_kn
     assert "Nothing was received" not in page and "The flight is over; nothing more" in page
 
 
-def test_the_terminal_has_alarms_the_link_and_where_the_flight_is_saved(tmp_path):
-    told = []
-    link = f"udpin:127.0.0.1:{free_port()}"
-    live = LinkMonitor(
-        link, Library(tmp_path), Mock(), Mock(), told.append, server_address="http://127.0.0.1:8600"
-    )
-    live._link.close()
+def test_the_terminal_has_alarms_the_link_and_where_the_flight_is_saved(idle):
+    live, told = idle
     alarm = HappenedEvent(
         4.0, Fact(ReportedEvent.BATTERY_ALARMED, Level.BAD), reception=1e9, clock=4.0
     )
@@ -149,15 +157,14 @@ def test_the_terminal_has_alarms_the_link_and_where_the_flight_is_saved(tmp_path
 
 
 @mark.parametrize("code", [RowsFact.NO_LIVE_ATTITUDE, RowsFact.LIVE_RATES_TOO_LOW])
-def test_the_page_of_a_server_advises_an_option_that_the_server_has(tmp_path, monkeypatch, code):
+def test_the_page_of_a_server_advises_an_option_that_the_server_has(idle, monkeypatch, code):
+    live, _ = idle
     slow = Fact(code, can_ask=True, because=Fact(RowsFact.NO_LIVE_MOTORS))
     assert slow.remedy == "Ask for more with `--request-rate 100`."
     monkeypatch.setattr(link_monitor, "live_page", lambda *_: slow.remedy)
-    live = LinkMonitor(f"udpin:127.0.0.1:{free_port()}", Library(tmp_path), Mock(), Mock(), Mock())
     session = Mock()
     session.intake.recording.frame_count = 0
     live._update_page(session)
-    live._link.close()
     assert "Start this server with `--request-rate 100`" in live.page
     assert "--request-rate" in {name for option in serve_command.params for name in option.opts}
 
