@@ -63,7 +63,7 @@ a process is replaced after a few logs, since Rerun leaves 20 MB and four thread
 @click.option(
     "--link",
     metavar="LINK",
-    help="Attach to a vehicle, as `mavdem live` does: its page while it flies, and its log when the server ends.",
+    help="Attach to a vehicle, as `mavdem live` does: its page while it flies, and its log once it falls silent.",
 )
 @click.option(
     "--request-rate",
