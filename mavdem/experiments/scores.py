@@ -30,7 +30,7 @@ class ForecastKind(StrEnum):
 
     KNOWN_INPUTS = "known"
     """How do the outputs go on from the state at the end of training, with these future inputs?"""
-    ZERO = "zero"
+    FROM_STATE_ZERO = "zero"
     """How do the outputs go on from state 0, with these future inputs?"""
     UNKNOWN_INPUTS = "unknown"
     """How do the outputs go on, if the future inputs are not known?"""

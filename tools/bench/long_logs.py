@@ -35,6 +35,9 @@ from mavdem.ingest.telemetry import MICROSECONDS
 from mavdem.ingest.tlog import STAMP_BYTES, tlog_stream
 from mavdem.report.blocks import Table, markdown
 
+# The largest memory of a process is measured by the means of Linux.
+assert sys.platform == "linux"
+
 # Modules are compiled once, as where mavdem is installed, whatever this shell says.
 os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 
@@ -198,12 +201,7 @@ def info_cost(path: Path, checkout: Path) -> Cost:
     Args:
         path: the log.
         checkout: the checkout of the repository whose command is run.
-
-    Raises:
-        OSError: this is not Linux, whose kernel says how much memory a process took at most.
     """
-    if sys.platform != "linux":
-        raise OSError("The cost of info is measured on Linux only.")
     process = subprocess.Popen(
         [sys.executable, "-m", "mavdem", "info", str(path)],
         cwd=checkout,
