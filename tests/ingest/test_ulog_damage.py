@@ -43,7 +43,7 @@ def kept_bytes(records):
     """The records that are kept, one after the other."""
     kept = []
     for start in records.offsets.tolist():
-        (length,) = struct.unpack_from("<H", records.content, start)
+        length, _ = HEADER.unpack_from(records.content, start)
         kept.append(bytes(records.content[start : start + HEADER.size + length]))
     return b"".join(kept)
 
@@ -229,7 +229,7 @@ def test_a_topic_that_would_take_all_memory_is_left_out(definition, tmp_path):
 
 
 def test_data_appended_after_a_crash_follows_a_record_that_is_cut():
-    first, second = log(*UNMARKED[:700])[FILE_HEADER_BYTES:], b"".join(UNMARKED[701:])
+    first, second = records_of(*UNMARKED[:700]), b"".join(UNMARKED[701:])
     cut = UNMARKED[700][:11]
     file_header = log()[:FILE_HEADER_BYTES]
     first_offset = FILE_HEADER_BYTES + 43 + len(first) + len(cut)
