@@ -29,11 +29,14 @@ Job = TypeVar("Job")
 Result = TypeVar("Result")
 
 
-class Pollable(Protocol):
-    """A receiving end of a pipe between processes, of which each system has its own class."""
+class ReceivingEnd(Protocol):
+    """The receiving end of a pipe between processes, of which each system has its own class."""
 
     def poll(self) -> bool:
         """Returns whether the end is readable."""
+
+    def recv_bytes(self) -> bytes:
+        """Waits for a message and returns it; raises EOFError when the other end is closed."""
 
 
 MAX_SERIAL_JOBS = 8
@@ -63,7 +66,7 @@ _child_processes_forbidden = False
 _is_paused = False
 """In the process that learns: whether it waits, so that the analysis of a stream has its time."""
 
-_stop_pipe: Pollable | None = None
+_stop_pipe: ReceivingEnd | None = None
 """In a worker: the end of a pipe that becomes readable when its results are no longer wanted."""
 
 
@@ -465,7 +468,7 @@ def _is_importing_main() -> bool:
     return getattr(current_process(), "_inheriting", False)
 
 
-def _initialize_worker(stop_pipe: Pollable, prepare: Callable[[], None] | None) -> None:
+def _initialize_worker(stop_pipe: ReceivingEnd, prepare: Callable[[], None] | None) -> None:
     """Prepares a worker process, so that it ends with its parent and can be stopped.
 
     Args:
@@ -490,15 +493,7 @@ def _initialize_worker(stop_pipe: Pollable, prepare: Callable[[], None] | None) 
         signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGTERM})
 
 
-class PauseReceiver(Protocol):
-    """The receiving end of a pipe through which a parent process pauses its worker: a connection of any system."""
-
-    def recv_bytes(self) -> bytes:
-        """Waits for a message and returns it. Raises EOFError when the other end is closed."""
-        ...
-
-
-def _prepare_learning(niceness: int, pause_receiver: PauseReceiver) -> None:
+def _prepare_learning(niceness: int, pause_receiver: ReceivingEnd) -> None:
     """Sets the priority of a worker, lets its parent pause it, and makes it ignore SIGTERM.
 
     A service manager sends SIGTERM to the whole process group. It would end the worker before the parent process has
@@ -516,7 +511,7 @@ def _prepare_learning(niceness: int, pause_receiver: PauseReceiver) -> None:
         lower_priority(niceness)
 
 
-def _receive_pauses(pause_receiver: PauseReceiver) -> None:
+def _receive_pauses(pause_receiver: ReceivingEnd) -> None:
     """Pauses the main thread, which learns, and lets it continue, when the parent process sends that.
 
     The handler of a signal runs in the main thread between any two of its instructions, on every operating system. No
