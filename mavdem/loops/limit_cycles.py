@@ -158,10 +158,9 @@ def detect_starting_limit_cycle(
     Returns:
         The limit cycle; None if there is none.
     """
-    upper_limits, lower_limits = samples_at_limits(
-        motors.scale.fraction(motors.outputs), motors.scale
-    )
-    is_at_limit = (upper_limits | lower_limits).any(axis=1)
+    motor_series = _motor_series(motors)
+    # The last series: whether any motor is at a limit.
+    is_at_limit = motor_series[-1].values > 0
     limit_times = motors.time[is_at_limit & (motors.time <= now)]
     latest_limit_time = limit_times.max(initial=-np.inf)
     starting_cycles = list[Oscillation]()
@@ -172,7 +171,7 @@ def detect_starting_limit_cycle(
             segment = Segment(boot, max(start_time, now - STARTING_SPAN * window_seconds), now)
             min_duration = STARTING_DURATION * window_seconds
             starting_cycles += _cycles_at_limits(
-                motors, tilts, segment, window_seconds, min_duration
+                motor_series, tilts, segment, window_seconds, min_duration
             )
     fast_cycles = [cycle for cycle in starting_cycles if cycle.rate >= MIN_DANGEROUS_RATE]
     if fast_cycles:
@@ -184,11 +183,11 @@ def detect_starting_limit_cycle(
     # Where no motor was at a limit in the last half window, an oscillation is over.
     if latest_limit_time < now - window_seconds / 2 or segment.duration < MIN_DURATION:
         return None
-    return _strongest(_cycles_at_limits(motors, tilts, segment, window_seconds, MIN_DURATION))
+    return _strongest(_cycles_at_limits(motor_series, tilts, segment, window_seconds, MIN_DURATION))
 
 
 def _cycles_at_limits(
-    motors: MotorOutputs,
+    motor_series: Sequence[TimeSeries],
     tilts: Mapping[str, Attitude],
     segment: Segment,
     window_seconds: float,
@@ -197,13 +196,12 @@ def _cycles_at_limits(
     """Returns the limit cycles of a segment in which motors reach their limits.
 
     Args:
-        motors: outputs of the motors.
+        motor_series: result of ``_motor_series``.
         tilts: attitude by axis, "roll" and "pitch".
         segment: the segment.
         window_seconds: length of the windows of the spectra, s.
         min_duration: duration that the windows of a limit cycle must cover together, s.
     """
-    motor_series = _motor_series(motors)
     cycles = list[Oscillation]()
     for axis, tilt in tilts.items():
         cycles += _limit_cycles(
