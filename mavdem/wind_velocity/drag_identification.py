@@ -479,8 +479,7 @@ def estimate_drag(
     grid = flight_grid(samples, step, wind=wind_velocities)
     grid = grid.select(grid.complete)
     prior = Drag.from_parameters()
-    # The velocity along the body's axes (i), from its components north, east and down (j) at each time t.
-    air_velocity = np.einsum("tij,tj->ti", grid.body_axes, grid.velocity)
+    air_velocity = grid.along_body_axes(grid.velocity)
     speed = np.hypot(*air_velocity.T)[:, None]
     prior_whitening = np.linalg.inv(np.linalg.cholesky(prior.covariance))
 

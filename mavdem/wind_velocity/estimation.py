@@ -10,7 +10,7 @@ from numpy.random import default_rng
 
 from mavdem.arrays import Array, Indices
 from mavdem.confidence import INTERVAL_QUANTILES, Interval, coverage_factor, half_width
-from mavdem.dataset.axes import HORIZONTAL
+from mavdem.dataset.axes import DOWN, HORIZONTAL
 from mavdem.dem.engine.linalg import one_thread
 from mavdem.facts import Fact, NamedFacts
 from mavdem.facts.identifiability import Status
@@ -336,10 +336,10 @@ def estimate_wind(
         time=fine.time,
         velocity=wind_velocity,
         band=half_width(variances.mean(axis=1) + winds.var(axis=1)),
-        along=np.einsum("tij,tj->ti", fine.body_axes, fine.velocity - [*mean_wind_velocity, 0.0]),
         # The wind is taken to be horizontal.
-        air_velocity=np.einsum(
-            "tij,tj->ti", fine.body_axes, fine.velocity - np.pad(wind_velocity, ((0, 0), (0, 1)))
+        along=fine.along_body_axes(fine.velocity - [*mean_wind_velocity, 0.0]),
+        air_velocity=fine.along_body_axes(
+            np.column_stack([relative_velocity, fine.velocity[:, DOWN]])
         ),
         minutes=tuple(_minutes(winds, variances, fine.time, fine.step)),
         profile=tuple(_profile(winds, variances, step_heights, fine.step)),

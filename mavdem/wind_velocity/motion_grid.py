@@ -101,6 +101,10 @@ class MotionGrid(NamedTuple):
         # The body's axes (rows i, at each time t) turn a force along them into one north, east and down (j).
         return np.asarray(np.einsum("tij,ti->tj", self.body_axes, self.force))
 
+    def along_body_axes(self, velocity: Array) -> Array:
+        """Returns the components along body x and y (T, 2) of a velocity north, east and down (T, 3)."""
+        return np.asarray(np.einsum("tij,tj->ti", self.body_axes, velocity))
+
     def select(self, rows: Flags | slice) -> MotionGrid:
         """Returns the motion in some of the steps, with the same time step, so that there may be gaps.
 
