@@ -3,9 +3,10 @@
 No other module has prose about a flight. Two folders beside this module hold the templates:
 
 - ``sentences/*.toml`` has a table for each code of a fact, with its ``sentence`` and, where there is something to do,
-  its ``remedy``. A ``headline`` is a shorter sentence. A table with ``advises_flight`` advises to fly: that part is
-  left out for a fact with the figure ``is_grounded``, whose vehicle must not fly. Further keys: ``forbids_flight``
-  (:func:`forbids_flight`) and ``names_margins`` (:func:`_names_margins`).
+  its ``remedy``. A ``headline`` is a shorter sentence, ``step_in_flight`` the step to take at once where a vehicle
+  cannot land any more. A table with ``advises_flight`` advises to fly: that part is left out for a fact with the figure
+  ``is_grounded``, whose vehicle must not fly. Further keys: ``forbids_flight`` (:func:`forbids_flight`) and
+  ``names_margins`` (:func:`_names_margins`).
 - ``sections/*.toml`` has the paragraphs of a section, each with a ``text``, a ``lead`` or both.
 
 A number that stands in a template is shown as it is, and a fact as its sentence without the full stop. Filters format
@@ -182,7 +183,7 @@ def sentence_templates() -> dict[str, dict[str, str]]:
     """Loads the templates of all facts from ``mavdem/report/sentences``.
 
     Returns:
-        By the value of the fact's code, the templates by "sentence", "remedy" and "headline".
+        By the value of the fact's code, the templates by "sentence", "remedy" and so on.
     """
     templates = dict[str, dict[str, str]]()
     for path in (files("mavdem.report") / "sentences").iterdir():
@@ -201,7 +202,7 @@ def _render(fact: Fact, part: str) -> str:
 
     Args:
         fact: The fact.
-        part: "sentence", "remedy" or "headline".
+        part: "sentence", "remedy", "headline" or "step_in_flight".
 
     Returns:
         The text, in words for the medium in use: pages show gains in a table, the terminal a command. Empty, where the
@@ -276,8 +277,8 @@ def _template_text(name: str) -> str:
 
     Args:
         name: one of two forms. "sections/SECTION/NUMBER/PART" is a part of a paragraph of a section; paragraphs are
-            counted from 0. "sentences/CODE/PART" is a part of a fact: its sentence, remedy or headline. A missing part
-            is empty. Only a missing remedy is the sentence of the fact in the figure ``remedy``, if there is one.
+            counted from 0. "sentences/CODE/PART" is a part of a fact, such as its sentence or remedy. A missing part is
+            empty. Only a missing remedy is the sentence of the fact in the figure ``remedy``, if there is one.
     """
     folder, *path = name.split("/")
     if folder == "sections":
@@ -320,6 +321,7 @@ def _environment() -> Environment:
         "further_clauses": _further_clauses,
         "capitalize_first": capitalize_first,
         "step_in_flight": _step_in_flight,
+        "land_now": _land_now,
         "compass_text": compass_text,
         "compass_words": compass_words,
         "margins_in_short": margins_in_short,
@@ -547,7 +549,12 @@ def _further_clauses(facts: Iterable[Fact]) -> str:
     return "".join(f"; {as_clause(fact)}" for fact in facts)
 
 
-def _step_in_flight(alarm: Fact) -> str:
+def _step_in_flight(fact: Fact) -> str:
+    """Returns the step to take at once after a fact by which the vehicle cannot land any more; empty for others."""
+    return _render(fact, "step_in_flight")
+
+
+def _land_now(alarm: Fact) -> str:
     """Returns what to do at once about what an alarm found in flight."""
     return Fact(NextStep.LAND_NOW, because=alarm).sentence
 

@@ -4,6 +4,7 @@ from made_up_analysis import measured_vibration
 from pytest import mark
 
 from mavdem.facts import Fact, Level
+from mavdem.facts.assessment import NextStep
 from mavdem.facts.ending import Ending, FailedFirst
 from mavdem.facts.loops import GainFact, LoopFact
 from mavdem.facts.motors import MotorsLight
@@ -37,6 +38,12 @@ def test_remedies_that_forbid_to_fly_are_marked_and_can_be_said_in_short():
         forbids = "{{ ban }}" in remedy or "do not fly" in remedy.lower()
         assert not forbids or "forbids_flight" in templates, code
         assert "Do not fly before" not in remedy, code
+
+
+@mark.parametrize("ending", Ending)
+def test_no_vehicle_that_was_lost_is_told_to_land(ending):
+    fact = Fact(ending, time=9.0, height=2.0, cause=None, word=None, subject="")
+    assert "Land now" not in Fact(NextStep.LAND_NOW, because=fact).sentence
 
 
 def test_the_margins_are_named_once_in_a_reason_for_none():
