@@ -115,18 +115,13 @@ class SensorTrust:
 
         Whether the vehicle flew, followed its setpoints, and has a sound gyro is checked of multirotors only.
         """
-        sensors = (
-            self._barometer_check(),
-            self._accelerometer_check(),
-            self._position_check(),
-            self._stick_check(),
-        )
-        if not self.is_multirotor:
-            return sensors
-        motion = (self._attitude_check(), self._gyro_check())
+        sensors = (self._barometer_check(), self._accelerometer_check(), self._position_check())
         # The pilot's stick comes last: it is no sensor of the vehicle.
-        *vehicle_sensors, stick = sensors
-        return (self._flight_check(), *vehicle_sensors, *motion, stick)
+        stick = self._stick_check()
+        if not self.is_multirotor:
+            return (*sensors, stick)
+        motion = (self._attitude_check(), self._gyro_check())
+        return (self._flight_check(), *sensors, *motion, stick)
 
     def _flight_check(self) -> Fact:
         """Returns the check of whether the vehicle flew, with the statements of its sensors for and against that.
