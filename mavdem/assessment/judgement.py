@@ -166,9 +166,7 @@ def lights_with_event(lights: NamedFacts, headline: Fact) -> dict[str, Fact]:
     levels = {lights[name].level for name in VEHICLE_LIGHTS}
     is_shown = Level.BAD in levels or headline.level in levels
     light = light_of_event(headline)
-    if is_shown or light is None or headline.level not in (Level.BAD, Level.WATCH):
-        return dict(lights)
-    if lights[light].warns:
+    if is_shown or light is None or not headline.warns or lights[light].warns:
         return dict(lights)
     return {**lights, light: headline}
 
