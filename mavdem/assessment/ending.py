@@ -13,6 +13,7 @@ from mavdem.facts import Code, Fact, Facts
 from mavdem.facts.ending import Ending, FailedFirst, MotionEvent
 from mavdem.facts.events import ReportedEvent
 from mavdem.facts.witnesses import WitnessFact
+from mavdem.ingest.motors import name_without_place
 from mavdem.witnesses.boot_sensors import BootSensors
 from mavdem.witnesses.statements import supporting_statement, weighed_event
 
@@ -224,7 +225,7 @@ def _motor_report(signals: Signals, bad_events: Sequence[Fact], boot: int) -> Fa
     """
     if signals.motors is None:
         return None
-    full_names = {name.partition(" (")[0]: name for name in signals.motors.geometry.names}
+    full_names = {name_without_place(name): name for name in signals.motors.geometry.names}
     for event in reversed(bad_events):
         is_report = event.code in (ReportedEvent.THRUST_LOST, ReportedEvent.MOTOR_FAILED)
         if is_report and event.subject in full_names and event.figures["boot"] == boot:

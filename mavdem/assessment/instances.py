@@ -39,6 +39,7 @@ from mavdem.facts import Fact, Level
 from mavdem.facts.ending import MotionEvent
 from mavdem.facts.instances import InstanceState
 from mavdem.immutable import ImmutableResult
+from mavdem.ingest.motors import name_without_place
 from mavdem.ingest.telemetry import Telemetry
 from mavdem.ingest.vocabulary import INSTANCES_MESSAGE
 from mavdem.vibration.vibration_message import reported_vibration
@@ -557,9 +558,4 @@ def _outputs(evidence: Evidence) -> Iterator[Instance]:
 
 def _motor_in_brackets(evidence: Evidence, name: str) -> str:
     """Returns the motor of an output, as in "output 1 (motor 1)"; nothing for a vehicle that is no multirotor."""
-    return "" if evidence.other_vehicle is not None else f" ({_without_place(name)})"
-
-
-def _without_place(name: str) -> str:
-    """Returns the name of a motor without its place: "motor 1"."""
-    return name.partition(" (")[0]
+    return "" if evidence.other_vehicle is not None else f" ({name_without_place(name)})"

@@ -26,6 +26,7 @@ from mavdem.facts.loops import LoopAction
 from mavdem.facts.motors import TrimFact
 from mavdem.facts.watch import WatchFact
 from mavdem.immutable import ImmutableResult, ReadOnlyDict
+from mavdem.ingest.motors import name_without_place
 
 LIGHTS_OF_FLIGHT = (Light.MOTORS, Light.VIBRATION, Light.TRACKING, Light.MARGINS, Light.WIND)
 """Lights that judge a vehicle in the air, and so are unknown if it never was."""
@@ -412,7 +413,7 @@ def _with_weak_motor(event: Fact, motors: Fact) -> Fact:
             continue
         names = (fact.subject, *fact.figures.get("names", ()))
         # The autopilot names a motor without its place.
-        if motors.subject in names or motors.subject.partition(" (")[0] in names:
+        if motors.subject in names or name_without_place(motors.subject) in names:
             return event
     return event.replace(weak_motor=motors)
 

@@ -27,6 +27,7 @@ from mavdem.facts import Fact, Facts
 from mavdem.facts.ending import MotionEvent
 from mavdem.facts.events import ReportedEvent
 from mavdem.facts.witnesses import WitnessFact
+from mavdem.ingest.motors import name_without_place
 from mavdem.witnesses.boot_sensors import BootSensors
 from mavdem.witnesses.statements import (
     contradicting_statement,
@@ -369,10 +370,9 @@ def reports_on_motor(
     start, end = interval
     earliest = start - RECOVERY_SECONDS
     latest = end + RECOVERY_SECONDS
-    name_without_place, _, _ = name.partition(" (")
     statements = []
     for report in reports:
-        is_of_motor = report.subject == name_without_place
+        is_of_motor = report.subject == name_without_place(name)
         is_in_time = earliest <= report.start_time <= latest
         is_near = report.figures["boot"] == boot and is_in_time
         if report.code in REPORTS_OF_MOTOR and is_of_motor and is_near:

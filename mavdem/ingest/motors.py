@@ -277,3 +277,12 @@ def position_name(position: Position) -> str:
     forward, right = position
     bearing = degrees(atan2(right, forward))
     return POSITION_NAMES[round(bearing / 45)]
+
+
+def name_without_place(name: str) -> str:
+    """Returns the name of a motor without its place, as the autopilot reports it: ``motor 1``.
+
+    Args:
+        name: A name of ``MotorGeometry.names``, such as ``motor 1 (front right)``.
+    """
+    return name.partition(" (")[0]

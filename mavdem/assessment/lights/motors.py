@@ -18,6 +18,7 @@ from mavdem.facts import Code, Fact, Level
 from mavdem.facts.ending import FailedFirst, MotionEvent
 from mavdem.facts.learnability import MotorObstacle
 from mavdem.facts.motors import MotorsLight, MotorWatchFact, TrimFact
+from mavdem.ingest.motors import name_without_place
 from mavdem.loops.limit_cycles import MIN_AT_LIMIT_SHARE
 from mavdem.motors.balance import MIN_STEADY_SECONDS
 from mavdem.motors.change_hypotheses import FAULT_RISE
@@ -206,9 +207,9 @@ def _events_of_motors(evidence: Evidence) -> list[Fact]:
     # event without it, such as a motor that was off, counts as infinitely large.
     facts.sort(key=lambda fact: (-fact.figures.get("rise", inf), -_duration(fact)))
     # The autopilot names a motor by its number only.
-    numbered_names = {name.partition(" (")[0] for name in names}
+    numbered_names = {name_without_place(name) for name in names}
     for fact in evidence.warnings_in_flight(REPORTS_OF_MOTOR):
-        if fact.subject.partition(" (")[0] in numbered_names:
+        if name_without_place(fact.subject) in numbered_names:
             facts.append(fact)
     ending = evidence.ending
     if ending is not None and (ending.subject in names or _is_thrust_spent(ending)):
