@@ -373,10 +373,12 @@ class RowBuilder:
         Returns:
             A format that is made for this row, and the row; None while there are rows, or where samples are missing.
         """
+        if self._grid.is_running:
+            return None
         motion = self.recent_motion()
-        # Without a rate, from two samples of each stream, the format would have no step.
         outputs = self.latest_motor_outputs()
-        if motion is None or outputs is None or self._grid.is_running or not motion.rate:
+        # Without a rate, from two samples of each stream, the format would have no step.
+        if motion is None or outputs is None or not motion.rate:
             return None
         motors = motion.motors
         attitude = motion.tilts[self.axis]
