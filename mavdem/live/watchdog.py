@@ -133,7 +133,7 @@ class _StateSample(NamedTuple):
 
 
 class Watchdog:
-    """Watches one boot of one vehicle for oscillation, motors at their limits, vibration, low battery and warnings.
+    """Watches one boot of one vehicle: control, oscillation, motors at their limits, vibration, battery and warnings.
 
     A review has up to three parts, so that no message waits for all of it: ``begin_review``, in flight
     ``review_lights``, and ``finish_review``. Reports of the autopilot, battery and vibration are judged by thorough
@@ -186,12 +186,12 @@ class Watchdog:
         # Times of the latest thorough review and of the latest search for reports, s of the boot clock, and the number
         # of changes of urgent messages until then.
         self._thorough_time = -inf
+        self._report_time = -inf
+        self._change_count = 0
         # Why the latest light on the power says nothing of the battery; None where it does, or before any.
         self._battery_obstacle: Fact | None = None
         # Time of the first review of the boot, s of the boot clock; None before it.
         self._first_review_time: float | None = None
-        self._report_time = -inf
-        self._change_count = 0
         # The review that has begun; None between reviews.
         self._review: _Review | None = None
 
@@ -531,7 +531,7 @@ class Watchdog:
         ends after the landing, or when its reason has not been found for ``CALM_SECONDS``, so that a condition that
         comes and goes gives one alarm. That of a loss of control ends only if the vehicle flies on for so long. On the
         ground it stays, and other alarms end without a word: a wreck is no sound vehicle. So does the alarm of a
-        battery at any landing.
+        battery at any landing, which charges no battery.
 
         The worst fact of each light (motors, vibration, power, …) is kept for the judgement of the whole flight.
 
@@ -571,7 +571,8 @@ class Watchdog:
             review: the review that ends; its warnings are among the active alarms already.
 
         Returns:
-            The ends that are reported. After a loss of control there are none, since a wreck is no sound vehicle.
+            The ends that are reported. After a loss of control there are none, since a wreck is no sound vehicle; nor
+            is that of a battery on the ground, where it stays as empty as it was.
         """
         is_lost = self.loss is not None and not review.is_flying
         ends = []
@@ -582,7 +583,8 @@ class Watchdog:
             last_seen = self._last_seen[kind]
             if not review.is_flying or review.now - last_seen >= CALM_SECONDS:
                 ended_alarm = self.active.pop(kind)
-                if not is_lost:
+                is_still_empty = kind is WatchedQuantity.BATTERY and not review.is_flying
+                if not is_lost and not is_still_empty:
                     ends.append(Fact(WatchFact.ALARM_OVER, time=last_seen, because=ended_alarm))
                 if kind is WatchedQuantity.CONTROL:
                     self.loss = None

@@ -206,6 +206,19 @@ def test_a_battery_that_the_autopilot_reports_is_an_alarm_headline_and_light():
     assert [fact.code for fact in status.active_alarms] == [critical.headline.code]
 
 
+def test_an_empty_battery_is_not_said_to_be_over_after_the_landing():
+    hover = Hover(hovering=4.0)
+    batteries = [
+        (at, message("BATTERY_STATUS", voltages=[9100, *[65535] * 9], charge_state=state))
+        for at, state in ((4.0, 1), (9.0, 1), (12.0, 3), (14.0, 3))
+    ]
+    flight = Flight(hover, attitude=20.0, motors=20.0).frames(end=hover.landed + 4.0)
+    made = replay(by_time(flight, batteries))
+    assert made.codes[-1] is ReportedEvent.ON_GROUND and not made.stream.is_flying
+    assert [fact.code for fact in said(made, ReportedEvent.BATTERY_ALARMED)] == [SessionFact.ALARM]
+    assert not made.stream.status().active_alarms
+
+
 def rebooted(before, text):
     """What is sent before a reboot, then a text, and a flight whose clock begins at 0."""
     after = Flight(Hover(hovering=30.0), attitude=20.0, motors=20.0, clock=-12.0).frames(12.0, 18.0)
