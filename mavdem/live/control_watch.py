@@ -17,20 +17,14 @@ from mavdem.assessment.ground_contacts import ground_contact
 from mavdem.assessment.reported import stopped_in_air
 from mavdem.dataset.grounded import MAX_SETPOINT_DELAY
 from mavdem.dataset.intervals import TimeInterval
-from mavdem.dataset.setpoints import MAX_SETPOINT_AGE, SETPOINT_MESSAGE
 from mavdem.dataset.signals import CLIMB_RATE_FIELDS, Signals
 from mavdem.facts import Fact
 from mavdem.facts.ending import MotionEvent
 from mavdem.ingest.telemetry import Telemetry
 from mavdem.ingest.vocabulary import wrapped_angle
 from mavdem.live.live_signals import LiveSignals, RecentMotion
-from mavdem.live.messages import (
-    MESSAGE_FIELDS,
-    Message,
-    TiltSetpoint,
-    attitude_sample,
-    tilt_setpoint,
-)
+from mavdem.live.messages import MESSAGE_FIELDS, Message
+from mavdem.live.pose import LatestPose
 from mavdem.live.recent_messages import RecentMessages, TimedValues, columns_from
 from mavdem.witnesses.boot_sensors import BootSensors
 
@@ -63,8 +57,6 @@ class ControlWatch:
         self._recent = recent
         # Attitudes and setpoints of the last seconds, by the name of their message.
         self._samples: dict[str, deque[TimedValues]] = {}
-        self._setpoint = TiltSetpoint()
-        self._setpoint_time = -inf
         # When the attitude was last so far from its setpoint that control may be lost, s of the boot clock.
         self._far_time = -inf
 
@@ -79,30 +71,23 @@ class ControlWatch:
         samples.append(TimedValues(time, message.values))
         while samples[0].time < time - MEMORY_SECONDS:
             samples.popleft()
-        if message.name == SETPOINT_MESSAGE:
-            self._setpoint = tilt_setpoint(message)
-            self._setpoint_time = time
-        elif self._is_far(message, time):
-            self._far_time = time
 
-    def _is_far(self, message: Message, time: float) -> bool:
-        """Returns whether an attitude is more than ``LOST_ANGLE`` from the latest setpoint, or leans far without one.
+    def take_pose(self, pose: LatestPose) -> None:
+        """Notes whether the vehicle is more than ``LOST_ANGLE`` from its latest setpoint, or leans far without one.
 
         The error by which a loss is judged allows for the setpoints of the last second too, and is never larger.
 
         Args:
-            message: an attitude.
-            time: its time on the boot clock, s.
+            pose: the attitude that was kept last, with the latest setpoint.
         """
-        sample = attitude_sample(message)
-        if sample is None:
-            return False
-        roll_setpoint, pitch_setpoint = self._setpoint
-        has_setpoint = time - self._setpoint_time <= MAX_SETPOINT_AGE and not isnan(roll_setpoint)
-        if not has_setpoint:
-            return WITHOUT_SETPOINT_SHARE * hypot(sample.roll, sample.pitch) > LOST_ANGLE
-        roll_error = wrapped_angle(sample.roll - roll_setpoint)
-        return hypot(roll_error, sample.pitch - pitch_setpoint) > LOST_ANGLE
+        roll, pitch, _ = pose.angles
+        if isnan(pose.setpoint.roll):
+            error = WITHOUT_SETPOINT_SHARE * hypot(roll, pitch)
+        else:
+            roll_error = wrapped_angle(roll - pose.setpoint.roll)
+            error = hypot(roll_error, pitch - pose.setpoint.pitch)
+        if error > LOST_ANGLE:
+            self._far_time = pose.time
 
     def loss(
         self, now: float, vehicle: Telemetry, take_off: float, motion: RecentMotion | None

@@ -76,7 +76,7 @@ class PoseTracker:
         self._setpoint_time = time
         self._setpoint = setpoint
 
-    def take_attitude(self, time: float, sample: AttitudeSample) -> None:
+    def take_attitude(self, time: float, sample: AttitudeSample) -> LatestPose:
         """Takes an attitude as the latest pose, and decides whether its yaw counts as heading.
 
         The heading serves the test for weak motors, which compares steady flight only. So it is NaN in manoeuvres:
@@ -86,16 +86,20 @@ class PoseTracker:
         Args:
             time: time on the boot clock, s.
             sample: angles and body rates.
+
+        Returns:
+            The pose.
         """
         has_setpoint = abs(time - self._setpoint_time) <= MAX_SETPOINT_AGE
         setpoint = self._setpoint if has_setpoint else TiltSetpoint()
-        self.pose = LatestPose(
+        pose = LatestPose(
             time,
             angles=(sample.roll, sample.pitch, sample.yaw),
             rates=(sample.roll_rate, sample.pitch_rate, sample.yaw_rate),
             setpoint=setpoint,
             position=self._position if time - self._position_time <= MAX_POSITION_AGE else None,
         )
+        self.pose = pose
         self.heading = sample.yaw
         if max(abs(sample.roll), abs(sample.pitch)) >= MAX_TILT:
             self.heading = nan
@@ -103,3 +107,4 @@ class PoseTracker:
             tilt = np.array([sample.roll, sample.pitch])
             if strays_from_setpoint(tilt, np.array(setpoint)):
                 self.heading = nan
+        return pose

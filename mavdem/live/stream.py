@@ -366,11 +366,10 @@ class LiveStream:
         message = timed.message
         name = message.name
         time = timed.time
-        if name in (*ATTITUDE_MESSAGES, SETPOINT_MESSAGE) and timed.has_own_stamp:
-            self._review.watchdog.control.take(message, time)
         if name in ATTITUDE_MESSAGES and timed.has_own_stamp:
             yield from self._take_attitude(message, time)
         elif name == SETPOINT_MESSAGE and timed.has_own_stamp:
+            self._review.watchdog.control.take(message, time)
             self._pose.take_setpoint(time, tilt_setpoint(message))
         elif name in MOTOR_MESSAGES and timed.has_own_stamp:
             port, outputs = port_outputs(message)
@@ -391,7 +390,7 @@ class LiveStream:
         self._rows.end_segment_unless_free()
 
     def _take_attitude(self, message: Message, time: float) -> list[AlignedRow]:
-        """Takes an attitude: for the wind, for the latest pose, and as a sample of rows.
+        """Takes an attitude: for the wind, for the latest pose, to watch the control, and as a sample of rows.
 
         The wind takes only the message that rows are made of, and only in free flight: held by the ground, the vehicle
         does not lean into the wind.
@@ -403,13 +402,15 @@ class LiveStream:
         Returns:
             The rows that it completes.
         """
+        control = self._review.watchdog.control
+        control.take(message, time)
         sample = attitude_sample(message)
         if sample is None:
             # The stream still learns of the message, so that its name is known as one that comes.
             return self._add_sample(message.name, 0, time, None)
         if message.name == self._rows.attitude_message and self._phase.is_free(time):
             self.wind.add_attitude(time, sample.roll, sample.pitch, sample.yaw)
-        self._pose.take_attitude(time, sample)
+        control.take_pose(self._pose.take_attitude(time, sample))
         return self._add_sample(message.name, 0, time, sample.tilt_and_rates)
 
     def _add_sample(
