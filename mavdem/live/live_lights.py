@@ -3,10 +3,10 @@
 from collections.abc import Mapping
 from typing import NamedTuple
 
-from mavdem.assessment.lights import REGISTRY
+from mavdem.assessment.judgement import unjudged
 from mavdem.dataset.attitude import ATTITUDE_MESSAGES
 from mavdem.dataset.signals import MIN_STREAM_RATE
-from mavdem.facts import Fact, Facts, Level
+from mavdem.facts import Fact, Level
 from mavdem.facts.lights import Light, Unjudged
 from mavdem.facts.log import LogLight
 from mavdem.facts.margins import MarginsLight
@@ -15,7 +15,10 @@ from mavdem.facts.watch import WatchedQuantity, WatchFact
 
 
 def lights_before_model(
-    reason: Fact, rates: Mapping[str, float], watch_facts: Facts, wind_obstacle: Fact | None
+    reason: Fact,
+    rates: Mapping[str, float],
+    watch_facts: Mapping[str, Fact],
+    wind_obstacle: Fact | None,
 ) -> dict[str, Fact]:
     """Returns what each light says before a model is judged; a light that is judged without one replaces it.
 
@@ -25,24 +28,23 @@ def lights_before_model(
     Args:
         reason: why there is no judgement of a model.
         rates: rates of attitude and motor messages, Hz, by message name.
-        watch_facts: for each thing that is watched on the followed vehicle: since when, or why it is not.
+        watch_facts: for each thing that is watched on the followed vehicle, by its name: since when, or why it is not.
         wind_obstacle: why there is no estimate of the wind although the vehicle flies; None if there is no obstacle.
 
     Returns:
         A fact for each light, by name, in the order in which they are shown.
     """
-    watch = {fact.subject: fact for fact in watch_facts if "vehicle" not in fact.figures}
 
     def obstacle(kind: WatchedQuantity) -> Fact | None:
         """Returns why something is not watched; None if it is."""
-        fact = watch.get(kind)
+        fact = watch_facts.get(kind)
         if fact is None:
             # Just after the first messages it is not known what comes; before them nothing is watched at all.
-            return Fact(RowsFact.RATES_BEING_MEASURED) if watch else reason
+            return Fact(RowsFact.RATES_BEING_MEASURED) if watch_facts else reason
         because: Fact | None = fact.figures["because"]
         return because
 
-    lights = {}
+    lights = dict(unjudged(reason).lights)
     for light, kind in (
         (Light.VIBRATION, WatchedQuantity.VIBRATION),
         (Light.POWER, WatchedQuantity.BATTERY),
@@ -70,14 +72,17 @@ def lights_before_model(
     for light in (Light.TRACKING, Light.ESTIMATOR):
         # How these messages are recorded is known after the session, so that the fact has no path.
         lights[str(light)] = Fact(Unjudged.JUDGED_LATER, path="")
-    if watch and wind_obstacle is None:
+    if watch_facts and wind_obstacle is None:
         wind_obstacle = Fact(WatchFact.WIND_AWAITED)
-    lights[str(Light.WIND)] = Fact(Unjudged.NOT_JUDGED, because=wind_obstacle or reason)
-    lights[str(Light.LOG)] = _log_light(rates) or Fact(Unjudged.NOT_JUDGED, because=reason)
+    if wind_obstacle is not None:
+        lights[str(Light.WIND)] = Fact(Unjudged.NOT_JUDGED, because=wind_obstacle)
+    log_light = _log_light(rates)
     if reason.code is RowsFact.LIVE_RATES_TOO_LOW:
         # As of a log, rates that are too low for a model are to be watched.
         lights[str(Light.LOG)] = reason.figures["because"].replace(Level.WATCH)
-    return {str(light.name): lights[str(light.name)] for light in REGISTRY}
+    elif log_light is not None:
+        lights[str(Light.LOG)] = log_light
+    return lights
 
 
 def _log_light(rates: Mapping[str, float]) -> Fact | None:

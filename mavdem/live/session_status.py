@@ -208,7 +208,9 @@ class SessionStatus(ImmutableResult):
         weak_motors = self._weak_motors
         return replace(
             unjudged(weak_motors[0] if weak_motors else reason),
-            lights=lights_before_model(reason, self.rates, self.watch_facts, self.wind_obstacle),
+            lights=lights_before_model(
+                reason, self.rates, self._followed_watch_facts, self.wind_obstacle
+            ),
         )
 
     @property
@@ -279,16 +281,18 @@ class SessionStatus(ImmutableResult):
         return judgement
 
     @property
-    def _watched_names(self) -> tuple[str, ...]:
-        """Names of what is watched without a model on the followed vehicle.
+    def _followed_watch_facts(self) -> dict[str, Fact]:
+        """The ``watch_facts`` of the followed vehicle, by what is watched.
 
         Facts on other vehicles of the link have the figure "vehicle", and are left out.
         """
-        return tuple(
-            fact.subject
-            for fact in self.watch_facts
-            if fact.code is WatchFact.WATCHED and "vehicle" not in fact.figures
-        )
+        return {fact.subject: fact for fact in self.watch_facts if "vehicle" not in fact.figures}
+
+    @property
+    def _watched_names(self) -> tuple[str, ...]:
+        """Names of what is watched without a model on the followed vehicle."""
+        facts = self._followed_watch_facts
+        return tuple(name for name, fact in facts.items() if fact.code is WatchFact.WATCHED)
 
     @property
     def _weak_motors(self) -> list[Fact]:
