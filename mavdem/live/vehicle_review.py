@@ -65,9 +65,7 @@ class VehicleReview:
         self._report = report
         # Parameters of the autopilot as of the last choice of inputs.
         self._parameters: Parameters = {}
-        self.phase = FlightPhase(RecentMessages())
-        self.watchdog = Watchdog(RecentMessages())
-        self.restart(0)
+        self._begin_boot(RecentMessages())
 
     def restart(self, boot: int) -> None:
         """Discards messages, phase and alarms at a reboot, after which the clock begins again.
@@ -77,15 +75,25 @@ class VehicleReview:
         Args:
             boot: number of the new boot.
         """
+        recent_messages = RecentMessages(boot)
+        for text in self._texts_since_last_attitude():
+            recent_messages.add("STATUSTEXT", 0.0, text.values)
         # An autopilot may well reboot in a crash: how the flight was lost stays.
-        loss = self.watchdog.loss
-        was_flying = self.phase.is_flying
-        first_texts = self._texts_since_last_attitude() if boot > 0 else []
-        self.recent_messages = RecentMessages(boot)
-        for text in first_texts:
-            self.recent_messages.add("STATUSTEXT", 0.0, text.values)
-        self.phase = FlightPhase(self.recent_messages)
-        self.watchdog = Watchdog(self.recent_messages, loss, was_flying=was_flying)
+        self._begin_boot(recent_messages, self.watchdog.loss, was_flying=self.phase.is_flying)
+
+    def _begin_boot(
+        self, recent_messages: RecentMessages, loss: Fact | None = None, *, was_flying: bool = False
+    ) -> None:
+        """Begins the reviews of a boot.
+
+        Args:
+            recent_messages: gets the slow messages of the boot; it may have the first ones.
+            loss: how a flight of the former boot was lost; None if it was not, or there is no former boot.
+            was_flying: whether the vehicle flew when the former boot ended.
+        """
+        self.recent_messages = recent_messages
+        self.phase = FlightPhase(recent_messages)
+        self.watchdog = Watchdog(recent_messages, loss, was_flying=was_flying)
         # The parts of the present review that are not done yet.
         self._pending_parts: deque[Callable[[RowBuilder], None]] = deque()
         # Times of the boot clock, s: of the latest message, of the present review, of its latest part, and since when
