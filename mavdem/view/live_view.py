@@ -43,7 +43,7 @@ class SinkThread(threading.Thread):
 
     Attributes:
         sink: file, viewer or server that it sends to.
-        dropped: number of rows that were dropped, since too many waited.
+        dropped_rows: number of rows that were dropped, since too many waited.
         is_paused: whether rows wait; they are sent when this is unset, or when the thread ends.
         status: the latest status of the session.
         problem: why nothing arrives at the sink, in one sentence for the user; empty if all arrives.
