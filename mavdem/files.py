@@ -115,7 +115,7 @@ def reporting_write_errors(
         yield
     except OSError as error:
         names = " or ".join(str(path) for path in files)
-        raise Unreadable(code, path=names, because=error_message(error)) from None
+        raise Unreadable(code, path=names, reason=error_message(error)) from None
 
 
 def writable_target(path: PathName) -> Path:

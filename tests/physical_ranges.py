@@ -81,7 +81,7 @@ def figures_out_of_range(fact, path=""):
     voltage, cells = fact.figures.get("voltage"), fact.figures.get("cells")
     if voltage and cells and not CELL_VOLTAGES[0] <= voltage / cells <= CELL_VOLTAGES[1]:
         texts.append(f"{name_of_fact}: {voltage / cells} V a cell")
-    for name, time in (("time", fact.time), ("until", fact.until)):
+    for name, time in (("time", fact.time), ("end_time", fact.end_time)):
         if time is not None and not (math.isfinite(time) and time >= -1e-6):
             texts.append(f"{name_of_fact}.{name} = {time}")
     return texts

@@ -68,5 +68,5 @@ def test_several_doubts_have_one_remedy_and_a_slow_log_is_first_to_be_mended():
         (wind, filtered): wind.remedy,
     }
     for doubts, remedy in remedies.items():
-        assert Fact(ParameterDoubt.SEVERAL_DOUBTS, because=doubts).remedy == remedy
-    assert not Fact(ParameterDoubt.SEVERAL_DOUBTS, because=(wind, short)).grounded.remedy
+        assert Fact(ParameterDoubt.SEVERAL_DOUBTS, reason=doubts).remedy == remedy
+    assert not Fact(ParameterDoubt.SEVERAL_DOUBTS, reason=(wind, short)).grounded.remedy

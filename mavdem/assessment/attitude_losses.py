@@ -200,7 +200,7 @@ class _AttitudeLoss(NamedTuple):
             code,
             level,
             time=onset if knock_time is None else min(onset, knock_time),
-            until=None if self.end == inf else self.end,
+            end_time=None if self.end == inf else self.end,
             angle=largest.angle,
             height=height,
             height_source=self.sensors.height_source,
@@ -403,12 +403,12 @@ class _AttitudeLoss(NamedTuple):
         fastest = self.sensors.fastest_rotation(tilts, (onset, end))
         if largest_change < ONSET_ANGLE:
             did_not_rotate = contradicting_statement(
-                WitnessFact.DID_NOT_ROTATE, time=onset, until=end, body_rate=fastest.body_rate
+                WitnessFact.DID_NOT_ROTATE, time=onset, end_time=end, body_rate=fastest.body_rate
             )
             return (did_not_rotate,)
         if largest_turn < MIN_GYRO_SHARE * largest_change:
             disagreed = contradicting_statement(
-                WitnessFact.GYRO_DISAGREED, time=onset, until=end, angle=largest_change
+                WitnessFact.GYRO_DISAGREED, time=onset, end_time=end, angle=largest_change
             )
             return (disagreed,)
         return (supporting_statement(WitnessFact.ROTATED, **fastest._asdict()),)

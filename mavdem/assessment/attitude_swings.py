@@ -58,7 +58,7 @@ def attitude_swings(signals: Signals, boot: int, flight_interval: TimeInterval) 
             yield Fact(
                 MotionEvent.ATTITUDE_SWUNG,
                 time=float(times[0]),
-                until=float(times[-1]),
+                end_time=float(times[-1]),
                 subject=axis,
                 angle=float(abs(angle[peaks]).max()),
                 count=len(peaks),

@@ -266,7 +266,7 @@ def _problems_of_errors(telemetry: Telemetry) -> Iterator[Fact]:
         yield Fact(
             ReportedEvent(code),
             time=message.time,
-            until=None if is_lane_change else _end_of_error(message, messages),
+            end_time=None if is_lane_change else _end_of_error(message, messages),
             subject=f"lane {message.error_code}" if is_lane_change else subject,
             error_code=message.error_code,
             boot=message.boot,
@@ -370,7 +370,7 @@ def merge_repeats(facts: Iterable[Fact]) -> list[Fact]:
 
 def _last_time(fact: Fact) -> float:
     """Returns the latest time of a fact, s: its end if it has one, otherwise its time."""
-    return max(time for time in (fact.time, fact.until) if time is not None)
+    return max(time for time in (fact.time, fact.end_time) if time is not None)
 
 
 def _is_repetition(earlier: Fact, later: Fact) -> bool:
@@ -407,7 +407,7 @@ def _merged_pair(first: Fact, repetition: Fact) -> Fact:
     return first.replace(
         # Levels count in the order of their definition: good, watch, bad, unknown.
         max(first.level, repetition.level, key=list(Level).index),
-        until=None if last_time == first.time else last_time,
+        end_time=None if last_time == first.time else last_time,
         subject=first.subject or repetition.subject,
         **figures,
     )

@@ -66,7 +66,7 @@ def barometer_drifts(sensors: BootSensors, flight_interval: TimeInterval) -> Ite
     yield Fact(
         MotionEvent.BAROMETER_DRIFTED,
         time=flight_start if heights.frozen_since is None else heights.frozen_since,
-        until=flight_end if isfinite(flight_end) else None,
+        end_time=flight_end if isfinite(flight_end) else None,
         change=change,
         frozen_since=heights.frozen_since,
         boot=sensors.boot,

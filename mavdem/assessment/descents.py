@@ -71,7 +71,12 @@ def falls(sensors: BootSensors, interval: TimeInterval) -> Iterator[Fact]:
         return
     witnesses = supporting_statements(sensors.sink_statements(window))
     yield Fact(
-        MotionEvent.FELL, time=start, until=end, speed=speed, boot=sensors.boot, witnesses=witnesses
+        MotionEvent.FELL,
+        time=start,
+        end_time=end,
+        speed=speed,
+        boot=sensors.boot,
+        witnesses=witnesses,
     )
 
 
@@ -131,7 +136,7 @@ def dives(sensors: BootSensors, flight_interval: TimeInterval) -> Iterator[Fact]
             MotionEvent.DIVED,
             Level.GOOD,
             time=start,
-            until=end,
+            end_time=end,
             speed=speed,
             boot=sensors.boot,
             witnesses=witnesses,

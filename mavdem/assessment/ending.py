@@ -85,7 +85,7 @@ def ending_of(
     return Fact(
         ENDINGS.get(loss.code, Ending.LOSS_REPORTED),
         time=loss.time,
-        until=loss.until,
+        end_time=loss.end_time,
         subject=subjects.pop() if concerns_one_motor else "",
         cause=cause,
         word=motor_report if adds_to_cause else None,

@@ -52,7 +52,7 @@ class Evidence:
     """Whether a full model can be learned from the log."""
     condition: Condition
     """Motor balance, lean, vibration, battery and oscillation."""
-    wind: WindEvidence = WindEvidence(None, None, Fact(Unjudged.NOT_JUDGED, because=None))
+    wind: WindEvidence = WindEvidence(None, None, Fact(Unjudged.NOT_JUDGED, reason=None))
     """The wind in m/s, or why it is not known."""
     events: Facts = ()
     """What happened, in order of boot and time, with changes of the motors' thrust and the ending among them."""

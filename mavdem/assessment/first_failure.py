@@ -201,7 +201,7 @@ def _closed_throttle(signals: Signals, boot: int, diverged: Fact, onset: float) 
     Returns:
         The fact; None if the log does not show it.
     """
-    start = max(diverged.end_time, onset - STOP_REASON_SECONDS)
+    start = max(diverged.latest_time, onset - STOP_REASON_SECONDS)
     closed = BootSensors(signals, boot).throttle_closed_statement((start, onset))
     manual = mode_intervals(signals, boot, MANUAL_THROTTLE_MODES)
     if closed is None or not in_intervals(closed.start_time, manual):
@@ -224,7 +224,7 @@ def _diverged_height(events: Sequence[Fact], boot: int, onset: float) -> Fact | 
     for event in events:
         is_of_boot = event.figures.get("boot") == boot
         if event.code is MotionEvent.HEIGHT_DIVERGED and is_of_boot and event.is_bad:
-            start, end = event.start_time, event.end_time
+            start, end = event.start_time, event.latest_time
             if start <= onset <= end + DIVERGENCE_SECONDS:
                 diverged = event
     return diverged
@@ -252,7 +252,7 @@ def _events_at(
         if event.code is code
         and event.figures["boot"] == boot
         and event.start_time <= time + delay
-        and event.end_time >= time
+        and event.latest_time >= time
     ]
 
 

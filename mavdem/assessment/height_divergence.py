@@ -102,7 +102,7 @@ def _divergence(sensors: BootSensors, interval: TimeInterval) -> Fact | None:
     else:
         motion = supporting_statement(WitnessFact.SANK, source="barometer", speed=-climb.barometer)
     start, end = interval
-    statements = [motion.replace(time=start, until=end)]
+    statements = [motion.replace(time=start, end_time=end)]
     travel = _median_stick_travel(sensors, interval)
     if travel is not None:
         asks_for_climb = is_rising and travel > CLIMB_STICK
@@ -111,14 +111,14 @@ def _divergence(sensors: BootSensors, interval: TimeInterval) -> Fact | None:
             return None
         statements.append(
             supporting_statement(
-                WitnessFact.THROTTLE_NOT_RAISED, time=start, until=end, share=travel
+                WitnessFact.THROTTLE_NOT_RAISED, time=start, end_time=end, share=travel
             )
         )
     cause = _accelerometer_error(sensors, interval) or _vibration(sensors, interval)
     if cause is not None:
         is_of_flight = cause.figures.get("part") == "in flight"
         window_start = start - CONTEXT_SECONDS
-        statements.append(cause.replace(time=window_start, until=end) if is_of_flight else cause)
+        statements.append(cause.replace(time=window_start, end_time=end) if is_of_flight else cause)
     full_throttle = _full_throttle(sensors, interval)
     # If a vehicle sinks at full throttle, it lacks thrust, and the throttle is no evidence for a diverged estimate.
     if full_throttle is not None and is_rising:
@@ -126,7 +126,7 @@ def _divergence(sensors: BootSensors, interval: TimeInterval) -> Fact | None:
     event = Fact(
         MotionEvent.HEIGHT_DIVERGED,
         time=start,
-        until=end,
+        end_time=end,
         # A diverged estimate may contain a speed that no vehicle reaches, which is not reported.
         climb_rate=climb.estimate if abs(climb.estimate) <= MAX_FALL_SPEED else None,
         speed=climb.barometer,
@@ -283,7 +283,7 @@ def _vibration(sensors: BootSensors, interval: TimeInterval) -> Fact | None:
     count = vibration.most_clips(is_in_interval)
     if count:
         start, end = interval
-        return supporting_statement(WitnessFact.CLIPPED, time=start, until=end, count=count)
+        return supporting_statement(WitnessFact.CLIPPED, time=start, end_time=end, count=count)
     largest_levels = levels.values[is_in_interval].max(axis=1)
     largest_level = float(largest_levels.max())
     if largest_level <= vibration_limits(sensors.signals.telemetry).bad:

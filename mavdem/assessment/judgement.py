@@ -213,7 +213,7 @@ def _judged_light(
         known_lights: facts by name of lights that were judged before.
     """
     if evidence.not_flown is not None and light.name in LIGHTS_OF_FLIGHT:
-        return Fact(Unjudged.NOT_JUDGED, because=evidence.not_flown)
+        return Fact(Unjudged.NOT_JUDGED, reason=evidence.not_flown)
     if light.name in known_lights:
         return known_lights[light.name]
     needed_lights = [earlier_lights[name] for name in light.needs]
@@ -287,8 +287,8 @@ def with_action_on_loops(light: Fact, decisions: DecisionsByAxis) -> Fact:
 
 def unjudged(refusal: Fact) -> Judgement:
     """Returns the judgement if there is no evidence: everything is unknown because of the ``refusal``."""
-    next_step = Fact(NextStep.DO_AS_ADVISED, because=refusal)
-    unknown_light = Fact(Unjudged.NOT_JUDGED, because=refusal)
+    next_step = Fact(NextStep.DO_AS_ADVISED, reason=refusal)
+    unknown_light = Fact(Unjudged.NOT_JUDGED, reason=refusal)
     return Judgement(refusal, next_step, {str(light.name): unknown_light for light in REGISTRY})
 
 
@@ -501,10 +501,10 @@ def _nothing_wrong(lights: NamedFacts) -> Fact:
         # A log that lacks data is the reason. If it has all that is needed, the most urgent light says why it is
         # unknown.
         reason = lights[unchecked[0] if lights[Light.LOG].is_good else Light.LOG]
-        if reason.code in PARTIAL_CHECKS and reason.figures["because"] is not None:
+        if reason.code in PARTIAL_CHECKS and reason.figures["reason"] is not None:
             # What a check has shown so far is not the reason why the rest of its light is unknown.
-            reason = reason.figures["because"]
-        return Fact(Headline.NOTHING_CHECKED, because=reason)
+            reason = reason.figures["reason"]
+        return Fact(Headline.NOTHING_CHECKED, reason=reason)
     # The motors must be among the checked lights, since only their light shows a motor or propeller that is about to
     # fail. But that light alone is not enough.
     is_enough = Light.MOTORS in checked and len(checked) >= MIN_CHECKED_LIGHTS
@@ -542,7 +542,7 @@ def next_step_of(headline: Fact, lights: NamedFacts, model_step: Fact | None) ->
         if lights[name].code is Unjudged.MULTIROTORS_ONLY:
             is_other_vehicle = True
         elif not lights[name].is_good:
-            return Fact(NextStep.DO_AS_ADVISED, because=lights[name])
+            return Fact(NextStep.DO_AS_ADVISED, reason=lights[name])
     if is_other_vehicle:
         return Fact(NextStep.KEEP_LOG)
     return model_step or Fact(NextStep.KEEP_MODEL)
@@ -578,7 +578,7 @@ def _next_step_against(headline: Fact, lights: NamedFacts) -> Fact:
         and lights[name].code not in Ending
         and not _advises_other_step_first(lights[name])
     )
-    return Fact(NextStep.DO_AS_ADVISED, headline.level, because=headline, also=also)
+    return Fact(NextStep.DO_AS_ADVISED, headline.level, reason=headline, also=also)
 
 
 def _advises_other_step_first(light: Fact) -> bool:

@@ -59,7 +59,7 @@ def lowered_throttle(signals: Signals, boot: int, onset: float) -> Fact | None:
             return Fact(
                 FailedFirst.THROTTLE_LOWERED_FIRST,
                 time=start,
-                until=min(end, onset),
+                end_time=min(end, onset),
                 share=float(travel.min()),
             )
     return None

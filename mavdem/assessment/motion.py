@@ -116,7 +116,7 @@ def _overlap(event: Fact, other: Fact) -> bool:
     if event.figures["boot"] != other.figures["boot"]:
         return False
     start = max(event.start_time, other.start_time)
-    return start <= min(event.end_time, other.end_time)
+    return start <= min(event.latest_time, other.latest_time)
 
 
 def _events_of_other_vehicle(
@@ -426,4 +426,4 @@ def _clipping_events(signals: Signals, boot: int, flights: Intervals) -> Iterato
     moments = [(moment, moment) for moment in time[has_clipped].tolist()]
     for start, end in merge_close(moments, RECOVERY_SECONDS):
         count = vibration.most_clips(is_of_boot & in_intervals(time, [(start, end)]))
-        yield Fact(MotionEvent.CLIPPED, time=start, until=end, count=count, boot=boot)
+        yield Fact(MotionEvent.CLIPPED, time=start, end_time=end, count=count, boot=boot)

@@ -151,7 +151,7 @@ def _lasting_events(
             event = Fact(
                 condition.code,
                 time=start,
-                until=None if np.isinf(end) else end,
+                end_time=None if np.isinf(end) else end,
                 subject=name,
                 share=share,
                 duration=share * duration,
@@ -193,7 +193,7 @@ def _frozen_outputs(
                     yield Fact(
                         MotionEvent.OUTPUT_FROZE,
                         time=time[first],
-                        until=time[end - 1],
+                        end_time=time[end - 1],
                         subject=name,
                         share=float(values[first, motor]),
                         boot=boot,

@@ -203,7 +203,7 @@ def _standstill(
     no_rotation = supporting_statement(
         WitnessFact.SPEED_ZERO,
         time=start,
-        until=end,
+        end_time=end,
         name=controller.name,
         duration=end - start,
         share=share,
@@ -218,7 +218,7 @@ def _standstill(
     event = Fact(
         MotionEvent.MOTOR_STOOD_STILL,
         time=start,
-        until=None if np.isinf(interval_end) else interval_end,
+        end_time=None if np.isinf(interval_end) else interval_end,
         subject=name,
         name=controller.name,
         share=share,
@@ -249,7 +249,7 @@ def _reaction_of_command(command: TimeSeries, interval: TimeInterval) -> Facts:
     start, end = interval
     usual_command = change.before
     unchanged = contradicting_statement(
-        WitnessFact.COMMAND_UNCHANGED, share=usual_command, time=start, until=end
+        WitnessFact.COMMAND_UNCHANGED, share=usual_command, time=start, end_time=end
     )
     return (unchanged,)
 
@@ -287,7 +287,7 @@ def rise_statement(change: CommandChange, interval: TimeInterval) -> Fact:
         share=change.later,
         share_before=change.before,
         time=start,
-        until=end,
+        end_time=end,
     )
 
 
@@ -315,7 +315,7 @@ def _reaction_of_attitude(error: AttitudeError, interval: TimeInterval) -> Facts
     held = contradicting_statement(
         WitnessFact.ATTITUDE_HELD,
         time=interval_of_error[0],
-        until=end,
+        end_time=end,
         angle=largest.angle,
         has_setpoint=largest.has_setpoint,
     )
@@ -346,7 +346,7 @@ def _counted_errors(controller: SpeedController, boot: int, interval: TimeInterv
     counted = supporting_statement(
         WitnessFact.ERRORS_COUNTED,
         time=start - MAX_SETPOINT_DELAY,
-        until=end,
+        end_time=end,
         name=controller.name,
         count=count,
     )
@@ -399,7 +399,7 @@ def speed_statements(signals: Signals, loss: Fact) -> Facts:
         return ()
     boot = loss.figures["boot"]
     motor = motors.geometry.names.index(loss.subject)
-    end = loss.time + 2 * RECOVERY_SECONDS if loss.until is None else loss.until
+    end = loss.time + 2 * RECOVERY_SECONDS if loss.end_time is None else loss.end_time
     interval = (loss.time, end)
     for controller in speed_controllers(signals):
         if controller.motor_index(motors.geometry) != motor:
@@ -409,7 +409,7 @@ def speed_statements(signals: Signals, loss: Fact) -> Facts:
             continue
         figures = {
             "time": loss.time,
-            "until": loss.until,
+            "end_time": loss.end_time,
             "name": controller.name,
             "rotation": change.later,
             "rotation_before": change.before,

@@ -62,7 +62,7 @@ def _witnesses(signals: Signals, loss: Fact, reports: Sequence[Fact]) -> Facts:
     if motors is None or loss.time is None or loss.subject not in motors.geometry.names:
         return ()
     boot = loss.figures["boot"]
-    interval = (loss.time, min(loss.end_time, loss.time + 2 * RECOVERY_SECONDS))
+    interval = (loss.time, min(loss.latest_time, loss.time + 2 * RECOVERY_SECONDS))
     return (
         *_rise_of_command(signals, loss, interval),
         *_loss_of_attitude(signals, boot, interval),
@@ -91,7 +91,7 @@ def _rise_of_command(signals: Signals, loss: Fact, interval: TimeInterval) -> Fa
     excess = loss.figures.get("excess")
     if excess is not None:
         above_others = supporting_statement(
-            WitnessFact.COMMAND_ABOVE_OTHERS, time=loss.time, until=loss.until, share=excess
+            WitnessFact.COMMAND_ABOVE_OTHERS, time=loss.time, end_time=loss.end_time, share=excess
         )
         return (above_others,)
     commands = motors.range_fractions(loss.figures["boot"])

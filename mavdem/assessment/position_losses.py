@@ -60,14 +60,14 @@ def position_losses(
         if validity is not None:
             invalid = (
                 supporting_statement(
-                    WitnessFact.POSITION_INVALID, time=start, until=end, duration=end - start
+                    WitnessFact.POSITION_INVALID, time=start, end_time=end, duration=end - start
                 ),
             )
         yield Fact(
             MotionEvent.POSITION_LOST,
             level,
             time=start,
-            until=end,
+            end_time=end,
             duration=end - start,
             boot=sensors.boot,
             witnesses=(*invalid, *reactions, *_missing_fix(fix, (start, end))),
@@ -156,5 +156,5 @@ def _missing_fix(fix: TimeSeries | None, interval: TimeInterval) -> Facts:
     is_in_interval = in_intervals(fix.time, [interval])
     if is_in_interval.any() and not fix.values[is_in_interval].any():
         start, end = interval
-        return (supporting_statement(WitnessFact.NO_FIX, time=start, until=end),)
+        return (supporting_statement(WitnessFact.NO_FIX, time=start, end_time=end),)
     return ()

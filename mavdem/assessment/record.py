@@ -232,8 +232,8 @@ class Assessment:
     @property
     def refusal(self) -> NotLearnable:
         """Why there is no model, and what to do next, as an error that a caller who needs one raises."""
-        because = self.headline if self.analysis is None else self.analysis.reason
-        return NotLearnable(NoModel.REFUSED, because=because, next_step=self.next_step)
+        reason = self.headline if self.analysis is None else self.analysis.reason
+        return NotLearnable(NoModel.REFUSED, reason=reason, next_step=self.next_step)
 
     @property
     def wind(self) -> WindVelocity | None:

@@ -488,6 +488,6 @@ def _lasting_faults(
                 fault.message,
                 fault.code,
                 start,
-                until=end if end < recorded_part.end else None,
+                end_time=end if end < recorded_part.end else None,
                 subject=fault.subject,
             )

@@ -173,7 +173,7 @@ def with_motors_limited_before(ending: Fact | None, events: Sequence[Fact]) -> F
         and event.figures["boot"] == ending.figures["boot"]
         and event.time is not None
         and event.time <= cause.time - MIN_LIMIT_SECONDS
-        and event.end_time >= cause.time
+        and event.latest_time >= cause.time
     ]
     if not limits:
         return ending
@@ -197,7 +197,7 @@ def _was_other_motor_limited(loss: Fact, events: Sequence[Fact]) -> bool:
             continue
         if event.figures["boot"] != loss.figures["boot"] or event.time is None:
             continue
-        if event.time < loss.time and event.end_time >= loss.time - RECOVERY_SECONDS:
+        if event.time < loss.time and event.latest_time >= loss.time - RECOVERY_SECONDS:
             return True
     return False
 
@@ -223,7 +223,7 @@ def _saturation_loss(
     boot = event.figures["boot"]
     start = event.time
     assert start is not None
-    end = event.end_time
+    end = event.latest_time
     lasts = is_lost or end == inf or end - start >= RECOVERY_SECONDS
     if event.figures["duration"] < MIN_LIMIT_SECONDS or not lasts:
         return None
@@ -242,7 +242,7 @@ def _saturation_loss(
     return Fact(
         MotorWatchFact.MOTOR_SATURATED,
         time=start,
-        until=event.until,
+        end_time=event.end_time,
         subject=event.subject,
         excess=excess,
         duration=event.figures["duration"],

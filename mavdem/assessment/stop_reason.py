@@ -98,7 +98,7 @@ def _is_reported_in(event: Fact, interval: TimeInterval) -> bool:
     """
     earliest, latest = interval
     start = event.start_time
-    end = event.end_time if event.code is ReportedEvent.RADIO_LOST else start
+    end = event.latest_time if event.code is ReportedEvent.RADIO_LOST else start
     return start <= latest and end >= earliest
 
 

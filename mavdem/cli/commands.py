@@ -257,7 +257,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         code = EXIT_PIPE_CLOSED
     except OSError as error:
         report_error(
-            Fact(RunEnd.STANDARD_OUTPUT_FAILED, because=error_message(error)), as_json=False
+            Fact(RunEnd.STANDARD_OUTPUT_FAILED, reason=error_message(error)), as_json=False
         )
         code = EXIT_ERROR
     # Python flushes standard output again at its exit. It is replaced by the null device, so that this cannot fail.
@@ -312,7 +312,7 @@ def _exit_code(args: list[str], *, as_json: bool) -> int:
         if os.environ.get(TRACEBACK_VARIABLE):
             traceback.print_exc()
         report_error(
-            Fact(RunEnd.DEFECT, because=f"{type(error).__name__}: {error}"), as_json=as_json
+            Fact(RunEnd.DEFECT, reason=f"{type(error).__name__}: {error}"), as_json=as_json
         )
     else:
         return EXIT_DONE

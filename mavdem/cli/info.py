@@ -158,5 +158,5 @@ def _why_not_learnable(document: JsonValues, source: str, axis: str) -> Fact:
         axis=axis,
         path=source,
         names=[component_id(values) for values in vehicles],
-        because=vehicles[0]["verdict"].reason if vehicles else None,
+        reason=vehicles[0]["verdict"].reason if vehicles else None,
     )

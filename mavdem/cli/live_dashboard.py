@@ -79,7 +79,7 @@ class Dashboard:
         except ValueError as error:
             raise click.BadParameter(f"{error}.", param_hint="--connect") from error
         except OSError as error:
-            raise Unreadable(SessionFact.DASHBOARD_NOT_OPENED, because=error) from None
+            raise Unreadable(SessionFact.DASHBOARD_NOT_OPENED, reason=error) from None
         self.view = LiveView(sinks)
         for sink in sinks:
             if isinstance(sink, WebServer):

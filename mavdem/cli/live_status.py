@@ -132,8 +132,8 @@ class StatusLines:
         """
         changed_facts = []
         for fact in watch_facts:
-            because = fact.figures.get("because")
-            if isinstance(because, Fact) and because.code in PASSING_OBSTACLES:
+            reason = fact.figures.get("reason")
+            if isinstance(reason, Fact) and reason.code in PASSING_OBSTACLES:
                 continue
             key = (fact.figures.get("vehicle"), fact.subject)
             if self._watch_meanings.get(key) != fact.meaning:

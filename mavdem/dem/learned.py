@@ -430,7 +430,7 @@ class Learned(ImmutableResult, ForecasterBase):
 
         physical = self.require_physical()
         if physical.caution is not None:
-            unreliable = Fact(NoPhysical.SIMULATION_FAR_OFF, because=physical.caution)
+            unreliable = Fact(NoPhysical.SIMULATION_FAR_OFF, reason=physical.caution)
             warn(unreliable.advised, stacklevel=2)
         return simulate_response(physical, self.record, inputs).mean
 
@@ -454,7 +454,7 @@ class Learned(ImmutableResult, ForecasterBase):
 
         physical = self.require_physical()
         if physical.caution is not None:
-            raise NotLearnable(NoPhysical.NO_SIMULATION_BAND, because=physical.caution)
+            raise NotLearnable(NoPhysical.NO_SIMULATION_BAND, reason=physical.caution)
         return half_width(simulate_response(physical, self.record, inputs).variance, level)
 
     def require_physical(self) -> Physical:

@@ -406,7 +406,7 @@ class Override(Document):
         """
         return {
             "kind": override.code,
-            "headline": Fact(InShort.OVERRIDDEN, because=override),
+            "headline": Fact(InShort.OVERRIDDEN, reason=override),
             "sentence": override,
             "remedy": override.remedy,
         }

@@ -187,7 +187,7 @@ def truth_of(flights: Sequence[Flight], path: PathName) -> Truth:
             raise Unreadable(
                 ForecastFact.TRUTH_OF_ANOTHER_FLIGHT,
                 time=time[0],
-                until=time[-1],
+                end_time=time[-1],
                 subject=name,
                 name=truth.source,
             )

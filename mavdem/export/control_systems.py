@@ -97,7 +97,7 @@ def identified_parameters(learned: Learned) -> Physical:
     output_count = len(learned.record.output_names)
     if physical is None or physical.caution is not None:
         reason = learned.physical_reason if physical is None else physical.caution
-        raise NotLearnable(NoPlant.NO_PLANT, because=reason)
+        raise NotLearnable(NoPlant.NO_PLANT, reason=reason)
     if output_count > MAX_PLANT_OUTPUTS:
         raise NotLearnable(NoPlant.TOO_MANY_OUTPUTS, count=output_count)
     doubtful = []

@@ -12,7 +12,7 @@ class Event(NamedTuple):
     Attributes:
         seconds: UNIX s of the bytes that caused it for a stream, s of the vehicle's clock in a history.
         fact: what it was; its time is that of its boot's clock.
-        since: when what a history's fact is about began, s of the same clock as ``seconds``; otherwise NaN.
+        start_time: when what a history's fact is about began, s of the same clock as ``seconds``; otherwise NaN.
         reception: UNIX s when a live session reported it; NaN of an event in a log.
         clock: the vehicle's own boot clock then, s; NaN where that was not known, or in a log.
         boot: number of that boot, from 0.
@@ -20,7 +20,7 @@ class Event(NamedTuple):
 
     seconds: float
     fact: Fact
-    since: float = nan
+    start_time: float = nan
     reception: float = nan
     clock: float = nan
     boot: int = 0

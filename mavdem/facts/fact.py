@@ -59,14 +59,15 @@ class Fact:
     Attributes:
         code: identifies what it states.
         level: how much it matters.
-        time, until: when it was so, s on the boot clock; ``None`` where it is of no time, or still so.
+        time: when it was so, or when that began, s on the boot clock; None for a fact of no time.
+        end_time: when it ended, s on the boot clock; None for a moment, or where it is still so.
         subject: what it is about: "motor 2", "roll rate loop", "GPS"; empty if that is the flight as a whole.
     """
 
     code: Code
     level: Level
     time: float | None
-    until: float | None
+    end_time: float | None
     subject: str
     _figures: tuple[tuple[str, Figure], ...]
 
@@ -76,7 +77,7 @@ class Fact:
         level: Level | None = None,
         *,
         time: float | None = None,
-        until: float | None = None,
+        end_time: float | None = None,
         subject: str = "",
         **figures: Figure,
     ) -> None:
@@ -92,7 +93,7 @@ class Fact:
             "code": code,
             "level": level or Level(LEVELS.get(code, Level.UNKNOWN)),
             "time": plain(time),
-            "until": plain(until),
+            "end_time": plain(end_time),
             "subject": subject,
             "_figures": own,
         }.items():
@@ -113,15 +114,24 @@ class Fact:
 
         Args:
             level: the new level; None to keep the level.
-            changes: new values of figures, or of ``time``, ``until`` and ``subject``, by name. New names are added.
+            changes: new values of figures, or of ``time``, ``end_time`` and ``subject``, by name. New names are added.
         """
-        values = {"time": self.time, "until": self.until, "subject": self.subject, **self.figures}
+        values = {
+            "time": self.time,
+            "end_time": self.end_time,
+            "subject": self.subject,
+            **self.figures,
+        }
         return Fact(self.code, level or self.level, **values | changes)
 
     def with_code(self, code: Code) -> Fact:
         """Returns a fact of another ``code``, at the usual level of that, with the same time, subject and figures."""
         return Fact(
-            code, time=self.time, until=self.until, subject=self.subject, **dict(self._figures)
+            code,
+            time=self.time,
+            end_time=self.end_time,
+            subject=self.subject,
+            **dict(self._figures),
         )
 
     @property
@@ -130,9 +140,9 @@ class Fact:
         return 0.0 if self.time is None else self.time
 
     @property
-    def end_time(self) -> float:
-        """Time at which it ended, s on the boot clock; infinite where it is still so."""
-        return inf if self.until is None else self.until
+    def latest_time(self) -> float:
+        """Latest time at which it was so, s on the boot clock; infinite where it is still so."""
+        return inf if self.end_time is None else self.end_time
 
     @property
     def is_good(self) -> bool:

@@ -111,7 +111,7 @@ class Cluster:
         except Exception as error:
             # The cluster itself has failed, so that the connection is of no use for the other logs either.
             self.stop()
-            raise self._refusal(ReadingFact.CLUSTER_CANNOT_READ, because=str(error)) from None
+            raise self._refusal(ReadingFact.CLUSTER_CANNOT_READ, reason=str(error)) from None
 
     def stop(self) -> None:
         """Cancels the logs that are being read, and ends the idle reader processes; the next log connects again.
@@ -148,8 +148,8 @@ class Cluster:
                 socket.create_connection((url.hostname, url.port), CONNECTION_TIMEOUT).close()
                 client = Client(self.address, timeout=CONNECTION_TIMEOUT, set_as_default=False)
             except (OSError, ValueError) as error:
-                because = str(error).splitlines()[0]
-                raise self._refusal(ReadingFact.NO_SCHEDULER, because=because) from None
+                reason = str(error).splitlines()[0]
+                raise self._refusal(ReadingFact.NO_SCHEDULER, reason=reason) from None
             # If a check raises, the client is closed; pop_all keeps it open where all went well.
             with ExitStack() as on_failure:
                 on_failure.callback(client.close)
@@ -171,7 +171,7 @@ class Cluster:
             versions_by_worker = client.run(versions)
         # Without mavdem on a worker its Python cannot find the function, and raises any error.
         except Exception as error:
-            raise self._refusal(ReadingFact.CLUSTER_CANNOT_READ, because=str(error)) from None
+            raise self._refusal(ReadingFact.CLUSTER_CANNOT_READ, reason=str(error)) from None
         if not versions_by_worker:
             raise self._refusal(ReadingFact.NO_CLUSTER_WORKERS)
         own_versions = versions()

@@ -94,7 +94,7 @@ def assess_safely(rows: FlightRows, assess: AssessRows, healthy_rows: FlightRows
     try:
         return assess(rows, healthy_rows)
     except Exception as error:
-        reason = Fact(HealthUnknown.HEALTH_FAILED, because=f"{type(error).__name__}: {error}")
+        reason = Fact(HealthUnknown.HEALTH_FAILED, reason=f"{type(error).__name__}: {error}")
         return [replace(row, health_reason=str(reason), health_code=reason.code) for row in rows]
 
 

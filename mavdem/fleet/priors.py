@@ -27,7 +27,7 @@ def earlier_flight(path: Path, axis: str) -> Learned:
     try:
         learned = Learned.from_json(file_text(file))
     except (OSError, ValueError) as error:
-        raise Unreadable(NoPrior.MODEL_UNREADABLE, path=path, because=error) from None
+        raise Unreadable(NoPrior.MODEL_UNREADABLE, path=path, reason=error) from None
     if learned.record.output_names[:1] != (axis,):
         raise Unreadable(NoPrior.MODEL_OF_OTHER_AXIS, path=path, name=axis)
     if learned.physical is None or not learned.physical.identifiable:
@@ -65,8 +65,8 @@ def earlier_drag(path: Path, wind_speed: float | None = None) -> Drag:
         wind = document.get("wind_velocity", document)
         drag = Drag.from_dict(wind["drag"]).for_next_flight()
     except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
-        because = error.strerror if isinstance(error, OSError) else None
-        raise Unreadable(NoPrior.DRAG_UNREADABLE, path=file, because=because) from error
+        reason = error.strerror if isinstance(error, OSError) else None
+        raise Unreadable(NoPrior.DRAG_UNREADABLE, path=file, reason=reason) from error
     if wind_speed is not None and wind.get("speed") == wind_speed:
         raise Unreadable(NoPrior.DRAG_OF_THIS_FLIGHT, path=file)
     return drag

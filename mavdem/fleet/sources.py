@@ -230,5 +230,5 @@ def _url_error(url: str, error: Exception, *, is_fetched: bool) -> Unreadable:
     """
     lines = str(error).strip().splitlines()
     reason = lines[0].rstrip(".") if lines else ""
-    because = f"{type(error).__name__}: {reason}"
-    return Unreadable(FleetFolderFact.URL_UNREADABLE, path=url, because=because, fetched=is_fetched)
+    reason = f"{type(error).__name__}: {reason}"
+    return Unreadable(FleetFolderFact.URL_UNREADABLE, path=url, reason=reason, fetched=is_fetched)

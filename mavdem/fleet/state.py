@@ -118,8 +118,8 @@ def state_of(
                 name=vehicle,
                 names=sorted(state.names),
             )
-        because = min((row.status for row in chosen_state.rows), default=None)
-        raise NotLearnable(Incomparable.NO_FLIGHT, subject=name, because=because)
+        reason = min((row.status for row in chosen_state.rows), default=None)
+        raise NotLearnable(Incomparable.NO_FLIGHT, subject=name, reason=reason)
     return chosen_state
 
 

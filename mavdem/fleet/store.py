@@ -75,7 +75,7 @@ def open_store(folder: Path) -> Iterator[Store]:
             yield store
     except (OSError, sqlite3.OperationalError) as error:
         not_written = Fact(
-            FleetFolderFact.FLEET_NOT_WRITTEN, path=folder, because=error_message(error)
+            FleetFolderFact.FLEET_NOT_WRITTEN, path=folder, reason=error_message(error)
         )
         raise Unreadable(not_written) from None
     except sqlite3.DatabaseError as error:

@@ -167,7 +167,7 @@ def has_brief_rows(db: sqlite3.Connection) -> bool:
 
 def damage_of_store(path: Path, error: Exception) -> Fact:
     """Returns the fact that a store is damaged."""
-    return Fact(FleetFolderFact.FLEET_DAMAGED, path=path, because=error)
+    return Fact(FleetFolderFact.FLEET_DAMAGED, path=path, reason=error)
 
 
 def brief_json(row: FlightRow) -> str:

@@ -258,7 +258,7 @@ def track(
         elif baseline:
             healthy_logs, unknown_names = find_logs(baseline, folder)
             if unknown_names:
-                raise Unreadable(FleetFolderFact.BASELINE_UNKNOWN, because=unknown_names[0])
+                raise Unreadable(FleetFolderFact.BASELINE_UNKNOWN, reason=unknown_names[0])
             _read_new_logs(store, healthy_logs, reader, page, progress)
             store.healthy = _checked_baseline(store.rows_of(healthy_logs))
         read_count, unread_logs = _read_new_logs(store, logs, reader, page, progress)
@@ -285,7 +285,7 @@ def _checked_baseline(rows: FlightRows) -> FlightRows:
     if rows:
         path = rows[0].file
         reason = rows[0].status
-    raise Unreadable(FleetFolderFact.BASELINE_WITHOUT_FLIGHT, path=path, because=reason)
+    raise Unreadable(FleetFolderFact.BASELINE_WITHOUT_FLIGHT, path=path, reason=reason)
 
 
 class _NewReadings(NamedTuple):
@@ -332,7 +332,7 @@ def _read_new_logs(
             source = sources[outcome.path]
             if store.earlier_reading_holds(source, outcome):
                 reason = outcome.rows[0].status
-                unread_logs.append(Fact(ReadingFact.LOG_KEPT, path=source.path, because=reason))
+                unread_logs.append(Fact(ReadingFact.LOG_KEPT, path=source.path, reason=reason))
             else:
                 store.add(source, outcome, reader.limits)
             progress(done_count, len(new_logs), outcome)

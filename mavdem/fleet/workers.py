@@ -272,12 +272,10 @@ class LogReader:
                 too_large = Fact(ReadingFact.READING_TOO_LARGE, memory_limit=limits.megabytes)
                 return replace(failed(job, "memory", too_large), megabytes=limits.megabytes)
         if exit_code < 0:
-            because = signal_name(-exit_code)
+            reason = signal_name(-exit_code)
         else:
-            because = f"exit code {exit_code}"
-        return failed(
-            job, "died", Fact(ReadingFact.READER_DIED, because=because, attempts=ATTEMPTS)
-        )
+            reason = f"exit code {exit_code}"
+        return failed(job, "died", Fact(ReadingFact.READER_DIED, reason=reason, attempts=ATTEMPTS))
 
     def _start_process(self, read: ReadLog) -> BaseProcess:
         """Starts the worker's process, and waits until it has imported its modules.
@@ -304,7 +302,7 @@ class LogReader:
             self._result(self._executor.submit(_receive, read))
         except (OSError, BrokenExecutor) as error:
             self.stop()
-            raise Unreadable(ReadingFact.READERS_NOT_STARTED, because=error) from None
+            raise Unreadable(ReadingFact.READERS_NOT_STARTED, reason=error) from None
         return self._process
 
     def _result(
@@ -503,7 +501,7 @@ def outcome_of(job: Job, read: ReadLog) -> JobOutcome:
         # Once the package is installed, the log can be read.
         return failed(job, "source", error.fact.replace(subject="The log"), key)
     except OSError as error:
-        unreachable = Fact(ReadingFact.LOG_UNREACHABLE, because=error.strerror or error)
+        unreachable = Fact(ReadingFact.LOG_UNREACHABLE, reason=error.strerror or error)
         return failed(job, "source", unreachable, key)
     except MemoryError:
         raise
@@ -513,7 +511,7 @@ def outcome_of(job: Job, read: ReadLog) -> JobOutcome:
 
 def reading_failure(error: Exception) -> Fact:
     """Returns the fact that mavdem failed on a log by an error of its own."""
-    return Fact(ReadingFact.READING_FAILED, because=f"{type(error).__name__}: {error}")
+    return Fact(ReadingFact.READING_FAILED, reason=f"{type(error).__name__}: {error}")
 
 
 @contextmanager

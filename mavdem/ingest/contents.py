@@ -111,7 +111,7 @@ def file_content(path: PathName) -> FileContent:
             mapping = mmap.mmap(file.fileno(), size, access=mmap.ACCESS_READ)
     except (OSError, ValueError) as error:
         raise Unreadable(
-            SourceFact.FILE_NOT_OPENED, path=path, because=error_message(error)
+            SourceFact.FILE_NOT_OPENED, path=path, reason=error_message(error)
         ) from None
     if mapping[: len(XZ_MAGIC)].startswith(ARCHIVE_MAGICS):
         return file_bytes(path)
@@ -193,7 +193,7 @@ def _content(path: PathName, limit: int | None = None) -> bytes:
         raise
     except (OSError, ValueError) as error:
         raise Unreadable(
-            SourceFact.FILE_NOT_OPENED, path=path, because=error_message(error)
+            SourceFact.FILE_NOT_OPENED, path=path, reason=error_message(error)
         ) from None
     # Files that lost their data are all zeros. The ends are looked at first, since strip() copies the content.
     may_be_all_zeros = bool(content) and content[0] == 0 and content[-1] == 0
@@ -273,11 +273,11 @@ def _content_of_xz(content: bytes, path: Path, limit: int | None) -> bytes:
     try:
         unpacked_bytes = decompressor.decompress(content, max_size)
     except lzma.LZMAError as error:
-        raise Unreadable(SourceFact.ARCHIVE_DAMAGED, path=path, because=error, kind="xz") from None
+        raise Unreadable(SourceFact.ARCHIVE_DAMAGED, path=path, reason=error, kind="xz") from None
     if limit is None and not decompressor.eof:
         # The archive has not ended: either the file is cut off, or the bound on the unpacked size was reached.
         if len(unpacked_bytes) < max_size:
-            raise Unreadable(SourceFact.ARCHIVE_DAMAGED, path=path, because=None, kind="xz")
+            raise Unreadable(SourceFact.ARCHIVE_DAMAGED, path=path, reason=None, kind="xz")
         raise Unreadable(SourceFact.FILE_TOO_LARGE, path=path, size_limit=max_size, archive="xz")
     return unpacked_bytes
 
@@ -306,7 +306,7 @@ def _content_of_zip(path: Path, limit: int | None) -> bytes:
     # The library raises a RuntimeError without a password, and a NotImplementedError for a rare way of packing.
     except (zipfile.BadZipFile, zlib.error, lzma.LZMAError, EOFError, RuntimeError) as error:
         raise Unreadable(
-            SourceFact.ARCHIVE_DAMAGED, path=path, because=error_message(error), kind="zip"
+            SourceFact.ARCHIVE_DAMAGED, path=path, reason=error_message(error), kind="zip"
         ) from None
     if limit is None and len(content) > max_size:
         raise Unreadable(SourceFact.FILE_TOO_LARGE, path=path, size_limit=max_size, archive="zip")
@@ -340,5 +340,5 @@ def _only_log(archive: zipfile.ZipFile, path: Path) -> zipfile.ZipInfo:
             SourceFact.ARCHIVE_WITHOUT_ONE_LOG, path=path, names=names, count=len(names)
         )
     if logs[0].flag_bits & ENCRYPTION_FLAG:
-        raise Unreadable(SourceFact.ARCHIVE_DAMAGED, path=path, because="password", kind="zip")
+        raise Unreadable(SourceFact.ARCHIVE_DAMAGED, path=path, reason="password", kind="zip")
     return logs[0]

@@ -130,7 +130,7 @@ def _recording(log: Log) -> Recording:
         raise Unreadable(
             SourceFact.LOGS_NOT_JOINED,
             path=log.source,
-            because=Separation.NOT_ONE_VEHICLE,
+            reason=Separation.NOT_ONE_VEHICLE,
             count=len(log.vehicles),
         )
     (vehicle,) = log.vehicles
@@ -230,7 +230,7 @@ def _joined_pair(earlier: Recording, later: Recording) -> Log:
             SourceFact.LOGS_NOT_JOINED,
             path=earlier.log.source,
             other=later.log.source,
-            because=separation,
+            reason=separation,
             duration=gap,
         )
     has_restarted = not _clock_runs_on(earlier, later)

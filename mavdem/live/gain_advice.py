@@ -165,13 +165,13 @@ def advise_gains(recording: Path, vehicle: str) -> GainAdvice:
         log = last_flown_boot(read_log(recording))
         assessment = assess(log, vehicle, AXES[0], Options(with_model=False))
     except Refusal as error:
-        return GainAdvice((Fact(GainFact.GAINS_LEFT, because=error.fact),))
+        return GainAdvice((Fact(GainFact.GAINS_LEFT, reason=error.fact),))
     # Only an assessment in which no vehicle was judged has no evidence.
     assert assessment.evidence is not None
     try:
         tuning = tuned(assessment, AXES, is_written=True)
     except Refusal as error:
-        return GainAdvice((Fact(GainFact.GAINS_LEFT, because=error.fact),), assessment.judgement)
+        return GainAdvice((Fact(GainFact.GAINS_LEFT, reason=error.fact),), assessment.judgement)
     facts = facts_of_tuning(tuning)
     if not tuning.parameters:
         return GainAdvice(facts, tuning.judgement)
@@ -185,7 +185,7 @@ def advise_gains(recording: Path, vehicle: str) -> GainAdvice:
     files_fact = Fact(
         GainFact.GAINS_WRITTEN,
         path=stem + " and ".join(texts),
-        because=tuning.judgement.next_step,
+        reason=tuning.judgement.next_step,
     )
     return GainAdvice((*facts, *twin_facts, files_fact), tuning.judgement)
 
@@ -242,7 +242,7 @@ def facts_of_tuning(tuning: Tuning) -> Facts:
                     GainFact.GAINS_ADVISED,
                     subject=axis,
                     changes=[(name, *gain) for name, gain in advice.gains.items()],
-                    because=advice.conclusion,
+                    reason=advice.conclusion,
                     expected_error=advice.after.lean_in_wind,
                     present_error=advice.before.lean_in_wind,
                 )
@@ -256,7 +256,7 @@ def facts_of_tuning(tuning: Tuning) -> Facts:
         return (*new_gains, *decisions)
     least_certain = min(tuning.advice, key=lambda advice: advice.sure)
     axis = least_certain.before.axis
-    return (Fact(GainFact.GAINS_LEFT, subject=axis, because=least_certain.conclusion),)
+    return (Fact(GainFact.GAINS_LEFT, subject=axis, reason=least_certain.conclusion),)
 
 
 def _new_stem(recording: Path, endings: list[str]) -> str:

@@ -293,7 +293,7 @@ class FlightLearning:
                 reason = fact_from_error(error)
             if not self._models:
                 raise NotLearnable(reason)
-            self._log(Fact(SessionFact.FORMER_MODEL_KEPT, because=reason))
+            self._log(Fact(SessionFact.FORMER_MODEL_KEPT, reason=reason))
         return self.named_model(self._models[-1].learned, parameters)
 
     def named_model(self, learned: Learned, parameters: Parameters) -> Learned:

@@ -41,8 +41,8 @@ def lights_before_model(
         if fact is None:
             # Just after the first messages it is not known what comes; before them nothing is watched at all.
             return Fact(RowsFact.RATES_BEING_MEASURED) if watch_facts else reason
-        because: Fact | None = fact.figures["because"]
-        return because
+        reason_to_not_watch: Fact | None = fact.figures["reason"]
+        return reason_to_not_watch
 
     lights = dict(unjudged(reason).lights)
     for light, kind in (
@@ -50,36 +50,36 @@ def lights_before_model(
         (Light.POWER, WatchedQuantity.BATTERY),
     ):
         # What is watched and has no light yet is judged in settled flight.
-        because = obstacle(kind) or Fact(SessionFact.NOT_SETTLED)
-        lights[str(light)] = Fact(Unjudged.NOT_JUDGED, because=because)
+        reason_for_light = obstacle(kind) or Fact(SessionFact.NOT_SETTLED)
+        lights[str(light)] = Fact(Unjudged.NOT_JUDGED, reason=reason_for_light)
     for light, kind, code in (
         (Light.MOTORS, WatchedQuantity.MOTOR_LIMITS, WatchFact.NO_MOTOR_AT_LIMIT),
         (Light.MARGINS, WatchedQuantity.OSCILLATION, WatchFact.NO_OSCILLATION),
     ):
         watch_obstacle = obstacle(kind)
         if watch_obstacle is not None:
-            lights[str(light)] = Fact(Unjudged.NOT_JUDGED, because=watch_obstacle)
+            lights[str(light)] = Fact(Unjudged.NOT_JUDGED, reason=watch_obstacle)
             continue
         # Nothing has alarmed so far. The rest of the light is not judged: the balance of the motors for a reason of its
         # own, and the margins for want of a model.
         if light is Light.MOTORS:
             reason_for_rest = obstacle(WatchedQuantity.MOTORS)
         elif reason.code is RowsFact.LIVE_RATES_TOO_LOW:
-            reason_for_rest = Fact(MarginsLight.MARGINS_UNKNOWN, because=reason.figures["because"])
+            reason_for_rest = Fact(MarginsLight.MARGINS_UNKNOWN, reason=reason.figures["reason"])
         else:
             reason_for_rest = reason
-        lights[str(light)] = Fact(code, because=reason_for_rest)
+        lights[str(light)] = Fact(code, reason=reason_for_rest)
     for light in (Light.TRACKING, Light.ESTIMATOR):
         # How these messages are recorded is known after the session, so that the fact has no path.
         lights[str(light)] = Fact(Unjudged.JUDGED_LATER, path="")
     if watch_facts and wind_obstacle is None:
         wind_obstacle = Fact(WatchFact.WIND_AWAITED)
     if wind_obstacle is not None:
-        lights[str(Light.WIND)] = Fact(Unjudged.NOT_JUDGED, because=wind_obstacle)
+        lights[str(Light.WIND)] = Fact(Unjudged.NOT_JUDGED, reason=wind_obstacle)
     log_light = _log_light(rates)
     if reason.code is RowsFact.LIVE_RATES_TOO_LOW:
         # As of a log, rates that are too low for a model are to be watched.
-        lights[str(Light.LOG)] = reason.figures["because"].replace(Level.WATCH)
+        lights[str(Light.LOG)] = reason.figures["reason"].replace(Level.WATCH)
     elif log_light is not None:
         lights[str(Light.LOG)] = log_light
     return lights

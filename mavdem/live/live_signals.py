@@ -120,7 +120,7 @@ def live_evidence(
     learnability = Learnability(
         signals.axis,
         learnable=True,
-        reason=Fact(Unjudged.NOT_JUDGED, because=None),
+        reason=Fact(Unjudged.NOT_JUDGED, reason=None),
         figures=QualityFigures(armed=condition.duration, airborne=condition.duration),
     )
     log = log_of_vehicles((signals.telemetry,), frames=0, bytes_skipped=0)

@@ -145,7 +145,7 @@ class Milestones:
                 is_fitted=physical is not None,
                 margins_follow=self.margins_follow,
                 **_margin_figures(margins),
-                because=() if wind is None else wind.facts,
+                reason=() if wind is None else wind.facts,
                 delay=delay if isfinite(delay) else None,
                 **_parameter_figures(learning, physical),
             )
@@ -160,7 +160,7 @@ def _margin_figures(margins: Fact | None) -> dict[str, Any]:
             them, which is then the reason that the light has.
     """
     is_of_loop = margins is not None and margins.code is MarginsLight.LOOP_MARGINS
-    if margins is None or not is_of_loop or margins.figures["because"] is not None:
+    if margins is None or not is_of_loop or margins.figures["reason"] is not None:
         return dict.fromkeys(MARGIN_FIGURES)
     return {name: margins.figures[name] for name in MARGIN_FIGURES}
 

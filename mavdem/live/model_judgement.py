@@ -103,7 +103,7 @@ def judge_model(
 
     figures = AxisEstimates((), learned.physical, None, learned.physical_reason)
     loops: dict[str, Loop | Fact] = {
-        any_axis: Fact(Unjudged.NOT_JUDGED, because=None) for any_axis in AXES
+        any_axis: Fact(Unjudged.NOT_JUDGED, reason=None) for any_axis in AXES
     }
     loops[axis] = loop_of_parameters_or_reason(figures, record)
     losses = tuple(thrust_losses(alarms))

@@ -101,7 +101,7 @@ class MotorAlarms:
         for change in self._watch.update(time, commands, heading):
             self.latest.append(change)
             if change.motor is not None:
-                self.change_time = change.since
+                self.change_time = change.onset_time
                 # If no motor is weak any more, the change is a recovery, which is shown in the place of alarms.
                 weak_motors = list(self._watch.weak_motors.values()) or [change]
                 self.active = tuple(alarm.event for alarm in weak_motors)

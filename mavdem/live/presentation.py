@@ -234,7 +234,7 @@ def _repetition_key(fact: Fact) -> tuple[object, ...]:
     """
     detail = fact.figures.get("text")
     if fact.code is WatchFact.OTHER_VEHICLE_ALARM:
-        detail = fact.figures["because"]
+        detail = fact.figures["reason"]
     return fact.code, fact.subject, detail
 
 

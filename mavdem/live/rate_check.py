@@ -105,4 +105,4 @@ class RateCheck:
         slow_fact = slow_streams(needed_rates, self._axis)
         if slow_fact is None:
             return None
-        return Fact(RowsFact.LIVE_RATES_TOO_LOW, can_ask=self._can_request, because=slow_fact)
+        return Fact(RowsFact.LIVE_RATES_TOO_LOW, can_ask=self._can_request, reason=slow_fact)

@@ -236,7 +236,7 @@ class SessionStatus(ImmutableResult):
         ):
             # Requesting the message is not advised, since it was requested in vain.
             lights[Light.VIBRATION] = vibration.replace(is_asked=True)
-            if next_step.figures.get("because") == vibration:
+            if next_step.figures.get("reason") == vibration:
                 next_step = next_step_of(headline, lights, None)
 
         bad_lights = [fact for fact in lights.values() if fact.is_bad]
@@ -266,18 +266,18 @@ class SessionStatus(ImmutableResult):
         """
         headline = judgement.headline
         if headline.is_bad:
-            return replace(judgement, next_step=Fact(NextStep.LAND_NOW, because=headline))
+            return replace(judgement, next_step=Fact(NextStep.LAND_NOW, reason=headline))
         if not self._is_received and self.obstacle is not None:
             # Whether the vehicle still flies, and how, is not known.
-            next_step = Fact(NextStep.DO_AS_ADVISED, because=self.obstacle)
+            next_step = Fact(NextStep.DO_AS_ADVISED, reason=self.obstacle)
             return replace(judgement, headline=self.obstacle, next_step=next_step)
         if judgement.lights[Light.POWER].code in EMPTYING_BATTERY:
             return replace(judgement, next_step=Fact(NextStep.LAND_SOON))
         if headline.warns:
             advice = next_step_of(headline, judgement.lights, None)
-            return replace(judgement, next_step=Fact(NextStep.FLY_ON, because=advice))
+            return replace(judgement, next_step=Fact(NextStep.FLY_ON, reason=advice))
         if self.model_judgement is not None or not self._reason_without_model.remedy:
-            return replace(judgement, next_step=Fact(NextStep.FLY_ON, because=None))
+            return replace(judgement, next_step=Fact(NextStep.FLY_ON, reason=None))
         return judgement
 
     @property

@@ -211,7 +211,7 @@ class LiveStream:
             is_warning = isinstance(fact.code, ReportedEvent) and not fact.is_good
             if is_warning or fact.code in OTHER_VEHICLE_CODES:
                 self._report(
-                    Fact(WatchFact.OTHER_VEHICLE_ALARM, fact.level, subject=name, because=fact)
+                    Fact(WatchFact.OTHER_VEHICLE_ALARM, fact.level, subject=name, reason=fact)
                 )
 
     @property
@@ -266,7 +266,7 @@ class LiveStream:
         watchdog = self._review.watchdog
         if watchdog.loss is not None and not self.is_flying:
             # What is said of the next take-off to a vehicle on the ground does not fit a wreck.
-            obstacle = Fact(SessionFact.FLIGHT_OVER, because=watchdog.loss)
+            obstacle = Fact(SessionFact.FLIGHT_OVER, reason=watchdog.loss)
         return SessionStatus(
             vehicle=vehicle.name if vehicle else None,
             obstacle=obstacle,

@@ -515,7 +515,7 @@ class Watchdog:
                 # The same gains are to be lowered as the judgement of the recording says after the landing.
                 lowered_gains = gain_reduction_advice(cycle, review.vehicle.parameters)
                 review.facts[WatchedQuantity.OSCILLATION] = Fact(
-                    MarginsLight.OSCILLATES, because=lowered_gains, **cycle.figures
+                    MarginsLight.OSCILLATES, reason=lowered_gains, **cycle.figures
                 )
         has_just_taken_off = review.now - review.phase_start < DECISION_SECONDS
         is_latest = motors.time >= review.now - DECISION_SECONDS
@@ -585,7 +585,7 @@ class Watchdog:
                 ended_alarm = self.active.pop(kind)
                 is_still_empty = kind is WatchedQuantity.BATTERY and not review.is_flying
                 if not is_lost and not is_still_empty:
-                    ends.append(Fact(WatchFact.ALARM_OVER, time=last_seen, because=ended_alarm))
+                    ends.append(Fact(WatchFact.ALARM_OVER, time=last_seen, reason=ended_alarm))
                 if kind is WatchedQuantity.CONTROL:
                     self.loss = None
         return ends
@@ -684,10 +684,10 @@ class Watchdog:
         code = WatchFact.NOT_WATCHED if obstacle else WatchFact.WATCHED
         noted = self.watch_facts.get(kind)
         is_noted = (
-            noted is not None and noted.code is code and noted.figures.get("because") == obstacle
+            noted is not None and noted.code is code and noted.figures.get("reason") == obstacle
         )
         if not is_noted:
-            self.watch_facts[kind] = Fact(code, time=now, subject=kind, because=obstacle)
+            self.watch_facts[kind] = Fact(code, time=now, subject=kind, reason=obstacle)
 
 
 def _limited_motor(names: Names, at_upper_limit: Flags) -> Fact | None:
@@ -726,7 +726,7 @@ def not_watched(watch_fact: Fact, reason: Fact, time: float) -> Fact:
         The fact NOT_WATCHED on the same subject, with the reason.
     """
     figures = dict(watch_fact.figures)
-    figures["because"] = reason
+    figures["reason"] = reason
     return Fact(WatchFact.NOT_WATCHED, time=time, subject=watch_fact.subject, **figures)
 
 

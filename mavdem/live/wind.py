@@ -197,7 +197,7 @@ class WindEstimate:
             doubt = Fact(
                 WindDoubt.SPEED_UNSURE, status=Status.BIASED, low=low, high=high, by_drag=True
             )
-            return Fact(WindLight.WIND_NOT_KNOWN, because=doubt)
+            return Fact(WindLight.WIND_NOT_KNOWN, reason=doubt)
         direction = direction_facts[0].figures["direction"] if direction_facts else None
         return Fact(
             WindLight.WIND_BLEW,
@@ -356,7 +356,7 @@ class LiveWind:
         if self.latest is None or self._is_reported:
             return None
         self._is_reported = True
-        return Fact(SessionFact.WIND_KNOWN, because=self.latest.facts)
+        return Fact(SessionFact.WIND_KNOWN, reason=self.latest.facts)
 
     def _motion(self, start_time: float, end_time: float) -> _Motion:
         """Selects the attitudes between two times, and interpolates the velocities at their stamps.

@@ -93,7 +93,7 @@ def loop_from_plant(plant: Physical, record: Record, controller: Controller | No
             and plant contradict each other, or the loop is too fast for the record.
     """
     if plant.caution is not None:
-        raise NotLearnable(LoopFact.NO_MARGINS, because=plant.caution)
+        raise NotLearnable(LoopFact.NO_MARGINS, reason=plant.caution)
     axis = record_axis(record)
     if controller is None:
         controller = logged_controller(record.parameters, axis, record.effect_directions)
@@ -160,7 +160,7 @@ def _cautions(loop: Loop) -> list[Fact]:
         )
     cautions = []
     if plant.bias:
-        cautions.append(Fact(LoopFact.EFFECT_BIASED, because=plant.reasons["effect"]))
+        cautions.append(Fact(LoopFact.EFFECT_BIASED, reason=plant.reasons["effect"]))
     nyquist_frequency = 0.5 / record.dt
     if plant.filtered:
         if rate.crossover > nyquist_frequency / 2:

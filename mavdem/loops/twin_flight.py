@@ -219,7 +219,7 @@ def fly_twin(
             twin, loops["roll"].record.dt, setpoints, torque, seed, is_estimated=is_estimated
         )
     except ValueError as error:
-        raise NotLearnable(TwinFact.CANNOT_FLY, because=error) from None
+        raise NotLearnable(TwinFact.CANNOT_FLY, reason=error) from None
 
 
 def _simulated_motion(

@@ -88,8 +88,8 @@ def gradual_loss(
         boot: number of the boot.
 
     Returns:
-        The loss, with the beginning of the ramp as ``since`` and the end of the run as ``time``; None if no motor lost
-        thrust, the flight is too short, or motors cannot be told apart.
+        The loss, with the beginning of the ramp as ``onset_time`` and the end of the run as ``time``; None if no motor
+        lost thrust, the flight is too short, or motors cannot be told apart.
     """
     signatures = motor_signatures(geometry)
     if not signatures.is_motor_identifiable or len(time) < 2:
@@ -124,7 +124,7 @@ def gradual_loss(
     rise, half_width = float(estimate.rises[motor]), float(estimate.half_widths[motor])
     return MotorAlarm(
         time=float(block_times[-1]),
-        since=float(block_times[ramp.start]),
+        onset_time=float(block_times[ramp.start]),
         motor=geometry.motors[motor],
         name=geometry.names[motor],
         size=rise,

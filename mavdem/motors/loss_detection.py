@@ -443,7 +443,7 @@ class MotorLossDetector:
             if previous is None:
                 self._unconfirmed_loss = LossConfirmation(
                     motor,
-                    start=alarm.since,
+                    start=alarm.onset_time,
                     detection=alarm.time,
                     balance_before=balance_before,
                     change=balance_after - balance_before,
@@ -478,7 +478,7 @@ class MotorLossDetector:
         geometry = self._geometry
         alarm = MotorAlarm(
             time=self._blocks.times[-1],
-            since=self._blocks.start_of_last(block_count),
+            onset_time=self._blocks.start_of_last(block_count),
             motor=None if motor is None else geometry.motors[motor],
             name="" if motor is None else geometry.names[motor],
             size=size,

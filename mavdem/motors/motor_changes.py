@@ -30,7 +30,7 @@ MIN_LOSS_SECONDS = 8.0
 
 
 MAX_ONSET_ERROR = 2.0
-"""Largest error of the time at which a detected loss began, s: ``MotorAlarm.since`` is known to a second or two."""
+"""Largest error of the time at which a detected loss began, s: ``MotorAlarm.onset_time`` is known to 1 to 2 s."""
 
 
 class MotorAlarm(NamedTuple):
@@ -38,7 +38,7 @@ class MotorAlarm(NamedTuple):
 
     time: float
     """When it was detected, s on the boot clock."""
-    since: float
+    onset_time: float
     """When it began, s on the boot clock, to within a second or two."""
     motor: int | None
     """Number of the motor, from 1. None: the steady torque in roll and pitch changed, by wind or a shifted load."""
@@ -77,7 +77,7 @@ class MotorAlarm(NamedTuple):
             code = MotorWatchFact.MOTOR_RECOVERED
         return Fact(
             code,
-            time=self.since,
+            time=self.onset_time,
             subject=self.name,
             rise=self.size,
             loss=self.loss,
@@ -89,7 +89,7 @@ class MotorAlarm(NamedTuple):
     @property
     def event(self) -> Fact:
         """The fact as an event in flight, an alarm where a motor lost thrust."""
-        return event_or_alarm(self.fact, self.since)
+        return event_or_alarm(self.fact, self.onset_time)
 
 
 def event_or_alarm(fact: Fact, time: float) -> Fact:
@@ -104,8 +104,8 @@ def event_or_alarm(fact: Fact, time: float) -> Fact:
         end.
     """
     if fact.is_bad:
-        return Fact(SessionFact.ALARM, time=time, subject=fact.subject, because=fact)
-    return fact.replace(time=time, until=None)
+        return Fact(SessionFact.ALARM, time=time, subject=fact.subject, reason=fact)
+    return fact.replace(time=time, end_time=None)
 
 
 def thrust_losses(changes: Sequence[MotorAlarm]) -> list[Fact]:
@@ -135,14 +135,14 @@ def thrust_losses(changes: Sequence[MotorAlarm]) -> list[Fact]:
                 lasting_losses[motor] = change
         elif motor in lasting_losses:
             loss = lasting_losses.pop(motor)
-            if change.since - loss.since >= MIN_LOSS_SECONDS:
-                ended_losses.append((loss, change.since))
+            if change.onset_time - loss.onset_time >= MIN_LOSS_SECONDS:
+                ended_losses.append((loss, change.onset_time))
 
     smallest_lasting_size = min((loss.size for loss in lasting_losses.values()), default=inf)
     losses = [loss.fact for loss in lasting_losses.values()]
     for loss, end_time in ended_losses:
         level = Level.BAD if loss.size > smallest_lasting_size else Level.WATCH
-        losses.append(loss.fact.replace(level, until=end_time))
+        losses.append(loss.fact.replace(level, end_time=end_time))
     # Bad losses are sorted before others, and within each group by descending rise.
     losses.sort(key=lambda loss: (loss.level is Level.WATCH, -loss.figures["rise"]))
     bad_motors = dict.fromkeys(loss.subject for loss in losses if loss.is_bad)
@@ -179,7 +179,7 @@ def lasting_changes(changes: Sequence[MotorAlarm]) -> list[MotorAlarm]:
         else:
             # A motor may lose more thrust before it recovers. The time is counted from the onset of the largest loss.
             largest = max(losses, key=lambda loss: loss.size)
-            if change.since - largest.since < MIN_LOSS_SECONDS:
+            if change.onset_time - largest.onset_time < MIN_LOSS_SECONDS:
                 removed_alarms += [*losses, change]
     return [change for change in changes if change not in removed_alarms]
 

@@ -278,7 +278,7 @@ def _worst(failed_checks: list[_Check]) -> tuple[Status, Fact | None]:
     doubts = [check.doubt for check in failed_checks if check.status == status]
     if len(doubts) == 1:
         return status, doubts[0].replace(level)
-    return status, Fact(ParameterDoubt.SEVERAL_DOUBTS, level, because=doubts)
+    return status, Fact(ParameterDoubt.SEVERAL_DOUBTS, level, reason=doubts)
 
 
 def _checks(name: str, figures: IdentifiabilityFigures) -> Iterator[_Check]:

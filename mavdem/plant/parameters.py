@@ -167,7 +167,7 @@ class Physical(NamedTuple):
         """Why the effect is not identifiable; ``None`` if it is."""
         if self.identifiable:
             return None
-        return Fact(NoPhysical.EFFECT_NOT_IDENTIFIABLE, because=self.reasons["effect"])
+        return Fact(NoPhysical.EFFECT_NOT_IDENTIFIABLE, reason=self.reasons["effect"])
 
     def draws(self, number: int, seed: int = 0) -> Array:
         """Draws samples of the parameters from their normal posterior.

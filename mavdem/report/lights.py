@@ -20,7 +20,7 @@ def lights_with_reason_once(lights: NamedFacts) -> NamedFacts:
         if fact.code in (Unjudged.MULTIROTORS_ONLY, Unjudged.NOT_JUDGED):
             reason = fact.sentence
             if reason in stated_reasons:
-                fact = Fact(Unjudged.NOT_JUDGED, Level.UNKNOWN, because=None)
+                fact = Fact(Unjudged.NOT_JUDGED, Level.UNKNOWN, reason=None)
             stated_reasons.add(reason)
         shown_lights[name] = fact
     return shown_lights

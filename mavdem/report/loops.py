@@ -283,7 +283,7 @@ def _texts_of_next_step(tuning: Tuning) -> set[str]:
         tuning: advice on the gains of each axis, with the next step.
     """
     next_step = tuning.judgement.next_step
-    reasons = [next_step.figures.get("because"), *next_step.figures.get("also", ())]
+    reasons = [next_step.figures.get("reason"), *next_step.figures.get("also", ())]
     remedies = {reason.remedy for reason in reasons if reason}
     return {"", next_step.sentence, *remedies}
 
@@ -310,7 +310,7 @@ def is_of_loops(fact: Fact, judgement: Judgement) -> bool:
         judgement: the judgement of the vehicle.
     """
     lights_of_loops = [judgement.lights[name] for name in (Light.TRACKING, Light.MARGINS)]
-    reason = fact.figures.get("because") or fact
+    reason = fact.figures.get("reason") or fact
     if reason.code in LIGHT_OF_EVENT:
         return False
     if fact.code in (NextStep.LOAD_GAINS, NextStep.TUNE_OTHER_AXES):

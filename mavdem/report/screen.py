@@ -194,7 +194,7 @@ def purpose_tables(findings: Findings) -> Blocks:
     ]
     if not rows:
         return []
-    return [Table(["purpose", "grade", "because"], rows, words=True)]
+    return [Table(["purpose", "grade", "reason"], rows, words=True)]
 
 
 class Conclusion(NamedTuple):

@@ -224,7 +224,7 @@ def _render(fact: Fact, part: str) -> str:
         "has_gain_table": MEDIUM.get().has_gain_table,
         "level": fact.level,
         "time": fact.time,
-        "until": fact.until,
+        "end_time": fact.end_time,
         "subject": fact.subject,
         **fact.figures,
     }
@@ -439,35 +439,35 @@ def capitalize_first(text: object) -> str:
     return sentence_text[:1].upper() + sentence_text[1:]
 
 
-def period(time: float | None, until: float | None = None) -> str:
+def period(time: float | None, end_time: float | None = None) -> str:
     """Returns when something was measured, to follow a clause: " at 3.2 s", " from 3.2 to 4.0 s"; empty if unknown.
 
     Args:
         time: the moment, or the start of the interval, s since boot; infinite if that was before the record.
-        until: end of the interval, s since boot; None for a moment, infinite if it lasted to the end of the record.
+        end_time: end of the interval, s since boot; None for a moment, infinite if it lasted to the end of the record.
     """
     if time is None:
         return ""
     if not isfinite(time):
-        if until is None:
+        if end_time is None:
             return " before the record"
-        return f" until {until:.1f} s" if isfinite(until) else " since before the record"
+        return f" until {end_time:.1f} s" if isfinite(end_time) else " since before the record"
     start = f"{time:.1f}"
-    if until is None or f"{until:.1f}" == start:
+    if end_time is None or f"{end_time:.1f}" == start:
         return f" at {start} s"
-    return f" from {start} to {until:.1f} s" if isfinite(until) else f" from {start} s on"
+    return f" from {start} to {end_time:.1f} s" if isfinite(end_time) else f" from {start} s on"
 
 
-def interval(time: float, until: float | None = None) -> str:
+def interval(time: float, end_time: float | None = None) -> str:
     """Returns how long something lasted, to follow a clause: " from 3.2 s", " from 3.2 s to 4.0 s", " until 4.0 s".
 
     Args:
         time: its start, s since boot; infinite if it started before the record.
-        until: its end, s since boot; None if it lasted to the end of the record.
+        end_time: its end, s since boot; None if it lasted to the end of the record.
     """
     if not isfinite(time):
-        return " throughout the record" if until is None else period(time, until)
-    return f" from {time:.1f} s" + ("" if until is None else f" to {until:.1f} s")
+        return " throughout the record" if end_time is None else period(time, end_time)
+    return f" from {time:.1f} s" + ("" if end_time is None else f" to {end_time:.1f} s")
 
 
 def as_clause(text: object) -> str:
@@ -500,13 +500,13 @@ def forbids_flight(fact: Fact) -> bool:
 
     The table of such a fact has the key ``forbids_flight``: "always"; "bad" where only its bad level does; "confirmed"
     where it does unless no other sensor confirms the fact, which then has the figure ``is_unconfirmed``; "cause" or
-    "because" where the remedy is that of the fact in this figure, and of a "cause" without a remedy forbids it too.
+    "reason" where the remedy is that of the fact in this figure, and of a "cause" without a remedy forbids it too.
 
     Args:
         fact: the fact.
     """
     rule = sentence_templates()[fact.code].get("forbids_flight", "never")
-    if rule in ("cause", "because"):
+    if rule in ("cause", "reason"):
         reason = fact.figures.get(rule)
         if isinstance(reason, Fact) and reason.remedy:
             return forbids_flight(reason)
@@ -556,7 +556,7 @@ def _step_in_flight(fact: Fact) -> str:
 
 def _land_now(alarm: Fact) -> str:
     """Returns what to do at once about what an alarm found in flight."""
-    return Fact(NextStep.LAND_NOW, because=alarm).sentence
+    return Fact(NextStep.LAND_NOW, reason=alarm).sentence
 
 
 def rounded_up(value: float, decimals: int = 0) -> str:

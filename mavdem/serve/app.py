@@ -217,7 +217,7 @@ class Server:
         Returns:
             A response with the status 500 and the headers of all responses.
         """
-        fact = Fact(RefusalReason.ANSWER_FAILED, because=type(error).__name__)
+        fact = Fact(RefusalReason.ANSWER_FAILED, reason=type(error).__name__)
         response = self._answer_to_refusal(request, fact)
         response.headers.update(_response_headers())
         return response

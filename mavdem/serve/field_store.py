@@ -176,7 +176,7 @@ class FieldStore:
                     telemetry, request.message, request.field, request.instance, request.boot
                 )
             except ValueError as error:
-                raise Refusal(RefusalReason.NO_SUCH_FIELD, because=str(error)) from None
+                raise Refusal(RefusalReason.NO_SUCH_FIELD, reason=str(error)) from None
 
     def remove(self, log: Path) -> None:
         """Removes the stored columns of a log, for example when the log is deleted.
@@ -292,7 +292,7 @@ class FieldStore:
                     with self._reader_lock:
                         self._read(kept_log, log, document)
                 if kept_log.columns is None:
-                    raise Refusal(RefusalReason.LOG_NOT_READ, because=kept_log.problem)
+                    raise Refusal(RefusalReason.LOG_NOT_READ, reason=kept_log.problem)
                 return kept_log.columns
         finally:
             self._waiting.release()
@@ -331,13 +331,13 @@ class FieldStore:
             raise _refusal_at_end()
         problem = str(outcome.rows[0].status)
         if outcome.ended not in LASTING_ENDINGS:
-            raise Refusal(RefusalReason.LOG_NOT_READ, because=problem)
+            raise Refusal(RefusalReason.LOG_NOT_READ, reason=problem)
         kept_log.problem = problem
 
 
 def _refusal_at_end() -> Refusal:
     """Returns the refusal of a request that comes while the server ends."""
-    return Refusal(RefusalReason.NOT_STARTED, name="The reader", because="the server is ending")
+    return Refusal(RefusalReason.NOT_STARTED, name="The reader", reason="the server is ending")
 
 
 def _remove_leftovers() -> None:

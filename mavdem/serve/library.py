@@ -113,7 +113,7 @@ class Library:
             import_former_index(self)
         except (OSError, sqlite3.Error) as error:
             reason = Fact(
-                StartFailure.FOLDER_NOT_WRITABLE, path=folder, because=error_message(error)
+                StartFailure.FOLDER_NOT_WRITABLE, path=folder, reason=error_message(error)
             )
             raise Unreadable(reason) from None
         recover(self)

@@ -148,7 +148,7 @@ class LinkMonitor:
         except Exception as error:
             # No caller would see the error in this thread, so any kind of it is reported.
             reason = fact_from_error(error)
-            self.problem = Fact(RefusalReason.SESSION_FAILED, name=self._link.name, because=reason)
+            self.problem = Fact(RefusalReason.SESSION_FAILED, name=self._link.name, reason=reason)
             self._warn(self.problem)
 
     def _run_one_session(self, executor: LearningProcess) -> None:
@@ -316,7 +316,7 @@ def _finished_page(session: LiveSession, saved_flight: PageLink) -> str:
     status = replace(
         session.status,
         is_over=True,
-        obstacle=latest.obstacle or Fact(SessionFact.FLIGHT_OVER, because=None),
+        obstacle=latest.obstacle or Fact(SessionFact.FLIGHT_OVER, reason=None),
         rates=latest.rates,
         watch_facts=latest.watch_facts,
     )

@@ -162,7 +162,7 @@ def make_recordings(path: Path, key: str, page: object) -> LogRows:
             if unfinished_path.is_file():
                 os.replace(unfinished_path, results / name)
     except OSError as error:
-        raise Unreadable(ReadingFact.RECORDINGS_NOT_WRITTEN, because=error_message(error)) from None
+        raise Unreadable(ReadingFact.RECORDINGS_NOT_WRITTEN, reason=error_message(error)) from None
     finally:
         shutil.rmtree(unfinished_folder, ignore_errors=True)
     return LogRows(rows=[], pages={})

@@ -49,7 +49,7 @@ async def read_document(request: HttpRequest, model: type[Model]) -> Model:
         return model.model_validate_json(body)
     except ValidationError as error:
         reason = error.errors()[0]["msg"]
-        raise Refusal(RefusalReason.BAD_REQUEST, because=reason) from None
+        raise Refusal(RefusalReason.BAD_REQUEST, reason=reason) from None
 
 
 def query_number(request: HttpRequest, name: str, default: int) -> int:
@@ -82,7 +82,7 @@ def query_decimal(request: HttpRequest, name: str, default: float) -> float:
     except ValueError:
         value = nan
     if not isfinite(value):
-        raise Refusal(RefusalReason.BAD_REQUEST, because=f"{name} is no number")
+        raise Refusal(RefusalReason.BAD_REQUEST, reason=f"{name} is no number")
     return value
 
 
@@ -103,7 +103,7 @@ def query_integer(request: HttpRequest, name: str) -> int | None:
     if not text:
         return None
     if not re.fullmatch(r"-?[0-9]{1,9}", text):
-        raise Refusal(RefusalReason.BAD_REQUEST, because=f"{name} is no whole number")
+        raise Refusal(RefusalReason.BAD_REQUEST, reason=f"{name} is no whole number")
     return int(text)
 
 

@@ -210,4 +210,4 @@ def _listening_socket(host: str, port: int) -> socket.socket:
     except OSError as error:
         reason = error_message(error)
         address = f"{host}:{port}"
-        raise Unreadable(StartFailure.ADDRESS_NOT_FREE, address=address, because=reason) from None
+        raise Unreadable(StartFailure.ADDRESS_NOT_FREE, address=address, reason=reason) from None

@@ -89,7 +89,7 @@ class StoredLog(NamedTuple):
         for vehicle in self.vehicles:
             if name in ("", vehicle.vehicle):
                 return vehicle
-        raise Refusal(RefusalReason.NO_SUCH_FIELD, because=f"the log has no vehicle {name}")
+        raise Refusal(RefusalReason.NO_SUCH_FIELD, reason=f"the log has no vehicle {name}")
 
     def telemetry(self, name: str) -> Telemetry:
         """Returns a vehicle with its messages, of which only columns that are used are read from the disk.

@@ -142,7 +142,7 @@ async def receive_form(request: HttpRequest, library: Library) -> UploadForm:
     except BaseException as error:
         form.remove_files()
         if isinstance(error, MultiPartException | UnicodeError):
-            raise Refusal(RefusalReason.BAD_REQUEST, because=str(error)) from None
+            raise Refusal(RefusalReason.BAD_REQUEST, reason=str(error)) from None
         raise
     return form
 

@@ -157,4 +157,4 @@ def _start_viewer(recording: Path) -> WebServer:
         reason = str(server.process.returncode)
     except OSError as error:
         reason = str(error)
-    raise Refusal(RefusalReason.NOT_STARTED, name=RECORDING_FILE, because=reason)
+    raise Refusal(RefusalReason.NOT_STARTED, name=RECORDING_FILE, reason=reason)

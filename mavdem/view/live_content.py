@@ -163,7 +163,7 @@ def live_plot(title: str, origin: str) -> rrb.View:
 
 
 def figures(
-    status: SessionStatus, row: DisplayRow, channels: Channels, trained_until: float | None
+    status: SessionStatus, row: DisplayRow, channels: Channels, training_end_time: float | None
 ) -> Names:
     """Returns the texts that are shown next to the plots of the first tab.
 
@@ -171,8 +171,8 @@ def figures(
         status: state of the session.
         row: the latest row, with the estimates at its time.
         channels: names and units of the row's channels.
-        trained_until: time of the last sample that the latest model was trained on, s of the boot clock; None before
-            the first model.
+        training_end_time: time of the last sample that the latest model was trained on, s of the boot clock; None
+            before the first model.
 
     Returns:
         Markdown: state, prediction, wind, wind torque, physical parameters, free energy, and what is watched.
@@ -189,8 +189,8 @@ def figures(
         watched=watched_quantities_text(status.watch_facts),
         row=row,
         channels=channels,
-        until=trained_until,
-        reason=_missing_model_reason(status, trained_until),
+        training_end_time=training_end_time,
+        reason=_missing_model_reason(status, training_end_time),
         is_bad=judgement is not None and judgement.headline.is_bad,
         now=estimate,
         physical=physical,
@@ -202,20 +202,20 @@ def figures(
     return tuple(card.text for card in cards)
 
 
-def _missing_model_reason(status: SessionStatus, trained_until: float | None) -> str:
+def _missing_model_reason(status: SessionStatus, training_end_time: float | None) -> str:
     """Returns the reason why there is no model, or no newer one, as a sentence; empty while learning proceeds.
 
     Args:
         status: state of the session, with the obstacle to learning if there is one.
-        trained_until: time of the last sample that the latest model was trained on, s; None before the first model.
+        training_end_time: time of the last sample that the latest model was trained on, s; None before the first model.
     """
     if status.obstacle is not None:
         return status.obstacle.advised
-    return TOO_FEW_SAMPLES.advised if trained_until is None else ""
+    return TOO_FEW_SAMPLES.advised if training_end_time is None else ""
 
 
 def status_document(
-    status: SessionStatus, row: DisplayRow, channels: Channels, trained_until: float | None
+    status: SessionStatus, row: DisplayRow, channels: Channels, training_end_time: float | None
 ) -> str:
     """Returns the text of the tab "Status": the session, the judgement of the flight so far, and a legend.
 
@@ -223,8 +223,8 @@ def status_document(
         status: state of the session.
         row: the latest row, with the estimates at its time.
         channels: names and units of the row's channels.
-        trained_until: time of the last sample that the latest model was trained on, s of the boot clock; None before
-            the first model.
+        training_end_time: time of the last sample that the latest model was trained on, s of the boot clock; None
+            before the first model.
 
     Returns:
         Markdown, whose words come from the templates of live sessions.
@@ -234,8 +234,8 @@ def status_document(
         status=status,
         row=row,
         channels=channels,
-        until=trained_until,
-        reason=_missing_model_reason(status, trained_until),
+        training_end_time=training_end_time,
+        reason=_missing_model_reason(status, training_end_time),
     )
     paragraphs = [title.text]
     if status.findings is not None:

@@ -75,7 +75,7 @@ class SinkThread(threading.Thread):
         self._writer: LiveWriter | None = None
         self._last_row: DisplayRow | None = None
         # Time of the last sample that the latest model was trained on, s of the boot clock.
-        self._trained_until: float | None = None
+        self._training_end_time: float | None = None
         self._reported_drops = 0
         # Times of the monotonic clock, s.
         self._next_status = 0.0
@@ -134,7 +134,7 @@ class SinkThread(threading.Thread):
         # A row that cannot be drawn ends neither the view nor the flight.
         except Exception as error:
             time = self._last_row.timeline_time if self._last_row else 0.0
-            self.log(Event(time, Fact(SessionFact.ROW_NOT_DRAWN, because=error)))
+            self.log(Event(time, Fact(SessionFact.ROW_NOT_DRAWN, reason=error)))
 
     def _give_up_recording(self, error: Exception) -> None:
         """Reports the failure of the sink in ``problem``, which the user sees, and disconnects the recording.
@@ -225,7 +225,7 @@ class SinkThread(threading.Thread):
         # The status text states up to which time the data were used for training. Rows before the first model do not.
         estimate = self._last_row.estimate
         if estimate is not None and estimate.model is not None:
-            self._trained_until = estimate.until
+            self._training_end_time = estimate.training_end_time
         self._writer.write(rows)
 
     def _send_event(self, recording: rr.RecordingStream, event: Event) -> None:
@@ -244,12 +244,12 @@ class SinkThread(threading.Thread):
         text = events_text(self._listed_events)
         recording.log("events", rr.TextDocument(text, media_type=rr.MediaType.MARKDOWN))
         # A fact may state another one as its cause, here possibly the change of a motor.
-        cause = event.fact.figures.get("because", event.fact)
+        cause = event.fact.figures.get("reason", event.fact)
         if self._writer is not None and isinstance(cause, Fact):
             if cause.code in (MotorWatchFact.MOTOR_LOST_THRUST, MotorWatchFact.MOTOR_RECOVERED):
-                self._writer.mark_motor_torque(event.since)
+                self._writer.mark_motor_torque(event.start_time)
             if event.is_alarm:
-                self._writer.mark_alarm(event.since)
+                self._writer.mark_alarm(event.start_time)
 
     def _send_status(
         self, recording: rr.RecordingStream, row: DisplayRow, channels: Channels
@@ -266,10 +266,10 @@ class SinkThread(threading.Thread):
             sentence = f"{new_drops} rows are not shown here: this view is too slow"
             log_event(recording, row.timeline_time, sentence, Level.WATCH)
             self._reported_drops += new_drops
-        cards = figures(self.status, row, channels, self._trained_until)
+        cards = figures(self.status, row, channels, self._training_end_time)
         documents = {
             "figures": "\n\n".join(cards),
-            "status": status_document(self.status, row, channels, self._trained_until),
+            "status": status_document(self.status, row, channels, self._training_end_time),
         }
         recording.set_time(BOOT_CLOCK, duration=row.timeline_time)
         for path, text in documents.items():

@@ -504,12 +504,12 @@ class LiveWriter:
                 energies.append(Sample(CONTINUOUS_SEGMENT, time, [estimate.free_energy]))
                 if estimate.free_energy_terms is not None:
                     terms.append(Sample(CONTINUOUS_SEGMENT, time, estimate.free_energy_terms))
-                end_time = estimate.until + row.timeline_offset
+                end_time = estimate.training_end_time + row.timeline_offset
                 actions.append(Sample(CONTINUOUS_SEGMENT, end_time, [estimate.free_energy_action]))
                 # The first value is the constant line.
                 surprises.append(Sample(CONTINUOUS_SEGMENT, time, [1.0, estimate.surprise]))
-            if row.learned is not None and np.isfinite(estimate.until):
-                end_time = estimate.until + row.timeline_offset
+            if row.learned is not None and np.isfinite(estimate.training_end_time):
+                end_time = estimate.training_end_time + row.timeline_offset
                 per_sample = free_energy_per_sample(row.learned)
                 energies_per_sample.append(Sample(CONTINUOUS_SEGMENT, end_time, [per_sample]))
         self._draw(Lines("free_energy/0_samples", ("F(t)",), (MEASURED,)), energies)

@@ -260,7 +260,7 @@ class BootSensors:
         return contradicting_statement(
             WitnessFact.NO_KNOCK,
             time=start,
-            until=end,
+            end_time=end,
             acceleration=peak.size,
             name=self.name_of_accelerometer,
         )
@@ -463,7 +463,7 @@ class BootSensors:
             else:
                 statements.append(
                     contradicting_statement(
-                        WitnessFact.DID_NOT_SINK, time=start, until=end, **figures
+                        WitnessFact.DID_NOT_SINK, time=start, end_time=end, **figures
                     )
                 )
         return tuple(statements)

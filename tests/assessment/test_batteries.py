@@ -108,10 +108,10 @@ def test_a_battery_is_judged_until_the_vehicle_was_lost():
     flight = evidence(with_batteries({0: sagging}))
     loss = Fact(Ending.CONTROL_LOST, time=25.0, boot=0)
     fact = power_light(replace(flight, ending=loss))
-    assert (fact.code, fact.until) == (PowerLight.BATTERY_HELD, 25.0)
+    assert (fact.code, fact.end_time) == (PowerLight.BATTERY_HELD, 25.0)
     assert fact.figures["voltage"] == approx(16.39)
     assert "until 25.0 s" in fact.sentence
-    assert power_light(flight).until is None
+    assert power_light(flight).end_time is None
 
 
 def test_a_second_battery_that_never_changes_is_shown_and_not_judged():

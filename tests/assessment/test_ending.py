@@ -494,7 +494,7 @@ def test_every_witness_says_when_and_agrees_with_its_event():
     fell = events[MotionEvent.FELL]
     speeds = [witness.figures["speed"] for witness in fell.figures["witnesses"]]
     assert fell.figures["speed"] in speeds
-    assert f"{fell.time:.1f} to {fell.until:.1f} s" in str(fell)
+    assert f"{fell.time:.1f} to {fell.end_time:.1f} s" in str(fell)
 
 
 @mark.parametrize("at_end", [True, False])

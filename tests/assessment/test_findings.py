@@ -192,21 +192,21 @@ def test_what_overrides_leaves_nothing_good_and_decides_what_to_do(known, code, 
     doubted = findings_of(model(physical()), held_out(), **(free | known))
     (override,) = doubted.overrides  # which explains what else is wrong
     assert (override.code, override.subject) == (code, subject)
-    said = str(Fact(InShort.OVERRIDDEN, because=override))
+    said = str(Fact(InShort.OVERRIDDEN, reason=override))
     assert vehicle.Override.model_validate(override).headline == said
     for before, after in zip(sound.purposes, doubted.purposes, strict=True):
         assert (after.grade, after.reason.code) == (LIMITED, GradeReason.FLIGHT_DOUBTED)
-        because = None if code is Override.OSCILLATION else before.reason
-        assert dict(after.reason.figures) == {"because": because, "override": override}
+        reason = None if code is Override.OSCILLATION else before.reason
+        assert dict(after.reason.figures) == {"reason": reason, "override": override}
 
 
 def test_the_largest_of_what_a_motor_lost_is_said_with_its_own_time_and_its_end():
-    worse = WEAK._replace(time=90.0, since=80.0, size=0.4, loss=(0.3, 0.5))
-    sound = WEAK._replace(time=95.0, since=94.0, size=0.0)
+    worse = WEAK._replace(time=90.0, onset_time=80.0, size=0.4, loss=(0.3, 0.5))
+    sound = WEAK._replace(time=95.0, onset_time=94.0, size=0.0)
     other = WEAK._replace(motor=2, name="motor 2 (rear left)", size=0.3)
     first, second = findings_of(alarms=(WEAK, worse, other, sound)).overrides
-    assert (first.time, first.until, first.figures["loss"]) == (80.0, 94.0, (0.3, 0.5))
-    assert (second.subject, second.until) == (other.name, None)
+    assert (first.time, first.end_time, first.figures["loss"]) == (80.0, 94.0, (0.3, 0.5))
+    assert (second.subject, second.end_time) == (other.name, None)
 
 
 @mark.parametrize(
@@ -256,7 +256,7 @@ def test_under_what_overrides_reasons_keep_their_figures_and_ask_for_nothing():
         "Control effectiveness biased: Wind has 46 % of it."
     ]
     doubted = found(EFFECT, model(known), None, of_vehicle(**SATURATED)).reason
-    assert doubted.figures["because"] == known.reasons["effect"] and doubted.remedy == ""
+    assert doubted.figures["reason"] == known.reasons["effect"] and doubted.remedy == ""
 
 
 def test_warnings_are_only_where_they_mean_something():

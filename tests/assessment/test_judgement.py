@@ -55,7 +55,7 @@ def headline(known, ending=None, events=(), airborne=60.0, oscillation=None):
 def test_a_larger_loss_that_recovered_is_not_hidden_by_a_smaller_that_lasts():
     large = MotorAlarm(10, 10, 2, "motor 2", 0.5, 1, loss=(0.3, 0.5))
     small = large._replace(motor=4, name="motor 4", size=0.1)
-    found = thrust_losses([large, large._replace(since=30.0, size=0.0), small])
+    found = thrust_losses([large, large._replace(onset_time=30.0, size=0.0), small])
     assert headline(lights(), events=found[::-1]).remedy.startswith(
         "Do not fly before motor 2 and motor 4"
     )
@@ -89,7 +89,7 @@ def test_the_headline_is_the_worst_that_was_found(levels, more, said):
     assert worst.sentence == said
     following = next_step_of(worst, known, Fact(NextStep.KEEP_MODEL))
     assert following.code is NextStep.DO_AS_ADVISED
-    assert following.figures["because"] == worst
+    assert following.figures["reason"] == worst
     if known[Light.POWER] in following.figures["also"]:
         assert Light.POWER in levels
     else:
@@ -110,7 +110,7 @@ def test_the_next_step_says_do_not_fly_once():
     saturated = Fact(
         MotorWatchFact.MOTOR_SATURATED, Level.BAD, subject="motor 3", excess=0.3, time=10.0
     )
-    step = Fact(NextStep.DO_AS_ADVISED, because=limited, also=(BAD_VIBRATION, saturated))
+    step = Fact(NextStep.DO_AS_ADVISED, reason=limited, also=(BAD_VIBRATION, saturated))
     assert str(step).count("Do not fly") == 1
     assert " Also balance the propellers and mount the autopilot softly. " in str(step)
     assert " Nor fly before motor 3," in str(step)
@@ -119,7 +119,7 @@ def test_the_next_step_says_do_not_fly_once():
 def test_the_next_step_says_do_not_fly_where_the_headline_does_not():
     toppled = Fact(Ending.TOPPLED_AT_LANDING, time=9.0, height=0.0, cause=None, word=None)
     assert "Do not fly" not in toppled.remedy
-    step = Fact(NextStep.DO_AS_ADVISED, because=toppled, also=(BAD_VIBRATION,))
+    step = Fact(NextStep.DO_AS_ADVISED, reason=toppled, also=(BAD_VIBRATION,))
     assert " Do not fly: balance the propellers" in str(step)
 
 
@@ -158,7 +158,7 @@ def test_the_headline_of_a_crash_has_a_motor_that_was_weak_before(cause_subject,
 def test_a_light_that_only_repeats_what_to_do_first_is_not_in_the_next_step():
     known = lights(vibration="bad")
     lost = Fact(Ending.CRASHED, time=9.0, height=2.0, cause=None, word=None)
-    first = Fact(LoopAction.DO_FIRST, because=lost)
+    first = Fact(LoopAction.DO_FIRST, reason=lost)
     known[Light.MARGINS] = prose("Too little margin.").replace(Level.BAD).replace(action=first)
     following = next_step_of(lost, known, None)
     assert following.figures["also"] == (known[Light.VIBRATION],)
@@ -167,7 +167,7 @@ def test_a_light_that_only_repeats_what_to_do_first_is_not_in_the_next_step():
 def test_without_a_flight_it_says_why():
     known = lights(motors="watch")
     assert headline(known, airborne=0.0) == GROUNDED
-    assert next_step_of(GROUNDED, known, None).figures["because"] == GROUNDED
+    assert next_step_of(GROUNDED, known, None).figures["reason"] == GROUNDED
 
 
 def test_nothing_wrong_is_said_of_what_was_checked_only():
@@ -177,7 +177,7 @@ def test_nothing_wrong_is_said_of_what_was_checked_only():
     assert "found: motors (losses over 36 %), tracking" in sound.sentence
     assert (sound.code, sound.level) == (Headline.NOTHING_WRONG, "good")
     assert sound.figures["missing"] == (Light.MARGINS,)
-    assert next_step_of(sound, known, None).figures["because"] == known[Light.LOG]
+    assert next_step_of(sound, known, None).figures["reason"] == known[Light.LOG]
     dark = dict.fromkeys(Light, "unknown")
     little = headline(lights(**dark | {"tracking": "good"}))
     assert (little.code, little.level) == (Headline.NOTHING_WRONG, "unknown")
@@ -187,15 +187,15 @@ def test_nothing_wrong_is_said_of_what_was_checked_only():
     assert headline(lights(**known | {"power": "good"})).level == "good"
     nothing = headline(lights(**dark | {"log": "good"}))
     assert nothing.code is Headline.NOTHING_CHECKED
-    assert nothing.figures["because"].level == "unknown"
+    assert nothing.figures["reason"].level == "unknown"
     assert str(nothing).startswith("The vehicle could not be judged: ")
 
 
 def test_what_a_check_has_shown_is_no_reason_why_nothing_was_judged():
     unknown = lights(**dict.fromkeys(Light, "unknown") | {"log": "good"})
-    because = Fact(SessionFact.NOT_SETTLED)
-    unknown["motors"] = Fact(WatchFact.NO_MOTOR_AT_LIMIT, because=because)
-    assert headline(unknown).figures["because"] == because
+    reason = Fact(SessionFact.NOT_SETTLED)
+    unknown["motors"] = Fact(WatchFact.NO_MOTOR_AT_LIMIT, reason=reason)
+    assert headline(unknown).figures["reason"] == reason
 
 
 def test_a_sound_vehicle_is_told_what_its_model_is_worth():

@@ -84,7 +84,7 @@ def test_a_loop_below_the_goal_gets_advised_gains_whatever_it_does_in_flight(tra
 
 def test_a_loop_below_the_goal_of_a_biased_effectiveness_gets_advised_gains():
     loop = made_up(2.1)
-    caution = Fact(LoopFact.EFFECT_BIASED, because=NOT_STEERED)
+    caution = Fact(LoopFact.EFFECT_BIASED, reason=NOT_STEERED)
     biased = replace(loop, plant=loop.plant._replace(bias=-0.15), cautions=(caution,))
     decision = decided(biased)
     assert (decision.verdict, decision.doubts) == (LoopVerdict.BELOW_GOAL, ())
@@ -251,7 +251,7 @@ def test_a_vehicle_that_must_be_repaired_keeps_its_verdict_and_gets_no_gains():
     crashed = Fact(Ending.CRASHED, time=20.0)
     decision = decided(made_up(2.5), doubts=(crashed,))
     assert decision.verdict is LoopVerdict.BELOW_GOAL and decision.doubts == (crashed,)
-    assert decision.action.figures["because"] == crashed
+    assert decision.action.figures["reason"] == crashed
     sound_axis = decided(made_up(), doubts=(crashed,))
     assert (sound_axis.verdict, sound_axis.action) == (LoopVerdict.NOTHING_WRONG, None)
     assert sound_axis.doubts == (crashed,)

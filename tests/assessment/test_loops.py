@@ -86,7 +86,7 @@ def test_autotune_has_gains_that_no_parameter_has():
 def test_a_recorded_autotune_has_its_span_and_what_it_found():
     signals = Signals(recorded("sitl_raw/ap_autotune.BIN.xz"))
     tuned = autotune_fact(signals, refusal := Fact(LoopFact.NOT_STEERED))
-    assert (round(tuned.time), round(tuned.until)) == (64, 184)
+    assert (round(tuned.time), round(tuned.end_time)) == (64, 184)
     _, before, after = zip(*sorted(tuned.figures["changes"]), strict=True)
     assert (before, after) == (approx((4.5, 0.0018, 0.0675, 0.0675)), (36.0, 0.0006, 0.116, 0.116))
     assert autotune_fact(signals.for_axis("pitch"), refusal) is None

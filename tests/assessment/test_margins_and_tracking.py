@@ -138,7 +138,7 @@ def test_a_limit_cycle_goes_before_all():
     assert motors_light(swinging).sentence.endswith("upper or lower limit 98 % of the time.")
     light = margins_light(swinging)
     assert (light.code, light.level) == (MarginsLight.OSCILLATES, "bad")
-    assert light.figures["because"].code is GainFact.LOWER_GAINS
+    assert light.figures["reason"].code is GainFact.LOWER_GAINS
     assert light.sentence.startswith("Pitch and roll oscillate: pitch at 5 Hz, by 40 °/s; roll")
     # Wrong motors make a vehicle tumble; 5 Hz are those of gains.
     assert "Lower" in light.remedy and "frame type" not in light.remedy
@@ -153,7 +153,7 @@ def test_what_hides_the_margins_is_said_at_any_rate():
             "No margins: commands explain only 30 % of the rate's motion, wind and noise the rest.",
         ),
         (
-            Fact(LoopFact.NO_MARGINS, because=Fact(LoopFact.NOT_STEERED, share=0.3)),
+            Fact(LoopFact.NO_MARGINS, reason=Fact(LoopFact.NOT_STEERED, share=0.3)),
             "No margins: commands explain only 30 % of the rate's motion, wind and noise the rest.",
         ),
         (
@@ -166,7 +166,7 @@ def test_what_hides_the_margins_is_said_at_any_rate():
         ),
     ):
         light = margins_light(evidence(HOVER.telemetry(10.0, 10.0), loops={"roll": refusal}))
-        assert light.level == "unknown" and light.figures["because"] is refusal
+        assert light.level == "unknown" and light.figures["reason"] is refusal
         assert light.sentence.endswith(said) and "there are the" not in light.sentence
         assert light.sentence.lower().count("no margins") <= 1
 
@@ -198,7 +198,7 @@ def test_the_worst_loop_of_a_flight_is_rated():
     measured = MeasuredResponse((0.5, 9.0), 30.0, 30.0, 1.0, disagrees)
     loops["roll"] = replace(loops["roll"], measured=measured)
     light = margins_light(replace(found, loops=loops))
-    assert light.figures["because"] is disagrees  # pitch, which nothing confirms, does not count
+    assert light.figures["reason"] is disagrees  # pitch, which nothing confirms, does not count
 
 
 def following(size, late=0.2, error=0.0):

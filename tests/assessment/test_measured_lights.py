@@ -289,7 +289,9 @@ def test_poor_fixes_of_one_flight_of_several_have_its_time(monkeypatch):
 
 
 def test_a_lost_position_is_the_light_of_the_estimator():
-    lost = Fact(MotionEvent.POSITION_LOST, Level.BAD, time=30.0, until=48.0, duration=18.0, boot=0)
+    lost = Fact(
+        MotionEvent.POSITION_LOST, Level.BAD, time=30.0, end_time=48.0, duration=18.0, boot=0
+    )
     fact = estimator_light(replace(evidence(filtered()), events=(lost,)))
     assert (fact.code, fact.level) == (MotionEvent.POSITION_LOST, "bad")
 

@@ -356,7 +356,7 @@ def test_a_throttle_lowered_before_an_impact_is_its_cause(mode, pulse, is_cause)
     cause = ending.figures["cause"]
     if is_cause:
         assert cause.code is FailedFirst.THROTTLE_LOWERED_FIRST
-        assert (cause.time, cause.until) == (
+        assert (cause.time, cause.end_time) == (
             approx(EVENT - 0.5, abs=0.15),
             approx(EVENT + 0.5, abs=0.15),
         )

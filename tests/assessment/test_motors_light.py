@@ -63,10 +63,10 @@ def test_the_worst_is_said(pulses, code, level):
         assert len(found.figures["names"]) == 4 and " have " in str(found)
     if code is MotorWatchFact.MOTOR_LOST_THRUST:
         if level == "bad":
-            assert found.until is None
+            assert found.end_time is None
             assert found.time == approx(40, abs=1.5)
         else:
-            assert [found.time, found.until] == approx([30, 50], abs=1.5)
+            assert [found.time, found.end_time] == approx([30, 50], abs=1.5)
         assert found.subject == "motor 2 (rear left)"
 
 
@@ -150,7 +150,7 @@ def test_the_motor_that_saturates_most_is_named_or_none_of_several_alike():
         code = MotionEvent.MOTOR_AT_ITS_STOP
         return Fact(code, time=time, subject=names[motor], duration=duration, boot=0)
 
-    most, least = at_limit(0, 31.0, 2.0), at_limit(2, 30.0, 0.3).replace(until=30.3)
+    most, least = at_limit(0, 31.0, 2.0), at_limit(2, 30.0, 0.3).replace(end_time=30.3)
     assert motors_light(replace(bare, events=(least, most))) == most
     also_long = at_limit(3, 30.5, 1.2)
     alike = motors_light(replace(bare, events=(least, also_long, most)))
@@ -217,7 +217,7 @@ def test_a_limited_motor_is_not_suspect_where_others_work_as_hard():
 )
 def test_limits_of_a_diverged_height_or_after_a_dive_are_no_motor_s(code, level):
     flight = evidence(lambda time: np.outer([0, 0, 1, 0], 600.0 * (time % 10 < 0.8)))
-    event = Fact(code, level, time=20.0, until=21.0, speed=6.0, boot=0)
+    event = Fact(code, level, time=20.0, end_time=21.0, speed=6.0, boot=0)
     limited = motors_light(replace(flight, events=(event,)))
     assert limited.code is not MotorsLight.MOTOR_LIMITED
 

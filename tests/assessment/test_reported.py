@@ -90,7 +90,7 @@ def test_what_is_said_again_soon_is_once_with_its_count_and_span():
     times = np.array([1.0, 1.0 + REPEAT_SECONDS, 1.1 + 2 * REPEAT_SECONDS])
     glitches = columns(times, text=b"GPS Glitch", severity=4)
     found = merge_repeats(reported_problems(changed(FLOWN, "STATUSTEXT", **glitches)))
-    spans = [(fact.time, fact.until, fact.figures["count"]) for fact in found]
+    spans = [(fact.time, fact.end_time, fact.figures["count"]) for fact in found]
     assert spans == [(1.0, 1.0 + REPEAT_SECONDS, 2), (times[2], None, 1)]
 
 
@@ -118,7 +118,7 @@ def test_errors_of_dataflash_have_their_name_and_last_until_they_are_over():
     told = columns([45.0], Id=[51])
     telemetry = changed(changed(FLOWN, "ERR", **rows), "EV", **told)
     found = merge_repeats(reported_problems(telemetry))
-    assert [(fact.code, fact.time, fact.until) for fact in found] == [
+    assert [(fact.code, fact.time, fact.end_time) for fact in found] == [
         (ReportedEvent.ESTIMATOR_DIVERGED, 30.0, None),
         (ReportedEvent.RADIO_LOST, 31.0, 34.0),
         (ReportedEvent.AUTOPILOT_ERROR, 40.0, None),
@@ -175,7 +175,7 @@ def test_what_is_lost_or_low_while_armed_has_its_span(message):
     telemetry = changed(FLOWN, message, **columns(TIMES, **{field: np.where(LOST, bad, sound)}))
     (fact,) = events(telemetry, code)
     level = "bad" if code is ReportedEvent.BATTERY_ALARMED else "watch"
-    assert (fact.time, fact.until, fact.level) == (20.0, 24.0, level)
+    assert (fact.time, fact.end_time, fact.level) == (20.0, 24.0, level)
     on_ground = columns(TIMES, **{field: np.where(TIMES < 4.0, bad, sound)})
     assert not events(changed(FLOWN, message, **on_ground), code)
 
@@ -215,7 +215,7 @@ def test_what_the_failure_detector_found(field):
     code, level, subject = DETECTED[field]
     detected = columns(TIMES, **{field: LOST * (4 if "mask" in field else 1)})
     (fact,) = events(changed(FLOWN, "failure_detector_status", **detected), code)
-    assert (fact.level, fact.subject, fact.time, fact.until) == (level, subject, 20.0, 24.0)
+    assert (fact.level, fact.subject, fact.time, fact.end_time) == (level, subject, 20.0, 24.0)
 
 
 def test_what_is_said_while_disarmed_is_not_bad():
@@ -232,7 +232,7 @@ def test_a_failsafe_and_a_lane_are_states_too():
     critical = 4 + (abs(beats - 35) < 5)
     telemetry = changed(FLOWN, "HEARTBEAT", system_status=critical)
     (fact,) = events(telemetry, ReportedEvent.FAILSAFE)
-    assert (fact.time, fact.until) == (31.0, 39.0)
+    assert (fact.time, fact.end_time) == (31.0, 39.0)
     lanes = columns(TIMES, primary_instance=1 * LOST)
     switched = changed(FLOWN, "estimator_selector_status", **lanes)
     found = events(switched, ReportedEvent.ESTIMATOR_SWITCHED)
@@ -310,7 +310,7 @@ def test_a_sensor_that_is_used_and_not_healthy_failed():
     fields = {f"onboard_control_sensors_{name}": bits for name, bits in sensors.items()}
     telemetry = changed(FLOWN, "SYS_STATUS", **columns(TIMES, **fields))
     (fact,) = events(telemetry, ReportedEvent.SENSOR_FAILED, ReportedEvent.RADIO_LOST)
-    assert (fact.subject, fact.time, fact.until) == ("barometer", 20.0, 24.0)
+    assert (fact.subject, fact.time, fact.end_time) == ("barometer", 20.0, 24.0)
 
 
 @mark.parametrize("time, is_trigger", [(30.9, True), (28.5, False), (31.5, False)])

@@ -40,11 +40,11 @@ def flight(height=10.0):
     )
 
 
-def drifting(made, motor, seconds, highest=2000.0, until=np.inf):
+def drifting(made, motor, seconds, highest=2000.0, end_time=np.inf):
     """The output of a motor, from 0, rises over so many seconds to ``SATURATES``, and stays there."""
     time = made.messages["SERVO_OUTPUT_RAW"]["time"]
     outputs = pulses(made)
-    rise = np.clip((time - SATURATES) / seconds + 1, 0, 1) * (time < until)
+    rise = np.clip((time - SATURATES) / seconds + 1, 0, 1) * (time < end_time)
     outputs[motor] = np.where(outputs[motor] > 1000, outputs[motor] + rise * (highest - 1600), 1000)
     return with_pulses(made, np.minimum(outputs, 2000.0))
 
@@ -106,7 +106,7 @@ def test_a_limit_just_before_an_impact_is_no_loss():
 
 
 def test_a_short_limit_is_no_loss():
-    made = drifting(flight(), 1, 0.5, 2100.0, until=SATURATES + 2.0)
+    made = drifting(flight(), 1, 0.5, 2100.0, end_time=SATURATES + 2.0)
     assert not losses(leaning(made, QUAD[1], 15.0))
 
 
@@ -155,8 +155,8 @@ def test_a_motor_was_not_at_its_limit_first_after_another_one():
 def test_a_motor_at_its_limit_long_before_all_thrust_was_used_up_is_named(since, is_named):
     spent = Fact(FailedFirst.THRUST_SPENT_FIRST, time=40.0, share=0.93)
     crashed = Fact(Ending.CRASHED, time=42.0, subject="", cause=spent, word=None, boot=0)
-    limit = Fact(MotionEvent.MOTOR_AT_ITS_STOP, time=since, until=41.0, subject=NAMES[0], boot=0)
-    over = limit.replace(subject=NAMES[1], until=36.0)
+    limit = Fact(MotionEvent.MOTOR_AT_ITS_STOP, time=since, end_time=41.0, subject=NAMES[0], boot=0)
+    over = limit.replace(subject=NAMES[1], end_time=36.0)
     other_boot = limit.replace(subject=NAMES[2], boot=1)
     ending = with_motors_limited_before(crashed, [limit, over, other_boot])
     text = f"{ending.figures['cause']}"
@@ -185,10 +185,10 @@ def test_a_limit_that_began_before_the_record_has_a_duration_but_no_start_in_wor
         motor_events(Signals(with_pulses(made, outputs), inputs="motors"), 0, [(-np.inf, np.inf)])
     )
     assert event.code is MotionEvent.MOTOR_AT_ITS_STOP and event.start_time == -np.inf
-    assert event.figures["duration"] == approx(event.end_time - time[0])
+    assert event.figures["duration"] == approx(event.latest_time - time[0])
     assert event.sentence.endswith(
-        f"was at its upper limit 100 % of the time until {event.end_time:.1f} s."
+        f"was at its upper limit 100 % of the time until {event.latest_time:.1f} s."
     )
-    whole = event.replace(until=None)
+    whole = event.replace(end_time=None)
     assert whole.sentence.endswith("throughout the record.")
     assert events_text([Event(event.start_time, event)]).count("inf") == 0

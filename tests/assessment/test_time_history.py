@@ -18,7 +18,7 @@ from mavdem.wind_velocity.from_log import WindEvidence
 HOVER = Hover()
 ARMED, DISARMED = 5.0, HOVER.landed + 1.0
 HEARTBEAT_PERIOD = 1.0
-NO_WIND = WindEvidence(None, None, Fact(Unjudged.NOT_JUDGED, because=None))
+NO_WIND = WindEvidence(None, None, Fact(Unjudged.NOT_JUDGED, reason=None))
 
 
 def history_of(telemetry, *events):

@@ -233,9 +233,9 @@ def test_every_place_says_the_same_of_a_flight(tmp_path, monkeypatch, capsys):
 def test_reasons_in_a_table_wrap_as_far_as_a_terminal_has_lines(capsys, monkeypatch):
     monkeypatch.setenv("COLUMNS", "80")
     reason = "The estimate changes by 15 % with the wind spectrum that is assumed."
-    table = Table(["purpose", "because"], [["a purpose", reason]] * 5, words=True)
+    table = Table(["purpose", "reason"], [["a purpose", reason]] * 5, words=True)
     print_screen(None, [table], [], [Sentence("Go.", "Next:")], verbose=False)
     assert " ".join(capsys.readouterr().out.split()).count(reason.split("wind ")[1]) == 5
-    long_table = Table(["purpose", "because"], [["a purpose", reason * 9]] * 9, words=True)
+    long_table = Table(["purpose", "reason"], [["a purpose", reason * 9]] * 9, words=True)
     print_screen(None, [long_table], [], [Sentence("Go.", "Next:")], verbose=False)
     assert len(capsys.readouterr().out.splitlines()) < TERMINAL_LINES

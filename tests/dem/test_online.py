@@ -77,7 +77,7 @@ def test_it_arrives_where_learning_at_once_does(horizon):
     settings = dataclasses.replace(COMPLETE, horizon=horizon)
     online = OnlineLearner(settings, dt=flight.dt, memory=30.0)
     estimate = flown(online, flight)[-1]
-    learned = round((estimate.until - flight.time[0]) / flight.dt) + 1
+    learned = round((estimate.training_end_time - flight.time[0]) / flight.dt) + 1
     longest_pause = max(LEARNING_SECONDS / flight.dt, NEW_SAMPLE_SHARE * learned)
     assert len(flight) - learned <= longest_pause
     whole = mavdem.learn(flight[:learned], settings)
@@ -158,12 +158,12 @@ def test_an_executor_that_is_gone_is_an_obstacle_and_no_error():
     with ThreadPoolExecutor(1) as executor:
         online = OnlineLearner(dt=0.01, executor=executor)
     flown(online, WINDY[:450])
-    assert online.obstacle.figures["because"].figures["error"] == "RuntimeError"
+    assert online.obstacle.figures["reason"].figures["error"] == "RuntimeError"
     dead = Future()
     dead.set_exception(BrokenExecutor("a process was killed"))
     online._pending_fit = dead
     online.update(4.5, WINDY.outputs[450], WINDY.inputs[450])
-    assert online.obstacle.figures["because"].figures["text"] == "a process was killed"
+    assert online.obstacle.figures["reason"].figures["text"] == "a process was killed"
 
 
 def test_while_another_thread_learns_no_update_waits_for_it():

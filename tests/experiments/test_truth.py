@@ -130,7 +130,7 @@ def test_the_truth_of_another_flight_is_refused(flight, motion, path, tmp_path):
     np.savez(tmp_path / "other.npz", **other)
     fact = unreadable(truth_of, [flight], tmp_path / "other.npz")
     assert (fact.code, fact.subject) == (ForecastFact.TRUTH_OF_ANOTHER_FLIGHT, "roll rate")
-    assert (fact.time, fact.until) == (flight.time[0], flight.time[-1])
+    assert (fact.time, fact.end_time) == (flight.time[0], flight.time[-1])
     assert unreadable(truth_of, [replace(flight, time=flight.time + 100.0)], path).code is fact.code
 
 

@@ -62,7 +62,7 @@ def separation(*telemetries):
     fact = unreadable(joined, *telemetries)
     assert fact.code is SourceFact.LOGS_NOT_JOINED
     assert fact.sentence.endswith(".")
-    return fact.figures["because"]
+    return fact.figures["reason"]
 
 
 def codes_of_reports(telemetry):
@@ -174,7 +174,7 @@ def test_a_log_of_two_vehicles_is_not_joined():
     first, second = halves()
     both = replace(without_clock(first), vehicles=(first, second))
     fact = unreadable(join_logs, [both, without_clock(second)])
-    assert fact.figures["because"] is Separation.NOT_ONE_VEHICLE
+    assert fact.figures["reason"] is Separation.NOT_ONE_VEHICLE
 
 
 def test_the_clock_of_the_recorder_orders_streams():

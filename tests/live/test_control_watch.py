@@ -82,7 +82,7 @@ def lost():
 
 def test_a_loss_of_control_is_alarmed_within_a_second_and_before_a_motor_at_its_limit(lost):
     [alarm] = alarms(lost)
-    loss = alarm.figures["because"]
+    loss = alarm.figures["reason"]
     assert loss.code is Ending.CONTROL_LOST and loss.is_bad
     assert LOST < alarm.time <= LOST + 1.5
     assert "parachute" in alarm.remedy and "Land now" not in alarm.remedy
@@ -109,7 +109,7 @@ def test_after_a_loss_nothing_speaks_as_of_a_landing(lost):
 )
 def test_what_a_log_does_not_call_lost_raises_no_alarm(harmless):
     made = flown(replace(Leaving(), **harmless))
-    assert Ending.CONTROL_LOST not in [alarm.figures["because"].code for alarm in alarms(made)]
+    assert Ending.CONTROL_LOST not in [alarm.figures["reason"].code for alarm in alarms(made)]
     assert made.stream.status().loss is None
 
 
@@ -155,11 +155,11 @@ class StoppedFlight(Flight):
 def test_a_vehicle_disarmed_in_the_air_has_not_landed():
     made = replay(StoppedFlight(Tumbling(), 25.0, 25.0).frames(end=37.0))
     [alarm] = alarms(made)
-    assert alarm.figures["because"].code is Ending.CRASHED
+    assert alarm.figures["reason"].code is Ending.CRASHED
     assert ReportedEvent.ON_GROUND not in made.codes
     status = made.stream.status()
     assert not status.is_flying and not status.has_landed
-    assert status.loss is alarm.figures["because"]
+    assert status.loss is alarm.figures["reason"]
 
 
 def test_a_landing_above_the_take_off_is_one():

@@ -70,7 +70,7 @@ def test_the_files_beside_a_recording_are_new_and_those_that_tune_writes(tmp_pat
     assert sentence.split(" Load them")[0] in roll.sentence
     assert "flight.gains-1.stage2.params and .stage2.param;" in written.sentence
     assert advice.judgement.next_step.code is NextStep.LOAD_GAINS
-    assert written.figures["because"].code == told["next_step_fact"]["code"] == "load_gains"
+    assert written.figures["reason"].code == told["next_step_fact"]["code"] == "load_gains"
     for ending in ("stage2.params", "stage2.param"):
         path = tmp_path / f"flight.gains-1.{ending}"
         assert path.read_text() == (tmp_path / f"gains.{ending}").read_text()
@@ -87,8 +87,8 @@ def test_a_flight_without_a_loop_is_left_alone_in_one_sentence(tmp_path):
 
 
 def test_a_decision_among_the_events_names_its_axis():
-    because = Fact(LoopFact.NO_MARGINS, because=Fact(GainFact.ADVICE_WAITS))
-    decision = LoopDecision("pitch", LoopVerdict.UNKNOWN, because, Fact(GainFact.ADVICE_WAITS))
+    reason = Fact(LoopFact.NO_MARGINS, reason=Fact(GainFact.ADVICE_WAITS))
+    decision = LoopDecision("pitch", LoopVerdict.UNKNOWN, reason, Fact(GainFact.ADVICE_WAITS))
     named = decision.fact.replace(is_named=True)
     assert named.sentence.startswith("Pitch: no margins: ")
 

@@ -16,12 +16,12 @@ from mavdem.live.vehicle_state import VehicleState
 from mavdem.report.live import vehicle_text
 
 RATES = {"ATTITUDE": 25.0, "SERVO_OUTPUT_RAW": 25.0}
-SLOW = Fact(RowsFact.LIVE_RATES_TOO_LOW, can_ask=True, because=slow_streams(RATES, "roll"))
+SLOW = Fact(RowsFact.LIVE_RATES_TOO_LOW, can_ask=True, reason=slow_streams(RATES, "roll"))
 
 
-def watch(kind, because=None):
-    code = WatchFact.NOT_WATCHED if because else WatchFact.WATCHED
-    return Fact(code, time=3.0, subject=kind, because=because)
+def watch(kind, reason=None):
+    code = WatchFact.NOT_WATCHED if reason else WatchFact.WATCHED
+    return Fact(code, time=3.0, subject=kind, reason=reason)
 
 
 @fixture
@@ -44,7 +44,7 @@ def test_each_light_has_its_own_reason(slow):
     assert lights[Light.LOG].level is Level.WATCH
     assert lights[Light.MOTORS].code is WatchFact.NO_MOTOR_AT_LIMIT
     assert lights[Light.MARGINS].code is WatchFact.NO_OSCILLATION
-    assert lights[Light.VIBRATION].figures["because"].figures["name"] == "VIBRATION"
+    assert lights[Light.VIBRATION].figures["reason"].figures["name"] == "VIBRATION"
     assert lights[Light.ESTIMATOR].code is Unjudged.JUDGED_LATER
     sentences = [str(light) for light in lights.values()]
     assert sum("comes at 25 Hz" in sentence for sentence in sentences) == 1, "the log"
@@ -53,7 +53,7 @@ def test_each_light_has_its_own_reason(slow):
 def test_without_a_light_the_headline_is_that_nothing_has_alarmed(slow):
     headline = slow.overall_judgement.headline
     assert str(headline) == str(SLOW)
-    power = {Light.POWER: Fact(Unjudged.NOT_JUDGED, because=None)}
+    power = {Light.POWER: Fact(Unjudged.NOT_JUDGED, reason=None)}
     checked = replace(slow, worst_lights=power).overall_judgement.headline
     assert str(checked) == "No alarm so far; oscillation and motor limits are watched."
 
@@ -92,7 +92,7 @@ def test_in_flight_a_silent_link_is_what_to_look_after(slow, silence):
     judged = slow.overall_judgement
     silent = replace(slow, obstacle=silence, model_judgement=judged).overall_judgement
     assert silent.headline == silence
-    assert silent.next_step.figures["because"] == silence
+    assert silent.next_step.figures["reason"] == silence
 
 
 def test_the_first_line_says_mode_arming_battery_and_the_age_of_the_last_message(slow):

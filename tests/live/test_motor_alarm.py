@@ -60,8 +60,8 @@ def test_a_motor_that_weakens_is_named_in_flight_and_by_its_log(flown):
     logged = motor_alarms(Signals(read_log(flown).vehicles[0]))
     # Two seconds on the ground before the first arming.
     assert (alarm.motor, alarm.name) == (3, "motor 3 (front left)")
-    assert 27.0 < alarm.time < 32.0 and alarm.since == approx(27.0, abs=1.5)
-    assert [fact.figures["because"] for fact in said if fact.code is SessionFact.ALARM] == [
+    assert 27.0 < alarm.time < 32.0 and alarm.onset_time == approx(27.0, abs=1.5)
+    assert [fact.figures["reason"] for fact in said if fact.code is SessionFact.ALARM] == [
         alarm.fact
     ]
     assert [alarm[:4]] == [one[:4] for one in logged]
@@ -122,7 +122,7 @@ def test_an_alarm_is_of_its_flight_and_of_its_boot():
     weak = hovering(rise=150.0)
     made = replay(weak)
     (change,) = made.stream.motor_alarms.latest
-    assert made.stream.motor_alarms.weak_since == change.since
+    assert made.stream.motor_alarms.weak_since == change.onset_time
     alarm = made.stream.status().active_alarms
     assert [fact.subject for fact in alarm] == ["motor 1 (front right)"]
     # Of the flight before, from the next one on.
@@ -134,7 +134,7 @@ def test_an_alarm_is_of_its_flight_and_of_its_boot():
     assert made.stream.status().active_alarms == ()
     status = replay(rebooted[200:], made.stream).stream.status()
     assert [one.boot for one in status.motor_alarms] == [0, 1] and status.active_alarms != alarm
-    assert status.active_alarms[0].figures["because"].figures["boot"] == 1
+    assert status.active_alarms[0].figures["reason"].figures["boot"] == 1
 
 
 @mark.parametrize("mask", [0, 128])

@@ -208,9 +208,7 @@ def test_why_there_is_no_model_at_the_end_is_a_fact(error, code):
 def test_an_obstacle_with_another_reason_is_news_and_why_there_is_no_model_at_the_end(monkeypatch):
     one, _, told = session_of([])
     reasons = [Fact(RowsFact.NO_LIVE_MOTORS), Fact(RowsFact.NO_LIVE_ATTITUDE, can_ask=False)]
-    slow = [
-        Fact(RowsFact.LIVE_RATES_TOO_LOW, can_ask=False, because=because) for because in reasons
-    ]
+    slow = [Fact(RowsFact.LIVE_RATES_TOO_LOW, can_ask=False, reason=reason) for reason in reasons]
     counts = []
     for obstacle in (slow[0], slow[0], slow[1]):
         status = SessionStatus(vehicle="1:1", obstacle=obstacle, is_flying=True)
@@ -273,7 +271,7 @@ def test_the_judgement_of_a_recording_waits_for_the_ground_and_for_the_end():
 
 @mark.slow
 def test_a_landing_never_replaces_the_last_model_before_it():
-    written = Fact(GainFact.GAINS_WRITTEN, because=TOO_FEW_SAMPLES)
+    written = Fact(GainFact.GAINS_WRITTEN, reason=TOO_FEW_SAMPLES)
     by_recording = replace(unjudged(written), next_step=TOO_FEW_SAMPLES)
     adviser = Mock(
         is_due=False, facts=(written,), judgement=by_recording, **{"update.return_value": ()}
@@ -285,7 +283,7 @@ def test_a_landing_never_replaces_the_last_model_before_it():
         mavdem.learn(record, replace(COMPLETE, seed=seed)) for seed in range(4)
     )
     learner = Mock(
-        until=50.0,
+        training_end_time=50.0,
         **{"update.return_value": None, "learn_now.side_effect": NotLearnable(TOO_FEW_SAMPLES)},
     )
     one._learning.learner = learner
@@ -322,10 +320,10 @@ def test_a_landing_never_replaces_the_last_model_before_it():
     one.report_gain_advice(is_at_end=True)
     assert adviser.is_due
     assert kept() == 2 and said[-1].code is SessionFact.FORMER_MODEL_KEPT
-    assert said[-1].figures["because"] == TOO_FEW_SAMPLES
+    assert said[-1].figures["reason"] == TOO_FEW_SAMPLES
     learner.learn_now.side_effect = TimeoutError
     assert kept() == 2
-    assert said[-1].figures["because"] == TOO_FEW_SAMPLES, "it is reported once"
+    assert said[-1].figures["reason"] == TOO_FEW_SAMPLES, "it is reported once"
     alarms = [
         Fact(MotorWatchFact.MOTOR_RECOVERED, level, time=at, subject="motor 1")
         for level, at in 2 * [(Level.BAD, 118.0), (Level.GOOD, 142.0)]  # a fault comes and goes
@@ -403,9 +401,7 @@ def test_what_came_before_a_silence_does_not_pass_for_what_comes(now):
     silent = Fact(RowsFact.NOTHING_RECEIVED, subject=MissingMessages.MESSAGES, duration=3.0)
     assert last.obstacle == silent and said.count(silent) == 1
     assert {fact.code for fact in last.watch_facts} == {WatchFact.NOT_WATCHED}
-    assert {fact.figures["because"].code for fact in last.watch_facts} == {
-        RowsFact.NOTHING_RECEIVED
-    }
+    assert {fact.figures["reason"].code for fact in last.watch_facts} == {RowsFact.NOTHING_RECEIVED}
     # A vehicle that sends nothing else says only that it is there.
     heartbeat = next(frame for _, frame in FRAMES if frame[7:10] == bytes(3))
     for batch in [batches(0.05, start=9.0)[0], *40 * [[(FIRST + 10.0, heartbeat)]]]:

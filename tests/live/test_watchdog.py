@@ -63,7 +63,7 @@ def said(made, code):
     return [
         fact
         for fact in made.facts
-        if code in (fact.code, getattr(fact.figures.get("because"), "code", None))
+        if code in (fact.code, getattr(fact.figures.get("reason"), "code", None))
     ]
 
 
@@ -79,7 +79,7 @@ def test_a_limit_cycle_is_reported_within_two_seconds_and_when_it_ends(hot):
     assert (
         alarm.code is SessionFact.ALARM and alarm.level is Level.BAD and off < alarm.time <= off + 2
     )
-    cycle = alarm.figures["because"]
+    cycle = alarm.figures["reason"]
     assert cycle.subject == "roll" and cycle.figures["frequency"] == approx(23.0, abs=1.1)
     assert cycle.figures["turn_rate"] < np.pi
     assert not hot.stream.status().worst_lights[Light.MOTORS].is_good
@@ -93,7 +93,7 @@ def test_what_was_wrong_is_the_headline_of_the_session(hot):
     judged = replace(hot.stream.status(), motor_alarms=()).overall_judgement
     assert judged.headline.code is MotorsLight.MOTOR_LIMITED
     assert judged.lights["margins"].code is MarginsLight.OSCILLATES
-    assert judged.next_step.figures["because"] is judged.headline
+    assert judged.next_step.figures["reason"] is judged.headline
     assert judged.next_step.code is NextStep.LAND_NOW
     landed = replace(hot.stream.status(), motor_alarms=(), is_flying=False).overall_judgement
     assert landed.next_step.code is NextStep.DO_AS_ADVISED
@@ -176,9 +176,9 @@ def test_the_emptiest_of_two_batteries_is_alarmed_and_named():
         *((at, "SYS_STATUS", {"voltage_battery": 12500}) for at in seconds),
     )
     [low] = said(made, PowerLight.BATTERY_LOW)[-1:]
-    assert low.figures["because"].subject == "battery 2"
+    assert low.figures["reason"].subject == "battery 2"
     reports = said(made, ReportedEvent.BATTERY_ALARMED)
-    assert {report.subject or report.figures["because"].subject for report in reports} == {
+    assert {report.subject or report.figures["reason"].subject for report in reports} == {
         "battery 2"
     }
 
@@ -200,7 +200,7 @@ def test_a_battery_that_the_autopilot_reports_is_an_alarm_headline_and_light():
     status = made.stream.status()
     critical = status.overall_judgement
     assert (
-        critical.headline.code is critical.lights[Light.POWER].code is alarm.figures["because"].code
+        critical.headline.code is critical.lights[Light.POWER].code is alarm.figures["reason"].code
     )
     assert critical.next_step.code is NextStep.LAND_NOW
     assert [fact.code for fact in status.active_alarms] == [critical.headline.code]
@@ -285,7 +285,7 @@ def test_what_is_watched_is_always_shown():
     ground, *_ = replay(parts[0], stream).stream.status().watch_facts
     assert ground.code is WatchFact.NOT_WATCHED
     early = replay(parts[1], stream).stream.status().watch_facts
-    reasons = {one.subject: one.figures["because"] for one in early}
+    reasons = {one.subject: one.figures["reason"] for one in early}
     assert reasons[WatchedQuantity.MOTORS].code is WatchFact.REFERENCE_SHORT
     status = replay(parts[2], stream).stream.status()
     found = {fact.subject: fact for fact in status.watch_facts}
@@ -297,7 +297,7 @@ def test_what_is_watched_is_always_shown():
     } == {what for what, fact in found.items() if fact.code is WatchFact.WATCHED} - {
         WatchedQuantity.MOTOR_LIMITS
     }
-    assert found[WatchedQuantity.BATTERY].figures["because"].code is WatchFact.MESSAGE_MISSING
+    assert found[WatchedQuantity.BATTERY].figures["reason"].code is WatchFact.MESSAGE_MISSING
     assert "loss of thrust (" in watched_quantities_text(
         status.watch_facts
     ) and "battery" in watched_quantities_text(status.watch_facts)
@@ -325,8 +325,8 @@ def test_rates_that_vary_are_no_news(capsys):
     for rate in (5.5, 5.5, 5.6, 4.9):
         rates = {"ATTITUDE": rate, "SERVO_OUTPUT_RAW": 6.0}
         slow = slow_streams(rates, "roll")
-        obstacle = Fact(RowsFact.LIVE_RATES_TOO_LOW, can_ask=True, because=slow)
-        watch = Fact(WatchFact.NOT_WATCHED, subject=WatchedQuantity.OSCILLATION, because=slow)
+        obstacle = Fact(RowsFact.LIVE_RATES_TOO_LOW, can_ask=True, reason=slow)
+        watch = Fact(WatchFact.NOT_WATCHED, subject=WatchedQuantity.OSCILLATION, reason=slow)
         status = SessionStatus(vehicle="1:1", obstacle=obstacle, watch_facts=(watch,))
         lines.show(Mock(status=status))
         counts.append(len(capsys.readouterr().err.splitlines()))
@@ -402,7 +402,7 @@ def test_the_headline_counts_lights_that_need_no_model():
     assert headline.figures["names"] == ("motors", "margins")
     waiting = replace(status, model_judgement=None, obstacle=Fact(SessionFact.NOT_SETTLED))
     assert waiting.overall_judgement.headline.code is Headline.NOTHING_WRONG
-    assert waiting.overall_judgement.next_step.figures["because"] == waiting.obstacle
+    assert waiting.overall_judgement.next_step.figures["reason"] == waiting.obstacle
 
 
 @mark.parametrize(
@@ -425,9 +425,9 @@ def test_a_lost_link_heads_the_status_unless_a_light_is_bad(obstacle):
 
 def test_a_line_of_a_log_says_what_is_new(capsys):
     waiting = Fact(SessionFact.NOT_FLYING)
-    ground = Fact(WatchFact.NOT_WATCHED, time=3.0, subject=WatchedQuantity.MOTORS, because=waiting)
-    watched = Fact(WatchFact.WATCHED, time=9.0, subject=WatchedQuantity.MOTORS, because=None)
-    landed = ground.replace(because=Fact(WatchFact.ON_GROUND_NOW))
+    ground = Fact(WatchFact.NOT_WATCHED, time=3.0, subject=WatchedQuantity.MOTORS, reason=waiting)
+    watched = Fact(WatchFact.WATCHED, time=9.0, subject=WatchedQuantity.MOTORS, reason=None)
+    landed = ground.replace(reason=Fact(WatchFact.ON_GROUND_NOW))
     bad = Fact(MotorsLight.MOTOR_LIMITED, Level.BAD, subject="motor 1", share=0.9)
     lines = StatusLines(None)
     news = (
@@ -447,8 +447,8 @@ def test_a_line_of_a_log_says_what_is_new(capsys):
 def test_slow_messages_show_no_limit_cycle_and_that_is_said():
     made = replay(Flight(Hot(hovering=10.0), attitude=10.0, motors=10.0).frames(end=14.0))
     found = {fact.subject: fact for fact in made.stream.status().watch_facts}
-    because = found[WatchedQuantity.OSCILLATION].figures["because"]
-    assert because.code is WatchFact.MESSAGE_MISSING and because.figures["rate"] < 20
+    reason = found[WatchedQuantity.OSCILLATION].figures["reason"]
+    assert reason.code is WatchFact.MESSAGE_MISSING and reason.figures["rate"] < 20
 
 
 @mark.slow
@@ -458,7 +458,7 @@ def test_every_vehicle_on_a_link_is_watched():
     made = replay(frames)
     found = said(made, WatchFact.OTHER_VEHICLE_ALARM)
     assert {fact.subject for fact in found} == {"1:1", "2:1"}
-    assert {fact.figures["because"].code for fact in found} >= {SessionFact.ALARM}
+    assert {fact.figures["reason"].code for fact in found} >= {SessionFact.ALARM}
     assert "vehicle 2:1 watched: " in watched_quantities_text(made.stream.status().watch_facts)
     # One that was chosen is reported as itself.
     made = replay(frames, vehicle="1:1")

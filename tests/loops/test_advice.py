@@ -193,7 +193,7 @@ def test_enough_margin_is_left_alone_unless_more_is_asked(factor):
 @mark.slow
 def test_a_biased_effectiveness_is_allowed_for_by_its_draws_and_gives_gains():
     lacking = made_up(2.5)
-    caution = Fact(LoopFact.EFFECT_BIASED, because=Fact(GainFact.LOOP_UNSTABLE))
+    caution = Fact(LoopFact.EFFECT_BIASED, reason=Fact(GainFact.LOOP_UNSTABLE))
     biased = replace(lacking, plant=lacking.plant._replace(bias=0.1), cautions=(caution,))
     assert advise(biased).parameters == advise(lacking).parameters
 

@@ -264,7 +264,7 @@ def tuned_by(loops, decisions=None, headline=None, **options):
     )
     notch = Fact(NotchAdvice.SET_NOTCH, settings=(("INS_HNTCH_FREQ", 80.0),))
     even = Fact(MotorsLight.MOTORS_EVEN, Level.GOOD)
-    next_step = Fact(NextStep.DO_AS_ADVISED, because=headline) if headline else even
+    next_step = Fact(NextStep.DO_AS_ADVISED, reason=headline) if headline else even
     judgement = Judgement(headline or even, next_step, {"motors": even}, decisions or {})
     assessment = partial_record(
         Assessment,
@@ -359,7 +359,7 @@ def test_gains_after_px4s_autotune_are_rated_like_those_before():
     telemetry = changed(HOVER.telemetry(autopilot="PX4"), "SIDD", **injected)
     sent = columns([1.0, 35.0], param_id=b"MC_ROLLRATE_K", param_value=[1.0, 6.0], param_type=9)
     tuned = autotune_fact(Signals(changed(telemetry, "PARAM_VALUE", **sent)), made_up())
-    assert (tuned.level, tuned.time, tuned.until) == ("watch", 21.0, 29.0)
+    assert (tuned.level, tuned.time, tuned.end_time) == ("watch", 21.0, 29.0)
     assert [one.level for one in tuned.figures["ratings"]] == ["good", "bad"]
     assert tuned.figures["is_saved"] and "parameters are those from before" not in tuned.sentence
 

@@ -50,7 +50,7 @@ def test_the_motor_that_lost_thrust_slowly_is_named(motors):
     for motor in range(motors):
         loss = found(with_slow_loss(motors, motor, work=0.35))
         assert loss.motor == geometry(motors).motors[motor]
-        assert abs(loss.since - 62.0) < 4.0
+        assert abs(loss.onset_time - 62.0) < 4.0
         assert loss.is_weak
 
 

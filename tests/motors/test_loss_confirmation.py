@@ -65,21 +65,21 @@ def test_a_loss_that_ended_later_is_to_be_watched(seed):
     assert not detector.weak_motors
     [loss] = thrust_losses(detector.alarms)
     assert loss.level is Level.WATCH
-    assert [loss.time, loss.until] == approx([START, START + 20.0], abs=3.0)
+    assert [loss.time, loss.end_time] == approx([START, START + 20.0], abs=3.0)
 
 
 @mark.parametrize("seconds, count", [(MIN_LOSS_SECONDS - 0.5, 0), (MIN_LOSS_SECONDS + 0.5, 1)])
 def test_a_loss_counts_from_eight_seconds_on(seconds, count):
     loss = MotorAlarm(11.0, 10.0, 2, "motor 2", 0.3, 0.99, loss=(0.2, 0.4))
-    end = loss._replace(time=30.0, since=10.0 + seconds, size=0.0)
+    end = loss._replace(time=30.0, onset_time=10.0 + seconds, size=0.0)
     assert len(thrust_losses([loss, end])) == count
 
 
 def test_a_withdrawn_loss_and_its_recovery_go_as_a_pair():
     loss = MotorAlarm(11.0, 10.0, 2, "motor 2", 0.3, 0.99, loss=(0.2, 0.4))
-    torque = loss._replace(time=20.0, since=19.0, motor=None, name="")
-    early_end = loss._replace(time=18.0, since=9.5 + MIN_LOSS_SECONDS, size=0.0, loss=())
-    late_end = loss._replace(time=30.0, since=28.0, size=0.0, loss=())
+    torque = loss._replace(time=20.0, onset_time=19.0, motor=None, name="")
+    early_end = loss._replace(time=18.0, onset_time=9.5 + MIN_LOSS_SECONDS, size=0.0, loss=())
+    late_end = loss._replace(time=30.0, onset_time=28.0, size=0.0, loss=())
     assert lasting_changes([loss, early_end, torque]) == [torque]
     assert lasting_changes([loss, torque, late_end]) == [loss, torque, late_end]
     assert lasting_changes([loss, torque]) == [loss, torque]

@@ -41,7 +41,7 @@ def flight(seed, seconds=45.0, sd=0.01, coloured_by=0.5, motors=4):
 def watched(time, commands, heading=lambda at: 0.0, watch=None):
     watch = watch or MotorLossDetector(geometry(commands.shape[1]))
     for at, row in zip(time.tolist(), commands, strict=True):
-        assert all(one.since < one.time <= at for one in watch.update(at, row, heading(at)))
+        assert all(one.onset_time < one.time <= at for one in watch.update(at, row, heading(at)))
     return watch
 
 
@@ -68,7 +68,7 @@ def test_a_motor_that_works_an_eighth_harder_is_named_within_five_seconds(motor,
     first = only_change(seed, 0.125 * 0.6 * np.eye(4)[motor])
     assert first.motor == motor + 1
     assert BREAKS < first.time - 100.0 <= BREAKS + 5.0
-    assert first.since == approx(100.0 + BREAKS, abs=2.0)
+    assert first.onset_time == approx(100.0 + BREAKS, abs=2.0)
     assert first.size == approx(0.125, abs=0.04) and first.loss[0] < 1 - 1.125**-1.5 < first.loss[1]
     assert 0.95 < first.probability <= 1
 
@@ -115,7 +115,7 @@ def test_every_fault_is_found_and_its_end(faults):
         for motor in np.flatnonzero(np.subtract(rise, before)):
             one = found.pop(0)
             assert one.motor == motor + 1 and begin < one.time - 100.0 < begin + 2.5
-            assert one.since == 100.0 + begin
+            assert one.onset_time == 100.0 + begin
             if rise[motor] > 1:
                 assert one.is_weak
             else:

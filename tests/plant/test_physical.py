@@ -235,7 +235,7 @@ def test_a_status_changes_at_its_limit_and_says_why(figure, name, limit, below, 
         else:
             assert reasons[name] is not None
         if reasons[name] is not None:
-            doubts = reasons[name].figures.get("because", [reasons[name]])
+            doubts = reasons[name].figures.get("reason", [reasons[name]])
             if expected == "biased":
                 assert reasons[name].level is Level.WATCH
             else:
@@ -256,7 +256,7 @@ def test_several_doubts_are_one_reason():
     statuses, reasons = identifiability(figures)
     assert set(statuses.values()) == {Status.NOT_IDENTIFIABLE}
     assert reasons["effect"].code is ParameterDoubt.SEVERAL_DOUBTS
-    wind, commands = reasons["effect"].figures["because"]
+    wind, commands = reasons["effect"].figures["reason"]
     assert (wind.code, wind.figures["share"]) == (ParameterDoubt.WIND_SHARE_HIGH, 0.5)
     assert commands.code is ParameterDoubt.COMMANDS_TOO_FAST
 
@@ -476,7 +476,7 @@ def test_nothing_is_identifiable_where_motors_only_react_to_wind_and_no_band_exi
     assert found.status == dict.fromkeys(PARAMETERS, "not identifiable")
     assert np.isnan(found.interval().effect).all()
     assert found.caution.code is NoPhysical.EFFECT_NOT_IDENTIFIABLE
-    assert found.caution.figures["because"] == found.reasons["effect"]
+    assert found.caution.figures["reason"] == found.reasons["effect"]
     with warns(UserWarning, match="may be far off.*not identifiable"):
         assert learned.simulate(flight.inputs[:20]).shape == (20, 2)
     with raises(ValueError, match="not be larger"), warns(UserWarning):

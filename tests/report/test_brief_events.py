@@ -14,7 +14,7 @@ from mavdem.witnesses.statements import supporting_statement
 
 TURNED = (supporting_statement(WitnessFact.ROTATED, time=31.0, body_rate=5.0),)
 CLIPS = [
-    Fact(MotionEvent.CLIPPED, time=time, until=time + 1.0, count=9, boot=0)
+    Fact(MotionEvent.CLIPPED, time=time, end_time=time + 1.0, count=9, boot=0)
     for time in (5.0, 12.0, 19.0, 26.0)
 ]
 LEFT = Fact(MotionEvent.ATTITUDE_LOST, time=30.0, angle=2.0, boot=0, witnesses=TURNED)

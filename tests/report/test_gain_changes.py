@@ -27,7 +27,7 @@ LOWER = Fact(
 
 def test_gains_to_lower_are_a_table_and_files_within_the_page(tmp_path: Path):
     vehicle = Hover().telemetry()
-    next_step = Fact(NextStep.DO_AS_ADVISED, because=LOWER)
+    next_step = Fact(NextStep.DO_AS_ADVISED, reason=LOWER)
     changes = gain_changes("flight.bin", vehicle, {}, next_step)
     assert changes.table.rows == [["ATC_RAT_RLL_P", "0.135", "0.09", "0.67"]]
     for download in changes.downloads:
@@ -40,7 +40,7 @@ def test_gains_to_lower_are_a_table_and_files_within_the_page(tmp_path: Path):
 def test_a_notch_filter_is_set_with_the_first_gains(tmp_path: Path):
     vehicle = Hover().telemetry(parameters={"INS_HNTCH_FREQ": 60.0})
     notch = {"INS_HNTCH_ENABLE": 1.0, "INS_HNTCH_FREQ": 80.0}
-    next_step = Fact(NextStep.DO_AS_ADVISED, because=LOWER)
+    next_step = Fact(NextStep.DO_AS_ADVISED, reason=LOWER)
     changes = gain_changes("flight.bin", vehicle, {}, next_step, notch)
     assert changes.table.rows[1:] == [
         ["INS_HNTCH_ENABLE", "", "1", ""],
@@ -53,7 +53,9 @@ def test_a_notch_filter_is_set_with_the_first_gains(tmp_path: Path):
 
 def test_what_limits_advised_gains_stands_beside_them():
     part = Fact(LoopFact.GAINS_OF_PART, names=(), parts=(), ratings=(), duration=7.0, settled=424.0)
-    result = Fact(LoopFact.AUTOTUNED, subject="roll", changes=(), ratings=(), time=1.0, until=2.0)
+    result = Fact(
+        LoopFact.AUTOTUNED, subject="roll", changes=(), ratings=(), time=1.0, end_time=2.0
+    )
     advice = partial_record(
         Advice,
         gains={"ATC_RAT_RLL_P": Gain(0.0675, 0.0568)},

@@ -29,8 +29,8 @@ def test_lights_of_a_multirotor_are_shown_as_they_are():
 
 
 def test_a_reason_that_several_lights_share_is_stated_once():
-    grounded = Fact(Unjudged.NOT_JUDGED, Level.UNKNOWN, because=ONLY_MULTIROTORS)
-    other = Fact(Unjudged.NOT_JUDGED, Level.UNKNOWN, because=SOUND)
+    grounded = Fact(Unjudged.NOT_JUDGED, Level.UNKNOWN, reason=ONLY_MULTIROTORS)
+    other = Fact(Unjudged.NOT_JUDGED, Level.UNKNOWN, reason=SOUND)
     shown = lights_with_reason_once({"motors": grounded, "power": other, "wind": grounded})
     assert (shown["motors"], shown["power"]) == (grounded, other)
     assert shown["wind"].sentence == "Not judged."

@@ -89,7 +89,7 @@ def loop(axis, factor, bias=0.0):
     sizes = 0.18 * np.array(mixer), 1.5, 0.03, 0.006, covariance
     plant = Physical(*sizes, status, dict.fromkeys(status, ""), 0, 0.1, (WIND,), 0.01, {}, ())
     made = loop_from_plant(plant._replace(bias=bias), record)
-    doubts = (Fact(LoopFact.EFFECT_BIASED, because=NOT_STEERED),) if bias else ()
+    doubts = (Fact(LoopFact.EFFECT_BIASED, reason=NOT_STEERED),) if bias else ()
     return replace(made, cautions=doubts)
 
 

@@ -43,14 +43,14 @@ def test_remedies_that_forbid_to_fly_are_marked_and_can_be_said_in_short():
 @mark.parametrize("ending", Ending)
 def test_no_vehicle_that_was_lost_is_told_to_land(ending):
     fact = Fact(ending, time=9.0, height=2.0, cause=None, word=None, subject="")
-    assert "Land now" not in Fact(NextStep.LAND_NOW, because=fact).sentence
+    assert "Land now" not in Fact(NextStep.LAND_NOW, reason=fact).sentence
 
 
 def test_the_margins_are_named_once_in_a_reason_for_none():
     no_setpoint = Fact(LoopFact.NO_RATE_SETPOINT, is_logged=False, least_rate=8.0)
     no_loop = Fact(LoopFact.NO_LOOP, reasons=(no_setpoint,))
-    assert Fact(LoopFact.NO_MARGINS, because=no_setpoint).sentence == no_setpoint.sentence
-    assert Fact(LoopFact.NO_MARGINS, because=no_loop).sentence == no_setpoint.sentence
+    assert Fact(LoopFact.NO_MARGINS, reason=no_setpoint).sentence == no_setpoint.sentence
+    assert Fact(LoopFact.NO_MARGINS, reason=no_loop).sentence == no_setpoint.sentence
 
 
 @mark.parametrize(

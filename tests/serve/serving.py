@@ -65,7 +65,7 @@ def read_made_up(path, key, page):
 def record_made_up(path, key, page):
     """Recordings of a log; one with "no room" in it has none."""
     if b"no room" in path.read_bytes():
-        raise Unreadable(Fact(ReadingFact.RECORDINGS_NOT_WRITTEN, because="full"))
+        raise Unreadable(Fact(ReadingFact.RECORDINGS_NOT_WRITTEN, reason="full"))
     made = path.parents[2] / RESULTS / path.parent.name
     for name in RECORDINGS:
         (made / name).write_text(f"{name} of {path.name}")

@@ -159,7 +159,7 @@ def test_the_terminal_has_alarms_the_link_and_where_the_flight_is_saved(idle):
 @mark.parametrize("code", [RowsFact.NO_LIVE_ATTITUDE, RowsFact.LIVE_RATES_TOO_LOW])
 def test_the_page_of_a_server_advises_an_option_that_the_server_has(idle, monkeypatch, code):
     live, _ = idle
-    slow = Fact(code, can_ask=True, because=Fact(RowsFact.NO_LIVE_MOTORS))
+    slow = Fact(code, can_ask=True, reason=Fact(RowsFact.NO_LIVE_MOTORS))
     assert slow.remedy == "Ask for more with `--request-rate 100`."
     monkeypatch.setattr(link_monitor, "live_page", lambda *_: slow.remedy)
     session = Mock()

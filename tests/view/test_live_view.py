@@ -77,7 +77,7 @@ def estimate(i, time):
     return Estimate(
         time=time,
         seen=time - LATE,
-        until=time - 0.1,
+        training_end_time=time - 0.1,
         wind_time=time - 0.25,
         free_energy=-100.0 - i,
         free_energy_terms=np.arange(10.0) - i,
@@ -191,7 +191,7 @@ def test_an_alarm_is_an_error_in_the_log_and_marks_its_beginning_in_every_plot(
         alarm = prose("Alarm: motor 1 lost some thrust.").replace(Level.BAD)
         view.log(Occurrence(52.9, alarm, 51.25))
         lost = MotorAlarm(52.9, 52.0, 0, "motor 1", 0.2, 0.99, loss=(0.1, 0.3))
-        view.log(Occurrence(52.95, lost.event, lost.since))
+        view.log(Occurrence(52.95, lost.event, lost.onset_time))
     marks = {name: line for name, line in drawn(path).items() if name.endswith("alarms")}
     plots = {"axes/roll", "free_energy", "motors", "surprise", "wind"}
     assert plots <= {name.removesuffix("/9_alarms") for name in marks}

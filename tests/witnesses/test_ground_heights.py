@@ -76,7 +76,7 @@ def test_a_barometer_that_freezes_in_flight_is_not_said_to_drift():
 def test_a_drift_of_a_flight_without_a_recorded_landing_has_no_end():
     sensors = BootSensors(Signals(flight(6.0), inputs="motors"), 0, TAKE_OFF)
     (event,) = barometer_drifts(sensors, (TAKE_OFF, np.inf))
-    assert event.until is None
+    assert event.end_time is None
 
 
 @mark.parametrize("drift", [0.0, 1.5, -2.0])

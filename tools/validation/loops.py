@@ -455,9 +455,9 @@ def estimated_figures(loop: Loop) -> dict[str, FigureEstimate]:
 
 def root_cause(fact: Fact) -> str:
     """Returns the code of the last fact in a chain of reasons, each of which states the next as its ``because``."""
-    because = fact.figures.get("because")
-    if isinstance(because, Fact):
-        return root_cause(because)
+    reason = fact.figures.get("reason")
+    if isinstance(reason, Fact):
+        return root_cause(reason)
     return fact.code.name
 
 

@@ -247,7 +247,7 @@ def _with_slow_model_obstacle(analysis: LogAnalysis, slow_model_obstacle: Fact) 
     if full_model_obstacle is None or slow_model_obstacle == full_model_obstacle:
         return analysis
     both_obstacles = Fact(
-        NoModel.SLOW_MODEL_REFUSED, because=full_model_obstacle, refusal=slow_model_obstacle
+        NoModel.SLOW_MODEL_REFUSED, reason=full_model_obstacle, refusal=slow_model_obstacle
     )
     return replace(analysis, reason=both_obstacles)
 

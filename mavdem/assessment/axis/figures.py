@@ -95,7 +95,7 @@ def motor_changes(alarms: Sequence[MotorAlarm], flights: Flights) -> MotorChange
     for flight in flights:
         flight_alarms = [alarm for alarm in alarms if alarm.boot == boot_number(flight)]
         for alarm in flight_alarms:
-            sample = round((alarm.since - flight.time[0]) / flight.dt)
+            sample = round((alarm.onset_time - flight.time[0]) / flight.dt)
             # A change at the first sample does not divide the flight. An alarm without a motor reports a change of the
             # balance that may have other causes than the motors.
             if alarm.motor is not None and 0 < sample < len(flight):
@@ -124,9 +124,9 @@ def _weak_motor_intervals(alarms: Sequence[MotorAlarm]) -> list[TimeInterval]:
         end_time = inf
         for alarm in alarms:
             is_recovery = alarm.motor == loss.motor and alarm.size == 0
-            if is_recovery and alarm.since > loss.since:
-                end_time = min(end_time, alarm.since)
-        intervals.append((loss.since - MAX_ONSET_ERROR, end_time + MAX_ONSET_ERROR))
+            if is_recovery and alarm.onset_time > loss.onset_time:
+                end_time = min(end_time, alarm.onset_time)
+        intervals.append((loss.onset_time - MAX_ONSET_ERROR, end_time + MAX_ONSET_ERROR))
     return intervals
 
 

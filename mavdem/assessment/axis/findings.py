@@ -169,7 +169,7 @@ def _overridden(finding: Finding, override: Fact) -> Finding:
     oscillates = override.code is Override.OSCILLATION
     reason = Fact(
         GradeReason.FLIGHT_DOUBTED,
-        because=None if oscillates else finding.reason,
+        reason=None if oscillates else finding.reason,
         override=override if oscillates or is_lowered else None,
     )
     grade = Grade.LIMITED if is_lowered else finding.grade
@@ -239,7 +239,7 @@ def _first_reason(reason: Fact | None) -> Fact:
     """
     assert reason is not None
     if reason.code is ParameterDoubt.SEVERAL_DOUBTS:
-        first: Fact = reason.figures["because"][0]
+        first: Fact = reason.figures["reason"][0]
         return first
     return reason
 
@@ -308,8 +308,8 @@ def _damping_finding(physical: Physical) -> Finding:
         GradeReason.MOTION_KNOWN,
         shares=[pair for pair in relative_half_widths.items() if isfinite(pair[1])],
         doubts=[
-            Fact(GradeReason.PARAMETERS_DOUBTED, names=names, status=status, because=because)
-            for (status, because), names in names_by_doubt.items()
+            Fact(GradeReason.PARAMETERS_DOUBTED, names=names, status=status, reason=reason)
+            for (status, reason), names in names_by_doubt.items()
         ],
     )
     grade = Grade.GOOD if grades == {Grade.GOOD} else Grade.LIMITED
@@ -434,7 +434,7 @@ def model_warnings(learned: Learned, held_out: HeldOut | None) -> Iterator[Fact]
     limits = PREDICTION_LIMITS
     if held_out is not None:
         for failure in held_out.failures:
-            yield Fact(ForecastFact.PART_NOT_LEARNED, because=failure)
+            yield Fact(ForecastFact.PART_NOT_LEARNED, reason=failure)
         if held_out.coverage < limits.coverage:
             yield Fact(
                 Caveat.BAND_TOO_NARROW,

@@ -338,7 +338,7 @@ def autotune_fact(signals: Signals, loop: Loop | Fact) -> Fact | None:
     fact = Fact(
         LoopFact.AUTOTUNED,
         time=start.time,
-        until=end_time,
+        end_time=end_time,
         subject=signals.axis,
         boot=start.boot,
         changes=changes,

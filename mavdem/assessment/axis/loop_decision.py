@@ -74,7 +74,7 @@ class LoopDecision:
             subject=self.axis,
             axis=self.axis,
             verdict=self.verdict,
-            because=self.reason,
+            reason=self.reason,
             action=self.action,
         )
 
@@ -138,7 +138,7 @@ def decide_on_loops(observations: LoopObservations) -> LoopDecision:
         return decision
     action = None
     if decision.action is not None:
-        action = Fact(LoopAction.DO_FIRST, because=doubts[0])
+        action = Fact(LoopAction.DO_FIRST, reason=doubts[0])
     return LoopDecision(decision.axis, decision.verdict, decision.reason, action, doubts)
 
 
@@ -157,8 +157,8 @@ def _decision_on_oscillation(
     """
     axis = observations.margins.axis
     gain_reduction = observations.gain_reduction
-    # The sentence of this fact ends with the gains to lower, which it has under the name "because".
-    reason = Fact(MarginsLight.OSCILLATES, because=gain_reduction, **oscillation.figures)
+    # The sentence of this fact ends with the gains to lower, which it has under the name "reason".
+    reason = Fact(MarginsLight.OSCILLATES, reason=gain_reduction, **oscillation.figures)
     oscillating_axes = [oscillation.axis]
     for other_oscillation in oscillation.other_axes:
         oscillating_axes.append(other_oscillation.axis)
@@ -255,7 +255,7 @@ def _decision_by_identified_loop(
     axis = observations.margins.axis
     doubts = reasons_for_no_gains(loop)
     if doubts:
-        action = Fact(LoopAction.DO_FIRST, because=doubts[0])
+        action = Fact(LoopAction.DO_FIRST, reason=doubts[0])
     else:
         action = Fact(LoopAction.LOAD_ADVISED_GAINS, arguments=observations.tune_arguments)
     reason = loop_fact.replace(action=action)
@@ -319,12 +319,12 @@ def _decision_on_slow_rate(observations: LoopObservations) -> LoopDecision:
         reason = tracking.replace(action=action)
         return LoopDecision(axis, LoopVerdict.FOLLOWS_BADLY, reason, action, doubts=(reason,))
     if not isinstance(loop, Loop):
-        action = Fact(LoopAction.DO_FIRST, because=_reason_for_no_margins(observations))
+        action = Fact(LoopAction.DO_FIRST, reason=_reason_for_no_margins(observations))
         reason = tracking.replace(action=action)
         return LoopDecision(axis, LoopVerdict.FOLLOWS_BADLY, reason, action, doubts=(reason,))
     doubts = reasons_for_no_gains(loop, for_higher_gains=True)
     if doubts:
-        action = Fact(LoopAction.DO_FIRST, because=doubts[0])
+        action = Fact(LoopAction.DO_FIRST, reason=doubts[0])
     else:
         action = Fact(LoopAction.RAISE_AS_ADVISED, axis=axis, arguments=observations.tune_arguments)
     reason = tracking.replace(action=action)
@@ -358,7 +358,7 @@ def _decision_without_fault(observations: LoopObservations) -> LoopDecision:
     reason = _reason_for_no_margins(observations)
     action = None
     if reason.remedy:
-        action = Fact(LoopAction.DO_FIRST, because=reason)
+        action = Fact(LoopAction.DO_FIRST, reason=reason)
     # The reason may cast doubt on an identified loop. As a doubt it keeps gains from being computed from that loop.
     return LoopDecision(margins.axis, LoopVerdict.UNKNOWN, reason, action, doubts=(reason,))
 

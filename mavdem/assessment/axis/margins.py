@@ -86,7 +86,7 @@ class AxisMargins:
             fact = _peak_fact(MarginsLight.RATE_STANDS_OUT, None, self.peak)
             if isinstance(self.loop, Fact) and self.loop.code in SETPOINT_WAS_LOGGED:
                 # The usual advice, to log the setpoint, would not help: the reason why there is no loop is added.
-                fact = fact.replace(because=self.loop)
+                fact = fact.replace(reason=self.loop)
             facts.append(fact)
         if self.response is not None:
             facts.append(resonance_fact(self.response))
@@ -268,7 +268,7 @@ def _loop_fact(loop: Loop, contradiction: Fact | None) -> Fact:
         rating=rating.level,
         # Only too low an effectiveness is reported: the true margins are then smaller than the estimated ones.
         is_biased=loop.plant.bias < 0,
-        because=contradiction,
+        reason=contradiction,
         **rating.figures,
     )
 

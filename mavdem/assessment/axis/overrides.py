@@ -80,7 +80,7 @@ def flight_overrides(
         if limited is not None:
             overrides.append(limited.fact(Override.SATURATION))
         elif trim is not None and trim.level is Level.WATCH:
-            overrides.append(Fact(Override.TRIM, subject=trim.subject, because=trim))
+            overrides.append(Fact(Override.TRIM, subject=trim.subject, reason=trim))
     if consistency is not None and consistency < MIN_TRUSTED_CONSISTENCY:
         overrides.append(Fact(Override.DATA, consistency=consistency))
     return tuple(overrides)
@@ -120,10 +120,10 @@ def _loss_override(loss: Fact) -> Fact:
         Override.MOTORS,
         loss.level,
         time=loss.time,
-        until=loss.until,
+        end_time=loss.end_time,
         subject=loss.subject,
         loss=loss.figures["loss"],
-        because=loss,
+        reason=loss,
     )
 
 

@@ -106,7 +106,7 @@ def _learning_step(progress: ShowStep) -> Iterator[None]:
         with progress("Learning", measured=False):
             yield
     except ValueError as error:
-        raise NotLearnable(NoModel.NOT_LEARNED, because=fact_from_error(error)) from error
+        raise NotLearnable(NoModel.NOT_LEARNED, reason=fact_from_error(error)) from error
 
 
 def slow_motion_refusal(held_out: HeldOut) -> Fact | None:

@@ -347,7 +347,7 @@ def _unknown_of_motors(judgement: Judgement, new_gains: Sequence[Advice]) -> tup
 
 def _advises_to_tune(next_step: Fact) -> bool:
     """Returns whether a next step is to run ``mavdem tune``, or to load the gains that it advises."""
-    reason = next_step.figures.get("because")
+    reason = next_step.figures.get("reason")
     action = reason.figures.get("action") if reason else None
     return action is not None and action.code in ADVICE_TO_TUNE
 
@@ -375,7 +375,7 @@ def _step_without_gains(
         )
     with_remedy = [conclusion for conclusion in conclusions if conclusion.remedy]
     reason = (with_remedy or conclusions)[0]
-    return Fact(NextStep.DO_AS_ADVISED, because=reason)
+    return Fact(NextStep.DO_AS_ADVISED, reason=reason)
 
 
 def _advice_on_loop(

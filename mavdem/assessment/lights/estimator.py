@@ -334,7 +334,7 @@ def _poor_fixes(evidence: Evidence) -> Iterator[Fact]:
             yield Fact(
                 EstimatorLight.FIX_POOR,
                 time=float(flight.time[0]) if len(flights) > 1 else None,
-                until=float(flight.time[-1]) if len(flights) > 1 else None,
+                end_time=float(flight.time[-1]) if len(flights) > 1 else None,
                 satellites=None if satellites == UNKNOWN_SATELLITES else int(satellites),
                 dilution=dilution,
             )

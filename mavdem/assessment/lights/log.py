@@ -75,7 +75,7 @@ def log_light(evidence: Evidence) -> Fact:
     # The input of a model is the outputs of the motors or, if those are too slow, the controller's demand.
     drive = signals.model_inputs
     if attitude is None or drive is None:
-        return Fact(LogLight.MOTION_NOT_RECORDED, because=evidence.learnability.reason)
+        return Fact(LogLight.MOTION_NOT_RECORDED, reason=evidence.learnability.reason)
     rate = rate_between_outages(attitude)
     motor_rate = rate_between_outages(drive)
     longest_gap = _longest_gap(evidence, attitude)

@@ -31,7 +31,7 @@ def margins_light(evidence: Evidence) -> Fact:
     oscillation = evidence.condition.oscillation
     if oscillation is not None:
         advice = evidence.gain_reduction
-        return Fact(MarginsLight.OSCILLATES, because=advice, **oscillation.figures)
+        return Fact(MarginsLight.OSCILLATES, reason=advice, **oscillation.figures)
     facts = _facts_by_margin(evidence)
     if facts:
         worst = worst_fact(facts)
@@ -90,6 +90,6 @@ def _unknown_margins(evidence: Evidence) -> Fact:
                 frequencies_without_resonance.append(response_fact.figures["rate"])
     return Fact(
         MarginsLight.MARGINS_UNKNOWN,
-        because=reasons[0] if reasons else evidence.learnability.reason,
+        reason=reasons[0] if reasons else evidence.learnability.reason,
         rate=max(frequencies_without_resonance, default=None),
     )

@@ -70,7 +70,7 @@ def motors_light(evidence: Evidence) -> Fact:
                 MotorsLight.MOTORS_NOT_SEEN,
                 names=names,
                 least_duration=MIN_STEADY_SECONDS,
-                because=None if names else _obstacle_of_recorded_outputs(evidence),
+                reason=None if names else _obstacle_of_recorded_outputs(evidence),
             )
         )
     else:
@@ -258,7 +258,7 @@ def _duration(event: Fact) -> float:
     """Returns the duration of an event, s; infinite for one that lasted to the end of the record."""
     if event.time is None:
         return 0.0
-    return event.end_time - event.time
+    return event.latest_time - event.time
 
 
 def _trim_or_headroom(evidence: Evidence, hover: HoverFigures) -> Fact:

@@ -236,7 +236,7 @@ def battery_voltage(evidence: Evidence, battery: Battery) -> Fact:
         code,
         level,
         time=time,
-        until=None if ending is None else loss_onset(ending),
+        end_time=None if ending is None else loss_onset(ending),
         subject=battery_name(battery.number) if is_named else "",
         **({"battery": battery.number} if is_named else {}),
         voltage=averages[0],

@@ -36,9 +36,9 @@ def wind_light(evidence: Evidence, estimator: Fact) -> Fact:
         return evidence.other_vehicle
     wind = evidence.wind.estimate
     if wind is None:
-        return Fact(WindLight.WIND_NOT_KNOWN, because=evidence.wind.obstacle)
+        return Fact(WindLight.WIND_NOT_KNOWN, reason=evidence.wind.obstacle)
     if not wind.speed_identifiable:
-        return Fact(WindLight.WIND_NOT_KNOWN, because=wind.reasons["speed"])
+        return Fact(WindLight.WIND_NOT_KNOWN, reason=wind.reasons["speed"])
     lowest_speed, highest_speed = wind.speed_interval
     lean_share = _lean_share(evidence.condition, evidence.signals.telemetry)
     takes_much_lean = lean_share > MAX_LEAN_SHARE and not wind.calm
@@ -59,7 +59,7 @@ def wind_light(evidence: Evidence, estimator: Fact) -> Fact:
         high=highest_speed,
         direction=wind.direction if wind.direction_identifiable else None,
         share=lean_share,
-        because=estimator if estimator.is_bad else None,
+        reason=estimator if estimator.is_bad else None,
         **_other_core(evidence.signals.telemetry),
     )
 

@@ -47,11 +47,12 @@ class Estimate(NamedTuple):
             ``free_energy_action``.
         free_energy_terms: (10,) terms of F(t), nats, in the order of ``mavdem.dem.engine.free_energy.Term``; ``None``
             if there is no F(t).
-        free_energy_action: F̄ of the current model, nats: that of the learning run on the samples up to ``until``.
+        free_energy_action: F̄ of the current model, nats: that of the learning run on the samples up to
+            ``training_end_time``.
         surprise: Standardised drop of F(t) below the median of its last 10 s. The unit is the distance of its 5 %
             quantile: above 1 in about one of 20 samples without a change, tens to thousands with a failing motor.
         model: The current model.
-        until: Time of the last sample that the model was learned from, s.
+        training_end_time: Time of the last sample that the model was learned from, s.
         unusual: Whether this sample is marked because surprise stays above what is usual in this flight. Without a
             change, one mark in five minutes is expected; see ``AnomalyMarks``.
         latest_mark: The latest mark, up to this sample, with its cause; ``None`` before any.
@@ -76,7 +77,7 @@ class Estimate(NamedTuple):
     free_energy_action: float = np.nan
     surprise: float = np.nan
     model: LinearModel | None = None
-    until: float = np.nan
+    training_end_time: float = np.nan
     unusual: bool = False
     latest_mark: SurpriseMark | None = None
     wind_torque: float = np.nan

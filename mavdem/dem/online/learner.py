@@ -125,7 +125,7 @@ class OnlineLearner:
     Attributes:
         horizons: Steps ahead of ``Estimate.ahead``.
         learned: The model in use, the result of the last call of ``learn``; None before.
-        until: Time of the last sample that it was learned from, s; NaN before.
+        training_end_time: Time of the last sample that it was learned from, s; NaN before.
         refits: Whether the model is fitted again when that is due; a caller under load may put that off.
         fits_physical: Whether the physical parameters are fitted again as well.
         follows_torque: Whether samples are used for the wind torque, too: those of a climb after take-off are not.
@@ -180,7 +180,7 @@ class OnlineLearner:
             directions = validated_directions(effect_directions, n_inputs)
 
         self.learned: Learned | None = None
-        self.until = np.nan
+        self.training_end_time = np.nan
         self.obstacle: Fact | None = TOO_FEW_SAMPLES
         self.refits = True
         self.fits_physical = True
@@ -457,7 +457,7 @@ class OnlineLearner:
             free_energy_action=monitor.free_energy_action,
             surprise=surprise,
             model=monitor.learned.model,
-            until=monitor.end_time,
+            training_end_time=monitor.end_time,
             unusual=is_marked,
             latest_mark=self._latest_mark,
         )
@@ -530,7 +530,7 @@ class OnlineLearner:
             self._retry_later(error)
             return
         self.learned = monitor.learned
-        self.until = monitor.end_time
+        self.training_end_time = monitor.end_time
         self.obstacle = None
         self._surprise = Surprise(self._dt, monitor.past_values)
         self._monitor = monitor
@@ -552,7 +552,7 @@ class OnlineLearner:
         """
         self.obstacle = Fact(
             OnlineFact.LEARNING_FAILED,
-            because=fact_from_error(error) if str(error) else None,
+            reason=fact_from_error(error) if str(error) else None,
             kept=self._monitor is not None,
         )
         self._next_fit_sample = self._sample_count + self._samples_before_fit

@@ -62,7 +62,7 @@ def remark_on(row: FlightRow | None) -> FleetRemark | None:
 
 def fleet_remark(remark: FleetRemark | None) -> str:
     """Renders a remark as HTML for the top of the flight's page; empty without one."""
-    return render_page(environment().get_template("beside.html"), trouble=remark)
+    return render_page(environment().get_template("related_flights.html"), trouble=remark)
 
 
 def with_fleet_remark(page: str, html: str, remark: FleetRemark | None) -> str:
