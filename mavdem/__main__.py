@@ -22,7 +22,10 @@ def run() -> int:
     with default_interrupt_action():
         from mavdem.cli.commands import main
     raise_on_termination_signals()
-    return main()
+    try:
+        return main()
+    finally:
+        _skip_garbage_at_exit()
 
 
 def load() -> int:
@@ -31,7 +34,10 @@ def load() -> int:
     with default_interrupt_action():
         from mavdem.cli.open import load
     raise_on_termination_signals()
-    return load(sys.argv[1:])
+    try:
+        return load(sys.argv[1:])
+    finally:
+        _skip_garbage_at_exit()
 
 
 def _configure_process() -> None:
@@ -43,6 +49,14 @@ def _configure_process() -> None:
     # not installed.
     os.environ["MPLBACKEND"] = "agg"
     gc.set_threshold(GARBAGE_THRESHOLD)
+
+
+def _skip_garbage_at_exit() -> None:
+    """Makes the exit of Python not search for cyclic garbage, whose memory the system takes back at once.
+
+    The searches among the objects of all imported modules took 0.17 s, an eighth of a review of a short log.
+    """
+    gc.freeze()
 
 
 if __name__ == "__main__":
