@@ -46,7 +46,7 @@ class BalanceModel:
     @cached_property
     def own_rise_ratios(self) -> Array:
         """(k,) rise of a motor's own command if it must work harder by 1; its neighbours supply the rest."""
-        return np.diag(self.mixer.weak_motor_commands)
+        return self.mixer.own_rise_ratios
 
     @cached_property
     def signatures(self) -> Array:
@@ -114,6 +114,7 @@ class BalanceModel:
         """
         smallest_exponent, largest_exponent = THRUST_EXPONENTS
         own_rise_ratio = self.own_rise_ratios[motor]
-        smallest_loss = lost_thrust(lowest_rise, smallest_exponent) / own_rise_ratio
-        largest_loss = lost_thrust(highest_rise, largest_exponent) / own_rise_ratio
-        return min(smallest_loss, 1.0), min(largest_loss, 1.0)
+        return (
+            float(lost_thrust(lowest_rise, own_rise_ratio, smallest_exponent)),
+            float(lost_thrust(highest_rise, own_rise_ratio, largest_exponent)),
+        )

@@ -171,7 +171,7 @@ class ChangeHypotheses:
         by_motor_and_rise = posterior[self.groups["motor"]].reshape(-1, len(RISES))
         motor_probabilities = by_motor_and_rise.sum(axis=1)
         # On vehicles with more than four motors the neighbours of a weak motor help it, so that its command rises less.
-        own_rise_ratio = np.diag(self.signatures.weak_motor_commands)
+        own_rise_ratio = self.signatures.own_rise_ratios
         is_fault = np.outer(own_rise_ratio, RISES) >= FAULT_RISE
         fault_probabilities = np.where(is_fault, by_motor_and_rise, 0.0).sum(axis=1)
 
@@ -230,7 +230,7 @@ class ChangeHypotheses:
         Returns:
             Probability that something changed, the mean over the motors, 0 to 1.
         """
-        rises = DETECTABLE_RISE / np.diag(self.signatures.weak_motor_commands)
+        rises = DETECTABLE_RISE / self.signatures.own_rise_ratios
         changes = self.signatures.weak_motor_balance[:, 1:] * rises[:, None]
         probabilities = []
         for change in changes:

@@ -229,6 +229,7 @@ def _assessment(
     """
     change = evidence.change
     effort = evidence.effort
+    own_rise_ratios = evidence.hypotheses.signatures.own_rise_ratios
     # The probabilities are multiplied as independent: the effort does not depend on which motor changed, and a weak
     # motor changes the mean output only a little.
     same_effort_probability = 1.0 if effort is None else 1 - effort.probability
@@ -245,7 +246,7 @@ def _assessment(
     if detection_probability < MIN_REPORTED_PROBABILITY:
         unsure = Fact(
             HealthUnknown.HEALTH_UNSURE,
-            loss=lost_thrust(DETECTABLE_RISE),
+            loss=lost_thrust(DETECTABLE_RISE, own_rise_ratios).max(),
             usual=evidence.deviation.usual_half_widths,
             **comparison,
         )
@@ -271,6 +272,7 @@ def _fault(
         change_probability: Probability that anything changed.
         comparison: Values that every fact contains: the number of healthy flights, and whether the user chose them.
     """
+    assert flight.signatures is not None
     suspect = int(change.fault_probabilities.argmax())
     suspect_probability = change.fault_probabilities[suspect]
     is_named = suspect_probability >= MIN_NAMED_PROBABILITY * change.fault_probability
@@ -282,7 +284,7 @@ def _fault(
         probability=change.fault_probability,
         motor_probability=suspect_probability,
         rise=rise,
-        loss=lost_thrust(rise),
+        loss=lost_thrust(rise, flight.signatures.own_rise_ratios[suspect]),
         **comparison,
     )
     return HealthAssessment(

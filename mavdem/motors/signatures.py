@@ -50,6 +50,11 @@ class MotorSignatures:
         allocation = np.linalg.pinv(self.mixer_rows)
         return (allocation @ self.mixer_rows).T
 
+    @property
+    def own_rise_ratios(self) -> Array:
+        """(k,) rise of a motor's own command if it must work harder by 1; its neighbours supply the rest."""
+        return np.diag(self.weak_motor_commands)
+
     @cached_property
     def is_motor_identifiable(self) -> bool:
         """Whether a weak motor can be distinguished from a shifted load and from any other weak motor.

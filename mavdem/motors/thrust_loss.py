@@ -1,23 +1,25 @@
 """Loss of a motor's thrust, from the rise of the command by which the controller compensates it."""
 
-from typing import TypeVar
+from typing import Any
 
-from mavdem.arrays import Array
-
-Rise = TypeVar("Rise", float, Array)
+import numpy as np
 
 
-def lost_thrust(rise: Rise, exponent: float = 2.0) -> Rise:
+def lost_thrust(rise: Any, own_rise_ratio: Any = 1.0, exponent: float = 2.0) -> Any:
     """Computes the fraction of its thrust that a motor lost whose command rose.
 
     The controller compensates the loss, so that the thrust stays the same: if the command is 1 + ``rise`` times as
-    high, the motor makes (1 + rise)^−exponent of the thrust that a sound one would make by this command.
+    high, the motor makes (1 + rise)^−exponent of the thrust that a sound one would make by this command. On vehicles
+    with more than four motors the neighbours of a weak motor help it, so that its command rises by less than the thrust
+    it lacks: the loss is divided by that ratio. It is at most 1.
 
     Args:
-        rise: Rise of the command as a fraction of the command before, a number or an array.
+        rise: Rise of the motor's own command as a fraction of the command before, a number or an array.
+        own_rise_ratio: Rise of the motor's own command if it must work harder by 1
+            (:attr:`mavdem.motors.signatures.MotorSignatures.own_rise_ratios`): 1 on a quadrotor.
         exponent: Thrust is proportional to the command to the power of this exponent.
 
     Returns:
-        The lost fraction, of the type and shape of ``rise``.
+        The lost fraction, of the shape of ``rise`` and ``own_rise_ratio``.
     """
-    return 1 - (1 + rise) ** -exponent
+    return np.minimum((1 - (1 + rise) ** -exponent) / own_rise_ratio, 1.0)

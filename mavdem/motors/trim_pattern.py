@@ -21,7 +21,7 @@ from mavdem.motors.balance import (
     balance_of_steady_flight,
 )
 from mavdem.motors.balance_figures import BalanceFigures
-from mavdem.motors.change_hypotheses import FAULT_RISE, ChangeHypotheses
+from mavdem.motors.change_hypotheses import FAULT_RISE, ChangeHypotheses, ChangeProbabilities
 from mavdem.motors.deviation import (
     PRIOR_BALANCE_FREEDOM,
     PRIOR_BALANCE_SD,
@@ -37,6 +37,12 @@ UNEVEN_QUADROTORS = {"healthy": 0.0, "motor": 1.0, "load": 5.0, "yaw": 11.0, "ot
 
 QUADROTOR_MOTORS = 4
 """Number of motors of a vehicle on which a weak motor changes its own command only."""
+
+MIN_SUSPICION = 0.25
+"""Probability of a weak motor from which suspects are given: one chance in four is worth a look; a choice."""
+
+MAX_SUSPECTS = 2
+"""Largest number of motors of which one is said to be weak: more are no help to one who inspects them. A choice."""
 
 ALL_AXES = ("thrust", "roll", "pitch", "yaw")
 """Axes that a mixer must be known for before a pattern can be told from others."""
@@ -82,6 +88,10 @@ def trim_pattern(balance: BalanceFigures | None, geometry: MotorGeometry) -> Fac
     sure_deviations = abs(deviations) - half_widths
     is_uneven = bool(sure_deviations.max() > FAULT_RISE)
     worst_motor = int(np.argmax(sure_deviations if is_uneven else abs(deviations)))
+    sure_rises = deviations - half_widths
+    if sure_rises.max() > FAULT_RISE:
+        # Opposite motors of a hexarotor deviate alike: a weak one works harder, and its opposite less.
+        worst_motor = int(np.argmax(sure_rises))
     figures: JsonValues = {
         "shift": level_balance,
         "worst": geometry.names[worst_motor],
@@ -98,18 +108,30 @@ def trim_pattern(balance: BalanceFigures | None, geometry: MotorGeometry) -> Fac
             return Fact(
                 TrimFact.TRIM_OF_LEADING_MOTOR, subject=geometry.names[leading_motor], **figures
             )
-        # A trim of the vehicle in the opposite direction may have hidden a loss.
-        own_rise_ratio = np.diag(allocation @ signatures.mixer_rows[1:])
-        hidden_rises = (FAULT_RISE + deviations + half_widths) / own_rise_ratio
-        figures["most_loss"] = lost_thrust(hidden_rises.max())
+        # A trim of the vehicle in the opposite direction may have hidden a loss. The deviation of the weak motor rises
+        # by less than its command, since the mean command rises too.
+        own_deviation_ratios = np.diag(allocation @ signatures.mixer_rows[1:])
+        hidden_deviations = FAULT_RISE + deviations + half_widths
+        own_rise_ratios = signatures.own_rise_ratios
+        hidden_rises = hidden_deviations * own_rise_ratios / own_deviation_ratios
+        figures["most_loss"] = lost_thrust(hidden_rises, own_rise_ratios).max()
         if abs(deviations[worst_motor]) > FAULT_RISE:
             return Fact(TrimFact.TRIM_NEAR_LIMIT, limit=FAULT_RISE, **figures)
         return Fact(TrimFact.TRIM_EVEN, **figures)
     scale = np.sqrt(PRIOR_BALANCE_SD**2 + variance)
     lean = float(np.linalg.norm(balance.lean))
     deviation = Deviation(level_balance, scale, PRIOR_BALANCE_FREEDOM, lean)
-    hypotheses = ChangeHypotheses(signatures, UNEVEN_QUADROTORS)
+    hypotheses = ChangeHypotheses(signatures, _prior_weights(len(geometry.names)))
     return _uneven_trim(hypotheses, deviation, geometry, figures)
+
+
+def _prior_weights(motor_count: int) -> dict[str, float]:
+    """Returns the prior weight of each pattern of an uneven trim for a vehicle with that many motors.
+
+    Each motor is as likely to be weak as one of a quadrotor, so that more motors make a weak one more likely.
+    """
+    motor_weight = UNEVEN_QUADROTORS["motor"] * motor_count / QUADROTOR_MOTORS
+    return UNEVEN_QUADROTORS | {"motor": motor_weight}
 
 
 def _leading_motor(deviations: Array, half_widths: Array) -> int | None:
@@ -143,7 +165,8 @@ def _uneven_trim(
     """Returns the fact on the most probable pattern of an uneven trim.
 
     A single motor must have a probability of at least ``MIN_NAMED_PROBABILITY``; yaw, or the centre of gravity, one of
-    at least ``MIN_REPORTED_PROBABILITY``. Otherwise the trim is said to have several causes.
+    at least ``MIN_REPORTED_PROBABILITY``. Otherwise the trim may have several causes; motors of which one is the most
+    probable cause are then given as suspects.
 
     Args:
         hypotheses: The patterns and their prior weights.
@@ -160,7 +183,7 @@ def _uneven_trim(
             subject=geometry.names[motor],
             probability=change.motor_probabilities[motor],
             rise=rise,
-            loss=lost_thrust(rise),
+            loss=lost_thrust(rise, hypotheses.signatures.own_rise_ratios[motor]),
             **figures,
         )
     roll, pitch, yaw = deviation.change.tolist()
@@ -178,4 +201,32 @@ def _uneven_trim(
             probability=load_probability,
             **figures,
         )
-    return Fact(TrimFact.TRIM_OF_SEVERAL, **figures)
+    return Fact(
+        TrimFact.TRIM_OF_SEVERAL,
+        names=tuple(geometry.names[suspect] for suspect in _suspects(change)),
+        probability=change.group_probabilities["motor"],
+        **figures,
+    )
+
+
+def _suspects(change: ChangeProbabilities) -> list[int]:
+    """Returns the motors of which one may be weak, if no other single cause of an uneven trim is more probable.
+
+    They are the fewest motors that together have the probability ``MIN_NAMED_PROBABILITY``, given that one motor is
+    weak. Two motors that explain the trim equally well are suspects both.
+
+    Args:
+        change: Probability of each cause.
+
+    Returns:
+        Indices of the motors, the most probable first; empty if a weak motor is less probable than ``MIN_SUSPICION`` or
+        than another cause, or if they would be more than ``MAX_SUSPECTS``.
+    """
+    probabilities = change.group_probabilities
+    rivals = (probabilities["load"], probabilities["yaw"])
+    if probabilities["motor"] < max(MIN_SUSPICION, *rivals):
+        return []
+    by_probability = np.argsort(-change.motor_probabilities)
+    conditional = change.motor_probabilities[by_probability] / probabilities["motor"]
+    suspect_count = int(np.searchsorted(np.cumsum(conditional), MIN_NAMED_PROBABILITY)) + 1
+    return by_probability[:suspect_count].tolist() if suspect_count <= MAX_SUSPECTS else []
