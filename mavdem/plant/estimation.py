@@ -419,14 +419,15 @@ def with_omission_errors(
         damping_error = errors.unresolved_lag_damping
     damping_variance = damping_spectrum_variance * damping**2 + damping_error**2
     damping_variance += figures.thrust_curve_damping_error**2
-    # Relative variance of the lag.
-    lag_variance = lag_spectrum_variance + errors.lag**2
-    lag_variance += (errors.unpredicted_lag * figures.unpredicted_share) ** 2
+    # A lag that is too long comes with a delay that is too short: the flight determines their sum better than either.
+    exchanged_variance = lag_spectrum_variance
+    exchanged_variance += (errors.unpredicted_lag * figures.unpredicted_share) ** 2
+    exchanged_variance *= lag**2
     separate_variances = [
         *(effect * errors.motor) ** 2,
         damping_variance,
-        lag**2 * lag_variance,
-        errors.delay**2 + (errors.unpredicted_delay * figures.unpredicted_share) ** 2,
+        (errors.lag * lag) ** 2 + exchanged_variance,
+        errors.delay**2 + exchanged_variance,
     ]
     return covariance + np.diag(separate_variances)
 

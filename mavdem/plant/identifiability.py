@@ -105,15 +105,12 @@ class OmissionErrors:
     """Error common to the effects by commands that nothing predicts, for each unit of their share of the variance.
 
     Noise of the gyro that a high gain turns into commands lasts for one cycle of the controller, and a log that has
-    only some of the cycles cannot tell. The fit takes such commands to last for a whole step. This figure, and those of
-    lag and delay, were chosen on half of the simulated flights of ``tools/validation/parameter_coverage.py``.
+    only some of the cycles cannot tell. The fit takes such commands to last for a whole step. This figure, and that of
+    the lag, were chosen on half of the simulated flights of ``tools/validation/parameter_coverage.py``.
     """
 
     unpredicted_lag = 1.0
-    """Relative error of the lag for each unit of that share."""
-
-    unpredicted_delay = 0.02
-    """Error of the delay for each unit of that share, s."""
+    """Relative error of the lag for each unit of that share; the delay errs by as much, the other way."""
 
     thrust_curve = 3**-0.5
     """Error common to the effects for each unit of their relative change over one standard deviation of the commands.

@@ -349,13 +349,13 @@ ESTIMATES = np.array([40.0, -20.0, 1.5, 0.05, 0.01])
 """Two effects, damping, lag and delay."""
 
 
-def covariance_by_omissions(**figures):
+def covariance_by_omissions(spectrum_range=(0.0, 0.0, 0.0), **figures):
     """The covariance of the ``ESTIMATES`` by what the model leaves out alone, with these figures of the fit."""
     return with_omission_errors(
         np.zeros((5, 5)),
         ESTIMATES,
         np.full(2, 0.5),
-        np.zeros(3),
+        np.array(spectrum_range),
         0.0,
         effect_unknown=False,
         figures=limits.IdentifiabilityFigures(0.1, 0.1, {}, {}, lag=0.05, dt=0.01, **figures),
@@ -387,13 +387,23 @@ def test_an_effect_that_changes_with_the_command_widens_intervals():
 
 
 def test_commands_that_nothing_predicts_widen_the_intervals():
-    """Of 10 % of the commands' variance nobody knows how long they last: added to all that the model leaves out."""
+    """Of 10 % of the commands' variance nobody knows how long they last: added to all that the model leaves out.
+
+    A lag that is too long comes with a delay that is too short by as much.
+    """
     added = covariance_by_omissions(unpredicted_share=0.1) - covariance_by_omissions()
     errors = limits.OmissionErrors
     error = 0.1 * np.array([errors.unpredicted_effect, errors.unpredicted_lag])
-    expected = [*(ESTIMATES[:2] * error[0]) ** 2, 0.0, (0.05 * error[1]) ** 2]
-    expected.append((0.1 * errors.unpredicted_delay) ** 2)
+    lag_variance = (0.05 * error[1]) ** 2
+    expected = [*(ESTIMATES[:2] * error[0]) ** 2, 0.0, lag_variance, lag_variance]
     assert_allclose(added.diagonal(), expected, atol=1e-15)
+
+
+def test_a_lag_that_changes_with_the_spectrum_of_the_wind_makes_the_delay_uncertain():
+    """A lag that is too long comes with a delay that is too short."""
+    added = covariance_by_omissions(spectrum_range=(0.0, 0.0, 0.3)) - covariance_by_omissions()
+    lag_sd = 0.05 * 0.3 * np.sqrt(np.pi) / 3
+    assert_allclose(added, np.diag([0, 0, 0, lag_sd**2, lag_sd**2]), atol=1e-15)
 
 
 def test_noise_of_commands_is_what_nothing_predicts():
