@@ -190,7 +190,8 @@ def truth(scenario: Scenario, motion: Motion) -> Arrays:
         - ``roll_lag_A`` (3, 3) and ``roll_lag_B`` (3, 4): the same with the rotors' angular acceleration, rad/s², as
           third state; only with a lag.
         - ``lag`` (3,): time constants of the rotors, s: mean, rising, falling.
-        - ``delay``: mean delay from the motion to the motors' output, s.
+        - ``delay``: mean delay from the motion to the motors' output, s, with that of the gyro's filters at low
+          frequencies, which the logged rates have too.
         - ``roll_disturbance`` (N,): angular acceleration of the disturbance, rad/s², without the damping in A.
         - ``roll_effect`` (4,): angular acceleration by each motor in the flight's wind, rad/s² per µs, and
           ``roll_effect_weak`` the same after all damage.
@@ -208,8 +209,8 @@ def truth(scenario: Scenario, motion: Motion) -> Arrays:
     damage_times = [step.time for step in damage_history(scenario)]
     arrays["weak"] = motion.time >= BOOT_SECONDS + max(damage_times, default=np.inf)
     # The output is held for a cycle: half of it on average.
-    delay = scenario.sensors.delay + scenario.cycle / 2
-    arrays["delay"] = np.array(delay)
+    hold_delay = scenario.cycle / 2
+    arrays["delay"] = np.array(scenario.sensors.delay + hold_delay + _gyro_delay(scenario))
     arrays["lag"] = np.array([mean_lag, *body.rotor_lags])
     for axis_number, axis in enumerate(AXES):
         model = axis_model(scenario.vehicle, axis)
@@ -280,6 +281,13 @@ def _with_rotor_lag(model: LinearModel, time_constant: float) -> LinearModel:
         A=np.block([[model.A, rate_column], lag_row]),
         B=np.vstack([0 * model.B, model.B[-1] / time_constant]),
     )
+
+
+def _gyro_delay(scenario: Scenario) -> float:
+    """Returns the delay of the gyro's filters at low frequencies, s: 0 without filters."""
+    gyro = gyro_for(controller_for(scenario))
+    response = gyro.response(np.array([MIN_LOOP_FREQUENCY]))
+    return float(-np.angle(response[0]) / (2 * pi * MIN_LOOP_FREQUENCY))
 
 
 def true_loops(scenario: Scenario, axis_number: int, effect: Array) -> Arrays:
