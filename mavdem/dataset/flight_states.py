@@ -36,6 +36,38 @@ MANUAL_THROTTLE_MODES = frozenset(
 )
 """Modes of ArduPilot and PX4 in which the stick is the thrust, so that no estimate of the height is followed."""
 
+POSITION_CONTROL_MODES = frozenset(
+    {
+        "Auto",
+        "Auto rtl",
+        "Avoid adsb",
+        "Brake",
+        "Circle",
+        "Follow",
+        "Guided",
+        "Land",
+        "Loiter",
+        "Poshold",
+        "RTL",
+    }
+    | {
+        "Smart rtl",
+        "Zigzag",
+        "Position",
+        "Position slow",
+        "Mission",
+        "Hold",
+        "Return",
+        "Takeoff",
+        "Descend",
+    }
+    | {"Precision landing", "Orbit", "Follow target", "Offboard"}
+)
+"""Modes of ArduPilot and PX4 in which a controller of position or velocity determines how the vehicle leans.
+
+Its setpoint of the attitude answers how wind moves the vehicle, as well as what a pilot or a mission asks.
+"""
+
 MAX_REPORT_INTERVAL = 10.0
 """Longest time, s, between two reports of the landed state that they cover.
 

@@ -308,6 +308,17 @@ def test_a_resonance_without_a_step_response_is_not_called_overshoot():
     assert light.sentence == "Roll moves 2 times as far as its setpoint at 1.2 Hz."
 
 
+def test_a_setpoint_that_holds_a_position_shows_no_resonance():
+    """It answers how wind moved the vehicle: the ratio of angle and setpoint is the position controller's."""
+    loiter = 5
+    found = stepped(HOVER, 0.2)
+    telemetry = changed(
+        found.signals.telemetry, "CURRENT_MODE", **columns([0.0], custom_mode=[loiter])
+    )
+    light = tracking_light(evidence(telemetry))
+    assert (light.code, light.level) == (TrackingLight.FOLLOWS_SETPOINT, "good")
+
+
 def test_a_large_response_is_sure_only_with_enough_coherence_or_windows():
     unsure = ResponsePeak(ratio=1.53, frequency=0.75, coherence=0.84, windows=11)
     assert unsure.lowest_ratio < MAX_RESPONSE_PEAK

@@ -13,6 +13,7 @@ from mavdem.assessment.axis.reached_rate import ReachedRate, reached_rate
 from mavdem.assessment.limits import Limits
 from mavdem.confidence import MIN_SAMPLES_FOR_STATISTICS, coverage_factor
 from mavdem.dataset.axes import AXES, TILT_AXES
+from mavdem.dataset.flight_states import POSITION_CONTROL_MODES, mode_intervals
 from mavdem.dataset.intervals import complement, intersection
 from mavdem.dataset.segments import Segment, Segments, in_segments
 from mavdem.dataset.signals import MIN_SLOW_MOTION_RATE, Signals
@@ -246,7 +247,7 @@ def _tracking_rating(
     1. The error of the angle is not small.
     2. The rate falls short of its setpoint in turns.
     3. A step overshoots by more than ``MAX_OVERSHOOT``. If no step response can be measured, the whole confidence
-       interval of the largest response to the setpoint must exceed ``MAX_RESPONSE_PEAK``.
+       interval of the largest response to the setpoint must exceed ``MAX_RESPONSE_PEAK``, where no position is held.
     4. The axis follows well.
 
     Estimating the step response takes long, so that is done only if the response is large at some frequency.
@@ -271,13 +272,41 @@ def _tracking_rating(
     # A fact states why the flight shows no step response.
     if isinstance(response, Fact):
         # The peak alone decides, so the lower end of its interval is compared.
-        if peak.lowest_ratio > MAX_RESPONSE_PEAK:
+        led_peak = _response_peak_without_position_control(signals, segments)
+        if led_peak is not None and led_peak.lowest_ratio > MAX_RESPONSE_PEAK:
             return _TrackingRating(TrackingLight.AMPLIFIES_SETPOINT, Level.WATCH)
         return _TrackingRating(TrackingLight.FOLLOWS_SETPOINT, Level.GOOD)
     overshoot = response.overshoot.value
     if overshoot > MAX_OVERSHOOT:
         return _TrackingRating(TrackingLight.OVERSHOOTS_SETPOINT, Level.WATCH, overshoot)
     return _TrackingRating(TrackingLight.FOLLOWS_SETPOINT, Level.GOOD, overshoot)
+
+
+def _response_peak_without_position_control(
+    signals: Signals, segments: Segments
+) -> ResponsePeak | None:
+    """Returns the largest response of the angle to its setpoint in modes that hold neither position nor velocity.
+
+    A controller of the position counters how wind has moved the vehicle. Where it makes the setpoint, the ratio of
+    angle and setpoint is that of this controller, inverted, unless something else moves the setpoint more
+    (L. Ljung, System Identification, sec. 13.4, on the spectral estimate in closed loop).
+
+    Args:
+        signals: signals of the vehicle and axis, with the setpoint of the angle and the attitude.
+        segments: parts of the flight in which the angle is judged.
+
+    Returns:
+        The peak; None if there is no such flight, or no frequency at which the angle is coherent with its setpoint.
+    """
+    assert signals.angle_setpoint is not None
+    assert signals.attitude is not None
+    led_segments = []
+    for segment in segments:
+        held = mode_intervals(signals, segment.boot, POSITION_CONTROL_MODES)
+        for start, end in intersection([(segment.start, segment.end)], complement(held)):
+            led_segments.append(Segment(segment.boot, start, end))
+    angle = signals.attitude.angle_series
+    return _response_peak(signals.angle_setpoint, angle, tuple(led_segments))
 
 
 def _segments_without_turns(setpoint: TimeSeries, segments: Segments) -> Segments:
