@@ -18,7 +18,12 @@ from mavdem.dataset.intervals import (
 )
 from mavdem.dataset.setpoints import Setpoint, held_setpoint
 from mavdem.dataset.signals import Signals
-from mavdem.dataset.time_series import TimeSeries, moving_average, series_of_boot
+from mavdem.dataset.time_series import (
+    TimeSeries,
+    averaged_series,
+    moving_average,
+    series_of_boot,
+)
 from mavdem.dataset.vehicle_cache import cached_per_vehicle
 from mavdem.ingest.vocabulary import OFF_GROUND
 
@@ -78,10 +83,9 @@ def without_grounded(flights: Intervals, signals: Signals, boot: int) -> Interva
     Returns:
         The remaining intervals, s.
     """
-    climb_rate = series_of_boot(signals.climb_rate, boot)
+    climb_rate = mean_climb_rate(signals, boot)
     if climb_rate is not None:
-        speed = TimeSeries(climb_rate.time, climb_rate.boot, abs(moving_average(climb_rate)))
-        flights = [flight for flight in flights if _has_vertical_speed(flight, speed)]
+        flights = [flight for flight in flights if _has_vertical_speed(flight, climb_rate)]
     excluded_intervals = []
     for flight in flights:
         if _ignored_tilt_setpoints(signals, boot, flight):
@@ -92,19 +96,35 @@ def without_grounded(flights: Intervals, signals: Signals, boot: int) -> Interva
     return intersection(flights, complement(sorted(excluded_intervals)))
 
 
-def _has_vertical_speed(flight_interval: TimeInterval, speed: TimeSeries) -> bool:
+@cached_per_vehicle()
+def mean_climb_rate(signals: Signals, boot: int) -> TimeSeries | None:
+    """Returns the vertical speed in a boot, m/s upwards, averaged over ``AVERAGING_SECONDS``.
+
+    Args:
+        signals: Signals of the vehicle.
+        boot: Number of the boot.
+
+    Returns:
+        The mean around each stamp (N,), m/s; None if the vertical speed was not recorded.
+    """
+    climb_rate = series_of_boot(signals.climb_rate, boot)
+    return None if climb_rate is None else averaged_series(climb_rate)
+
+
+def _has_vertical_speed(flight_interval: TimeInterval, climb_rate: TimeSeries) -> bool:
     """Returns whether the vertical speed shows that a flight left the ground, or was not recorded from its start.
 
     All speeds up to the end of the flight count, since a report of the take-off may come late.
 
     Args:
         flight_interval: Start and end of the flight, s.
-        speed: Averaged vertical speed without its sign, m/s.
+        climb_rate: Averaged vertical speed, m/s upwards.
     """
     start, end = flight_interval
-    if speed.time[0] > start:
+    if climb_rate.time[0] > start:
         return True
-    return bool(speed.values[speed.time <= end].max() >= MIN_LIFT_OFF_SPEED)
+    speeds = abs(climb_rate.values[climb_rate.time <= end])
+    return bool(speeds.max() >= MIN_LIFT_OFF_SPEED)
 
 
 def has_risen(signals: Signals, boot: int, flight_interval: TimeInterval) -> bool | None:

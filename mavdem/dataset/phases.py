@@ -10,7 +10,7 @@ from math import isinf
 import numpy as np
 
 from mavdem.dataset.flight_states import airborne_intervals, armed_intervals, landed_state_intervals
-from mavdem.dataset.grounded import without_grounded
+from mavdem.dataset.grounded import mean_climb_rate, without_grounded
 from mavdem.dataset.intervals import (
     Intervals,
     TimeInterval,
@@ -20,7 +20,7 @@ from mavdem.dataset.intervals import (
     true_intervals,
 )
 from mavdem.dataset.signals import Signals
-from mavdem.dataset.time_series import TimeSeries, moving_average, series_of_boot
+from mavdem.dataset.time_series import TimeSeries, series_of_boot
 from mavdem.dataset.vehicle_cache import cached_per_vehicle
 from mavdem.ingest.motors import POSSIBLE_MULTIROTORS
 from mavdem.ingest.vocabulary import IN_AIR
@@ -62,7 +62,7 @@ def settled_intervals(signals: Signals, boot: int) -> Intervals:
         return signals.preset_settled_intervals
     if not signals.tilts:
         return []
-    climb_rate = series_of_boot(signals.climb_rate, boot)
+    climb_rate = mean_climb_rate(signals, boot)
     tilts = [tilt.angle_series.of_boot(boot) for tilt in signals.tilts]
     flights = without_grounded(_flights_in_air(signals, boot), signals, boot)
     # A vehicle that lies on its back has crashed.
@@ -114,7 +114,7 @@ def without_transients(
 
     Args:
         flight_interval: Start and end of the flight, s.
-        climb_rate: Vertical speed, m/s upwards, of the same boot; None if it was not recorded.
+        climb_rate: Averaged vertical speed, m/s upwards, of the same boot; None if it was not recorded.
 
     Returns:
         Start and end of the level part, s; None if nothing is left.
@@ -123,7 +123,7 @@ def without_transients(
     level_start = start + TRANSIENT_SECONDS
     level_end = end - TRANSIENT_SECONDS
     if climb_rate is not None:
-        speed = moving_average(climb_rate)
+        speed = climb_rate.values
         is_inside = (climb_rate.time >= level_start) & (climb_rate.time <= level_end)
         is_sinking = speed <= -MAX_LEVEL_FLIGHT_SPEED
         is_rising = speed >= MAX_LEVEL_FLIGHT_SPEED
@@ -145,12 +145,12 @@ def _without_long_climbs(level: Intervals, climb_rate: TimeSeries) -> Intervals:
 
     Args:
         level: Intervals without climb-out and landing, s.
-        climb_rate: Vertical speed, m/s upwards.
+        climb_rate: Averaged vertical speed, m/s upwards.
 
     Returns:
         The remaining intervals, s.
     """
-    speed = moving_average(climb_rate)
+    speed = climb_rate.values
     # If the vehicle sinks in all level flight, the estimate of the height has diverged, and nothing is removed.
     if not np.any(speed[in_intervals(climb_rate.time, level)] > -MAX_LEVEL_FLIGHT_SPEED):
         return level

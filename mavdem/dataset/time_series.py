@@ -227,3 +227,8 @@ def moving_average(series: TimeSeries) -> Array:
     first_row = np.searchsorted(series.time, series.time - AVERAGING_SECONDS / 2, side="left")
     row_after = np.searchsorted(series.time, series.time + AVERAGING_SECONDS / 2, side="right")
     return (cumulative[row_after] - cumulative[first_row]) / (row_after - first_row)
+
+
+def averaged_series(series: TimeSeries) -> TimeSeries:
+    """Returns the centred moving averages of a series of one boot (N,), at its stamps."""
+    return TimeSeries(series.time, series.boot, moving_average(series))

@@ -138,7 +138,10 @@ class FlightPhase:
         self._is_known = has_states or armed != [(-inf, inf)]
 
         in_air = flight_states.landed_state_intervals(signals, boot, (IN_AIR,))
-        self._update_flight(now, intersection(armed, in_air), signals.climb_rate)
+        climb_rate = signals.climb_rate
+        if climb_rate is not None:
+            climb_rate = time_series.averaged_series(climb_rate)
+        self._update_flight(now, intersection(armed, in_air), climb_rate)
         self._review_time = now
 
     def _update_flight(self, now: float, flights: Intervals, climb_rate: TimeSeries | None) -> None:
@@ -147,7 +150,7 @@ class FlightPhase:
         Args:
             now: time of the review, s of the boot clock.
             flights: times, s, in which the vehicle was armed and in the air, in the last seconds.
-            climb_rate: upward speed of the last seconds, m/s; None if none comes.
+            climb_rate: averaged upward speed of the last seconds, m/s; None if none comes.
         """
         flight = _interval_at(now, flights)
         # The flight of the last review has ended, also where another has begun since.
@@ -195,8 +198,8 @@ class FlightPhase:
 
         Args:
             now: present time on the boot clock, s.
-            climb_rate: upward speed of the last seconds, m/s; None if none comes. Its centred mean is known only
-                ``AVERAGING_DELAY`` later.
+            climb_rate: averaged upward speed of the last seconds, m/s; None if none comes. The centred mean is known
+                only ``AVERAGING_DELAY`` later.
         """
         averaged_end = now if climb_rate is None else now - AVERAGING_DELAY
         if self._settled_start is None:
@@ -204,7 +207,7 @@ class FlightPhase:
             if level is not None and level[0] <= averaged_end:
                 self._settled_start = level[0]
         elif climb_rate is not None:
-            is_sinking = time_series.moving_average(climb_rate) <= -MAX_LEVEL_FLIGHT_SPEED
+            is_sinking = climb_rate.values <= -MAX_LEVEL_FLIGHT_SPEED
             # The last review has judged everything before it but the last ``AVERAGING_DELAY``; and descents before the
             # end of the landed state's validity are ignored.
             unjudged_start = max(self._review_time - AVERAGING_DELAY, self._landed_state_end)
@@ -222,7 +225,7 @@ class FlightPhase:
 
         Args:
             now: present time on the boot clock, s.
-            climb_rate: upward speed of the last seconds, m/s; without it nothing shows a free climb.
+            climb_rate: averaged upward speed of the last seconds, m/s; without it nothing shows a free climb.
         """
         if not self.is_flying or climb_rate is None:
             self._free_climb_start = inf
@@ -230,7 +233,7 @@ class FlightPhase:
         # The centred mean is known up to ``AVERAGING_DELAY`` ago; what earlier reviews have judged is left out.
         unjudged_start = max(self._review_time, now - MAX_REPORT_INTERVAL) - AVERAGING_DELAY
         is_new = (climb_rate.time > unjudged_start) & (climb_rate.time <= now - AVERAGING_DELAY)
-        speed = time_series.moving_average(climb_rate)[is_new]
+        speed = climb_rate.values[is_new]
         climbing_times = climb_rate.time[is_new][speed >= MAX_LEVEL_FLIGHT_SPEED]
         if np.any(speed <= -MAX_LEVEL_FLIGHT_SPEED):
             self._free_climb_start = inf

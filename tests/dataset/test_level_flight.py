@@ -4,7 +4,7 @@ import numpy as np
 from pytest import approx
 
 from mavdem.dataset.phases import TRANSIENT_SECONDS, without_transients
-from mavdem.dataset.time_series import TimeSeries
+from mavdem.dataset.time_series import TimeSeries, averaged_series
 
 TIME = np.arange(0.0, 60.0, 0.1)
 USUAL = approx((TRANSIENT_SECONDS, 60.0 - TRANSIENT_SECONDS))
@@ -13,7 +13,8 @@ USUAL = approx((TRANSIENT_SECONDS, 60.0 - TRANSIENT_SECONDS))
 def level(climb_rate, flight=(0.0, 60.0)):
     """The level part of a flight with a vertical speed, m/s."""
     speed = np.broadcast_to(climb_rate, TIME.shape).astype(np.float64)
-    return without_transients(flight, TimeSeries(TIME, np.zeros(len(TIME)), speed))
+    climb_rate = TimeSeries(TIME, np.zeros(len(TIME)), speed)
+    return without_transients(flight, averaged_series(climb_rate))
 
 
 def test_climb_out_and_landing_last_while_the_vehicle_rises_and_sinks():
