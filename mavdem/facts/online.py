@@ -27,6 +27,7 @@ class DragSource(StrEnum):
     POPULATION = "population"
     PARAMETERS = "parameters"
     FLIGHT = "flight"
+    EARLIER_FLIGHT = "earlier_flight"
     CALIBRATION = "calibration"
 
 

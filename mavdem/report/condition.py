@@ -24,7 +24,8 @@ WIND_LIGHTS = (Light.WIND, Light.ESTIMATOR)
 DRAG_SOURCES = {
     DragSource.POPULATION: "typical vehicles",
     DragSource.PARAMETERS: "the autopilot's parameters",
-    DragSource.FLIGHT: "flight",
+    DragSource.FLIGHT: "this flight",
+    DragSource.EARLIER_FLIGHT: "an earlier flight",
     DragSource.CALIBRATION: "calibration",
 }
 """Names shown for the sources of a drag."""
@@ -179,11 +180,39 @@ def wind_blocks(evidence: WindEvidence, tables: Sequence[Table] = ()) -> Blocks:
         wind=wind,
         own=_autopilot_wind(evidence, wind),
         is_blurred_by_drag=is_blurred_by_drag,
+        turned=_turned_wind(wind),
     )
     sentences = [
         Sentence(str(reason), f"{quantity.capitalize()}:") for quantity, reason in reasons.items()
     ]
     return [*estimate, *tables, *sentences]
+
+
+def _turned_wind(wind: WindVelocity) -> dict[str, float] | None:
+    """Returns how the wind turned in a flight, if it turned so far that its speed is not that of its mean vector.
+
+    The speed of a mean vector is never above the mean of the speeds. Where it is below that of every minute, it alone
+    would be read as a wind that never blew.
+
+    Args:
+        wind: estimated wind of a flight.
+
+    Returns:
+        "start_direction" and "end_direction" of its first and last minute, degrees, and "speed", the mean of the speeds
+        of the minutes, m/s; None if the wind did not turn so far, or direction or speed are not identifiable.
+    """
+    minutes = wind.identified_figures.minutes
+    if not wind.direction_identifiable or len(minutes) < 2:
+        return None
+    speeds = [minute["speed"] for minute in minutes]
+    # Both are shown with one decimal place.
+    if round(wind.speed, 1) >= round(min(speeds), 1):
+        return None
+    return {
+        "start_direction": minutes[0]["direction"],
+        "end_direction": minutes[-1]["direction"],
+        "speed": float(np.mean(speeds)),
+    }
 
 
 def _autopilot_wind(evidence: WindEvidence, wind: WindVelocity) -> dict[str, float] | None:

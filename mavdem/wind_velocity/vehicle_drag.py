@@ -305,7 +305,7 @@ class Drag(ImmutableResult):
         return values
 
     def for_next_flight(self) -> Drag:
-        """Returns the prior for another flight of the vehicle.
+        """Returns the prior for another flight of the vehicle, for which this one is an earlier flight.
 
         The drag coefficients are the same. The lean has a constant part, as by an offset load, and a part that changes
         from flight to flight, as by the accelerometers' bias (``LEAN_CHANGE_SD``). So its mean is multiplied by the
@@ -315,10 +315,11 @@ class Drag(ImmutableResult):
         constant_share = 1 - (LEAN_CHANGE_SD / LEAN_SD) ** 2
         scale = np.array([1, 1, 1, 1, constant_share, constant_share])
         added_covariance = np.diag([0, 0, 0, 0, 1, 1]) * LEAN_SD**2 * (1 - constant_share**2)
+        source = DragSource.EARLIER_FLIGHT if self.source is DragSource.FLIGHT else self.source
         return Drag(
             self.mean * scale,
             self.covariance * np.outer(scale, scale) + added_covariance,
-            self.source,
+            source,
         )
 
     def as_dict(self) -> JsonValues:

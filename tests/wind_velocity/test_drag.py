@@ -11,6 +11,7 @@ from scipy.signal import lfilter
 from scipy.spatial.transform import Rotation
 
 import mavdem
+from mavdem.facts.online import DragSource
 from mavdem.wind_velocity import drag_identification
 from mavdem.wind_velocity.drag_identification import independent_share
 from mavdem.wind_velocity.motion_grid import motion_grid
@@ -57,6 +58,11 @@ def test_what_somebody_set_in_the_autopilot_takes_the_place_of_the_populations_d
     assert_allclose(usual.for_next_flight().covariance, usual.covariance)
     leaning = replace(usual, mean=np.ones(6)).for_next_flight()
     assert_allclose(leaning.mean, np.append(np.ones(4), [1 - (5 / 9) ** 2] * 2))
+    from_flight = replace(usual, source=DragSource.FLIGHT).for_next_flight()
+    assert (leaning.source, from_flight.source) == (
+        DragSource.PARAMETERS,
+        DragSource.EARLIER_FLIGHT,
+    )
     names = ("EK3_DRAG_MCOEF", "EK3_DRAG_BCOEF_X", "EK3_DRAG_BCOEF_Y")
     named = dict(zip(names, (0.5, 20.0, 80.0), strict=True))
     told = Drag.from_parameters("ARDUPILOTMEGA", named)

@@ -229,6 +229,30 @@ def test_calm_air_is_below_a_speed():
     assert table.rows[1][1] == "3.0 (1.5 to 6.0)"
 
 
+def test_a_wind_that_turned_is_told_with_its_speed_beside_that_of_its_mean():
+    wind = mavdem.estimate_wind(*flight(wind=(0, -5), gusts=0.5, seconds=60)[:3])
+    assert wind.direction_identifiable
+
+    def lead_sentence(mean_speed, speeds):
+        minutes = tuple(
+            {
+                "start": 60.0 * i,
+                "speed": speed,
+                "low": 4.0,
+                "high": 6.0,
+                "direction": 240.0 + 60 * i,
+            }
+            for i, speed in enumerate(speeds)
+        )
+        turned = replace(wind, speed=mean_speed, minutes=minutes)
+        return wind_blocks(WindEvidence(turned, None, None))[0].text
+
+    told = "the mean of a wind that turned from the west-south-west (240°) to the west-north-west (300°) at 5.2 m/s"
+    assert told in lead_sentence(4.7, [5.3, 5.1])
+    assert "turned" not in lead_sentence(5.1, [5.3, 5.1])
+    assert "turned" not in lead_sentence(4.7, [5.3])
+
+
 def test_what_is_no_free_flight_is_refused():
     time, attitude, velocity, air = flight(seconds=60)
     wind = mavdem.estimate_wind
