@@ -285,11 +285,12 @@ def _tracking_rating(
 def _response_peak_without_position_control(
     signals: Signals, segments: Segments
 ) -> ResponsePeak | None:
-    """Returns the largest response of the angle to its setpoint in modes that hold neither position nor velocity.
+    """Returns the largest response of the angle to its setpoint where no position controller makes the setpoint.
 
     A controller of the position counters how wind has moved the vehicle. Where it makes the setpoint, the ratio of
     angle and setpoint is that of this controller, inverted, unless something else moves the setpoint more
-    (L. Ljung, System Identification, sec. 13.4, on the spectral estimate in closed loop).
+    (L. Ljung, System Identification, sec. 13.4, on the spectral estimate in closed loop). It commands roll and pitch,
+    not yaw.
 
     Args:
         signals: signals of the vehicle and axis, with the setpoint of the angle and the attitude.
@@ -300,12 +301,14 @@ def _response_peak_without_position_control(
     """
     assert signals.angle_setpoint is not None
     assert signals.attitude is not None
+    angle = signals.attitude.angle_series
+    if signals.axis not in TILT_AXES:
+        return _response_peak(signals.angle_setpoint, angle, segments)
     led_segments = []
     for segment in segments:
         held = mode_intervals(signals, segment.boot, POSITION_CONTROL_MODES)
         for start, end in intersection([(segment.start, segment.end)], complement(held)):
             led_segments.append(Segment(segment.boot, start, end))
-    angle = signals.attitude.angle_series
     return _response_peak(signals.angle_setpoint, angle, tuple(led_segments))
 
 
