@@ -17,14 +17,15 @@ from mavdem.report.templates import as_clause, capitalize_first, headline, rende
 
 
 def watched_quantities_text(watch_facts: Sequence[Fact], obstacle: Fact | None = None) -> str:
-    """Returns in one line what is watched without a model and since when, and why the rest is not watched.
+    """Returns one line on what a live session watches without a model and since when, and what it cannot watch and why.
 
     Args:
-        watch_facts: a fact for each quantity that is watched or cannot be.
-        obstacle: why nothing is learned, where that stands above the line: it is not repeated as a reason.
+        watch_facts: a fact for each quantity that is watched, such as the vibration, or cannot be watched.
+        obstacle: the reason why no model is learned, if the screen shows it above this line. A quantity that is not
+            watched for the same reason does not repeat it. None if nothing is shown there.
     """
-    stated = "" if obstacle is None else obstacle.sentence
-    sentences = render_section("live_watched", watched=watch_facts, stated=stated)
+    stated_reason = "" if obstacle is None else obstacle.sentence
+    sentences = render_section("live_watched", watched=watch_facts, stated=stated_reason)
     return "".join(f"{capitalize_first(sentence.text)}." for sentence in sentences)
 
 

@@ -80,7 +80,7 @@ def tune_blocks(
     # A limit that several axes share is shown with the first of them, and then taken off this list.
     unshown_limits = _limits_by_axes(tuning.axes)
     for axes in _axes_reported_together(tuning):
-        # What is reported is the same for all of them.
+        # The report says the same of all these axes, so that the first one stands for them.
         axis = axes[0]
         blocks.append(_sentence_on_axes(tuning, axes, stated_remedies))
         advice = tuning.axes[axis]
@@ -100,10 +100,13 @@ def tune_blocks(
             blocks += _axis_details(advice, is_doubtful=is_doubtful)
     next_step = tuning.judgement.next_step
     if next_step.code is NextStep.LOAD_GAINS and next_step.figures["others"]:
-        # The next step is one order, and this another one.
-        figures = next_step.figures
-        others, arguments = figures["others"], figures["arguments"]
-        blocks += render_section("tune_others", others=others, arguments=arguments)
+        # The user asked for one axis. The next step is about that axis alone, and this sentence names the other axes
+        # whose gains are to change, and the command that advises all of them.
+        blocks += render_section(
+            "tune_others",
+            others=next_step.figures["others"],
+            arguments=next_step.figures["arguments"],
+        )
     return [*blocks, *_unchecked_effects(tuning)] if is_full else blocks
 
 
@@ -188,8 +191,8 @@ def _facts_on_axis(tuning: Tuning, axis: str) -> list[Fact]:
         axis: "roll", "pitch" or "yaw".
 
     Returns:
-        Facts in the order of the report: first the margins, without which the gains stand alone on a doubtful axis,
-        whose flight contradicts them. Without advice, the fact why there is none.
+        The rating of the margins, the conclusion on the gains, and the reasons for these gains. On a doubtful axis,
+        whose margins a measurement contradicts, only the conclusion. Without advice, only the fact why there is none.
     """
     advice = tuning.axes[axis]
     if isinstance(advice, Fact):
@@ -198,7 +201,7 @@ def _facts_on_axis(tuning: Tuning, axis: str) -> list[Fact]:
     conclusion = advice.conclusion
     action = None if decision is None else decision.action
     if action is not None and action.code is LoopAction.LOWER_BY_A_THIRD:
-        # An oscillating axis is to be lowered by a third, also where no gains could be computed from its loop.
+        # The gains of an oscillating axis are to be lowered by a third, even if no gains could be computed for it.
         conclusion = conclusion.replace(action=action)
     if axis in tuning.doubtful_axes:
         return [conclusion]
@@ -218,17 +221,18 @@ def _remedies_besides_tuning(decision: LoopDecision | None) -> list[str]:
 
 
 def _rating_as_decided(advice: Advice, decision: LoopDecision | None) -> list[Fact]:
-    """Returns the rating of an axis' margins, unless the decision on the axis contradicts it.
+    """Returns the rating of an axis' margins, changed or left out where the decision on the axis contradicts it.
 
-    If a measurement contradicts the identified loop, its margins are wrong, and there is no rating. If the axis does
-    not follow its setpoint, the rating says so and is at best to be watched: good margins alone are not enough then.
+    The decision is the judgement of the axis by all that was measured, of which the margins are a part. If the axis
+    does not follow its setpoint, good margins are not enough: the rating says so, and its level is "watch" at best.
 
     Args:
-        advice: advice on the axis, with the rating.
+        advice: advice on the axis, with the rating of the margins of its identified loop. If the loop cannot be relied
+            on, ``refusals`` has the reasons why no gains are advised.
         decision: decision on the loops of the axis; None if there is none.
 
     Returns:
-        One fact, or none.
+        One fact; none if the loop cannot be relied on and the decision was made for another reason than its margins.
     """
     if decision is None:
         return [advice.rating]
@@ -319,11 +323,12 @@ def is_of_loops(fact: Fact, judgement: Judgement) -> bool:
 
 
 def tuning_result(tuning: Tuning) -> Fact:
-    """Returns the fact that heads the report of ``mavdem tune``.
+    """Returns the fact that heads the report of ``mavdem tune``, the first of these that applies.
 
-    It is that there is room for higher gains, on axes whose loops have their margins and whose gains change all the
-    same; else the rating of the margins of the worst axis, if each axis has a rating that no measurement contradicts.
-    Where the headline of the judgement is bad or about control loops, and without such ratings, it is that headline.
+    1. The headline of the flight's judgement, if it is bad or about control loops.
+    2. That there is room for higher gains on axes whose margins are good, and for which other gains are advised.
+    3. The worst rating of margins, if each axis has a rating that no measurement contradicts.
+    4. The headline of the judgement, whatever it says.
 
     Args:
         tuning: advice for each axis, with the judgement of the flight.
@@ -335,8 +340,10 @@ def tuning_result(tuning: Tuning) -> Fact:
     for axis, advice in tuning.axes.items():
         if isinstance(advice, Advice) and advice.conclusion.code is GainFact.SET_GAINS:
             decision = tuning.judgement.loop_decisions.get(axis)
-            is_sound = all(rating.is_good for rating in _rating_as_decided(advice, decision))
-            if is_sound and axis not in tuning.doubtful_axes:
+            has_good_margins = all(
+                rating.is_good for rating in _rating_as_decided(advice, decision)
+            )
+            if has_good_margins and axis not in tuning.doubtful_axes:
                 axes_with_room.append(axis)
     if axes_with_room:
         return Fact(GainFact.ROOM_FOR_GAINS, names=axes_with_room)
@@ -346,7 +353,7 @@ def tuning_result(tuning: Tuning) -> Fact:
             return headline
         for rating in _rating_as_decided(advice, tuning.judgement.loop_decisions.get(axis)):
             ratings.append(rating.replace(subject=f"{axis} {rating.subject}"))
-    # The worst rating, and the first of equal ones.
+    # Of several ratings with the worst level, the first one is returned.
     for level in (Level.BAD, Level.WATCH, Level.GOOD):
         for rating in ratings:
             if rating.level is level:
@@ -367,7 +374,7 @@ def gain_limits(advice_by_axis: AdviceByAxis) -> Blocks:
 
 
 def _limits_by_axes(advice_by_axis: AdviceByAxis) -> list[_GainLimit]:
-    """Returns the sentences on how far gains may go (:func:`gain_limits`), each with the axes that share it.
+    """Returns the sentences on how far margins and gains can be trusted, each with the axes that share it.
 
     Args:
         advice_by_axis: advice for each axis, or the fact that says why there is none.

@@ -417,30 +417,32 @@ def _charts(
 
 
 class _GyroPower(NamedTuple):
-    """What the chart of the gyro's spectrum is made of."""
+    """The gyro's spectrum with the notch filters that a reader can try, from which its chart is drawn."""
 
     spectrum: Spectrum
-    """Spectrum of the gyro before its filters or, with the notches off, behind them."""
+    """Spectrum of the gyro before its filters or, if only that was logged, behind them; the notches are off then."""
 
-    without: Controller
-    """The controller without the notches that are tried."""
+    controller_without_notches: Controller
+    """The controller with all filters of the gyro but the notches that are tried."""
 
     notches: Sequence[Notch]
-    """Those notches as the log has them."""
+    """The notches that are tried, with their logged settings."""
 
-    which: str
-    """What the legend calls them."""
+    notch_name: str
+    """Name of the notches in the legend, such as "this notch"."""
 
 
 def _spectrum_chart(gyro: _GyroPower, peak: float, highest: float) -> Chart:
-    """Returns the chart of the gyro's spectrum as measured, after all other filters, and after these notches too.
+    """Returns the chart of the gyro's power spectrum in up to three places of the chain of filters.
 
-    The page's script redraws the last line when a slider moves, from the line before it, the input of the notches. If
-    the log has only the filtered gyro, the measured spectrum is that input.
+    The lines are the measured spectrum, the input of the notches that are tried (behind all other filters), and their
+    output. A power spectrum is multiplied by the squared gain of a filter. If the log has only the filtered gyro, the
+    measured spectrum is the input of the notches, and there are two lines. The page's script computes the last line
+    anew, from the line before it, when a reader moves a slider.
 
     Args:
         gyro: spectrum and filters.
-        peak: frequency of the strongest line, Hz.
+        peak: frequency of the strongest spectral line, Hz, which is marked.
         highest: highest frequency of the chart, Hz.
     """
     spectrum = gyro.spectrum
@@ -451,18 +453,24 @@ def _spectrum_chart(gyro: _GyroPower, peak: float, highest: float) -> Chart:
     )
     notch_input = measured_power
     if spectrum.name == UNFILTERED_GYRO:
-        notch_input = measured_power * abs(gyro_response(gyro.without, frequency)) ** 2
+        other_filters = gyro_response(gyro.controller_without_notches, frequency)
+        notch_input = measured_power * abs(other_filters) ** 2
         lines = [
             Line("before all filters", MEASURED, frequency, measured_power),
             Line(
-                f"without {gyro.which}", PREDICTED, frequency, notch_input, style=LineStyle.DASHES
+                f"without {gyro.notch_name}",
+                PREDICTED,
+                frequency,
+                notch_input,
+                style=LineStyle.DASHES,
             ),
         ]
     else:
         lines = [Line("measured", MEASURED, frequency, measured_power)]
-    notch_gain = abs(notch_response(gyro.notches, gyro.without.gyro_rate, frequency))
+    gyro_rate = gyro.controller_without_notches.gyro_rate
+    notch_gain = abs(notch_response(gyro.notches, gyro_rate, frequency))
     notch_output = notch_input * notch_gain**2
-    lines.append(Line(f"with {gyro.which}", COMMAND, frequency, notch_output))
+    lines.append(Line(f"with {gyro.notch_name}", COMMAND, frequency, notch_output))
     unit = "(rad/s)²/Hz"
     return Chart(
         "Gyro, power",

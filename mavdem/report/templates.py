@@ -218,7 +218,7 @@ def _render(fact: Fact, part: str) -> str:
         "action": None,
         "is_grounded": False,
         "is_added": False,
-        # After another fact that forbids to fly, that is said in short.
+        # Where this sentence follows that of another fact which forbids flight, it repeats the ban in short.
         "ban": "Nor fly" if fact.figures.get("is_added") else "Do not fly",
         "has_terminal": MEDIUM.get().has_terminal,
         "has_gain_table": MEDIUM.get().has_gain_table,
@@ -496,21 +496,25 @@ def _weak_motor_clause(weak_motor: Fact | None) -> str:
 
 
 def forbids_flight(fact: Fact) -> bool:
-    """Returns whether the remedy of a fact says not to fly, so that a further one need not repeat it.
+    """Returns whether the remedy of a fact says not to fly, so that the remedy of a further fact need not repeat it.
 
-    The table of such a fact has the key ``forbids_flight``: "always"; "bad" where only its bad level does; "confirmed"
-    where it does unless no other sensor confirms the fact, which then has the figure ``is_unconfirmed``; "cause" or
-    "reason" where the remedy is that of the fact in this figure, and of a "cause" without a remedy forbids it too.
+    The table of the fact's templates has a rule under the key ``forbids_flight``; without that key, it does not forbid.
+
+    - "always": it forbids flight.
+    - "bad": it does if the level of the fact is bad.
+    - "confirmed": it does unless no other sensor confirms the fact, which the figure ``is_unconfirmed`` says.
+    - "cause" and "reason": its remedy is that of another fact, which is its figure of this name, and that fact decides.
+      Where the other fact is missing or has no remedy, one with the rule "cause" has a remedy of its own, which forbids
+      flight, and one with the rule "reason" has none.
 
     Args:
-        fact: the fact.
+        fact: the fact, a finding with its code and figures.
     """
     rule = sentence_templates()[fact.code].get("forbids_flight", "never")
     if rule in ("cause", "reason"):
         reason = fact.figures.get(rule)
         if isinstance(reason, Fact) and reason.remedy:
             return forbids_flight(reason)
-        # Without the remedy of another fact, one with a "cause" states its own, which forbids to fly.
         return rule == "cause"
     if rule == "confirmed":
         return "is_unconfirmed" not in fact.figures
@@ -518,11 +522,11 @@ def forbids_flight(fact: Fact) -> bool:
 
 
 def _reason_for_no_margins(reason: Fact, lead: str) -> str:
-    """Returns a reason why there are no margins, after a lead that says so unless the reason's own sentence does.
+    """Returns the sentence of the reason why there are no margins, after a lead such as "No margins:".
 
     Args:
         reason: the reason.
-        lead: such as "No margins:".
+        lead: text before the reason. It is left out if the sentence of the reason names the margins itself.
     """
     if _names_margins(reason):
         return reason.sentence
@@ -530,10 +534,13 @@ def _reason_for_no_margins(reason: Fact, lead: str) -> str:
 
 
 def _names_margins(fact: Fact) -> bool:
-    """Returns whether the sentence of a fact begins by naming the margins.
+    """Returns whether the sentence of a fact begins with the word "margins", so that no lead has to name them.
 
-    The table of such a fact has the key ``names_margins``: "always", or "reasons" where the sentence consists of those
-    of its "reasons", behind the names of loops if it has any.
+    The table of the fact's templates has a rule under the key ``names_margins``; without that key, it does not.
+
+    - "always": it does.
+    - "reasons": the sentence consists of those of other facts, which are its figure "reasons", so that the first one
+      decides. If the fact has the figure "names", the sentence begins with these names of loops instead.
 
     Args:
         fact: a reason why there are no margins.

@@ -174,9 +174,10 @@ class Pages:
         if entry.stage != Stage.DONE or not (is_stored or path.is_file()):
             values["first_plots"] = Markup(self._library.first_plots(entry))
             return HTMLResponse(render_server_page("flight", **values))
+        fleet_remark = None
         if values["may_read"] and not vehicle:
             row = self._visible_library.rows_with_trouble([entry]).get(entry.id)
-            values["trouble"] = remark_on(row)
+            fleet_remark = remark_on(row)
             values["previous"] = self._visible_library.previous_flight(entry)
         has_recording = RECORDING_FILE in entry.file_names
         can_open = self._open_recording is not None and has_recording and values["may_read"]
@@ -185,7 +186,15 @@ class Pages:
         files = entry.file_names if is_stored else []
         missing_recordings = RecordingRequests(self._library).missing_names(entry)
         return HTMLResponse(
-            with_bar(html, files=files, missing=missing_recordings, can_open=can_open, **values)
+            with_bar(
+                html,
+                given_name=self._library.names.flights.get(entry.content_hash, ""),
+                fleet_remark=fleet_remark,
+                files=files,
+                missing=missing_recordings,
+                can_open=can_open,
+                **values,
+            )
         )
 
     def viewer(self, request: HttpRequest) -> Response:

@@ -32,7 +32,7 @@ from mavdem.report.charts.timeline import timeline_of_history
 from mavdem.report.charts.vehicle_charts import vehicle_group
 from mavdem.report.fleet import HEALTH_LEVELS, motors_level, vehicle_label, vehicle_words
 from mavdem.report.pages.environment import environment, render_page
-from mavdem.report.pages.fleet_remark import with_fleet_remark
+from mavdem.report.pages.fleet_remark import FleetRemark, with_fleet_remark
 from mavdem.report.pages.page import PageEvent
 
 POLICY_ELEMENT = re.compile(r'<meta http-equiv="Content-Security-Policy"[^>]*>')
@@ -90,13 +90,13 @@ def _environment() -> Environment:
 
 
 def _lights_beside_fleet(lights: Mapping[str, str], row: FlightRow | None) -> dict[str, str]:
-    """Returns the level of each light of a flight: that of the motors beside the vehicle's other flights.
+    """Returns the level of each light of a flight, that of the motors in comparison with the vehicle's other flights.
 
-    The page of the flight shows the same.
+    A light is the judgement of one part of the vehicle. The page of the flight shows the same levels.
 
     Args:
-        lights: level of each light by the log alone; empty before it is judged.
-        row: row of the flight with trouble of the motors; None without.
+        lights: level of each light by the log alone; empty before the log is judged.
+        row: the flight's row in the fleet's table if its motors are in trouble; None if they are not.
     """
     levels = dict(lights)
     if levels and row is not None:
@@ -107,7 +107,9 @@ def _lights_beside_fleet(lights: Mapping[str, str], row: FlightRow | None) -> di
 
 
 def _brief_name(name: str, frames: Mapping[str, str]) -> str:
-    """Returns what a vehicle without a given name is called: its name or, of a serial number, its type and the end.
+    """Returns the short name of a vehicle to which the owner gave none.
+
+    It is the name in the logs. Where that is a serial number, it is the type of the frame and the end of the number.
 
     Args:
         name: name of the vehicle in its logs.
@@ -158,28 +160,29 @@ def first_plots(history: TimeHistory) -> str:
     )
 
 
-def with_bar(page: str, **values: Any) -> str:
-    """Returns the page of a flight as the server sends it: with a bar of downloads and settings above it.
+def with_bar(
+    page: str, given_name: str = "", fleet_remark: FleetRemark | None = None, **values: Any
+) -> str:
+    """Returns the page of a flight as the server sends it: with a bar of downloads and settings at its top.
 
-    If the flight's motors are in trouble beside other flights of the vehicle, a remark in the bar says so, and the
-    light of the motors shows it (:func:`with_fleet_remark`). A name that the owner gave to the flight becomes the
-    title, with the name of the log beside it. The page's own content security policy is removed: it forbids the
-    server's script, and the server sends a policy that allows it.
+    The file of the page is never changed: each visitor gets a copy with these replacements. The page's own content
+    security policy, which forbids the server's script, is removed (:func:`without_policy`).
 
     Args:
         page: HTML of the flight's page, as it was written to its file.
-        **values: values that the template of the bar uses, by name. Required are "given", the ``GivenNames`` of flights
-            and vehicles, and "flight", the flight's entry in the library. Optional is "trouble", the ``FleetRemark`` on
-            the motors.
+        given_name: name that the owner gave to the flight. It becomes the title, with the name of the log beside it.
+            Empty if there is none; then the name of the log stays the title.
+        fleet_remark: remark that the motors differ from other flights of the vehicle. The bar shows it, and the light
+            (judgement) of the motors becomes at least as bad. None if they do not differ.
+        **values: further values that the template ``bar.html`` uses, by name.
 
     Returns:
         The page as HTML.
     """
     pattern = AUTOPILOT_SET_PARAMETERS.pattern
-    bar = render_server_page("bar", self_set_parameters=pattern, **values)
-    fleet_remark = values.get("trouble")
-    given_name = values["given"].flights.get(values["flight"].content_hash)
+    bar = render_server_page("bar", self_set_parameters=pattern, trouble=fleet_remark, **values)
     if given_name:
+        # A function makes the replacement, since backslashes of the name would be taken for references to groups.
         page = TITLE.sub(
             lambda title: f'<h1>{escape(given_name)} <small class="soft">{title[1]}</small></h1>',
             page,
@@ -189,14 +192,14 @@ def with_bar(page: str, **values: Any) -> str:
 
 
 def without_policy(page: str, **values: Any) -> str:
-    """Returns a page with the server's script in the place of its own content security policy.
+    """Replaces a page's own content security policy by the elements that load the server's script.
 
-    That policy protects a page that is opened as a file, and forbids the script. The server sends its own policy as an
-    HTTP header.
+    The policy in the page is for one that is opened as a file, and forbids all scripts from elsewhere. The server sends
+    its own policy as an HTTP header instead; a page obeys both, so that the first one has to go.
 
     Args:
         page: HTML of a flight's page, or of a comparison of flights.
-        **values: values that the template ``key.html`` uses, by name.
+        **values: values that the template of these elements, ``key.html``, uses by name.
 
     Returns:
         The page as HTML.
