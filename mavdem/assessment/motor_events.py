@@ -180,9 +180,8 @@ def _frozen_outputs(
         A fact with the name of the motor as subject, and its constant command as ``share`` of the range.
     """
     for flight in flights:
-        is_in_flight = in_intervals(commands.time, [flight])
-        time = commands.time[is_in_flight]
-        values = commands.values[is_in_flight]
+        commands_in_flight = commands.within(flight)
+        time, values = commands_in_flight.time, commands_in_flight.values
         for motor, name in enumerate(motors.geometry.names):
             for first, end in _constant_runs(values[:, motor]):
                 lasts = time[end - 1] - time[first] >= FROZEN_SECONDS

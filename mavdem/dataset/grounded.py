@@ -3,6 +3,8 @@
 The autopilot's landed state may report flight all the same: on a test stand, in somebody's hand, or before take-off.
 """
 
+from math import inf
+
 import numpy as np
 
 from mavdem.arrays import Array, Flags
@@ -123,8 +125,8 @@ def _has_vertical_speed(flight_interval: TimeInterval, climb_rate: TimeSeries) -
     start, end = flight_interval
     if climb_rate.time[0] > start:
         return True
-    speeds = abs(climb_rate.values[climb_rate.time <= end])
-    return bool(speeds.max() >= MIN_LIFT_OFF_SPEED)
+    speeds = climb_rate.within((-inf, end)).values
+    return bool(abs(speeds).max() >= MIN_LIFT_OFF_SPEED)
 
 
 def has_risen(signals: Signals, boot: int, flight_interval: TimeInterval) -> bool | None:
@@ -141,8 +143,7 @@ def has_risen(signals: Signals, boot: int, flight_interval: TimeInterval) -> boo
     height = height_above_take_off(signals, boot, flight_interval)
     if height is None:
         return None
-    is_in_flight = in_intervals(height.time, [flight_interval])
-    return bool((height.values[is_in_flight] > MAX_GROUND_HEIGHT).any())
+    return bool((height.within(flight_interval).values > MAX_GROUND_HEIGHT).any())
 
 
 def height_above_take_off(
@@ -164,8 +165,7 @@ def height_above_take_off(
     if height is None:
         return None
     take_off_time, _ = flight_interval
-    start_height = np.interp(take_off_time, height.time, height.values)
-    return TimeSeries(height.time, height.boot, height.values - start_height)
+    return TimeSeries(height.time, height.boot, height.values - height.value_at(take_off_time))
 
 
 def _ignored_tilt_setpoints(signals: Signals, boot: int, flight_interval: TimeInterval) -> bool:
@@ -184,8 +184,7 @@ def _ignored_tilt_setpoints(signals: Signals, boot: int, flight_interval: TimeIn
     if has_risen(signals, boot, flight_interval) is not False:
         return False
     for axis, tilt in zip(TILT_AXES, signals.tilts, strict=False):
-        boot_angle = tilt.angle_series.of_boot(boot)
-        angle = boot_angle.select(in_intervals(boot_angle.time, [flight_interval]))
+        angle = tilt.angle_series.of_boot(boot).within(flight_interval)
         for setpoint in signals.for_axis(axis).setpoints:
             # Setpoints of body rates, in rad/s, do not state a tilt.
             is_of_angle = setpoint.unit == "rad"

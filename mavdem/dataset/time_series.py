@@ -10,6 +10,7 @@ import numpy as np
 
 from mavdem.arrays import Array, Flags, Integers
 from mavdem.containers import Names
+from mavdem.dataset.intervals import TimeInterval
 from mavdem.ingest.telemetry import MIN_PREFERRED_SHARE, Columns, Telemetry
 
 AVERAGING_SECONDS = 2.0
@@ -41,6 +42,32 @@ class TimeSeries:
     def of_boot(self, boot: int) -> TimeSeries:
         """Returns the samples of one boot, which take no memory; without the counts of messages."""
         return self.select(rows_of_boot(self.boot, boot))
+
+    def within(self, interval: TimeInterval) -> TimeSeries:
+        """Returns the samples of an interval, which take no memory; the series must be of one boot.
+
+        Args:
+            interval: Start and end, s since boot; samples at either belong to it.
+        """
+        start, end = interval
+        return self.select(slice(bisect_left(self.time, start), bisect_right(self.time, end)))
+
+    def value_at(self, time: float) -> float:
+        """Interpolates the values (N,) at a time, s since boot; the series must be of one boot.
+
+        Before the first sample the result is the first value, after the last one the last.
+        """
+        # NumPy copies an array that cannot be written to before it interpolates: it only gets the samples around.
+        around = self.around(time)
+        return float(np.interp(time, around.time, around.values))
+
+    def around(self, time: float) -> TimeSeries:
+        """Returns the two samples between which a time lies, s since boot; one if it is before the first or after all.
+
+        The series must be of one boot.
+        """
+        row_after = bisect_left(self.time, time)
+        return self.select(slice(max(row_after - 1, 0), row_after + 1))
 
 
 def rows_of_boot(boots: Integers, boot: int) -> slice:

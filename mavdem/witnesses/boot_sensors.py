@@ -15,7 +15,7 @@ import numpy as np
 from mavdem.arrays import Array, Flags
 from mavdem.dataset.attitude import Attitude
 from mavdem.dataset.grounded import MAX_GROUND_HEIGHT
-from mavdem.dataset.intervals import TimeInterval, in_intervals, intersection
+from mavdem.dataset.intervals import TimeInterval, intersection
 from mavdem.dataset.signals import Signals
 from mavdem.dataset.time_series import TimeSeries, series_of_boot
 from mavdem.dataset.vehicle_cache import cached_per_vehicle
@@ -185,7 +185,7 @@ class BootSensors:
     def height_at(self, time: float) -> float | None:
         """Returns the height above the take-off at a time, m, by a source that can be trusted; None without any."""
         height = self.height_above_take_off
-        return None if height is None else float(np.interp(time, height.time, height.values))
+        return None if height is None else height.value_at(time)
 
     def height_statements(self, height: float, time: float) -> tuple[Fact, ...]:
         """Returns a statement of each height sensor on whether the vehicle was above a height at some time.
@@ -205,10 +205,7 @@ class BootSensors:
         for source, series in (("barometer", self.height.barometer), ("estimate", estimate)):
             if series is None:
                 continue
-            height_at_take_off, height_now = np.interp(
-                [self.take_off, time], series.time, series.values
-            )
-            rise = float(height_now - height_at_take_off)
+            rise = series.value_at(time) - series.value_at(self.take_off)
             figures = {"time": time, "source": source, "height": max(rise, 0.0)}
             if rise > height:
                 statements.append(supporting_statement(WitnessFact.ROSE, **figures))
@@ -298,11 +295,10 @@ class BootSensors:
             rate = series_of_boot(attitude.rate_series, self.boot)
             if rate is None:
                 continue
-            is_inside = in_intervals(rate.time, [interval])
-            rates = abs(rate.values[is_inside])
+            rate = rate.within(interval)
+            rates = abs(rate.values)
             if len(rates) and rates.max() > fastest.body_rate:
-                time = float(rate.time[is_inside][rates.argmax()])
-                fastest = Rotation(time, float(rates.max()))
+                fastest = Rotation(float(rate.time[rates.argmax()]), float(rates.max()))
         return fastest
 
     @cached_property
@@ -318,8 +314,8 @@ class BootSensors:
         has_barometer = self.height.barometer_climb is not None
         if climb_rate is None or height is None or has_barometer or isinf(self.take_off):
             return climb_rate
-        start_height = np.interp(self.take_off, height.time, height.values)
-        heights = np.interp(climb_rate.time, height.time, height.values) - start_height
+        heights = np.interp(climb_rate.time, height.time, height.values)
+        heights -= height.value_at(self.take_off)
         return climb_rate.select(heights > -MAX_GROUND_HEIGHT)
 
     def sink_rates(self, interval: TimeInterval) -> dict[str, float]:
@@ -347,7 +343,7 @@ class BootSensors:
             climbed throughout.
         """
         descents = {}
-        start, end = interval
+        _, end = interval
         limit = self._fall_speed_limit(end)
         for source, climb in (
             ("barometer", self.height.barometer_climb),
@@ -355,14 +351,12 @@ class BootSensors:
         ):
             if climb is None:
                 continue
-            is_inside = (climb.time >= start) & (climb.time <= end)
-            if is_inside.any():
-                speeds = -climb.values[is_inside]
+            climb = climb.within(interval)
+            if len(climb.time):
+                speeds = -climb.values
                 fastest = int(speeds.argmax())
                 if speeds[fastest] <= limit:
-                    descents[source] = _Descent(
-                        float(speeds[fastest]), float(climb.time[is_inside][fastest])
-                    )
+                    descents[source] = _Descent(float(speeds[fastest]), float(climb.time[fastest]))
         return descents
 
     def _fall_speed_limit(self, end: float) -> float:
@@ -380,7 +374,7 @@ class BootSensors:
         height = self.height_above_take_off
         if height is None or isinf(self.take_off):
             return MAX_FALL_SPEED
-        heights = height.values[(height.time >= self.take_off) & (height.time <= end)]
+        heights = height.within((self.take_off, end)).values
         if not len(heights):
             return MAX_FALL_SPEED
         # Without a barometer the height is the estimate itself, which may end far below the ground.

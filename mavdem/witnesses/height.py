@@ -5,7 +5,7 @@ fall or rise without end while the vehicle hovers, and in automatic height modes
 barometer does not integrate anything; what it measures wrongly, by wind or its own downwash, is bounded.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import isinf
 from typing import NamedTuple
 
@@ -273,6 +273,28 @@ def trusted_height(signals: Signals, boot: int, take_off: float) -> TrustedHeigh
     return None if height is None else TrustedHeight(height, source)
 
 
+def trusted_height_at(signals: Signals, boot: int, take_off: float, time: float) -> float | None:
+    """Returns :func:`trusted_height` at one time, m; None if neither source was recorded.
+
+    Args:
+        signals: signals of the vehicle.
+        boot: number of the boot.
+        take_off: time of the take-off, s since boot; minus infinity if the log begins in the air.
+        time: s since boot.
+    """
+    source = _trusted_source(signals, boot, take_off)
+    if source is None:
+        return None
+    height = _recorded_height(signals, boot, source)
+    if height is None:
+        return None
+    samples = height.around(time)
+    if isinf(take_off):
+        return samples.value_at(time)
+    heights = samples.values - height.value_at(take_off)
+    return replace(samples, values=heights).value_at(time)
+
+
 def _recorded_height(signals: Signals, boot: int, source: HeightSource) -> TimeSeries | None:
     """Returns the height by a source (N,), m, from wherever the source counts; None if it was not recorded."""
     if source is HeightSource.ESTIMATE:
@@ -317,5 +339,4 @@ def _above_take_off(height: TimeSeries | None, take_off: float) -> TimeSeries | 
     """Returns a height less its value at take-off, m; None without a height."""
     if height is None:
         return None
-    start_height = np.interp(take_off, height.time, height.values)
-    return TimeSeries(height.time, height.boot, height.values - start_height)
+    return TimeSeries(height.time, height.boot, height.values - height.value_at(take_off))
