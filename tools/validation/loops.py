@@ -9,6 +9,9 @@ MAVLink sends them.
 The tables have the statistics of each figure's error, which is relative, but in dB or degrees for margins. "given" is
 the number of identified loops, "rms" the root mean square error, "median" the median error, "size" that of its absolute
 value, "close" the share within 1.5 dB, and "inside" the share of 90 % intervals that contain the truth.
+
+With --strong, flights with strong doublets and high hover show what the deviation of the gain by unexplained output
+(``UNEXPLAINED_GAIN_DEVIATION``) does to the intervals of the crossover frequency.
 """
 
 from __future__ import annotations
@@ -44,7 +47,10 @@ from mavdem.ingest.vocabulary import IN_AIR
 from mavdem.loops.autopilot_parameters import DEFAULT_LOOP_RATES, LOOP_RATE_PARAMETERS
 from mavdem.loops.axis_loops import Loop
 from mavdem.loops.controllers import Controller, controller_from_parameters
+from mavdem.loops.identified_plant import UNEXPLAINED_GAIN_DEVIATION
+from mavdem.loops.loop_construction import loop_from_plant
 from mavdem.loops.margins import OpenLoop, attitude_loop, plant_response, rate_loop
+from mavdem.plant.parameters import EFFECTS
 from sitl_scenarios.files import scenario_of
 from sitl_scenarios.gains import control_parameters
 from sitl_scenarios.motion import Motion
@@ -59,6 +65,12 @@ TABLES = load_adjacent_toml(__file__, "loops.toml")
 
 HALVES = {"choose": range(1000, 1024), "report": range(2000, 2024)}
 """Seeds of the flights to choose a method on, and of those to report."""
+
+STRONG_SEED = 10_000
+"""What is added to the seeds of a half for its flights with strong doublets and high hover."""
+
+GAIN_DEVIATIONS = (0.0, 0.1, UNEXPLAINED_GAIN_DEVIATION, 0.4)
+"""Deviations of the gain by unexplained output with which intervals of the crossover are compared."""
 
 LOOP_RATE = DEFAULT_LOOP_RATES["ardupilot"]
 """Rate of the simulated autopilots' loops, and of their messages, Hz: ArduPilot's default."""
@@ -146,14 +158,15 @@ def _random_values(seed: int, rng: Generator) -> Values:
 
     Args:
         seed: seed of the flight: autopilots take turns, two of three flights have the gyro's low-pass, and the kinds of
-            steering take turns.
+            steering take turns. From ``STRONG_SEED`` on, doublets are strong and vehicles hover high in their range.
         rng: source of the random numbers.
 
     Returns:
         The scenario as in its file, for :func:`scenario_of`.
     """
     autopilot = ("ardupilot", "px4")[seed % 2]
-    vehicle = rng.choice(TABLES["vehicles"])
+    tables = TABLES["strong"] if seed >= STRONG_SEED else TABLES
+    vehicle = rng.choice(tables["vehicles"])
     wind = str(rng.choice(TABLES["winds"]))
     case = Case("iris", wind, "none", LOOP_RATE, autopilot, draw_vehicle_values(rng), seed)
     values: Values = scenario_of_case(case).model_dump(mode="json")
@@ -161,7 +174,7 @@ def _random_values(seed: int, rng: Generator) -> Values:
     if seed % 3:
         parameters |= TABLES["gyro"][autopilot]
     values["vehicle"] |= {**vehicle, "parameters": parameters}
-    steering = TABLES["steering"]
+    steering = tables["steering"]
     values["excitation"] = steering[seed // 2 % len(steering)]
     values["sensors"] |= {name: _random_value(name, rng) for name in ("delay", "rate_sd")}
     values["stream"]["rates"] = {"ATTITUDE_TARGET": LOOP_RATE}
@@ -529,6 +542,65 @@ def evaluate_log(
     return rows
 
 
+def with_gain_deviation(loop: Loop, deviation: float) -> Loop:
+    """Returns an identified loop with another deviation of the gain by unexplained output.
+
+    Args:
+        loop: the loop, whose plant has ``UNEXPLAINED_GAIN_DEVIATION`` in its covariance.
+        deviation: the other value of that constant.
+    """
+    plant = loop.plant
+    added_variance = deviation**2 - UNEXPLAINED_GAIN_DEVIATION**2
+    added_variance *= plant.unexplained_output**2
+    covariance = plant.covariance.copy()
+    covariance[EFFECTS, EFFECTS] += added_variance * np.outer(plant.effect, plant.effect)
+    return loop_from_plant(plant._replace(covariance=covariance), loop.record, loop.controller)
+
+
+def evaluate_crossovers(seed: int, rates: Sequence[float], cache: Path) -> list[Values]:
+    """Compares intervals of the crossover for several deviations of the gain with the truth, in one flight.
+
+    Args:
+        seed: seed of a simulated flight.
+        rates: rates to which messages are thinned, Hz.
+        cache: folder of all simulated flights.
+
+    Returns:
+        A row for each deviation and each rate loop that was identified in the closed loop.
+    """
+    log, true_figures = simulated_log(seed, cache)
+    half = next(name for name, seeds in HALVES.items() if seed - STRONG_SEED in seeds)
+    rows = []
+    for rate in rates:
+        for axis, loop in identified_loops(log, rate).items():
+            if isinstance(loop, NoLoop) or loop.plant.filtered:
+                continue
+            true_crossover = true_figures[axis]["rate_crossover"]
+            for deviation in GAIN_DEVIATIONS:
+                rate_loop_of_plants = with_gain_deviation(loop, deviation).rate
+                low, high = rate_loop_of_plants.crossover_interval
+                row = {
+                    "half": half,
+                    "deviation": deviation,
+                    "error": rate_loop_of_plants.crossover / true_crossover - 1,
+                    "half width": (high - low) / 2 / true_crossover,
+                    "inside": low <= true_crossover <= high,
+                }
+                rows.append(row)
+    return rows
+
+
+def crossover_statistics(rows: pd.DataFrame) -> pd.Series:
+    """Returns how many intervals of the crossover hold the truth, in rows of :func:`evaluate_crossovers`."""
+    statistics = {
+        "loops": len(rows),
+        "inside": rows["inside"].sum(),
+        "rms error, %": 100 * (rows["error"] ** 2).mean() ** 0.5,
+        "median half width, %": 100 * rows["half width"].median(),
+    }
+    return pd.Series(statistics).round(1)
+
+
 def error_statistics(rows: Any) -> pd.Series:
     """Returns statistics of the errors of one figure, and the share of intervals that contain the truth.
 
@@ -569,6 +641,7 @@ CACHE = click.option("--cache", default=CACHE_FOLDER, show_default=True, type=Pa
 @click.argument("logs", nargs=-1, type=Path)
 @click.option("--rates", default="400 200 100 80 50 25 10", help="Hz; inf: as recorded.")
 @click.option("--rounded", is_flag=True, help="Stamps as MAVLink rounds them.")
+@click.option("--strong", is_flag=True, help="Strong doublets and high hover, both halves.")
 @HALF
 @CACHE
 def main(
@@ -576,6 +649,7 @@ def main(
     half: str,
     rates: str,
     rounded: bool,
+    strong: bool,
     flights: int,
     cache: Path,
     jobs: int,
@@ -590,11 +664,21 @@ def main(
         half: half of the simulated flights, a key of ``HALVES``.
         rates: message rates, Hz, separated by spaces.
         rounded: whether stamps are rounded as in MAVLink messages.
+        strong: whether to print intervals of the crossover in flights with strong doublets and high hover instead.
         flights: number of simulated flights.
         cache: folder that keeps the simulated flights.
         jobs: number of processes.
     """
     message_rates = [float(rate) for rate in rates.split()]
+    if strong:
+        seeds = [STRONG_SEED + seed for name in HALVES for seed in HALVES[name][:flights]]
+        crossovers = partial(evaluate_crossovers, rates=message_rates, cache=cache)
+        groups_of_deviation = evaluate_flights(crossovers, seeds, jobs).groupby(
+            ["half", "deviation"]
+        )
+        table = groups_of_deviation.apply(crossover_statistics).reset_index()
+        print_table("Crossover, by the deviation of the gain", table)
+        return
     evaluate = partial(evaluate_log, rates=message_rates, cache=cache, is_rounded=rounded)
     rows = evaluate_flights(evaluate, logs or HALVES[half][:flights], jobs)
     if logs:
