@@ -1,4 +1,4 @@
-"""Losses of attitude: when roll or pitch was far from its setpoint, and which sensors confirm that the vehicle tumbled.
+"""Losses of attitude, as facts (coded findings): roll or pitch was far from its setpoint, and the sensors confirm it.
 
 The attitude is lost if it is more than 30° from its setpoint for 0.3 s or longer. Ordinary setpoints, tracked as
 badly as in a step, stay within that. :func:`mavdem.assessment.attitude_error.attitude_error` defines the error. A
@@ -18,7 +18,7 @@ from mavdem.dataset.intervals import Intervals, TimeInterval, in_intervals, unio
 from mavdem.dataset.time_series import series_of_boot
 from mavdem.facts import Fact, Facts, Level
 from mavdem.facts.ending import MotionEvent
-from mavdem.facts.witnesses import Side, WitnessFact
+from mavdem.facts.witnesses import SensorStatement, Side
 from mavdem.witnesses.boot_sensors import BootSensors
 from mavdem.witnesses.statements import contradicting_statement, supporting_statement, weighed_event
 from mavdem.witnesses.velocity import stopped_at
@@ -351,14 +351,14 @@ class _AttitudeLoss(NamedTuple):
         """
         statements = [
             supporting_statement(
-                WitnessFact.ATTITUDE_LEFT_SETPOINT, **self._largest_error()._asdict()
+                SensorStatement.ATTITUDE_LEFT_SETPOINT, **self._largest_error()._asdict()
             )
         ]
         statements += self._rotation(onset)
         end = min(self.end, self.error.time[-1])
         for statement in self.sensors.sink_statements((onset, end + RECOVERY_SECONDS)):
             # That it did not sink contradicts no loss: a vehicle that tips over on the ground does not sink either.
-            if statement.code is WitnessFact.SANK:
+            if statement.code is SensorStatement.SANK:
                 statements.append(statement)
         rest = self.sensors.rest_after(onset, end + 2 * RECOVERY_SECONDS)
         if rest is not None:
@@ -367,7 +367,7 @@ class _AttitudeLoss(NamedTuple):
             duration = self.error.time[-1] - onset
             statements.append(
                 supporting_statement(
-                    WitnessFact.LOG_ENDED, time=float(self.error.time[-1]), duration=duration
+                    SensorStatement.LOG_ENDED, time=float(self.error.time[-1]), duration=duration
                 )
             )
         return tuple(statements)
@@ -403,15 +403,18 @@ class _AttitudeLoss(NamedTuple):
         fastest = self.sensors.fastest_rotation(tilts, (onset, end))
         if largest_change < ONSET_ANGLE:
             did_not_rotate = contradicting_statement(
-                WitnessFact.DID_NOT_ROTATE, time=onset, end_time=end, body_rate=fastest.body_rate
+                SensorStatement.DID_NOT_ROTATE,
+                time=onset,
+                end_time=end,
+                body_rate=fastest.body_rate,
             )
             return (did_not_rotate,)
         if largest_turn < MIN_GYRO_SHARE * largest_change:
             disagreed = contradicting_statement(
-                WitnessFact.GYRO_DISAGREED, time=onset, end_time=end, angle=largest_change
+                SensorStatement.GYRO_DISAGREED, time=onset, end_time=end, angle=largest_change
             )
             return (disagreed,)
-        return (supporting_statement(WitnessFact.ROTATED, **fastest._asdict()),)
+        return (supporting_statement(SensorStatement.ROTATED, **fastest._asdict()),)
 
 
 def knock_is_contact(sensors: BootSensors, time: float) -> bool:

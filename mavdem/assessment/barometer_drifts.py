@@ -6,7 +6,7 @@ from math import isfinite
 from mavdem.dataset.intervals import TimeInterval
 from mavdem.facts import Fact
 from mavdem.facts.ending import MotionEvent
-from mavdem.facts.witnesses import WitnessFact
+from mavdem.facts.witnesses import SensorStatement
 from mavdem.witnesses.boot_sensors import BootSensors
 from mavdem.witnesses.ground_heights import ground_heights
 from mavdem.witnesses.statements import supporting_statement
@@ -71,9 +71,9 @@ def barometer_drifts(sensors: BootSensors, flight_interval: TimeInterval) -> Ite
         frozen_since=heights.frozen_since,
         boot=sensors.boot,
         witnesses=(
-            supporting_statement(WitnessFact.GROUND_READING_CHANGED, height=change),
+            supporting_statement(SensorStatement.GROUND_READING_CHANGED, height=change),
             supporting_statement(
-                WitnessFact.SATELLITES_LEVEL,
+                SensorStatement.SATELLITES_LEVEL,
                 height=heights.satellite_change,
                 distance=heights.distance,
             ),

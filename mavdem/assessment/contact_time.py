@@ -28,7 +28,7 @@ MIN_FALL_SECONDS = 0.5
 IMPACT_SPEED_CHANGE = 3.0
 """Decrease of the speed downward, m/s, within ``IMPACT_SECONDS`` that shows an impact; also the least speed before it.
 
-It takes a mean of 10 m/s² upward beside the weight, more than autopilots use to end a descent.
+It takes a mean of 10 m/s² upward in addition to the weight, more than autopilots use to end a descent.
 """
 
 IMPACT_SECONDS = 0.3
@@ -67,10 +67,10 @@ class ContactSearch:
                 return knock.time
             if accelerometer.shows_knocks:
                 # A vehicle can touch the ground without a knock only if it topples.
-                return self.time_of_low_loss()
-        low_loss = self.time_of_low_loss()
-        if low_loss is not None:
-            return low_loss
+                return self.time_of_loss_near_ground()
+        loss_time = self.time_of_loss_near_ground()
+        if loss_time is not None:
+            return loss_time
         return self.time_of_sudden_stop((start, end + RECOVERY_SECONDS))
 
     def first_knock(self, start: float, latest: float) -> float:
@@ -104,7 +104,7 @@ class ContactSearch:
             return knock_start
         return peak.time
 
-    def time_of_low_loss(self) -> float | None:
+    def time_of_loss_near_ground(self) -> float | None:
         """Returns the time at which the attitude was lost, s, if that was near the ground; None otherwise."""
         if self.loss is None or self.loss.time is None:
             return None

@@ -12,7 +12,7 @@ from mavdem.dataset.intervals import TimeInterval, in_intervals, true_intervals
 from mavdem.dataset.time_series import TimeSeries, series_of_boot
 from mavdem.facts import Fact, Facts, Level
 from mavdem.facts.ending import MotionEvent
-from mavdem.facts.witnesses import WitnessFact
+from mavdem.facts.witnesses import SensorStatement
 from mavdem.witnesses.boot_sensors import CLOSED_STICK, BootSensors
 from mavdem.witnesses.statements import supporting_statement, supporting_statements
 
@@ -115,7 +115,11 @@ def dives(sensors: BootSensors, flight_interval: TimeInterval) -> Iterator[Fact]
     if is_throttle_closed is None:
         return
     # The closed throttle is shown by the stick or, if that was not recorded, by the motors.
-    witness = WitnessFact.MOTORS_THROTTLED if sensors.stick is None else WitnessFact.THROTTLE_CLOSED
+    witness = (
+        SensorStatement.MOTORS_THROTTLED
+        if sensors.stick is None
+        else SensorStatement.THROTTLE_CLOSED
+    )
     flight_start, flight_end = flight_interval
     record_start, record_end = is_throttle_closed.time[0], is_throttle_closed.time[-1]
     for closing, opening in true_intervals(is_throttle_closed.time, is_throttle_closed.values > 0):

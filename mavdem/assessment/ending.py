@@ -1,4 +1,4 @@
-"""How a flight was lost, by the last event that may lose a vehicle, and what failed first."""
+"""How a flight was lost, as a fact (a coded finding): the last event that may lose a vehicle, and what failed first."""
 
 from collections.abc import Sequence
 
@@ -12,7 +12,7 @@ from mavdem.dataset.time_series import series_of_boot
 from mavdem.facts import Code, Fact, Facts
 from mavdem.facts.ending import Ending, FailedFirst, MotionEvent
 from mavdem.facts.events import ReportedEvent
-from mavdem.facts.witnesses import WitnessFact
+from mavdem.facts.witnesses import SensorStatement
 from mavdem.ingest.motors import name_without_place
 from mavdem.witnesses.boot_sensors import BootSensors
 from mavdem.witnesses.statements import supporting_statement, weighed_event
@@ -110,7 +110,7 @@ def _throttle_closed(loss: Fact) -> Fact | None:
     """
     latest = (loss_onset(loss) or 0.0) + FIRST_RESPONSE_SECONDS
     for witness in loss.figures["witnesses"]:
-        if witness.code is WitnessFact.THROTTLE_CLOSED and witness.start_time <= latest:
+        if witness.code is SensorStatement.THROTTLE_CLOSED and witness.start_time <= latest:
             return Fact(FailedFirst.THROTTLE_CLOSED_FIRST, time=witness.time)
     return None
 
@@ -136,7 +136,7 @@ def weighed_reports(signals: Signals, events: Sequence[Fact]) -> list[Fact]:
         is_crash = event.code is ReportedEvent.CRASH_DETECTED and event.is_bad
         if is_crash and _has_measurements(signals, event):
             reported = supporting_statement(
-                WitnessFact.AUTOPILOT_REPORTED, cause=event.replace(witnesses=())
+                SensorStatement.AUTOPILOT_REPORTED, cause=event.replace(witnesses=())
             )
             witnesses = (reported, *_signs_of_crash(signals, event, losses))
             event = weighed_event(event, witnesses)
@@ -195,7 +195,7 @@ def _signs_of_crash(signals: Signals, report: Fact, losses: Sequence[Fact]) -> F
             # The report itself may be among them, which the caller has counted already.
             witnesses = loss.figures.get("witnesses", ())
             return tuple(
-                fact for fact in witnesses if fact.code is not WitnessFact.AUTOPILOT_REPORTED
+                fact for fact in witnesses if fact.code is not SensorStatement.AUTOPILOT_REPORTED
             )
     sensors = BootSensors(signals, boot)
     statements = []
@@ -203,7 +203,7 @@ def _signs_of_crash(signals: Signals, report: Fact, losses: Sequence[Fact]) -> F
         if statement is not None:
             statements.append(statement)
     statements += [
-        fact for fact in sensors.sink_statements(interval) if fact.code is WitnessFact.SANK
+        fact for fact in sensors.sink_statements(interval) if fact.code is SensorStatement.SANK
     ]
     rest = sensors.rest_after(earliest, latest)
     if rest is not None and rest.is_on_side:

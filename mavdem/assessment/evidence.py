@@ -1,4 +1,4 @@
-"""Evidence: all that a log shows of one vehicle, measured once, by which lights and headline are judged.
+"""Evidence: all that a log shows of one vehicle, measured once, by which its status lights and headline are judged.
 
 Measurements count in flight only: off the ground, and until the vehicle was lost. What happens to a vehicle after that
 is a consequence and no fault.
@@ -230,8 +230,8 @@ class Evidence:
 
     def values_in_flight(self, series: TimeSeries | None) -> Array:
         """Returns the samples (N,) or (N, k) of a series in flight, one flight after another; (0,) without any."""
-        parts = [part.values for part in self.in_flight(series)]
-        return np.concatenate(parts) if parts else np.zeros(0)
+        values_by_flight = [flight.values for flight in self.in_flight(series)]
+        return np.concatenate(values_by_flight) if values_by_flight else np.zeros(0)
 
     def averages_in_flight(self, series: TimeSeries | None) -> Array:
         """Returns the moving averages over 2 s of a scalar series in flight.
@@ -242,7 +242,7 @@ class Evidence:
         Returns:
             One average for each sample in flight, in the unit of the series; the flights follow each other.
         """
-        averages = [time_series.moving_average(part) for part in self.in_flight(series)]
+        averages = [time_series.moving_average(flight) for flight in self.in_flight(series)]
         return np.concatenate([np.zeros(0), *averages])
 
     def settled_segments(self, excluded_modes: frozenset[str]) -> Segments:
@@ -255,11 +255,12 @@ class Evidence:
             excluded_modes: names of ArduPilot's flight modes.
         """
         segments = []
-        for part in settled_flight(self.signals):
-            excluded = flight_states.mode_intervals(self.signals, part.boot, excluded_modes)
-            intervals = intersection([(part.start, part.end)], complement(excluded))
-            intervals = intersection(intervals, self._intervals_before_loss(part.boot))
-            segments += [Segment(part.boot, start, end) for start, end in intervals]
+        for settled in settled_flight(self.signals):
+            boot = settled.boot
+            excluded = flight_states.mode_intervals(self.signals, boot, excluded_modes)
+            intervals = intersection([(settled.start, settled.end)], complement(excluded))
+            intervals = intersection(intervals, self._intervals_before_loss(boot))
+            segments += [Segment(boot, start, end) for start, end in intervals]
         return tuple(segments)
 
     def warnings_in_flight(self, codes: Container[Code]) -> Iterator[Fact]:

@@ -1,4 +1,4 @@
-"""What the commands of the motors show of a loss: all off, all thrust in use, one motor too weak, or a frozen output.
+"""Why a vehicle was lost by its motor commands, as a fact (a coded finding): all off, thrust spent, one weak or frozen.
 
 A motor with too little thrust lets the vehicle fall to its side. The autopilot drives that motor to its limit and the
 opposite one to idle, and the attitude is still lost. So a motor is named if three things agree: the commands,
@@ -75,25 +75,25 @@ class WeakMotor(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class _LossCommands:
-    """The commands of k motors around a loss, as shares of their range: as usual, just before, and in it."""
+    """The commands of k motors, as shares of their range, while the vehicle was lost, just before, and as usual."""
 
     motors: MotorOutputs
     """The motors."""
     recorded: TimeSeries
     """All commands of the boot, (M, k)."""
     time: Array
-    """(N,) times of the samples in the time before the loss, s since boot."""
-    now: Array
+    """(N,) times of the samples from the first sign of trouble to the loss, s since boot."""
+    during: Array
     """(N, k) commands at these times."""
-    before: Array
-    """(L, k) commands in the ``AVERAGING_SECONDS`` before."""
+    just_before: Array
+    """(L, k) commands in the ``AVERAGING_SECONDS`` before these times."""
     usual: Array
-    """(k,) mean commands in the ``RECOVERY_SECONDS`` before, without the last ``LASTING_SECONDS``."""
+    """(k,) mean commands in the ``RECOVERY_SECONDS`` before these times, without the last ``LASTING_SECONDS``."""
 
     @property
     def change(self) -> Array:
         """(k,) change of the mean commands from the usual ones."""
-        return self.now.mean(axis=0) - self.usual
+        return self.during.mean(axis=0) - self.usual
 
 
 def failure_by_commands(signals: Signals, boot: int, loss_context: LossContext) -> Fact | None:
@@ -137,7 +137,7 @@ def failure_by_commands(signals: Signals, boot: int, loss_context: LossContext) 
         # If the time before the loss is long, the controller changes the commands of all motors again and again, so
         # that their means over this time do not show the weak one. Its first response does.
         is_first = commands.time <= commands.time[0] + FIRST_RESPONSE_SECONDS
-        first_change = commands.now[is_first].mean(axis=0) - commands.usual
+        first_change = commands.during[is_first].mean(axis=0) - commands.usual
         weak = weak_motor(commands.motors, first_change, loss_context.fall_direction)
     if weak is None:
         return None
@@ -165,15 +165,15 @@ def _commands_around(signals: Signals, boot: int, interval: TimeInterval) -> _Lo
         all_commands, start - RECOVERY_SECONDS, start - LASTING_SECONDS
     )
     commands_before = _commands_between(all_commands, start - AVERAGING_SECONDS, start)
-    is_now = in_intervals(all_commands.time, [interval])
-    if not len(usual_commands) or not len(commands_before) or not is_now.any():
+    is_during = in_intervals(all_commands.time, [interval])
+    if not len(usual_commands) or not len(commands_before) or not is_during.any():
         return None
     return _LossCommands(
         motors=motors,
         recorded=all_commands,
-        time=all_commands.time[is_now],
-        now=all_commands.values[is_now],
-        before=commands_before,
+        time=all_commands.time[is_during],
+        during=all_commands.values[is_during],
+        just_before=commands_before,
         usual=usual_commands.mean(axis=0),
     )
 
@@ -185,9 +185,9 @@ def _all_off(commands: _LossCommands) -> Fact | None:
         commands: commands around the loss.
     """
     # Each motor must have been off on average over the time before the loss.
-    if not (commands.now.mean(axis=0) < OFF_RATIO * commands.usual).all():
+    if not (commands.during.mean(axis=0) < OFF_RATIO * commands.usual).all():
         return None
-    off_times = commands.time[(commands.now < OFF_RATIO * commands.usual).all(axis=1)]
+    off_times = commands.time[(commands.during < OFF_RATIO * commands.usual).all(axis=1)]
     time = off_times[0] if len(off_times) else commands.time[0]
     return Fact(FailedFirst.ALL_OFF_FIRST, time=time)
 
@@ -209,12 +209,12 @@ def _thrust_spent(commands: _LossCommands, loss_context: LossContext) -> Fact | 
     start, end = loss_context.interval
     stop = commands.motors.scale.stop
     is_attitude_lost = loss_context.fall_direction is not None
-    counted_commands = commands.before if is_attitude_lost else commands.now
-    if counted_commands.mean() / stop <= SPENT_THRUST_SHARE:
+    judged_commands = commands.just_before if is_attitude_lost else commands.during
+    if judged_commands.mean() / stop <= SPENT_THRUST_SHARE:
         return None
     spent_since = _spent_since(commands.recorded, commands.time[0], stop)
-    counted_end = start if is_attitude_lost else end
-    is_spent = in_intervals(commands.recorded.time, [(spent_since, max(counted_end, spent_since))])
+    judged_end = start if is_attitude_lost else end
+    is_spent = in_intervals(commands.recorded.time, [(spent_since, max(judged_end, spent_since))])
     share = commands.recorded.values[is_spent].mean() / stop
     return Fact(FailedFirst.THRUST_SPENT_FIRST, time=spent_since, share=share)
 
@@ -239,18 +239,18 @@ def _failure_of_motor(
     name = commands.motors.geometry.names[weak.motor]
     if loss_context.fall_direction is None and list(loss_context.names_at_limit) != [name]:
         return None
-    opposite_was_at_limit, _ = samples_at_limits(commands.before[:, weak.opposite], scale)
-    motor_was_idle = commands.before[:, weak.motor] < idle
+    opposite_was_at_limit, _ = samples_at_limits(commands.just_before[:, weak.opposite], scale)
+    motor_was_idle = commands.just_before[:, weak.motor] < idle
     has_swung = (opposite_was_at_limit | motor_was_idle).any()
-    is_at_limit, _ = samples_at_limits(commands.now, scale)
-    opposite_is_idle = commands.now[:, weak.opposite] < idle
+    is_at_limit, _ = samples_at_limits(commands.during, scale)
+    opposite_is_idle = commands.during[:, weak.opposite] < idle
     failed_samples = np.flatnonzero(is_at_limit[:, weak.motor] | opposite_is_idle)
     if has_swung or not len(failed_samples):
         return None
     failure_time = commands.time[failed_samples[0]]
     if is_first_at_limit(is_at_limit, weak.motor):
         return Fact(FailedFirst.LIMIT_FIRST, time=failure_time, subject=name)
-    highest_command = commands.now[:, weak.motor].max()
+    highest_command = commands.during[:, weak.motor].max()
     return Fact(
         FailedFirst.THRUST_MISSING_FIRST, time=failure_time, subject=name, share=highest_command
     )
@@ -347,12 +347,12 @@ def _frozen_output(signals: Signals, commands: _LossCommands) -> Fact | None:
         longer drives it; None if no output froze.
     """
     motors = commands.motors
-    if len(commands.now) < MIN_FROZEN_SAMPLES:
+    if len(commands.during) < MIN_FROZEN_SAMPLES:
         return None
     recorded = commands.recorded
     start, end = commands.time[0], commands.time[-1]
     is_around = in_intervals(recorded.time, [(start - RECOVERY_SECONDS, end)])
-    motor = frozen_motor(motors, commands.now, lowest=recorded.values[is_around].min())
+    motor = frozen_motor(motors, commands.during, lowest=recorded.values[is_around].min())
     if motor is None:
         return None
     name = motors.geometry.names[motor]

@@ -1,4 +1,4 @@
-"""What failed first in a flight that was lost: one motor, all of them, the thrust, or the land detector.
+"""What failed first in a flight that was lost, as a fact (a coded finding): one motor, all, thrust, or land detector.
 
 What the commands of the motors show stands in ``failure_by_commands.py``, why all motors were stopped in
 ``stop_reason.py``. Here the causes are looked for in order, and the first that the log shows is the answer.

@@ -1,4 +1,4 @@
-"""How flights meet the ground: an impact, a landing that topples, a hard landing, or a tip-over at take-off.
+"""Contacts with the ground, as facts (coded findings): an impact, a toppled or hard landing, a tip-over at take-off.
 
 An impact is stated only if the vehicle is on the ground afterwards, where it rests or the log ends, and if two
 witnesses support it: a knock of the accelerometer, a tumble, a fast descent, a pose on the side, a lost attitude, or
@@ -20,7 +20,7 @@ from mavdem.dataset.time_series import series_of_boot
 from mavdem.facts import Fact, Facts
 from mavdem.facts.ending import MotionEvent
 from mavdem.facts.events import ReportedEvent
-from mavdem.facts.witnesses import WitnessFact
+from mavdem.facts.witnesses import SensorStatement
 from mavdem.witnesses.boot_sensors import MIN_SINK_RATE, BootSensors, Rest
 from mavdem.witnesses.statements import (
     MIN_SUPPORT,
@@ -198,7 +198,7 @@ class _Contact:
         remaining_seconds = record_end - time
         if remaining_seconds < RECOVERY_SECONDS and self.loss is not None:
             log_ended = supporting_statement(
-                WitnessFact.LOG_ENDED, time=record_end, duration=remaining_seconds
+                SensorStatement.LOG_ENDED, time=record_end, duration=remaining_seconds
             )
             return (log_ended,)
         return ()
@@ -266,13 +266,15 @@ class _Contact:
             is_far = largest.counted_angle > MAX_LANDING_LEAN
             if self.loss is not None or is_far:
                 statements.append(
-                    supporting_statement(WitnessFact.ATTITUDE_LEFT_SETPOINT, **largest._asdict())
+                    supporting_statement(
+                        SensorStatement.ATTITUDE_LEFT_SETPOINT, **largest._asdict()
+                    )
                 )
         start, _ = time_around
         for report in self.reports:
             if self._is_crash_report(report, start, time + SEARCH_SECONDS):
                 statements.append(
-                    supporting_statement(WitnessFact.AUTOPILOT_REPORTED, cause=report)
+                    supporting_statement(SensorStatement.AUTOPILOT_REPORTED, cause=report)
                 )
         return tuple(statements)
 
@@ -326,7 +328,7 @@ class _Contact:
             code = self._kind_of_topple(onset, rest, fall_speed, throttle_closing)
         elif (contact_speed or 0.0) > HARD_IMPACT_SPEED:
             code = MotionEvent.HIT
-        elif any(fact.code is WitnessFact.KNOCKED for fact in witnesses):
+        elif any(fact.code is SensorStatement.KNOCKED for fact in witnesses):
             code = MotionEvent.LANDED_HARD
         else:
             return None
@@ -367,7 +369,7 @@ class _Contact:
         loss_time = None if self.loss is None else self.loss.time
         if loss_time is None or loss_time >= time:
             return time
-        is_low = self._search.time_of_low_loss() is not None
+        is_low = self._search.time_of_loss_near_ground() is not None
         is_tumble = is_low and time - loss_time < TUMBLE_SECONDS
         if is_tumble or time - loss_time < MIN_FALL_SECONDS:
             return loss_time

@@ -1,4 +1,4 @@
-"""Height estimates that diverge in flight: the estimate sinks while the barometer rises, or the other way round.
+"""Height estimates that diverge in flight, as facts (coded findings): they sink while the barometer rises, or rise.
 
 In an automatic height mode the autopilot follows its estimate: one that falls makes the vehicle climb at full throttle,
 whatever the stick asks for. The cause is the accelerometer, whose error the estimator integrates: a wrong scale or
@@ -18,7 +18,7 @@ from mavdem.dataset.intervals import Intervals, TimeInterval, complement, in_int
 from mavdem.dataset.time_series import series_of_boot
 from mavdem.facts import Fact
 from mavdem.facts.ending import MotionEvent
-from mavdem.facts.witnesses import WitnessFact
+from mavdem.facts.witnesses import SensorStatement
 from mavdem.physical_constants import GRAVITY
 from mavdem.vibration.vibration_message import reported_vibration
 from mavdem.witnesses.accelerometer import AccelerometerRecord
@@ -98,9 +98,13 @@ def _divergence(sensors: BootSensors, interval: TimeInterval) -> Fact | None:
     is_rising = climb.barometer > 0
     if is_rising:
         height_change = sensors.height.barometer_change(*interval)
-        motion = supporting_statement(WitnessFact.ROSE, source="barometer", height=height_change)
+        motion = supporting_statement(
+            SensorStatement.ROSE, source="barometer", height=height_change
+        )
     else:
-        motion = supporting_statement(WitnessFact.SANK, source="barometer", speed=-climb.barometer)
+        motion = supporting_statement(
+            SensorStatement.SANK, source="barometer", speed=-climb.barometer
+        )
     start, end = interval
     statements = [motion.replace(time=start, end_time=end)]
     travel = _median_stick_travel(sensors, interval)
@@ -111,14 +115,16 @@ def _divergence(sensors: BootSensors, interval: TimeInterval) -> Fact | None:
             return None
         statements.append(
             supporting_statement(
-                WitnessFact.THROTTLE_NOT_RAISED, time=start, end_time=end, share=travel
+                SensorStatement.THROTTLE_NOT_RAISED, time=start, end_time=end, share=travel
             )
         )
     cause = _accelerometer_error(sensors, interval) or _vibration(sensors, interval)
     if cause is not None:
-        is_of_flight = cause.figures.get("part") == "in flight"
+        is_error_in_flight = cause.figures.get("part") == "in flight"
         window_start = start - CONTEXT_SECONDS
-        statements.append(cause.replace(time=window_start, end_time=end) if is_of_flight else cause)
+        statements.append(
+            cause.replace(time=window_start, end_time=end) if is_error_in_flight else cause
+        )
     full_throttle = _full_throttle(sensors, interval)
     # If a vehicle sinks at full throttle, it lacks thrust, and the throttle is no evidence for a diverged estimate.
     if full_throttle is not None and is_rising:
@@ -208,14 +214,14 @@ def _accelerometer_error(sensors: BootSensors, interval: TimeInterval) -> Fact |
             rest_explains_flight = (force_at_rest - GRAVITY) / flight_error >= MIN_REST_SHARE
         if rest_explains_flight:
             return supporting_statement(
-                WitnessFact.GRAVITY_WRONG, part="at rest", acceleration=force_at_rest
+                SensorStatement.GRAVITY_WRONG, part="at rest", acceleration=force_at_rest
             )
     if flight_error is None or not is_wrong_in_flight:
         return None
     # The measured force contains the acceleration of the vehicle. Gravity plus the error can be compared with the force
     # at rest, which the figure ``gravity`` holds.
     return supporting_statement(
-        WitnessFact.GRAVITY_WRONG,
+        SensorStatement.GRAVITY_WRONG,
         part="in flight",
         acceleration=GRAVITY + flight_error,
         gravity=force_at_rest,
@@ -283,24 +289,25 @@ def _vibration(sensors: BootSensors, interval: TimeInterval) -> Fact | None:
     count = vibration.most_clips(is_in_interval)
     if count:
         start, end = interval
-        return supporting_statement(WitnessFact.CLIPPED, time=start, end_time=end, count=count)
+        return supporting_statement(SensorStatement.CLIPPED, time=start, end_time=end, count=count)
     largest_levels = levels.values[is_in_interval].max(axis=1)
     largest_level = float(largest_levels.max())
     if largest_level <= vibration_limits(sensors.signals.telemetry).bad:
         return None
     time = float(levels.time[is_in_interval][largest_levels.argmax()])
-    return supporting_statement(WitnessFact.VIBRATED, time=time, vibration=largest_level)
+    return supporting_statement(SensorStatement.VIBRATED, time=time, vibration=largest_level)
 
 
 def _full_throttle(sensors: BootSensors, interval: TimeInterval) -> Fact | None:
-    """Returns the statement that a motor worked near its upper limit in an interval; None otherwise.
+    """Returns the statement that a motor worked near its upper limit in an interval.
 
     Args:
         sensors: sensors of the boot.
         interval: interval of the divergence, s since boot.
 
     Returns:
-        A statement with the largest command of all motors, as a ``share`` of their range.
+        A statement with the largest command of all motors, as a ``share`` of their range; None if it was at most
+        ``FULL_THROTTLE_COMMAND``, or no outputs were recorded.
     """
     motors = sensors.signals.motors
     if motors is None or sensors.boot not in motors.boot:
@@ -314,4 +321,4 @@ def _full_throttle(sensors: BootSensors, interval: TimeInterval) -> Fact | None:
     if largest_command <= FULL_THROTTLE_COMMAND:
         return None
     time = float(commands.time[is_in_interval][largest_commands.argmax()])
-    return supporting_statement(WitnessFact.MOTORS_FULL, time=time, share=largest_command)
+    return supporting_statement(SensorStatement.MOTORS_FULL, time=time, share=largest_command)

@@ -113,13 +113,13 @@ def _values_in_flight(evidence: Evidence, series: TimeSeries) -> Array:
     Returns:
         The samples (N,) or (N, k); all of them if there was no flight.
     """
-    parts = []
+    samples_of_flights = []
     for flight in evidence.in_flight(series):
         intervals = _carried_intervals(evidence, int(flight.boot[0]))
         is_in_interval = in_intervals(flight.time, intervals)
         if is_in_interval.any():
-            parts.append(flight.values[is_in_interval])
-    return np.concatenate(parts) if parts else series.values
+            samples_of_flights.append(flight.values[is_in_interval])
+    return np.concatenate(samples_of_flights) if samples_of_flights else series.values
 
 
 def _carried_intervals(evidence: Evidence, boot: int) -> Intervals:
@@ -496,7 +496,7 @@ def _speed_controllers(evidence: Evidence) -> Iterator[Instance]:
             standstill = standstills[controller.name]
             state = Fact(InstanceState.STOOD_STILL, standstill.level, time=standstill.time)
         elif errors:
-            seconds = sum(np.ptp(part.time) for part in evidence.in_flight(controller.speed))
+            seconds = sum(np.ptp(flight.time) for flight in evidence.in_flight(controller.speed))
             level = Level.WATCH if errors > MAX_ERROR_RATE * seconds else None
             state = Fact(InstanceState.COUNTED_ERRORS, level, count=errors)
         yield Instance(

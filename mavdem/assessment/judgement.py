@@ -1,4 +1,4 @@
-"""Judgement of a vehicle by the evidence of a log: its lights, its loops, the headline, and the next step that fits."""
+"""Judgement of a vehicle: facts (coded findings with a level) for its lights, its loops, the headline and next step."""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
@@ -9,8 +9,8 @@ from mavdem.assessment.axis.findings import Finding, next_step_for_model
 from mavdem.assessment.axis.loop_decision import (
     DecisionsByAxis,
     LoopDecision,
+    LoopDiagnosis,
     LoopObservations,
-    LoopVerdict,
     common_action,
     decide_on_loops,
 )
@@ -47,7 +47,7 @@ URGENT_EVENTS = (
     ReportedEvent.CRASH_DETECTED,
 )
 """Losses, failsafes, restarts and impacts, the most important first. Even if their level is only "watch", they rank
-above every light: a trim or vibration does not matter beside a vehicle that fell. Only a log that ends in the air ranks
+above every light: a trim or vibration matters less than a vehicle that fell. Only a log that ends in the air ranks
 below a light that is bad."""
 
 EVENTS_BY_LIGHT: dict[Light, tuple[Code, ...]] = {
@@ -101,7 +101,7 @@ TRIMS_OF_WEAK_MOTOR = (TrimFact.TRIM_OF_ONE_MOTOR, TrimFact.TRIM_OF_LEADING_MOTO
 """Patterns of the trim by which one motor is probably weak, although it is only to be watched."""
 
 PARTIAL_CHECKS = (WatchFact.NO_MOTOR_AT_LIMIT, WatchFact.NO_OSCILLATION)
-"""Lights of a live flight that say what one check has shown so far; their figure ``because`` is why the rest of the
+"""Lights of a live flight that say what one check has shown so far; their figure ``reason`` is why the rest of the
 light is unknown."""
 
 MIN_CHECKED_LIGHTS = 3
@@ -279,14 +279,14 @@ def with_action_on_loops(light: Fact, decisions: DecisionsByAxis) -> Fact:
         return light
     decision = decisions[axis]
     if light.is_good:
-        follows_badly = decision.verdict is LoopVerdict.FOLLOWS_BADLY
+        follows_badly = decision.diagnosis is LoopDiagnosis.FOLLOWS_BADLY
         return light.replace(follows=False) if follows_badly else light
     axes = light.figures.get("names", (axis,))
     return light.replace(action=common_action([decisions[name].action for name in axes]))
 
 
 def unjudged(refusal: Fact) -> Judgement:
-    """Returns the judgement if there is no evidence: everything is unknown because of the ``refusal``."""
+    """Returns the judgement of a log that cannot be judged: everything is unknown for one reason, the ``refusal``."""
     next_step = Fact(NextStep.DO_AS_ADVISED, reason=refusal)
     unknown_light = Fact(Unjudged.NOT_JUDGED, reason=refusal)
     return Judgement(refusal, next_step, {str(light.name): unknown_light for light in REGISTRY})

@@ -1,7 +1,8 @@
-"""Events of a flight that went wrong, by attitude, height and accelerometers, without the reports of the autopilot.
+"""Events of a flight that went wrong, as facts (coded findings), by attitude, height and accelerometers.
 
-First it is decided whether the vehicle flew. Each event then states its witnesses for and against
-(:mod:`mavdem.witnesses`); the level of an event without a second witness is only "watch".
+The autopilot's own reports only support them. First it is decided whether the vehicle flew. Each event then has its
+witnesses, the statements of sensors for and against it (:mod:`mavdem.witnesses`); without a second witness for it, its
+level is only "watch".
 """
 
 from collections.abc import Iterator, Sequence
@@ -75,7 +76,7 @@ def motion_events(signals: Signals, reports: Sequence[Fact] = ()) -> Facts:
 
 
 def _with_errors_in_swings(events: Sequence[Fact]) -> Iterator[Fact]:
-    """Adds to swings of the attitude whether it followed its setpoint, and which motors had no reserve.
+    """Adds to the events of a swinging attitude whether it followed its setpoint, and which motors had no reserve.
 
     If the attitude was far from its setpoint, the gains of the position controller are not the first to look at. In an
     autonomous mode that also means that the autopilot does not control the vehicle, so that the swing is bad even if
@@ -101,8 +102,8 @@ def _with_errors_in_swings(events: Sequence[Fact]) -> Iterator[Fact]:
             if other.code is MotionEvent.ATTITUDE_CAUGHT and "is_lean" not in other.figures:
                 errors.append(other.figures["angle"])
             elif other.code is MotionEvent.MOTOR_AT_ITS_STOP:
-                is_explained = "is_full_throttle" in other.figures
-                if not is_explained and other.subject not in limited_motors:
+                has_full_throttle = "is_full_throttle" in other.figures
+                if not has_full_throttle and other.subject not in limited_motors:
                     limited_motors.append(other.subject)
         if errors:
             event = event.replace(Level.BAD, angle_error=max(errors))
@@ -151,7 +152,7 @@ def _not_flown(signals: Signals, trust: SensorTrust) -> Fact | None:
     tilt = signals.tilts[0]
     times = tilt.time[tilt.boot == trust.boot]
     # The witnesses against a flight support this event.
-    witnesses = tuple(fact.replace(side=Side.FOR) for fact in trust.verdict.witnesses)
+    witnesses = tuple(fact.replace(side=Side.FOR) for fact in trust.flight_check.witnesses)
     return Fact(MotionEvent.NOT_FLOWN, time=times[0], boot=trust.boot, witnesses=witnesses)
 
 
@@ -182,10 +183,10 @@ def _events_of_boot(signals: Signals, boot: int, reports: Sequence[Fact]) -> Ite
         out_of_control += _intervals_out_of_control(flight_events, flight)
         events_of_last_flight = flight_events
     for event in motor_events(signals, boot, flights):
-        is_explained = in_intervals(event.start_time, out_of_control)
+        is_out_of_control = in_intervals(event.start_time, out_of_control)
         if event.code is MotionEvent.MOTOR_OFF:
             yield from with_motor_witnesses(signals, [event], reports)
-        elif not is_explained:
+        elif not is_out_of_control:
             yield event
     if flights:
         yield from _end_in_air(signals, boot, flights[-1], error.time[-1], events_of_last_flight)
@@ -337,6 +338,7 @@ def _falls_of_flight(
     flight_start, landing_time = flight_interval
     flight_end = min(landing_time, sensors.record_end)
     start, end = flight_end - RECOVERY_SECONDS, flight_end + RECOVERY_SECONDS
+    # The time of an event may be unknown: then these limits stay.
     if loss is not None:
         start = loss.time or start
         if contact is not None:
@@ -392,14 +394,14 @@ def _end_in_air(
     sensors = BootSensors(signals, boot, flight_start)
     last_height = sensors.height_at(end_time)
     if last_height is not None and last_height > MAX_GROUND_HEIGHT:
-        sources = sensors.height_statements(MAX_GROUND_HEIGHT, end_time)
+        height_statements = sensors.height_statements(MAX_GROUND_HEIGHT, end_time)
         end_in_air = Fact(
             MotionEvent.LOG_ENDED_IN_AIR,
             time=end_time,
             height=last_height,
             height_source=sensors.height_source,
             boot=boot,
-            witnesses=sources,
+            witnesses=height_statements,
             # A stream also ends if somebody ends its recording.
             is_received=not signals.telemetry.translated_from,
         )

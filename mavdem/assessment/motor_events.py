@@ -1,4 +1,4 @@
-"""Motors whose output stays at its upper limit in flight, stands still, or is off while others carry the vehicle."""
+"""Events of motors, as facts (coded findings): outputs at their upper limit in flight, frozen, or off."""
 
 from collections.abc import Iterator, Sequence
 from itertools import pairwise
@@ -38,8 +38,8 @@ FROZEN_SAMPLES = 8
 """Number of samples that must show it: those of that time at 4 Hz."""
 
 MIN_COMMAND_RANGE = 0.05
-"""Mean range of motors' commands, as a share of the full range, beside which one that is constant has frozen; also
-the distance from its upper limit at which it must be constant."""
+"""Mean range of motors' commands, as a share of the full range, from which on one that is constant has frozen; also
+the least distance of that constant command from the upper limit."""
 
 FULL_THROTTLE_SHARE = 0.5
 """Share of the time at its limit beyond which the throttle must be full to explain the limit of a motor; a choice."""
@@ -184,8 +184,8 @@ def _frozen_outputs(
         time, values = commands_in_flight.time, commands_in_flight.values
         for motor, name in enumerate(motors.geometry.names):
             for first, end in _constant_runs(values[:, motor]):
-                lasts = time[end - 1] - time[first] >= FROZEN_SECONDS
-                if not lasts:
+                is_long_enough = time[end - 1] - time[first] >= FROZEN_SECONDS
+                if not is_long_enough:
                     continue
                 constant = values[first:end]
                 if frozen_motor(motors, constant, lowest=constant.min()) == motor:
@@ -260,10 +260,10 @@ def _rated_by_throttle(signals: Signals, boot: int, interval: TimeInterval, limi
     if stick is None:
         return limit
     manual = mode_intervals(signals, boot, MANUAL_THROTTLE_MODES)
-    is_in_interval = in_intervals(stick.time, intersection(manual, [interval]))
-    rows_of_event = in_intervals(stick.time, [interval])
-    is_full = is_in_interval & (stick.values >= FULL_STICK)
-    if not rows_of_event.any() or is_full.sum() <= FULL_THROTTLE_SHARE * rows_of_event.sum():
+    is_in_event = in_intervals(stick.time, [interval])
+    is_manual_in_event = in_intervals(stick.time, intersection(manual, [interval]))
+    is_full = is_manual_in_event & (stick.values >= FULL_STICK)
+    if not is_in_event.any() or is_full.sum() <= FULL_THROTTLE_SHARE * is_in_event.sum():
         return limit
     limit = limit.replace(is_full_throttle=True)
     climb_rate = series_of_boot(signals.climb_rate, boot)
@@ -324,7 +324,8 @@ def _is_off(signals: Signals, motors: MotorOutputs, boot: int, commands: Array) 
     is_off = (commands <= off_command) | has_no_pulses
     motor_count = commands.shape[1]
     mean_of_others = (commands.sum(axis=1, keepdims=True) - commands) / max(motor_count - 1, 1)
-    airborne = min_running_command(motors)
+    idle_command = min_running_command(motors)
+    others_carry_vehicle = mean_of_others > idle_command
     # An output that never rose above idle drives no motor.
-    has_run = commands.max(axis=0) > airborne
-    return is_off & (mean_of_others > airborne) & has_run
+    has_run = commands.max(axis=0) > idle_command
+    return is_off & others_carry_vehicle & has_run

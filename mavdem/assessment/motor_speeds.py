@@ -26,7 +26,7 @@ from mavdem.dataset.time_series import TimeSeries, series_of_boot
 from mavdem.facts import Fact, Facts
 from mavdem.facts.ending import MotionEvent
 from mavdem.facts.events import ReportedEvent
-from mavdem.facts.witnesses import WitnessFact
+from mavdem.facts.witnesses import SensorStatement
 from mavdem.ingest.motors import name_without_place
 from mavdem.witnesses.boot_sensors import BootSensors
 from mavdem.witnesses.statements import (
@@ -59,13 +59,13 @@ REPORTS_OF_MOTOR = (ReportedEvent.MOTOR_FAILED, ReportedEvent.THRUST_LOST)
 
 
 class SamplesAround(NamedTuple):
-    """Samples of a motor's command or speed before a loss and from its beginning on."""
+    """Samples of a motor's command or speed before a loss of its thrust and in it."""
 
     before: Array
     """(N,) of twice ``RECOVERY_SECONDS`` before."""
 
-    after: Array
-    """(M,) from the beginning on."""
+    during: Array
+    """(M,) in the loss."""
 
 
 class CommandChange(NamedTuple):
@@ -201,7 +201,7 @@ def _standstill(
     is_in_interval = in_intervals(command.time, [recorded])
     share = float(command.values[is_in_interval].mean()) if is_in_interval.any() else 0.0
     no_rotation = supporting_statement(
-        WitnessFact.SPEED_ZERO,
+        SensorStatement.SPEED_ZERO,
         time=start,
         end_time=end,
         name=controller.name,
@@ -228,7 +228,7 @@ def _standstill(
 
 
 def _reaction_of_command(command: TimeSeries, interval: TimeInterval) -> Facts:
-    """Returns whether the command of a motor rose while its measured speed was zero.
+    """Returns the statement on whether the command of a motor rose while its measured speed was zero.
 
     If the motor really stood still, its thrust was missing, and the flight controller raised the command to make up for
     it. If the command stayed as it was, the thrust was there, and the measured speed is wrong.
@@ -249,7 +249,7 @@ def _reaction_of_command(command: TimeSeries, interval: TimeInterval) -> Facts:
     start, end = interval
     usual_command = change.before
     unchanged = contradicting_statement(
-        WitnessFact.COMMAND_UNCHANGED, share=usual_command, time=start, end_time=end
+        SensorStatement.COMMAND_UNCHANGED, share=usual_command, time=start, end_time=end
     )
     return (unchanged,)
 
@@ -268,10 +268,10 @@ def command_change(
     Returns:
         The commands before and in the interval; None without a sample in either (:func:`samples_around`).
     """
-    before, after = samples_around(time, commands, interval)
-    if not len(before) or not len(after):
+    before, during = samples_around(time, commands, interval)
+    if not len(before) or not len(during):
         return None
-    return CommandChange(float(np.median(before)), float(np.quantile(after, later_quantile)))
+    return CommandChange(float(np.median(before)), float(np.quantile(during, later_quantile)))
 
 
 def rise_statement(change: CommandChange, interval: TimeInterval) -> Fact:
@@ -283,7 +283,7 @@ def rise_statement(change: CommandChange, interval: TimeInterval) -> Fact:
     """
     start, end = interval
     return supporting_statement(
-        WitnessFact.COMMAND_ROSE,
+        SensorStatement.COMMAND_ROSE,
         share=change.later,
         share_before=change.before,
         time=start,
@@ -292,7 +292,7 @@ def rise_statement(change: CommandChange, interval: TimeInterval) -> Fact:
 
 
 def _reaction_of_attitude(error: AttitudeError, interval: TimeInterval) -> Facts:
-    """Returns whether the attitude left its setpoint while the measured speed of a motor was zero.
+    """Returns the statement on whether the attitude left its setpoint while the measured speed of a motor was zero.
 
     If the motor really stood still, the vehicle leans to the side of the missing thrust. If the attitude stayed at its
     setpoint, the thrust was there, and the measured speed is wrong.
@@ -311,9 +311,9 @@ def _reaction_of_attitude(error: AttitudeError, interval: TimeInterval) -> Facts
     if largest is None:
         return ()
     if largest.counted_angle > MIN_LEAN_ERROR:
-        return (supporting_statement(WitnessFact.ATTITUDE_LEFT_SETPOINT, **largest._asdict()),)
+        return (supporting_statement(SensorStatement.ATTITUDE_LEFT_SETPOINT, **largest._asdict()),)
     held = contradicting_statement(
-        WitnessFact.ATTITUDE_HELD,
+        SensorStatement.ATTITUDE_HELD,
         time=interval_of_error[0],
         end_time=end,
         angle=largest.angle,
@@ -323,7 +323,7 @@ def _reaction_of_attitude(error: AttitudeError, interval: TimeInterval) -> Facts
 
 
 def _counted_errors(controller: SpeedController, boot: int, interval: TimeInterval) -> Facts:
-    """Returns the errors that a motor's controller counted in an interval or a second before, which support a fault.
+    """Returns the statement that a motor's controller counted errors in an interval or a second before it.
 
     Args:
         controller: the speed controller of the motor, which may count its errors.
@@ -344,7 +344,7 @@ def _counted_errors(controller: SpeedController, boot: int, interval: TimeInterv
     if count <= 0:
         return ()
     counted = supporting_statement(
-        WitnessFact.ERRORS_COUNTED,
+        SensorStatement.ERRORS_COUNTED,
         time=start - MAX_SETPOINT_DELAY,
         end_time=end,
         name=controller.name,
@@ -376,7 +376,9 @@ def reports_on_motor(
         is_in_time = earliest <= report.start_time <= latest
         is_near = report.figures["boot"] == boot and is_in_time
         if report.code in REPORTS_OF_MOTOR and is_of_motor and is_near:
-            statements.append(supporting_statement(WitnessFact.AUTOPILOT_REPORTED, cause=report))
+            statements.append(
+                supporting_statement(SensorStatement.AUTOPILOT_REPORTED, cause=report)
+            )
     return statements
 
 
@@ -415,10 +417,10 @@ def speed_statements(signals: Signals, loss: Fact) -> Facts:
             "rotation_before": change.before,
         }
         if not change.has_slowed:
-            return (contradicting_statement(WitnessFact.MOTOR_TURNED, **figures),)
+            return (contradicting_statement(SensorStatement.MOTOR_TURNED, **figures),)
         if _command_fell(motors, boot, motor, interval):
             return ()
-        return (supporting_statement(WitnessFact.MOTOR_SLOWED, **figures),)
+        return (supporting_statement(SensorStatement.MOTOR_SLOWED, **figures),)
     return ()
 
 
@@ -447,10 +449,10 @@ def _speed_change(speed: TimeSeries | None, interval: TimeInterval) -> _SpeedCha
     """
     if speed is None:
         return None
-    before, after = samples_around(speed.time, speed.values, interval)
-    if min(len(before), len(after)) < MIN_USUAL_SAMPLES:
+    before, during = samples_around(speed.time, speed.values, interval)
+    if min(len(before), len(during)) < MIN_USUAL_SAMPLES:
         return None
-    change = _SpeedChange(float(np.median(before)), float(np.median(after)))
+    change = _SpeedChange(float(np.median(before)), float(np.median(during)))
     return change if change.before > 0 else None
 
 
@@ -468,7 +470,7 @@ def samples_around(time: Array, values: Array, interval: TimeInterval) -> Sample
     start, _ = interval
     return SamplesAround(
         before=values[in_intervals(time, [(start - 2 * RECOVERY_SECONDS, start)])],
-        after=values[in_intervals(time, [interval])],
+        during=values[in_intervals(time, [interval])],
     )
 
 

@@ -18,7 +18,7 @@ from mavdem.assessment.motor_speeds import (
 from mavdem.dataset.intervals import TimeInterval, in_intervals
 from mavdem.dataset.signals import Signals
 from mavdem.facts import Fact, Facts
-from mavdem.facts.witnesses import WitnessFact
+from mavdem.facts.witnesses import SensorStatement
 from mavdem.witnesses.boot_sensors import BootSensors
 from mavdem.witnesses.statements import supporting_statement, supporting_statements
 
@@ -91,7 +91,10 @@ def _rise_of_command(signals: Signals, loss: Fact, interval: TimeInterval) -> Fa
     excess = loss.figures.get("excess")
     if excess is not None:
         above_others = supporting_statement(
-            WitnessFact.COMMAND_ABOVE_OTHERS, time=loss.time, end_time=loss.end_time, share=excess
+            SensorStatement.COMMAND_ABOVE_OTHERS,
+            time=loss.time,
+            end_time=loss.end_time,
+            share=excess,
         )
         return (above_others,)
     commands = motors.range_fractions(loss.figures["boot"])
@@ -103,7 +106,7 @@ def _rise_of_command(signals: Signals, loss: Fact, interval: TimeInterval) -> Fa
 
 
 def _loss_of_attitude(signals: Signals, boot: int, interval: TimeInterval) -> Facts:
-    """Returns how far the attitude left its setpoint, which supports that a motor was lost.
+    """Returns the statement that the attitude left its setpoint, which supports that a motor was lost.
 
     If it did not, that proves nothing, since other motors may hold the attitude. If no setpoint was recorded, only a
     share of the lean counts as error (:func:`mavdem.assessment.attitude_error.attitude_error`), but the fact states the
@@ -124,7 +127,7 @@ def _loss_of_attitude(signals: Signals, boot: int, interval: TimeInterval) -> Fa
     largest = largest_error(error, interval)
     if largest is None or largest.counted_angle < MIN_LEAN_ERROR:
         return ()
-    return (supporting_statement(WitnessFact.ATTITUDE_LEFT_SETPOINT, **largest._asdict()),)
+    return (supporting_statement(SensorStatement.ATTITUDE_LEFT_SETPOINT, **largest._asdict()),)
 
 
 def _fast_descent(signals: Signals, boot: int, interval: TimeInterval) -> Facts:

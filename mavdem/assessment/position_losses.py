@@ -11,7 +11,7 @@ from mavdem.dataset.time_series import TimeSeries
 from mavdem.facts import Fact, Facts, Level
 from mavdem.facts.ending import MotionEvent
 from mavdem.facts.events import ReportedEvent
-from mavdem.facts.witnesses import WitnessFact
+from mavdem.facts.witnesses import SensorStatement
 from mavdem.witnesses.boot_sensors import BootSensors
 from mavdem.witnesses.statements import supporting_statement
 
@@ -60,7 +60,7 @@ def position_losses(
         if validity is not None:
             invalid = (
                 supporting_statement(
-                    WitnessFact.POSITION_INVALID, time=start, end_time=end, duration=end - start
+                    SensorStatement.POSITION_INVALID, time=start, end_time=end, duration=end - start
                 ),
             )
         yield Fact(
@@ -120,10 +120,14 @@ def _autopilot_reactions(
     for report in reports:
         is_of_boot = report.figures["boot"] == sensors.boot
         if is_of_boot and _is_reaction(report) and start <= report.start_time <= end:
-            statements.append(supporting_statement(WitnessFact.AUTOPILOT_REPORTED, cause=report))
+            statements.append(
+                supporting_statement(SensorStatement.AUTOPILOT_REPORTED, cause=report)
+            )
     for time, name in sensors.signals.mode_changes(sensors.boot):
         if start <= time <= end and name in MODES_WITHOUT_POSITION:
-            statements.append(supporting_statement(WitnessFact.MODE_CHANGED, name=name, time=time))
+            statements.append(
+                supporting_statement(SensorStatement.MODE_CHANGED, name=name, time=time)
+            )
     return tuple(statements)
 
 
@@ -156,5 +160,5 @@ def _missing_fix(fix: TimeSeries | None, interval: TimeInterval) -> Facts:
     is_in_interval = in_intervals(fix.time, [interval])
     if is_in_interval.any() and not fix.values[is_in_interval].any():
         start, end = interval
-        return (supporting_statement(WitnessFact.NO_FIX, time=start, end_time=end),)
+        return (supporting_statement(SensorStatement.NO_FIX, time=start, end_time=end),)
     return ()

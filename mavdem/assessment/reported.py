@@ -1,4 +1,4 @@
-"""Events that the autopilot reports in a log: its states, its texts and error codes, and faults of its sensors."""
+"""Events that the autopilot reports, as facts (coded findings): states, texts, error codes, and faults of sensors."""
 
 from collections.abc import Iterator, Sequence
 from math import inf, isfinite

@@ -90,7 +90,7 @@ def restarts(signals: Signals, recorded_part: Segment) -> Iterator[Fact]:
     if is_watchdog or was_flying:
         is_in_flight = has_fallen or _begins_in_flight(signals, recorded_part)
     else:
-        # There is no other sign of a flight: only a fall and a tumble soon after the boot count as one.
+        # There is no other sign of a flight. Only a fall from a greater height, and a tumble, soon after the boot are.
         has_fallen_far = descent >= MIN_UNREPORTED_FALL_HEIGHT
         is_early = recorded_part.start <= MAX_BOOT_CLOCK
         is_in_flight = is_early and has_fallen_far and _tumbles(signals, recorded_part)
@@ -167,7 +167,7 @@ def _begins_in_flight(signals: Signals, recorded_part: Segment) -> bool:
 
 
 class FallAtStart(NamedTuple):
-    """A fall at the beginning of a boot."""
+    """A fall at the beginning of a boot (a run of the autopilot): how far, and when it hit the ground."""
 
     descent: float
     """Height from the highest to the lowest point thereafter, m."""

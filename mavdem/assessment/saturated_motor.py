@@ -224,8 +224,8 @@ def _saturation_loss(
     start = event.time
     assert start is not None
     end = event.latest_time
-    lasts = is_lost or end == inf or end - start >= RECOVERY_SECONDS
-    if event.figures["duration"] < MIN_LIMIT_SECONDS or not lasts:
+    is_long_enough = is_lost or end == inf or end - start >= RECOVERY_SECONDS
+    if event.figures["duration"] < MIN_LIMIT_SECONDS or not is_long_enough:
         return None
     sensors = _sensors_in_flight(signals, boot, start)
     height = sensors.height_at(start)
@@ -317,7 +317,7 @@ def _excess(commands: Array, motor: int) -> Array:
 
 
 def _leans_towards(
-    signals: Signals, motors: MotorOutputs, number: int, boot: int, interval: TimeInterval
+    signals: Signals, motors: MotorOutputs, motor: int, boot: int, interval: TimeInterval
 ) -> bool:
     """Returns whether the vehicle leans to the side of a motor, against its setpoint.
 
@@ -326,7 +326,7 @@ def _leans_towards(
     Args:
         signals: signals of the vehicle.
         motors: motors of the vehicle, with their positions.
-        number: index of the motor.
+        motor: index of the motor.
         boot: number of the boot.
         interval: start and end of the time in which the lean may begin, s.
 
@@ -345,7 +345,7 @@ def _leans_towards(
     lean_start = leaning_times[0]
     is_in_interval = in_intervals(error.time, [(lean_start, lean_start + MAX_SETPOINT_DELAY)])
     # Lean and position are both complex numbers whose real part is forward, and whose imaginary part is to the right.
-    position = complex(*motors.geometry.positions[number])
+    position = complex(*motors.geometry.positions[motor])
     if position == 0:
         return False
     lean = complex(error.lean[is_in_interval].mean())

@@ -6,7 +6,7 @@ from mavdem.facts.fact import Code
 
 
 class Side(StrEnum):
-    """Whether a witness supports an event."""
+    """Whether a statement supports an event or contradicts it."""
 
     FOR = "for"
     AGAINST = "against"
@@ -19,8 +19,8 @@ class HeightSource(StrEnum):
     ESTIMATE = "estimate"
 
 
-class WitnessFact(Code):
-    """What one sensor, or the autopilot, shows of an event."""
+class SensorStatement(Code):
+    """What a sensor, the autopilot or a command states for or against an event, such as a crash."""
 
     # Height.
     ROSE = "witness_rose"

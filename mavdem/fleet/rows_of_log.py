@@ -223,7 +223,7 @@ def decision_columns(decision: LoopDecision | None) -> JsonValues:
     if decision is None:
         return {}
     action = None if decision.action is None else decision.action.advised
-    return {"loop_verdict": str(decision.verdict), "loop_action": action}
+    return {"loop_verdict": str(decision.diagnosis), "loop_action": action}
 
 
 def margin_columns(loop: Loop) -> JsonValues:

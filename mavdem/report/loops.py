@@ -8,7 +8,7 @@ from mavdem.assessment.axis.loop_decision import (
     ADVICE_TO_TUNE,
     DecisionsByAxis,
     LoopDecision,
-    LoopVerdict,
+    LoopDiagnosis,
 )
 from mavdem.assessment.axis.tuning import Tuning
 from mavdem.assessment.judgement import LIGHT_OF_EVENT, Judgement
@@ -239,7 +239,7 @@ def _rating_as_decided(advice: Advice, decision: LoopDecision | None) -> list[Fa
     is_decided_by_margins = decision.reason.code is MarginsLight.LOOP_MARGINS
     if advice.refusals and not is_decided_by_margins:
         return []
-    if decision.verdict is LoopVerdict.FOLLOWS_BADLY:
+    if decision.diagnosis is LoopDiagnosis.FOLLOWS_BADLY:
         level = Level.BAD if advice.rating.is_bad else Level.WATCH
         return [advice.rating.replace(level, follows=False)]
     return [advice.rating]

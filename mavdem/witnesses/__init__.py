@@ -5,7 +5,7 @@ stated on the word of one sensor alone. This room measures once, for each boot, 
 position fix and stick are worth (:func:`sensor_trust`), and from them whether the vehicle flew at all.
 """
 
-from mavdem.witnesses.flight_verdict import FlightVerdict, flight_verdict
+from mavdem.witnesses.flight_check import FlightCheck, flight_check
 from mavdem.witnesses.trust import SensorTrust, sensor_trust, trust_of_boots
 
-__all__ = ["FlightVerdict", "SensorTrust", "flight_verdict", "sensor_trust", "trust_of_boots"]
+__all__ = ["FlightCheck", "SensorTrust", "flight_check", "sensor_trust", "trust_of_boots"]

@@ -11,6 +11,7 @@ from math import inf, isinf
 from typing import NamedTuple
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 
 from mavdem.arrays import Array, Flags
 from mavdem.dataset.attitude import Attitude
@@ -20,7 +21,7 @@ from mavdem.dataset.signals import Signals
 from mavdem.dataset.time_series import TimeSeries, series_of_boot
 from mavdem.dataset.vehicle_cache import cached_per_vehicle
 from mavdem.facts import Fact
-from mavdem.facts.witnesses import HeightSource, WitnessFact
+from mavdem.facts.witnesses import HeightSource, SensorStatement
 from mavdem.physical_constants import GRAVITY
 from mavdem.witnesses.accelerometer import (
     REST_SECONDS,
@@ -120,16 +121,19 @@ class Rest:
         A vehicle on its side supports a crash, one that stands upright contradicts it. If its angle is not known there
         is no statement on the pose.
         """
-        rested = supporting_statement(WitnessFact.RESTED, time=self.time)
+        rested = supporting_statement(SensorStatement.RESTED, time=self.time)
         if self.angle is None:
             return (rested,)
         if self.is_on_side:
             pose = supporting_statement(
-                WitnessFact.LAY_ON_ITS_SIDE, time=self.time, angle=self.angle, source=self.source
+                SensorStatement.LAY_ON_ITS_SIDE,
+                time=self.time,
+                angle=self.angle,
+                source=self.source,
             )
         else:
             pose = contradicting_statement(
-                WitnessFact.STOOD_UPRIGHT, time=self.time, angle=self.angle, source=self.source
+                SensorStatement.STOOD_UPRIGHT, time=self.time, angle=self.angle, source=self.source
             )
         return (rested, pose)
 
@@ -187,11 +191,11 @@ class BootSensors:
         height = self.height_above_take_off
         return None if height is None else height.value_at(time)
 
-    def height_statements(self, height: float, time: float) -> tuple[Fact, ...]:
+    def height_statements(self, min_height: float, time: float) -> tuple[Fact, ...]:
         """Returns a statement of each height sensor on whether the vehicle was above a height at some time.
 
         Args:
-            height: m above the take-off.
+            min_height: m above the take-off.
             time: s since boot.
 
         Returns:
@@ -207,15 +211,15 @@ class BootSensors:
                 continue
             rise = series.value_at(time) - series.value_at(self.take_off)
             figures = {"time": time, "source": source, "height": max(rise, 0.0)}
-            if rise > height:
-                statements.append(supporting_statement(WitnessFact.ROSE, **figures))
+            if rise > min_height:
+                statements.append(supporting_statement(SensorStatement.ROSE, **figures))
             else:
-                statements.append(contradicting_statement(WitnessFact.STAYED_LEVEL, **figures))
+                statements.append(contradicting_statement(SensorStatement.STAYED_LEVEL, **figures))
         return tuple(statements)
 
     @property
     def accelerometer(self) -> AccelerometerRecord | None:
-        """The accelerometer that counts; None if none was recorded."""
+        """The accelerometer that the estimator uses; None if none was recorded."""
         return self.trust.accelerometer
 
     @property
@@ -246,7 +250,7 @@ class BootSensors:
             return None
         if peak.size >= accelerometer.knock_size:
             return supporting_statement(
-                WitnessFact.KNOCKED,
+                SensorStatement.KNOCKED,
                 time=peak.time,
                 acceleration=peak.size,
                 name=self.name_of_accelerometer,
@@ -255,7 +259,7 @@ class BootSensors:
             return None
         start, end = interval
         return contradicting_statement(
-            WitnessFact.NO_KNOCK,
+            SensorStatement.NO_KNOCK,
             time=start,
             end_time=end,
             acceleration=peak.size,
@@ -276,7 +280,7 @@ class BootSensors:
         fastest = self.fastest_rotation(self.signals.attitudes, interval)
         if fastest.body_rate <= FAST_RATE:
             return None
-        return supporting_statement(WitnessFact.ROTATED, **fastest._asdict())
+        return supporting_statement(SensorStatement.ROTATED, **fastest._asdict())
 
     def fastest_rotation(self, attitudes: Iterable[Attitude], interval: TimeInterval) -> Rotation:
         """Returns the largest body rate in an interval.
@@ -429,7 +433,7 @@ class BootSensors:
         return change - estimated_change <= MAX_CLIMB_DIFFERENCE * SLOPE_SECONDS
 
     def sink_statements(
-        self, interval: TimeInterval, least: float = MIN_SINK_RATE
+        self, interval: TimeInterval, min_speed: float = MIN_SINK_RATE
     ) -> tuple[Fact, ...]:
         """Returns a statement of each height sensor, barometer and estimate, on whether the vehicle sank fast.
 
@@ -438,7 +442,7 @@ class BootSensors:
 
         Args:
             interval: start and end, s since boot.
-            least: speed downward above which the vehicle sinks fast, m/s.
+            min_speed: speed downward above which the vehicle sinks fast, m/s.
 
         Returns:
             Statements that support or contradict a crash, with the largest speed downward, m/s.
@@ -447,17 +451,17 @@ class BootSensors:
         start, end = interval
         highest_confirmed_speed = (self.sink_rate(interval) or 0.0) + MAX_CLIMB_DIFFERENCE
         for source, descent in self._fastest_descents(interval).items():
-            if descent.speed > max(least, highest_confirmed_speed):
+            if descent.speed > max(min_speed, highest_confirmed_speed):
                 continue
             figures = {"source": source, "speed": descent.speed}
-            if descent.speed > least:
+            if descent.speed > min_speed:
                 statements.append(
-                    supporting_statement(WitnessFact.SANK, time=descent.time, **figures)
+                    supporting_statement(SensorStatement.SANK, time=descent.time, **figures)
                 )
             else:
                 statements.append(
                     contradicting_statement(
-                        WitnessFact.DID_NOT_SINK, time=start, end_time=end, **figures
+                        SensorStatement.DID_NOT_SINK, time=start, end_time=end, **figures
                     )
                 )
         return tuple(statements)
@@ -485,7 +489,7 @@ class BootSensors:
         rows = np.flatnonzero(is_inside & is_closed & (largest_travel > OPEN_STICK))
         if not len(rows):
             return None
-        return supporting_statement(WitnessFact.THROTTLE_CLOSED, time=stick.time[rows[0]])
+        return supporting_statement(SensorStatement.THROTTLE_CLOSED, time=stick.time[rows[0]])
 
     def rest_after(self, time: float, latest: float) -> Rest | None:
         """Finds when the vehicle first rested on the ground between two times, and in which pose.
@@ -505,22 +509,21 @@ class BootSensors:
         record = _rest_record(self.signals, self.boot)
         if record is None:
             return None
-        needed_windows = round(MIN_REST_SECONDS / REST_SECONDS)
         is_candidate = (record.start >= time) & (record.start <= latest) & record.is_rest
-        # The number of windows of rest in a row, up to and including the present one.
-        run_length = 0
-        for window in np.flatnonzero(is_candidate).tolist():
-            continues_run = run_length > 0 and bool(is_candidate[window - 1])
-            run_length = run_length + 1 if continues_run else 1
-            if run_length == needed_windows:
-                first_window = window - needed_windows + 1
-                angles = record.angle[first_window : window + 1]
-                known_angles = angles[np.isfinite(angles)]
-                angle = float(np.median(known_angles)) if len(known_angles) else None
-                # The record computes the angle from the accelerometer or, without one, from the attitude.
-                source = ATTITUDE if self.accelerometer is None else ACCELEROMETER
-                return Rest(float(record.start[first_window]), angle, source)
-        return None
+        needed_windows = round(MIN_REST_SECONDS / REST_SECONDS)
+        if len(is_candidate) < needed_windows:
+            return None
+        # Row i of the view has the flags of the windows i to i + needed_windows − 1: all of them must be at rest.
+        begins_rest = sliding_window_view(is_candidate, needed_windows).all(axis=1)
+        if not begins_rest.any():
+            return None
+        first_window = int(np.argmax(begins_rest))
+        angles = record.angle[first_window : first_window + needed_windows]
+        known_angles = angles[np.isfinite(angles)]
+        angle = float(np.median(known_angles)) if len(known_angles) else None
+        # The record computes the angle from the accelerometer or, without one, from the attitude.
+        source = ATTITUDE if self.accelerometer is None else ACCELEROMETER
+        return Rest(float(record.start[first_window]), angle, source)
 
 
 @dataclass(frozen=True, eq=False)

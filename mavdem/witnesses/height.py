@@ -208,9 +208,9 @@ def _contradictions(
     time = barometer_climb.time
     estimate = np.interp(time, estimated_climb.time, estimated_climb.values)
     is_covered = (time >= estimated_climb.time[0]) & (time <= estimated_climb.time[-1])
-    is_apart = is_covered & (abs(estimate - barometer_climb.values) > MAX_CLIMB_DIFFERENCE)
+    is_contradicted = is_covered & (abs(estimate - barometer_climb.values) > MAX_CLIMB_DIFFERENCE)
     long_intervals = []
-    for start, end in true_intervals(time, is_apart):
+    for start, end in true_intervals(time, is_contradicted):
         # An interval at the end of the record is infinite there, and is cut to its recorded part.
         start, end = max(start, float(time[0])), min(end, float(time[-1]))
         if end - start >= MIN_CONTRADICTION_SECONDS:
@@ -296,7 +296,7 @@ def trusted_height_at(signals: Signals, boot: int, take_off: float, time: float)
 
 
 def _recorded_height(signals: Signals, boot: int, source: HeightSource) -> TimeSeries | None:
-    """Returns the height by a source (N,), m, from wherever the source counts; None if it was not recorded."""
+    """Returns the height (N,) that a source measured, m above its own zero; None if it was not recorded."""
     if source is HeightSource.ESTIMATE:
         return series_of_boot(signals.height, boot)
     return height_comparison(signals, boot).barometer
@@ -331,8 +331,8 @@ def _trusted_source(signals: Signals, boot: int, take_off: float) -> HeightSourc
         return HeightSource.BAROMETER
     difference = np.interp(barometer.time, estimate.time, estimate.values) - barometer.values
     is_covered = (barometer.time >= estimate.time[0]) & (barometer.time <= estimate.time[-1])
-    is_apart = is_covered & (abs(difference) > MAX_HEIGHT_DIFFERENCE)
-    return HeightSource.BAROMETER if is_apart.any() else HeightSource.ESTIMATE
+    is_contradicted = is_covered & (abs(difference) > MAX_HEIGHT_DIFFERENCE)
+    return HeightSource.BAROMETER if is_contradicted.any() else HeightSource.ESTIMATE
 
 
 def _above_take_off(height: TimeSeries | None, take_off: float) -> TimeSeries | None:

@@ -18,7 +18,7 @@ from mavdem.dataset.time_series import (
 from mavdem.dataset.vehicle_cache import cached_per_vehicle
 from mavdem.ingest.mavlink.dialect import mavlink_constant
 from mavdem.ingest.telemetry import Telemetry
-from mavdem.witnesses.flight_verdict import powered_intervals
+from mavdem.witnesses.flight_check import powered_intervals
 
 POSITION_FLAGS = {
     "EKF_STATUS_REPORT": ("EKF_POS_HORIZ_ABS", "EKF_POS_HORIZ_REL"),

@@ -8,7 +8,7 @@ from collections.abc import Iterable
 from typing import Any
 
 from mavdem.facts import Fact, Facts, Level
-from mavdem.facts.witnesses import Side, WitnessFact
+from mavdem.facts.witnesses import SensorStatement, Side
 
 MIN_SUPPORT = 2
 """Number of independent witnesses that an event needs: one sensor alone may be wrong."""
@@ -20,31 +20,31 @@ ATTITUDE = "attitude"
 """Source of a pose without an accelerometer: the autopilot's roll and pitch."""
 
 SOURCES = {
-    WitnessFact.ROSE: "height",
-    WitnessFact.SANK: "height",
-    WitnessFact.GROUND_READING_CHANGED: "height",
-    WitnessFact.ATTITUDE_LEFT_SETPOINT: "attitude",
-    WitnessFact.ATTITUDE_ANSWERED: "attitude",
-    WitnessFact.ROTATED: "gyro",
-    WitnessFact.LAY_ON_ITS_SIDE: "direction of gravity",
-    WitnessFact.KNOCKED: "acceleration",
-    WitnessFact.GRAVITY_WRONG: "acceleration",
-    WitnessFact.CLIPPED: "clipping",
-    WitnessFact.VIBRATED: "vibration",
-    WitnessFact.THROTTLE_CLOSED: "stick",
-    WitnessFact.THROTTLE_NOT_RAISED: "stick",
-    WitnessFact.MOTORS_FULL: "motors",
-    WitnessFact.MOTORS_THROTTLED: "motors",
-    WitnessFact.SPEED_ZERO: "speed controller",
-    WitnessFact.ERRORS_COUNTED: "speed controller",
-    WitnessFact.MOTOR_SLOWED: "speed controller",
-    WitnessFact.COMMAND_ROSE: "motors",
-    WitnessFact.COMMAND_ABOVE_OTHERS: "motors",
-    WitnessFact.POSITION_INVALID: "estimator",
-    WitnessFact.NO_FIX: "receiver",
-    WitnessFact.SATELLITES_LEVEL: "receiver",
-    WitnessFact.MODE_CHANGED: "autopilot",
-    WitnessFact.AUTOPILOT_REPORTED: "autopilot",
+    SensorStatement.ROSE: "height",
+    SensorStatement.SANK: "height",
+    SensorStatement.GROUND_READING_CHANGED: "height",
+    SensorStatement.ATTITUDE_LEFT_SETPOINT: "attitude",
+    SensorStatement.ATTITUDE_ANSWERED: "attitude",
+    SensorStatement.ROTATED: "gyro",
+    SensorStatement.LAY_ON_ITS_SIDE: "direction of gravity",
+    SensorStatement.KNOCKED: "acceleration",
+    SensorStatement.GRAVITY_WRONG: "acceleration",
+    SensorStatement.CLIPPED: "clipping",
+    SensorStatement.VIBRATED: "vibration",
+    SensorStatement.THROTTLE_CLOSED: "stick",
+    SensorStatement.THROTTLE_NOT_RAISED: "stick",
+    SensorStatement.MOTORS_FULL: "motors",
+    SensorStatement.MOTORS_THROTTLED: "motors",
+    SensorStatement.SPEED_ZERO: "speed controller",
+    SensorStatement.ERRORS_COUNTED: "speed controller",
+    SensorStatement.MOTOR_SLOWED: "speed controller",
+    SensorStatement.COMMAND_ROSE: "motors",
+    SensorStatement.COMMAND_ABOVE_OTHERS: "motors",
+    SensorStatement.POSITION_INVALID: "estimator",
+    SensorStatement.NO_FIX: "receiver",
+    SensorStatement.SATELLITES_LEVEL: "receiver",
+    SensorStatement.MODE_CHANGED: "autopilot",
+    SensorStatement.AUTOPILOT_REPORTED: "autopilot",
 }
 """Source of each statement. Statements from the same source count once, since one fault may cause all of them.
 
@@ -53,22 +53,24 @@ flight, so that they do not count.
 """
 
 
-def supporting_statement(code: WitnessFact, **figures: Any) -> Fact:
+def supporting_statement(code: SensorStatement, **figures: Any) -> Fact:
     """Returns a statement that supports an event.
 
     Args:
         code: what the sensor shows.
-        figures: its measured values, in the units of ``code``, and ``subject``, ``time`` and ``until``, if it has any.
+        figures: its measured values, in the units of ``code``, and ``subject``, ``time`` and ``end_time``, if it has
+            any.
     """
     return Fact(code, side=Side.FOR, **figures)
 
 
-def contradicting_statement(code: WitnessFact, **figures: Any) -> Fact:
+def contradicting_statement(code: SensorStatement, **figures: Any) -> Fact:
     """Returns a statement that contradicts an event.
 
     Args:
         code: what the sensor shows.
-        figures: its measured values, in the units of ``code``, and ``subject``, ``time`` and ``until``, if it has any.
+        figures: its measured values, in the units of ``code``, and ``subject``, ``time`` and ``end_time``, if it has
+            any.
     """
     return Fact(code, side=Side.AGAINST, **figures)
 
@@ -97,10 +99,10 @@ def support_count(witnesses: Iterable[Fact]) -> int:
     """
     sources = set()
     for fact in supporting_statements(witnesses):
-        code = WitnessFact(fact.code)
-        if code is WitnessFact.LAY_ON_ITS_SIDE and fact.figures["source"] == ATTITUDE:
+        code = SensorStatement(fact.code)
+        if code is SensorStatement.LAY_ON_ITS_SIDE and fact.figures["source"] == ATTITUDE:
             # Without an accelerometer the pose was computed from the attitude, which is one source however often.
-            sources.add(SOURCES[WitnessFact.ATTITUDE_LEFT_SETPOINT])
+            sources.add(SOURCES[SensorStatement.ATTITUDE_LEFT_SETPOINT])
         elif code in SOURCES:
             sources.add(SOURCES[code])
     return len(sources)

@@ -16,7 +16,7 @@ from mavdem.witnesses.accelerometer import (
     accelerometer_in_use,
     accelerometer_records,
 )
-from mavdem.witnesses.flight_verdict import FlightVerdict, flight_verdict, powered_intervals
+from mavdem.witnesses.flight_check import FlightCheck, flight_check, powered_intervals
 from mavdem.witnesses.height import (
     MIN_CONTRADICTION_SECONDS,
     HeightComparison,
@@ -45,14 +45,14 @@ class SensorTrust:
     accelerometers: tuple[AccelerometerRecord, ...]
     """Gravity at rest, and peaks, of each accelerometer, by number."""
     accelerometer: AccelerometerRecord | None
-    """The accelerometer that counts; None if none was recorded."""
+    """The accelerometer that the estimator uses; None if none was recorded."""
     rotation: RotationUnderPower | None
     """Whether roll and pitch follow their setpoints, and whether gyro and attitude agree."""
     position: PositionRecord
     """Fixes of GPS, and whether the estimator reports a position."""
     stick: TimeSeries | None
     """The pilot's throttle stick (N,), from 0 (closed) to 1 (open); None if it was not recorded."""
-    verdict: FlightVerdict
+    flight_check: FlightCheck
     """Whether the vehicle flew."""
 
     @property
@@ -107,11 +107,11 @@ class SensorTrust:
     @property
     def flew(self) -> bool | None:
         """Whether the vehicle flew; None if the witnesses do not decide it."""
-        return self.verdict.has_flown
+        return self.flight_check.has_flown
 
     @property
     def checks(self) -> Facts:
-        """The checks as facts, in the order in which they are shown: good, to be watched, or unknown, and why.
+        """The checks in the order in which they are shown, as facts (coded findings): good, to be watched, or unknown.
 
         Whether the vehicle flew, followed its setpoints, and has a sound gyro is checked of multirotors only.
         """
@@ -132,8 +132,8 @@ class SensorTrust:
             TrustCheck.FLIGHT,
             _level(self.flew),
             flew=self.flew,
-            is_assumed=self.flew is None and self.verdict.had_power,
-            witnesses=self.verdict.witnesses,
+            is_assumed=self.flew is None and self.flight_check.had_power,
+            witnesses=self.flight_check.witnesses,
             boot=self.boot,
         )
 
@@ -256,7 +256,7 @@ def sensor_trust(signals: Signals, boot: int) -> SensorTrust:
         rotation=rotation_under_power(signals, boot),
         position=position_record(signals, boot),
         stick=series_of_boot(throttle_stick(signals), boot),
-        verdict=flight_verdict(signals, boot),
+        flight_check=flight_check(signals, boot),
     )
 
 

@@ -9,8 +9,8 @@ from partial_records import partial_record
 from pytest import mark
 
 from mavdem.assessment.axis.loop_decision import (
+    LoopDiagnosis,
     LoopObservations,
-    LoopVerdict,
     common_action,
     decide_on_loops,
 )
@@ -68,14 +68,14 @@ def changed_gains(decision):
 
 def test_a_loop_with_its_margins_stays_as_it_is():
     decision = decided(made_up())
-    assert (decision.verdict, decision.action) == (LoopVerdict.NOTHING_WRONG, None)
+    assert (decision.diagnosis, decision.action) == (LoopDiagnosis.NOTHING_WRONG, None)
     assert decision.reason.code is MarginsLight.LOOP_MARGINS and not decision.doubts
 
 
 @mark.parametrize("tracking", [FOLLOWS, OVERSHOOTS, falls_short(0.0)])
 def test_a_loop_below_the_goal_gets_advised_gains_whatever_it_does_in_flight(tracking):
     decision = decided(made_up(2.5), tracking, response=RESONANCE)
-    assert decision.verdict is LoopVerdict.BELOW_GOAL and not decision.doubts
+    assert decision.diagnosis is LoopDiagnosis.BELOW_GOAL and not decision.doubts
     assert decision.action.sentence == (
         "Load the gains that `mavdem tune my.tlog --axis all` advises."
     )
@@ -87,13 +87,13 @@ def test_a_loop_below_the_goal_of_a_biased_effectiveness_gets_advised_gains():
     caution = Fact(LoopFact.EFFECT_BIASED, reason=NOT_STEERED)
     biased = replace(loop, plant=loop.plant._replace(bias=-0.15), cautions=(caution,))
     decision = decided(biased)
-    assert (decision.verdict, decision.doubts) == (LoopVerdict.BELOW_GOAL, ())
+    assert (decision.diagnosis, decision.doubts) == (LoopDiagnosis.BELOW_GOAL, ())
     assert decision.action.code is LoopAction.LOAD_ADVISED_GAINS
 
 
 def test_a_loop_that_meets_the_goal_only_in_many_models_is_flown_first():
     decision = decided(made_up(1.7))
-    assert (decision.verdict, decision.doubts) == (LoopVerdict.UNKNOWN, ())
+    assert (decision.diagnosis, decision.doubts) == (LoopDiagnosis.UNKNOWN, ())
     assert decision.action.code is LoopAction.FLY_DOUBLETS
 
 
@@ -108,11 +108,11 @@ def test_sure_margins_of_a_contradicted_model_are_watched_and_give_no_gains(fact
     assert fact.sentence.startswith("Margins in doubt: the roll ")
     assert fact.sentence.endswith("by a model whose response differs from the flight's.")
     decision = decided(loop, contradiction=contradiction)
-    assert (decision.verdict, decision.doubts) == (LoopVerdict.UNKNOWN, (contradiction,))
+    assert (decision.diagnosis, decision.doubts) == (LoopDiagnosis.UNKNOWN, (contradiction,))
     assert decision.action.code is LoopAction.FLY_DOUBLETS
     # What was measured of the tracking needs no model.
     overshooting = decided(loop, OVERSHOOTS, contradiction=contradiction)
-    assert overshooting.verdict is LoopVerdict.FOLLOWS_BADLY
+    assert overshooting.diagnosis is LoopDiagnosis.FOLLOWS_BADLY
 
 
 @mark.slow
@@ -159,14 +159,14 @@ def test_a_response_at_limits_or_of_other_gains_contradicts_no_loop(
 def test_a_loop_that_the_flight_refutes_gives_no_gains():
     refusal = Fact(ResponseFact.RESPONSE_DISAGREES, share=0.3, needed=0.8)
     decision = decided(refusal)
-    assert decision.verdict is LoopVerdict.UNKNOWN and decision.doubts == (refusal,)
+    assert decision.diagnosis is LoopDiagnosis.UNKNOWN and decision.doubts == (refusal,)
     assert decision.fact.remedy == refusal.remedy
 
 
 def test_a_measured_resonance_lowers_p_and_d_unless_the_loop_explains_it():
     for loop in (made_up(), NOT_STEERED):
         decision = decided(loop, response=RESONANCE)
-        assert decision.verdict is LoopVerdict.BELOW_GOAL
+        assert decision.diagnosis is LoopDiagnosis.BELOW_GOAL
         assert changed_gains(decision) == {"MC_ROLLRATE_P": 0.1, "MC_ROLLRATE_D": 0.002}
         assert decision.doubts[0].code is MarginsLight.RESONATES
 
@@ -181,15 +181,15 @@ def integrating_loop(crossover):
 
 
 @mark.parametrize(
-    "crossover, verdict, gains",
+    "crossover, diagnosis, gains",
     [
-        (20.0, LoopVerdict.BELOW_GOAL, {"MC_ROLLRATE_P": 0.1, "MC_ROLLRATE_D": 0.002}),
-        (5.0, LoopVerdict.NOTHING_WRONG, None),
+        (20.0, LoopDiagnosis.BELOW_GOAL, {"MC_ROLLRATE_P": 0.1, "MC_ROLLRATE_D": 0.002}),
+        (5.0, LoopDiagnosis.NOTHING_WRONG, None),
     ],
 )
-def test_an_injected_signal_outranks_the_identified_loop(crossover, verdict, gains):
+def test_an_injected_signal_outranks_the_identified_loop(crossover, diagnosis, gains):
     decision = decided(made_up(2.5), injected=integrating_loop(crossover))
-    assert decision.verdict is verdict
+    assert decision.diagnosis is diagnosis
     assert decision.reason.code is MarginsLight.LOOP_MEASURED
     assert decision.doubts == (decision.reason,), "no gains are computed from such a flight"
     assert (decision.action and changed_gains(decision)) == gains
@@ -198,13 +198,13 @@ def test_an_injected_signal_outranks_the_identified_loop(crossover, verdict, gai
 def test_a_resonance_outranks_an_injected_signal_that_shows_none():
     decision = decided(made_up(), injected=integrating_loop(5.0), response=RESONANCE)
     assert decision.reason.code is MarginsLight.RESONATES
-    assert decision.verdict is LoopVerdict.BELOW_GOAL
+    assert decision.diagnosis is LoopDiagnosis.BELOW_GOAL
 
 
 def test_an_overshoot_lowers_the_angle_gain_only_where_no_margin_is_small():
     for loop in (made_up(), NOT_STEERED):
         decision = decided(loop, OVERSHOOTS)
-        assert decision.verdict is LoopVerdict.FOLLOWS_BADLY
+        assert decision.diagnosis is LoopDiagnosis.FOLLOWS_BADLY
         assert changed_gains(decision) == {"MC_ROLL_P": 4.333333}
         assert decision.doubts == (decision.reason,)
     unnamed = decided(NOT_STEERED, OVERSHOOTS, parameters={}).action
@@ -219,41 +219,41 @@ def test_an_axis_that_is_too_slow_gets_higher_gains_unless_a_motor_is_at_a_limit
     unknown = decided(NOT_STEERED, falls_short(None))
     assert unknown.action.sentence == NOT_STEERED.remedy
     for decision in (slow, limited, unknown):
-        assert decision.verdict is LoopVerdict.FOLLOWS_BADLY
+        assert decision.diagnosis is LoopDiagnosis.FOLLOWS_BADLY
 
 
 @mark.parametrize("factor", [1.0, 2.5])
 def test_an_angle_that_is_missed_asks_for_a_look_at_the_vehicle(factor):
     decision = decided(made_up(factor), MISSES)
-    assert decision.verdict is LoopVerdict.FOLLOWS_BADLY and decision.doubts
+    assert decision.diagnosis is LoopDiagnosis.FOLLOWS_BADLY and decision.doubts
     assert decision.action.sentence == "Check motors, propellers and load before the next flight."
 
 
 def test_a_peak_of_the_spectrum_alone_decides_nothing():
     decision = decided(NOT_STEERED, peak=PEAK)
-    assert decision.verdict is LoopVerdict.UNKNOWN
+    assert decision.diagnosis is LoopDiagnosis.UNKNOWN
     assert decision.fact.remedy.startswith("Log the rate setpoint")
 
 
 def test_a_limit_cycle_comes_first_and_hides_the_other_axes():
     oscillation = Oscillation("roll", 22.0, 40.0, 0.9, False, 20.0)
-    for axis, verdict in (("roll", LoopVerdict.OSCILLATES), ("pitch", LoopVerdict.UNKNOWN)):
+    for axis, diagnosis in (("roll", LoopDiagnosis.OSCILLATES), ("pitch", LoopDiagnosis.UNKNOWN)):
         margins = AxisMargins(axis, made_up(), None, None)
         lowered = gain_reduction_advice(oscillation, PX4)
         observations = LoopObservations(margins, MISSES, oscillation, lowered, (), PX4, ())
         decision = decide_on_loops(observations)
-        assert (decision.verdict, decision.action) == (verdict, lowered)
+        assert (decision.diagnosis, decision.action) == (diagnosis, lowered)
         assert decision.fact.is_bad and lowered in decision.doubts
         assert decision.action.code is GainFact.LOWER_GAINS
 
 
-def test_a_vehicle_that_must_be_repaired_keeps_its_verdict_and_gets_no_gains():
+def test_a_vehicle_that_must_be_repaired_keeps_its_diagnosis_and_gets_no_gains():
     crashed = Fact(Ending.CRASHED, time=20.0)
     decision = decided(made_up(2.5), doubts=(crashed,))
-    assert decision.verdict is LoopVerdict.BELOW_GOAL and decision.doubts == (crashed,)
+    assert decision.diagnosis is LoopDiagnosis.BELOW_GOAL and decision.doubts == (crashed,)
     assert decision.action.figures["reason"] == crashed
     sound_axis = decided(made_up(), doubts=(crashed,))
-    assert (sound_axis.verdict, sound_axis.action) == (LoopVerdict.NOTHING_WRONG, None)
+    assert (sound_axis.diagnosis, sound_axis.action) == (LoopDiagnosis.NOTHING_WRONG, None)
     assert sound_axis.doubts == (crashed,)
 
 

@@ -29,7 +29,7 @@ from mavdem.dataset.signals import Signals
 from mavdem.facts import Fact, Level
 from mavdem.facts.ending import Ending, FailedFirst, MotionEvent
 from mavdem.facts.events import ReportedEvent
-from mavdem.facts.witnesses import Side, WitnessFact
+from mavdem.facts.witnesses import SensorStatement, Side
 from mavdem.ingest.vocabulary import quaternion
 from mavdem.witnesses.boot_sensors import Rest
 from mavdem.witnesses.statements import (
@@ -81,9 +81,9 @@ def test_an_estimate_that_falls_while_the_barometer_rises_has_diverged():
     assert diverged.figures["climb_rate"] < -2.0
     assert diverged.figures["speed"] > 1.5
     assert {
-        WitnessFact.ROSE,
-        WitnessFact.THROTTLE_NOT_RAISED,
-        WitnessFact.MOTORS_FULL,
+        SensorStatement.ROSE,
+        SensorStatement.THROTTLE_NOT_RAISED,
+        SensorStatement.MOTORS_FULL,
     } <= witnesses(diverged, Side.FOR)
     # Motors that follow a false height are not too weak.
     assert MotionEvent.MOTOR_AT_ITS_STOP not in events
@@ -95,14 +95,14 @@ def test_full_throttle_does_not_confirm_an_estimate_that_rises_while_the_vehicle
     diverged = judged(driven(made, 2000.0, EVENT + 1.0, EVENT + 5.0))[0][
         MotionEvent.HEIGHT_DIVERGED
     ]
-    assert WitnessFact.SANK in witnesses(diverged, Side.FOR)
-    assert WitnessFact.MOTORS_FULL not in witnesses(diverged, Side.FOR)
+    assert SensorStatement.SANK in witnesses(diverged, Side.FOR)
+    assert SensorStatement.MOTORS_FULL not in witnesses(diverged, Side.FOR)
 
 
 def test_the_accelerometer_is_the_cause_of_a_height_that_diverges():
     made = changed(height_runaway(), "HIGHRES_IMU", zacc=-8.0)
     cause = judged(made)[0][MotionEvent.HEIGHT_DIVERGED].figures["cause"]
-    assert (cause.code, cause.figures["part"]) == (WitnessFact.GRAVITY_WRONG, "at rest")
+    assert (cause.code, cause.figures["part"]) == (SensorStatement.GRAVITY_WRONG, "at rest")
     assert cause.figures["acceleration"] == approx(8.0)
 
 
@@ -125,7 +125,7 @@ def test_vibration_is_a_cause_beyond_the_limit_of_the_autopilot(autopilot, is_ca
     clips = {f"clipping_{imu}": 0.0 for imu in range(3)}
     made = changed(made, "VIBRATION", **columns(time, **levels, **clips))
     diverged = judged(made)[0][MotionEvent.HEIGHT_DIVERGED]
-    assert (WitnessFact.VIBRATED in witnesses(diverged, Side.FOR)) is is_cause
+    assert (SensorStatement.VIBRATED in witnesses(diverged, Side.FOR)) is is_cause
 
 
 def test_a_throttle_closed_after_a_divergence_is_named_beside_it():
@@ -174,7 +174,9 @@ def test_a_vehicle_that_topples_as_the_throttle_closes_has_landed():
     assert ending.figures["cause"].code is FailedFirst.THROTTLE_CLOSED_FIRST
     assert ending.time == approx(EVENT + 9.8, abs=0.3)
     toppled = events[MotionEvent.TOPPLED]
-    assert {WitnessFact.KNOCKED, WitnessFact.LAY_ON_ITS_SIDE} <= witnesses(toppled, Side.FOR)
+    assert {SensorStatement.KNOCKED, SensorStatement.LAY_ON_ITS_SIDE} <= witnesses(
+        toppled, Side.FOR
+    )
     assert "switch" not in ending.remedy
 
 
@@ -296,17 +298,17 @@ def test_a_dive_that_the_pilot_ends_is_no_crash():
     dived = events[MotionEvent.DIVED]
     assert dived.level is Level.GOOD
     assert dived.figures["speed"] == approx(7.8, abs=1.5)
-    assert WitnessFact.THROTTLE_CLOSED in witnesses(dived, Side.FOR)
+    assert SensorStatement.THROTTLE_CLOSED in witnesses(dived, Side.FOR)
 
 
 def test_without_a_stick_nobody_knows_that_the_pilot_dived():
     dived = judged(only(dive(), lambda time: time < 0, "RC_CHANNELS"))[0][MotionEvent.DIVED]
-    assert WitnessFact.MOTORS_THROTTLED in witnesses(dived, Side.FOR)
-    assert WitnessFact.THROTTLE_CLOSED not in witnesses(dived, Side.FOR)
+    assert SensorStatement.MOTORS_THROTTLED in witnesses(dived, Side.FOR)
+    assert SensorStatement.THROTTLE_CLOSED not in witnesses(dived, Side.FOR)
 
 
 def test_a_pose_by_the_attitude_is_no_second_witness_of_the_attitude():
-    left = supporting_statement(WitnessFact.ATTITUDE_LEFT_SETPOINT, angle=1.0)
+    left = supporting_statement(SensorStatement.ATTITUDE_LEFT_SETPOINT, angle=1.0)
     poses = [Rest(0.0, 1.5, source).statements[1] for source in (ATTITUDE, ACCELEROMETER)]
     assert [support_count([left, pose]) for pose in poses] == [1, 2]
     assert "by the attitude" in poses[0].sentence
@@ -324,8 +326,10 @@ def test_an_impact_has_a_knock_a_descent_and_rest_as_witnesses():
     assert ending.code is Ending.CRASHED
     assert ending.figures["speed"] == approx(6.0, abs=1.0)
     hit = events[MotionEvent.HIT]
-    assert {WitnessFact.KNOCKED, WitnessFact.SANK, WitnessFact.RESTED} <= witnesses(hit, Side.FOR)
-    assert witnesses(hit, Side.AGAINST) == {WitnessFact.STOOD_UPRIGHT}
+    assert {SensorStatement.KNOCKED, SensorStatement.SANK, SensorStatement.RESTED} <= witnesses(
+        hit, Side.FOR
+    )
+    assert witnesses(hit, Side.AGAINST) == {SensorStatement.STOOD_UPRIGHT}
     assert ending.figures["witnesses"] == hit.figures["witnesses"]
 
 
@@ -438,7 +442,9 @@ def test_a_descent_faster_than_a_free_fall_from_that_height_is_no_witness():
     made = changed(made, "LOCAL_POSITION_NED", vz=np.where(runs_away, 41.0, place["vz"]))
     hit = judged(made)[0][MotionEvent.HIT]
     sources = [
-        fact.figures["source"] for fact in hit.figures["witnesses"] if fact.code is WitnessFact.SANK
+        fact.figures["source"]
+        for fact in hit.figures["witnesses"]
+        if fact.code is SensorStatement.SANK
     ]
     assert sources == ["barometer"]
     assert hit.figures["speed"] < 10
@@ -520,7 +526,7 @@ def test_a_setpoint_that_nothing_follows_is_no_tumble():
     lost = events[MotionEvent.ATTITUDE_LOST]
     assert lost.level is Level.WATCH
     assert "no other sensor confirms" in lost.sentence
-    assert WitnessFact.DID_NOT_ROTATE in witnesses(lost, Side.AGAINST)
+    assert SensorStatement.DID_NOT_ROTATE in witnesses(lost, Side.AGAINST)
 
 
 def without_position(made, seconds):
@@ -535,7 +541,7 @@ def test_a_position_that_is_lost_for_long_and_a_blind_land_is_bad():
     lost = judged(made)[0][MotionEvent.POSITION_LOST]
     assert lost.level is Level.BAD
     assert (lost.time, lost.figures["duration"]) == approx((EVENT, 18.0), abs=0.3)
-    assert WitnessFact.MODE_CHANGED in witnesses(lost, Side.FOR)
+    assert SensorStatement.MODE_CHANGED in witnesses(lost, Side.FOR)
 
 
 @mark.parametrize("seconds, is_lost", [(4.0, False), (6.0, True)])
@@ -568,7 +574,7 @@ def without_fix(*receivers):
 def test_receivers_without_a_fix_alone_do_not_speak_for_the_estimator():
     lost = judged(without_fix("GPS_RAW_INT", "GPS2_RAW"))[0][MotionEvent.POSITION_LOST]
     assert lost.level is Level.WATCH
-    assert witnesses(lost, Side.FOR) == {WitnessFact.NO_FIX}
+    assert witnesses(lost, Side.FOR) == {SensorStatement.NO_FIX}
 
 
 def test_a_second_receiver_with_a_fix_holds_the_position():
@@ -620,7 +626,9 @@ def test_an_error_without_a_setpoint_is_stated_as_the_lean():
         largest = largest_error(error, (0.0, 2.0))
         assert np.degrees(largest.angle) == approx(angle)
         assert largest_error(error, (5.0, 6.0)) is None
-        statement = supporting_statement(WitnessFact.ATTITUDE_LEFT_SETPOINT, **largest._asdict())
+        statement = supporting_statement(
+            SensorStatement.ATTITUDE_LEFT_SETPOINT, **largest._asdict()
+        )
         assert ("setpoint" in statement.sentence) == has_setpoint
 
 

@@ -16,7 +16,7 @@ from mavdem.facts import Fact
 from mavdem.facts.ending import FailedFirst, MotionEvent
 from mavdem.facts.events import ReportedEvent
 from mavdem.facts.motors import MotorWatchFact
-from mavdem.facts.witnesses import Side, WitnessFact
+from mavdem.facts.witnesses import SensorStatement, Side
 
 MOTOR = 1
 """Index of the motor that fails: motor 2, rear left."""
@@ -60,7 +60,11 @@ def test_a_motor_that_stands_still_while_commanded_is_lost_with_a_second_witness
     stood_still = events[MotionEvent.MOTOR_STOOD_STILL]
     assert stood_still.is_bad
     assert stood_still.subject == "motor 2 (rear left)"
-    for_it = {WitnessFact.SPEED_ZERO, WitnessFact.COMMAND_ROSE, WitnessFact.ATTITUDE_LEFT_SETPOINT}
+    for_it = {
+        SensorStatement.SPEED_ZERO,
+        SensorStatement.COMMAND_ROSE,
+        SensorStatement.ATTITUDE_LEFT_SETPOINT,
+    }
     assert for_it <= codes(stood_still, Side.FOR)
     cause = ending.figures["cause"]
     assert (cause.code, cause.subject) == (
@@ -74,8 +78,8 @@ def test_a_controller_that_reports_0_in_a_sound_hover_is_to_be_watched():
     stood_still = events[MotionEvent.MOTOR_STOOD_STILL]
     assert stood_still.level == "watch"
     assert codes(stood_still, Side.AGAINST) == {
-        WitnessFact.COMMAND_UNCHANGED,
-        WitnessFact.ATTITUDE_HELD,
+        SensorStatement.COMMAND_UNCHANGED,
+        SensorStatement.ATTITUDE_HELD,
     }
     assert "telemetry" in stood_still.remedy
     assert ending is None
@@ -94,8 +98,8 @@ def test_motors_that_all_turn_are_no_event():
 @mark.parametrize(
     "speed, code, side",
     [
-        (3000.0, WitnessFact.MOTOR_SLOWED, Side.FOR),
-        (5500.0, WitnessFact.MOTOR_TURNED, Side.AGAINST),
+        (3000.0, SensorStatement.MOTOR_SLOWED, Side.FOR),
+        (5500.0, SensorStatement.MOTOR_TURNED, Side.AGAINST),
     ],
 )
 def test_a_loss_of_thrust_has_the_speed_of_its_motor_for_or_against_it(speed, code, side):
@@ -122,10 +126,10 @@ def test_a_loss_states_what_else_of_the_flight_agrees_with_it():
     other = Fact(MotorWatchFact.STEADY_TORQUE_CHANGED, time=EVENT, boot=0)
     witnessed, unnamed = with_motor_witnesses(signals, [loss, other], [report])
     assert {
-        WitnessFact.COMMAND_ABOVE_OTHERS,
-        WitnessFact.ATTITUDE_LEFT_SETPOINT,
-        WitnessFact.SANK,
-        WitnessFact.AUTOPILOT_REPORTED,
+        SensorStatement.COMMAND_ABOVE_OTHERS,
+        SensorStatement.ATTITUDE_LEFT_SETPOINT,
+        SensorStatement.SANK,
+        SensorStatement.AUTOPILOT_REPORTED,
     } == codes(witnessed, Side.FOR)
     assert unnamed == other
 

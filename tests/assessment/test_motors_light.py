@@ -130,8 +130,8 @@ def test_without_settled_flight_or_outputs_it_is_not_known():
         Fact(MotionEvent.MOTOR_AT_ITS_STOP, Level.WATCH, subject=FRONT_LEFT, boot=0, **times)
         for times in (
             {"time": 50.0, "duration": 0.5},
-            {"time": 40.0, "until": 40.3, "duration": 0.3},
-            {"time": 60.0, "until": 62.0, "duration": 2.0},
+            {"time": 40.0, "end_time": 40.3, "duration": 0.3},
+            {"time": 60.0, "end_time": 62.0, "duration": 2.0},
         )
     )
     assert motors_light(replace(bare, events=(shorter, longer, stop))) == longer

@@ -10,7 +10,7 @@ from pytest import mark
 from recorded_flights import SLOW
 
 from mavdem.assessment.assess import assess
-from mavdem.assessment.axis.loop_decision import LoopDecision, LoopVerdict
+from mavdem.assessment.axis.loop_decision import LoopDecision, LoopDiagnosis
 from mavdem.assessment.axis.twin import predicted_errors
 from mavdem.assessment.judgement import unjudged
 from mavdem.dem.online.learner import TOO_FEW_SAMPLES
@@ -88,7 +88,7 @@ def test_a_flight_without_a_loop_is_left_alone_in_one_sentence(tmp_path):
 
 def test_a_decision_among_the_events_names_its_axis():
     reason = Fact(LoopFact.NO_MARGINS, reason=Fact(GainFact.ADVICE_WAITS))
-    decision = LoopDecision("pitch", LoopVerdict.UNKNOWN, reason, Fact(GainFact.ADVICE_WAITS))
+    decision = LoopDecision("pitch", LoopDiagnosis.UNKNOWN, reason, Fact(GainFact.ADVICE_WAITS))
     named = decision.fact.replace(is_named=True)
     assert named.sentence.startswith("Pitch: no margins: ")
 

@@ -17,7 +17,7 @@ from scipy.signal import lfilter
 
 from mavdem.assessment import Assessment
 from mavdem.assessment.axis.gains import autotune_fact, gains_since, loop_at_end_of_log
-from mavdem.assessment.axis.loop_decision import LoopDecision, LoopVerdict
+from mavdem.assessment.axis.loop_decision import LoopDecision, LoopDiagnosis
 from mavdem.assessment.axis.tuning import tuned
 from mavdem.assessment.evidence import Evidence
 from mavdem.assessment.judgement import Judgement
@@ -279,7 +279,7 @@ def tuned_by(loops, decisions=None, headline=None, **options):
 @mark.slow
 def test_an_axis_that_is_too_slow_gets_more_gain_with_a_notch_too():
     sluggish = Fact(TrackingLight.RATE_FALLS_SHORT, Level.WATCH, axis="roll")
-    decision = LoopDecision("roll", LoopVerdict.FOLLOWS_BADLY, sluggish, is_too_slow=True)
+    decision = LoopDecision("roll", LoopDiagnosis.FOLLOWS_BADLY, sluggish, is_too_slow=True)
     tuning = tuned_by({"roll": made_up(0.4)}, decisions={"roll": decision}, filters=True)
     assert tuning.parameters["MC_ROLLRATE_P"] > PX4["MC_ROLLRATE_P"]
     assert tuning.notch_parameters
@@ -288,7 +288,7 @@ def test_an_axis_that_is_too_slow_gets_more_gain_with_a_notch_too():
 def test_of_one_axis_that_keeps_its_gains_the_next_step_names_the_axis_that_needs_new_ones():
     to_tune = Fact(LoopAction.LOAD_ADVISED_GAINS, arguments=("flight.tlog",))
     reason = Fact(LoopFact.MARGIN_RATING, Level.BAD, axis="pitch", action=to_tune)
-    decision = LoopDecision("pitch", LoopVerdict.BELOW_GOAL, reason, to_tune)
+    decision = LoopDecision("pitch", LoopDiagnosis.BELOW_GOAL, reason, to_tune)
     tuning = tuned_by({"roll": made_up()}, {"pitch": decision}, headline=reason)
     assert not tuning.parameters
     assert tuning.judgement.next_step.sentence == (

@@ -1,18 +1,18 @@
 """The short list of events: what is bad first, and each kind once."""
 
-from mavdem.assessment.axis.loop_decision import LoopDecision, LoopVerdict
+from mavdem.assessment.axis.loop_decision import LoopDecision, LoopDiagnosis
 from mavdem.facts import Fact, Level
 from mavdem.facts.ending import Ending, MotionEvent
 from mavdem.facts.event import Event
 from mavdem.facts.loops import LoopFact
-from mavdem.facts.witnesses import WitnessFact
+from mavdem.facts.witnesses import SensorStatement
 from mavdem.report.brief_events import worst_events
 from mavdem.report.loops import decision_sentences
 from mavdem.report.pages.flight_page import _numbered_events
 from mavdem.report.pages.page import Head, PageEvent
 from mavdem.witnesses.statements import supporting_statement
 
-TURNED = (supporting_statement(WitnessFact.ROTATED, time=31.0, body_rate=5.0),)
+TURNED = (supporting_statement(SensorStatement.ROTATED, time=31.0, body_rate=5.0),)
 CLIPS = [
     Fact(MotionEvent.CLIPPED, time=time, end_time=time + 1.0, count=9, boot=0)
     for time in (5.0, 12.0, 19.0, 26.0)
@@ -48,7 +48,7 @@ def test_a_page_says_once_what_to_do_and_what_shows_an_event():
 def test_loops_do_not_repeat_the_next_step():
     reason = Fact(LoopFact.NOT_STEERED, share=0.3)
     decisions = {
-        axis: LoopDecision(axis, LoopVerdict.UNKNOWN, reason, LOST) for axis in ("roll", "pitch")
+        axis: LoopDecision(axis, LoopDiagnosis.UNKNOWN, reason, LOST) for axis in ("roll", "pitch")
     }
     action = decisions["roll"].fact.remedy
     assert action

@@ -9,7 +9,7 @@ from pytest import approx, mark
 from mavdem.dataset.signals import Signals
 from mavdem.facts import Fact, Level
 from mavdem.facts.trust import TrustCheck
-from mavdem.facts.witnesses import WitnessFact
+from mavdem.facts.witnesses import SensorStatement
 from mavdem.report.trust import trust_table
 from mavdem.witnesses import sensor_trust
 from mavdem.witnesses.height import trusted_height
@@ -153,9 +153,9 @@ def test_roll_answers_its_setpoint_or_not(gain, answers):
 def test_two_witnesses_against_a_flight_make_a_bench_run():
     never_flew = trust(bench(flight()))
     assert never_flew.flew is False
-    codes = [fact.code for fact in never_flew.verdict.witnesses]
-    assert codes == [WitnessFact.STAYED_LEVEL, WitnessFact.DID_NOT_ROTATE]
-    assert {fact.figures["side"] for fact in never_flew.verdict.witnesses} == {"against"}
+    codes = [fact.code for fact in never_flew.flight_check.witnesses]
+    assert codes == [SensorStatement.STAYED_LEVEL, SensorStatement.DID_NOT_ROTATE]
+    assert {fact.figures["side"] for fact in never_flew.flight_check.witnesses} == {"against"}
 
 
 def test_one_witness_against_a_flight_leaves_it_undecided():

@@ -467,7 +467,7 @@ def estimated_figures(loop: Loop) -> dict[str, FigureEstimate]:
 
 
 def root_cause(fact: Fact) -> str:
-    """Returns the code of the last fact in a chain of reasons, each of which states the next as its ``because``."""
+    """Returns the code of the last fact in a chain of reasons, each of which states the next as its ``reason``."""
     reason = fact.figures.get("reason")
     if isinstance(reason, Fact):
         return root_cause(reason)

@@ -161,7 +161,7 @@ def _overridden(finding: Finding, override: Fact) -> Finding:
         override: the fact that makes the flight doubtful.
 
     Returns:
-        The finding. Its reason has the code ``FLIGHT_DOUBTED`` and two facts as figures. ``because`` is the reason by
+        The finding. Its reason has the code ``FLIGHT_DOUBTED`` and two facts as figures. ``reason`` is the reason by
         the figures of the model, None if the vehicle oscillates, since those mean nothing then. ``override`` is the
         doubt on the flight, None if the grade was low without it and the vehicle does not oscillate.
     """
@@ -234,7 +234,7 @@ def _first_reason(reason: Fact | None) -> Fact:
     """Returns the first of the doubts because of which an estimate is not reported.
 
     Args:
-        reason: why the estimate is not reported: one doubt, or a fact with several as its figure ``because``. Such an
+        reason: why the estimate is not reported: one doubt, or a fact with several as its figure ``reason``. Such an
             estimate always has a reason, so that None is a bug.
     """
     assert reason is not None

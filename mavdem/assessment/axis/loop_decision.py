@@ -32,7 +32,7 @@ ADVICE_TO_TUNE = (LoopAction.LOAD_ADVISED_GAINS, LoopAction.RAISE_AS_ADVISED)
 """What to do about loops by running ``mavdem tune``, which the report of that command does not repeat."""
 
 
-class LoopVerdict(StrEnum):
+class LoopDiagnosis(StrEnum):
     """What is wrong with the loops of an axis."""
 
     NOTHING_WRONG = "nothing_wrong"
@@ -50,7 +50,7 @@ class LoopDecision:
 
     axis: str
     """"roll", "pitch" or "yaw"."""
-    verdict: LoopVerdict
+    diagnosis: LoopDiagnosis
     """What is wrong."""
     reason: Fact
     """What shows it."""
@@ -65,7 +65,7 @@ class LoopDecision:
     def fact(self) -> Fact:
         """The decision as a fact, which lights, pages and documents show.
 
-        Its sentence states the observation behind the verdict, such as low margins, and its remedy the action. Its
+        Its sentence states the observation behind the diagnosis, such as low margins, and its remedy the action. Its
         level, good to bad, is that of this observation.
         """
         return Fact(
@@ -73,7 +73,7 @@ class LoopDecision:
             self.reason.level,
             subject=self.axis,
             axis=self.axis,
-            verdict=self.verdict,
+            verdict=self.diagnosis,
             reason=self.reason,
             action=self.action,
         )
@@ -114,7 +114,7 @@ def decide_on_loops(observations: LoopObservations) -> LoopDecision:
     4. The axis follows its setpoint badly although its loops have their margins, or these are not known.
     5. Nothing is wrong, or it is not known whether something is.
 
-    If the vehicle must be repaired, the verdict stays, but the action is the repair, and no gains are computed.
+    If the vehicle must be repaired, the diagnosis stays, but the action is the repair, and no gains are computed.
 
     Args:
         observations: margins, tracking and doubts that the flight shows of the axis.
@@ -139,7 +139,7 @@ def decide_on_loops(observations: LoopObservations) -> LoopDecision:
     action = None
     if decision.action is not None:
         action = Fact(LoopAction.DO_FIRST, reason=doubts[0])
-    return LoopDecision(decision.axis, decision.verdict, decision.reason, action, doubts)
+    return LoopDecision(decision.axis, decision.diagnosis, decision.reason, action, doubts)
 
 
 def _decision_on_oscillation(
@@ -147,7 +147,7 @@ def _decision_on_oscillation(
 ) -> LoopDecision:
     """Returns the decision on an axis of a vehicle that is in a limit cycle.
 
-    The verdict is that the axis oscillates, or, if only other axes do, that its loops are not known: a limit cycle
+    The diagnosis is that the axis oscillates, or, if only other axes do, that its loops are not known: a limit cycle
     moves the whole vehicle, and hides the margins of every axis. The action is the same for all axes: to lower the
     gains that keep up the limit cycle. No gains are computed from a loop until they have been lowered.
 
@@ -163,14 +163,14 @@ def _decision_on_oscillation(
     for other_oscillation in oscillation.other_axes:
         oscillating_axes.append(other_oscillation.axis)
     if axis in oscillating_axes:
-        verdict = LoopVerdict.OSCILLATES
+        diagnosis = LoopDiagnosis.OSCILLATES
     else:
-        verdict = LoopVerdict.UNKNOWN
+        diagnosis = LoopDiagnosis.UNKNOWN
     # The advice to lower gains at once is also a doubt, which keeps `mavdem tune` from computing other gains.
     doubts = observations.vehicle_doubts
     if gain_reduction is not None:
         doubts = (*doubts, gain_reduction)
-    return LoopDecision(axis, verdict, reason, action=gain_reduction, doubts=doubts)
+    return LoopDecision(axis, diagnosis, reason, action=gain_reduction, doubts=doubts)
 
 
 def _decision_by_margins(observations: LoopObservations) -> LoopDecision | None:
@@ -211,7 +211,7 @@ def _decision_by_margins(observations: LoopObservations) -> LoopDecision | None:
         action = _advice_to_fly_doublets(margins.axis, loop_fact)
         reason = loop_fact.replace(action=action)
         doubts = () if margins.contradiction is None else (margins.contradiction,)
-        return LoopDecision(margins.axis, LoopVerdict.UNKNOWN, reason, action, doubts)
+        return LoopDecision(margins.axis, LoopDiagnosis.UNKNOWN, reason, action, doubts)
     return None
 
 
@@ -228,12 +228,12 @@ def _decision_by_measurement(
         measurement_fact: the fact that states the measured margins, or the measured resonance.
 
     Returns:
-        The decision, with the verdict "below the goal".
+        The decision, with the diagnosis "below the goal".
     """
     axis = observations.margins.axis
     action = _advice_to_lower_gains(observations, "rate")
     reason = measurement_fact.replace(action=action)
-    return LoopDecision(axis, LoopVerdict.BELOW_GOAL, reason, action, doubts=(reason,))
+    return LoopDecision(axis, LoopDiagnosis.BELOW_GOAL, reason, action, doubts=(reason,))
 
 
 def _decision_by_identified_loop(
@@ -250,7 +250,7 @@ def _decision_by_identified_loop(
         loop_fact: the fact that states its margins.
 
     Returns:
-        The decision, with the verdict "below the goal".
+        The decision, with the diagnosis "below the goal".
     """
     axis = observations.margins.axis
     doubts = reasons_for_no_gains(loop)
@@ -259,7 +259,7 @@ def _decision_by_identified_loop(
     else:
         action = Fact(LoopAction.LOAD_ADVISED_GAINS, arguments=observations.tune_arguments)
     reason = loop_fact.replace(action=action)
-    return LoopDecision(axis, LoopVerdict.BELOW_GOAL, reason, action, doubts)
+    return LoopDecision(axis, LoopDiagnosis.BELOW_GOAL, reason, action, doubts)
 
 
 def _decision_by_tracking(observations: LoopObservations) -> LoopDecision | None:
@@ -291,7 +291,7 @@ def _decision_by_tracking(observations: LoopObservations) -> LoopDecision | None
             offset_angle=tracking.figures["offset_angle"],
         )
     reason = tracking.replace(action=action)
-    return LoopDecision(axis, LoopVerdict.FOLLOWS_BADLY, reason, action, doubts=(reason,))
+    return LoopDecision(axis, LoopDiagnosis.FOLLOWS_BADLY, reason, action, doubts=(reason,))
 
 
 def _decision_on_slow_rate(observations: LoopObservations) -> LoopDecision:
@@ -308,7 +308,7 @@ def _decision_on_slow_rate(observations: LoopObservations) -> LoopDecision:
         observations: margins, tracking and doubts that the flight shows of the axis.
 
     Returns:
-        The decision, with the verdict that the axis follows badly.
+        The decision, with the diagnosis that the axis follows badly.
     """
     axis = observations.margins.axis
     loop = observations.margins.loop
@@ -317,18 +317,18 @@ def _decision_on_slow_rate(observations: LoopObservations) -> LoopDecision:
     if at_limit_share is not None and at_limit_share > MIN_AT_LIMIT_SHARE:
         action = Fact(LoopAction.SLOWER_TURNS, axis=axis)
         reason = tracking.replace(action=action)
-        return LoopDecision(axis, LoopVerdict.FOLLOWS_BADLY, reason, action, doubts=(reason,))
+        return LoopDecision(axis, LoopDiagnosis.FOLLOWS_BADLY, reason, action, doubts=(reason,))
     if not isinstance(loop, Loop):
         action = Fact(LoopAction.DO_FIRST, reason=_reason_for_no_margins(observations))
         reason = tracking.replace(action=action)
-        return LoopDecision(axis, LoopVerdict.FOLLOWS_BADLY, reason, action, doubts=(reason,))
+        return LoopDecision(axis, LoopDiagnosis.FOLLOWS_BADLY, reason, action, doubts=(reason,))
     doubts = reasons_for_no_gains(loop, for_higher_gains=True)
     if doubts:
         action = Fact(LoopAction.DO_FIRST, reason=doubts[0])
     else:
         action = Fact(LoopAction.RAISE_AS_ADVISED, axis=axis, arguments=observations.tune_arguments)
     reason = tracking.replace(action=action)
-    return LoopDecision(axis, LoopVerdict.FOLLOWS_BADLY, reason, action, doubts, is_too_slow=True)
+    return LoopDecision(axis, LoopDiagnosis.FOLLOWS_BADLY, reason, action, doubts, is_too_slow=True)
 
 
 def _decision_without_fault(observations: LoopObservations) -> LoopDecision:
@@ -341,7 +341,7 @@ def _decision_without_fault(observations: LoopObservations) -> LoopDecision:
         observations: margins, tracking and doubts that the flight shows of the axis.
 
     Returns:
-        The decision, with the verdict "nothing wrong" or "unknown".
+        The decision, with the diagnosis "nothing wrong" or "unknown".
     """
     margins = observations.margins
     good_facts = [fact for fact in margins.facts if fact.is_good]
@@ -354,13 +354,13 @@ def _decision_without_fault(observations: LoopObservations) -> LoopDecision:
         elif isinstance(margins.loop, Fact):
             # The fact states why there is no loop from which gains could be computed.
             doubts = (margins.loop,)
-        return LoopDecision(margins.axis, LoopVerdict.NOTHING_WRONG, best_fact, doubts=doubts)
+        return LoopDecision(margins.axis, LoopDiagnosis.NOTHING_WRONG, best_fact, doubts=doubts)
     reason = _reason_for_no_margins(observations)
     action = None
     if reason.remedy:
         action = Fact(LoopAction.DO_FIRST, reason=reason)
     # The reason may cast doubt on an identified loop. As a doubt it keeps gains from being computed from that loop.
-    return LoopDecision(margins.axis, LoopVerdict.UNKNOWN, reason, action, doubts=(reason,))
+    return LoopDecision(margins.axis, LoopDiagnosis.UNKNOWN, reason, action, doubts=(reason,))
 
 
 def _reason_for_no_margins(observations: LoopObservations) -> Fact:

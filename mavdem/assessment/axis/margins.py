@@ -251,7 +251,7 @@ def _loop_fact(loop: Loop, contradiction: Fact | None) -> Fact:
 
     Returns:
         A fact with the figures of the rating, its axis, whether the estimate of the plant is biased, and the
-        contradiction as ``because``.
+        contradiction as ``reason``.
     """
     rating = margin_rating(loop)
     level = Level.WATCH

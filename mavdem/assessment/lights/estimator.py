@@ -1,4 +1,4 @@
-"""Status light of the estimator: innovations in flight against what the filter accepts, GPS quality, the compass."""
+"""Status light of the estimator, judged by facts (coded findings): its innovations in flight, GPS fixes, compass."""
 
 from collections.abc import Iterator
 from typing import Any
@@ -176,19 +176,19 @@ def _filter_fact(telemetry: Telemetry, flight: TimeSeries) -> Fact:
     elif rejection.ratio >= WATCHED_RATIO:
         level = Level.WATCH
     # Figures that only some facts have.
-    remarks: dict[str, Any] = {}
+    further_figures: dict[str, Any] = {}
     duration = rejection.duration
     if rejection.is_bad and not rejection.is_doubted:
         duration = rejection.failsafe_duration
-        remarks["failsafe_limit"] = failsafe_limit
+        further_figures["failsafe_limit"] = failsafe_limit
     elif round(rejection.total_duration) > round(rejection.duration):
-        remarks["total_duration"] = rejection.total_duration
+        further_figures["total_duration"] = rejection.total_duration
     if rejection.name is EstimatorRatio.HEIGHT and telemetry.autopilot != "PX4":
-        remarks["is_unchecked"] = True
+        further_figures["is_unchecked"] = True
     if is_spare:
-        remarks["is_spare"] = True
+        further_figures["is_spare"] = True
     if is_low_passed(telemetry, rejection.name):
-        remarks["is_filtered"] = True
+        further_figures["is_filtered"] = True
     return Fact(
         EstimatorLight.FILTER_DOUBTED if is_doubted else EstimatorLight.FILTER_AGREED,
         level,
@@ -197,7 +197,7 @@ def _filter_fact(telemetry: Telemetry, flight: TimeSeries) -> Fact:
         name=rejection.name,
         ratio=rejection.ratio,
         duration=duration,
-        **remarks,
+        **further_figures,
     )
 
 
@@ -216,9 +216,9 @@ def _instance_in_flight(telemetry: Telemetry, flight: TimeSeries) -> str:
     """
     instances = telemetry.messages[INSTANCES_MESSAGE]
     is_primary = instances["is_primary"] > 0
-    # A log without the primary instance, in any of its flights, has the ratios of spare ones.
-    is_candidate = is_primary if is_primary.any() else ~is_primary
-    is_selected = is_candidate & (instances["boot"] == flight.boot[0])
+    # Only a log that never has the primary instance has the ratios of spare ones (:func:`innovation_ratios`).
+    has_logged_ratios = is_primary if is_primary.any() else ~is_primary
+    is_selected = has_logged_ratios & (instances["boot"] == flight.boot[0])
     is_selected &= (instances["time"] >= flight.time[0]) & (instances["time"] <= flight.time[-1])
     numbers, counts = np.unique(instances["instance"][is_selected], return_counts=True)
     if not len(numbers):
@@ -434,17 +434,15 @@ def _wrong_accelerometers(evidence: Evidence) -> Iterator[Fact]:
     for trust in evidence.trust:
         if not _has_flown_in(evidence, trust.boot):
             continue
-        # The key is False, which comes before True, for that of the primary instance.
-        accelerometers = sorted(
-            trust.accelerometers, key=lambda record: record is not trust.accelerometer
-        )
-        for accelerometer in accelerometers:
+        in_use = [record for record in trust.accelerometers if record is trust.accelerometer]
+        spares = [record for record in trust.accelerometers if record is not trust.accelerometer]
+        for accelerometer in (*in_use, *spares):
             is_spare = accelerometer is not trust.accelerometer
             is_judged = accelerometer.is_used or not is_spare
             if is_judged and accelerometer.is_sound is False:
                 yield Fact(
                     EstimatorLight.ACCELEROMETER_WRONG,
-                    subject=accelerometer.name if len(accelerometers) > 1 else "",
+                    subject=accelerometer.name if len(trust.accelerometers) > 1 else "",
                     acceleration=accelerometer.gravity_at_rest,
                     is_spare=is_spare,
                 )

@@ -1,4 +1,4 @@
-"""Status light of the motors: lost thrust, outputs at their limit, how evenly the motors work, and the headroom."""
+"""Status light of the motors, judged by facts (coded findings): lost thrust, outputs at a limit, trim and headroom."""
 
 from math import inf
 
@@ -241,10 +241,10 @@ def _moments_at_limit(evidence: Evidence, names: tuple[str, ...]) -> list[Fact]:
         first event. Empty if no motor was at its limit.
     """
     events = list(evidence.warnings_in_flight([MotionEvent.MOTOR_AT_ITS_STOP]))
-    times_at_limit = dict.fromkeys(names, 0.0)
+    seconds_at_limit = dict.fromkeys(names, 0.0)
     for event in events:
-        times_at_limit[event.subject] += event.figures["duration"]
-    limited = most_limited_motors(names, list(times_at_limit.values()))
+        seconds_at_limit[event.subject] += event.figures["duration"]
+    limited = most_limited_motors(names, list(seconds_at_limit.values()))
     if not limited:
         return []
     events_of_limited = [event for event in events if event.subject in limited]
@@ -288,9 +288,10 @@ def _trim_or_headroom(evidence: Evidence, hover: HoverFigures) -> Fact:
                 names.append(name)
         excess = None
         if trim.code in UNKNOWN_TRIMS and len(names) == 1:
-            imbalance = hover.imbalance[hover.motors.index(names[0])] / 100
             # A weak motor, as well as lean, may be the reason for the small headroom.
-            excess = imbalance if imbalance > FAULT_RISE else None
+            imbalance_percent = hover.imbalance[hover.motors.index(names[0])]
+            if imbalance_percent / 100 > FAULT_RISE:
+                excess = imbalance_percent / 100
         return Fact(
             MotorsLight.HEADROOM_LITTLE,
             names=names,
@@ -302,8 +303,10 @@ def _trim_or_headroom(evidence: Evidence, hover: HoverFigures) -> Fact:
         # The trim may be the reason for the small headroom, but the pilot must know of both.
         return trim.replace(headroom=headroom)
     if trim.is_good:
-        is_known = not _has_full_throttle(evidence)
+        is_headroom_known = not _has_full_throttle(evidence)
         return Fact(
-            MotorsLight.MOTORS_EVEN, headroom=headroom if is_known else None, **trim.figures
+            MotorsLight.MOTORS_EVEN,
+            headroom=headroom if is_headroom_known else None,
+            **trim.figures,
         )
     return trim

@@ -258,15 +258,15 @@ def _first_time_below(evidence: Evidence, voltage: TimeSeries, limit: float) -> 
     Returns:
         The time, s since boot; None if it was never below.
     """
-    for part in evidence.in_flight(voltage):
-        rows = np.flatnonzero(time_series.moving_average(part) < limit)
+    for flight in evidence.in_flight(voltage):
+        rows = np.flatnonzero(time_series.moving_average(flight) < limit)
         if len(rows):
-            return float(part.time[rows[0]])
+            return float(flight.time[rows[0]])
     return None
 
 
 def _battery_charges(evidence: Evidence, batteries: Sequence[Battery]) -> Iterator[Fact]:
-    """Yields each battery whose charge fell below PX4's parameter BAT_LOW_THR in flight.
+    """Yields a fact for each battery whose charge fell below PX4's parameter BAT_LOW_THR in flight.
 
     The autopilot estimates the remaining charge in percent. It is averaged over 2 s, and compared with the parameter as
     a share of the full charge. Vehicles without that parameter are not judged by their charge.
@@ -274,6 +274,9 @@ def _battery_charges(evidence: Evidence, batteries: Sequence[Battery]) -> Iterat
     Args:
         evidence: signals, events and measurements of the vehicle.
         batteries: batteries that were measured in flight, the emptiest first.
+
+    Yields:
+        Facts with the lowest charge as ``share`` of the full one, and the parameter as ``share_limit``.
     """
     low_share = evidence.signals.telemetry.parameters.get("BAT_LOW_THR", 0.0)
     has_several = len(evidence.signals.batteries) > 1

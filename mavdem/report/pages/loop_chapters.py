@@ -5,7 +5,7 @@ from math import inf
 from typing import NamedTuple
 
 from mavdem.assessment import Assessment
-from mavdem.assessment.axis.loop_decision import DecisionsByAxis, LoopVerdict
+from mavdem.assessment.axis.loop_decision import DecisionsByAxis, LoopDiagnosis
 from mavdem.assessment.axis.responses import NO_STEPS, Responses, StepsByLoop
 from mavdem.assessment.evidence import Evidence
 from mavdem.facts import Fact
@@ -210,7 +210,7 @@ def _margin_sentences(evidence: Evidence, decisions: DecisionsByAxis) -> list[Se
             if is_repetition:
                 continue
             # If the axis does not follow its setpoint, good margins are not enough, and the sentence says so.
-            if fact.is_good and decision.verdict is LoopVerdict.FOLLOWS_BADLY:
+            if fact.is_good and decision.diagnosis is LoopDiagnosis.FOLLOWS_BADLY:
                 fact = fact.replace(follows=False)
             axes_and_facts.append((margin.axis, fact))
     return sentences_by_axes(axes_and_facts)

@@ -1,4 +1,4 @@
-"""Did the vehicle fly? Height, attitude and body rates are evidence for or against it, and two of them must agree.
+"""Checks whether the vehicle flew: height, attitude and body rates are evidence, and two of them must agree.
 
 On a bench the motors run, the land detector counts throttle as flight, and an estimate without a position fix drifts
 by metres. So a boot in which the motors ran counts as flown, or as not flown, only by two witnesses of the motion.
@@ -14,7 +14,7 @@ from mavdem.dataset.signals import Signals
 from mavdem.dataset.time_series import TimeSeries, moving_average, series_of_boot
 from mavdem.dataset.vehicle_cache import cached_per_vehicle
 from mavdem.facts import Facts
-from mavdem.facts.witnesses import WitnessFact
+from mavdem.facts.witnesses import SensorStatement
 from mavdem.ingest.motors import POSSIBLE_MULTIROTORS
 from mavdem.witnesses.height import height_comparison, windowed_mean
 from mavdem.witnesses.rotation import rotation_under_power
@@ -49,23 +49,23 @@ TOP_QUANTILE = 0.95
 
 
 @dataclass(frozen=True)
-class FlightVerdict:
-    """Whether a vehicle flew in one boot, and what shows it."""
+class FlightCheck:
+    """Whether a vehicle flew in one boot (a run of the autopilot until it restarts), and the sensors that show it."""
 
     has_flown: bool | None
-    """None if the witnesses are too few, or contradict each other."""
+    """Whether it flew; None if the statements are too few, or contradict each other."""
     witnesses: Facts
-    """What speaks for a flight, and what speaks against it."""
+    """Statements of sensors for a flight, and then those against it."""
     had_power: bool = True
     """Whether the motors ever gave the thrust that carries the vehicle."""
 
 
 @cached_per_vehicle()
-def flight_verdict(signals: Signals, boot: int) -> FlightVerdict:
-    """Judges whether a vehicle flew while its motors could carry it.
+def flight_check(signals: Signals, boot: int) -> FlightCheck:
+    """Checks whether a vehicle flew while its motors could carry it.
 
-    A witness is the statement of a sensor, or of a comparison of sensors, that supports or contradicts a flight. There
-    are three: the rise of the height, whether roll and pitch follow their setpoints, and rotation. A rise above
+    A witness is a fact that one sensor, or a comparison of sensors, states for or against a flight. There are three:
+    the rise of the height, whether roll and pitch follow their setpoints, and rotation. A rise above
     ``MIN_CERTAIN_RISE`` is enough for a flight. Otherwise ``MIN_SUPPORT`` witnesses must agree, for a flight as well as
     against one, and a barometer that stays level rules a flight out.
 
@@ -79,7 +79,7 @@ def flight_verdict(signals: Signals, boot: int) -> FlightVerdict:
     """
     powered_spans = powered_intervals(signals, boot)
     if not powered_spans:
-        return FlightVerdict(None, (), had_power=False)
+        return FlightCheck(None, (), had_power=False)
     # The height is that of the barometer or, without a usable one, of the estimate, which may drift.
     barometer = height_comparison(signals, boot).barometer
     height = barometer
@@ -97,13 +97,13 @@ def flight_verdict(signals: Signals, boot: int) -> FlightVerdict:
     # An estimate may rise on a bench: two sensors that contradict it outvote it.
     is_outvoted = barometer is None and len(objections) >= MIN_SUPPORT
     if is_certain and not is_outvoted:
-        return FlightVerdict(True, witnesses)
+        return FlightCheck(True, witnesses)
     if len(objections) >= MIN_SUPPORT:
-        return FlightVerdict(False, witnesses)
+        return FlightCheck(False, witnesses)
     barometer_stayed_level = barometer is not None and rise is not None and rise < MAX_LEVEL_RISE
     if len(support) >= MIN_SUPPORT and not barometer_stayed_level:
-        return FlightVerdict(True, witnesses)
-    return FlightVerdict(None, witnesses)
+        return FlightCheck(True, witnesses)
+    return FlightCheck(None, witnesses)
 
 
 def _rise_statements(rise: float | None, source: str) -> Facts:
@@ -119,9 +119,9 @@ def _rise_statements(rise: float | None, source: str) -> Facts:
     if rise is None:
         return ()
     if rise > MIN_RISE:
-        return (supporting_statement(WitnessFact.ROSE, source=source, height=rise),)
+        return (supporting_statement(SensorStatement.ROSE, source=source, height=rise),)
     if rise < MAX_LEVEL_RISE:
-        return (contradicting_statement(WitnessFact.STAYED_LEVEL, source=source, height=rise),)
+        return (contradicting_statement(SensorStatement.STAYED_LEVEL, source=source, height=rise),)
     return ()
 
 
@@ -142,14 +142,14 @@ def _rotation_statements(signals: Signals, boot: int) -> Facts:
     if rotation.follows_setpoint is True:
         correlation = rotation.correlation
         statements.append(
-            supporting_statement(WitnessFact.ATTITUDE_ANSWERED, correlation=correlation)
+            supporting_statement(SensorStatement.ATTITUDE_ANSWERED, correlation=correlation)
         )
     elif rotation.follows_setpoint is False:
         error = rotation.median_error
-        statements.append(contradicting_statement(WitnessFact.ATTITUDE_IGNORED, angle=error))
+        statements.append(contradicting_statement(SensorStatement.ATTITUDE_IGNORED, angle=error))
     if rotation.is_held:
         rate = rotation.largest_rate
-        statements.append(contradicting_statement(WitnessFact.DID_NOT_ROTATE, body_rate=rate))
+        statements.append(contradicting_statement(SensorStatement.DID_NOT_ROTATE, body_rate=rate))
     return tuple(statements)
 
 
