@@ -106,8 +106,8 @@ def diff_command(
     one flight differs from the next. For single flights that spread is assumed, and the report says so.
 
     Compared are each motor's relative trim and its control effectiveness, rate damping, motor time constant and
-    margins. Of the changes, at most 5 % are expected to be false (Benjamini and Hochberg). Wind, battery and payload
-    are conditions: they widen the intervals.
+    margins. Of the changes, at most 5 % are expected to be false. Wind, battery and payload are conditions: they widen
+    the intervals. What other gains do to a loop is named with the gains.
 
     \b
     Examples:
@@ -129,8 +129,8 @@ def diff_command(
     state_b = _read_state(name_b, after, vehicle, days_b)
     if vehicle is None:
         state_a, state_b = states_of_common_vehicle(state_a, state_b)
-    difference = vehicle_difference(state_a.rows, state_b.rows)
     parameters = changed_parameters(state_a.parameters, state_b.parameters)
+    difference = vehicle_difference(state_a.rows, state_b.rows, parameters)
     names_without_gains = states_without_gains(state_a.parameters, state_b.parameters)
     headlines = {"a": state_a.headline, "b": state_b.headline}
     document = Diff.from_results(
@@ -155,7 +155,7 @@ def diff_command(
         *headline,
         *difference_blocks(difference, parameters, names_without_gains),
         *([] if difference.is_of_same_flight else headline_blocks(headlines_of_sides, headline)),
-        *next_blocks(difference, parameters, reviews),
+        *next_blocks(difference, reviews),
         Sentence(str(folder / PAGE_FILE), "Page:"),
     ]
     print_result(document, blocks, as_json=as_json)

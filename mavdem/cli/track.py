@@ -34,8 +34,10 @@ from mavdem.fleet.workers import FunctionByName, JobLimits, JobOutcome, WorkerPo
 from mavdem.fleet_pages import FleetPages, write_fleet_pages
 from mavdem.ingest.formats import looks_like_log
 from mavdem.report.blocks import Blocks, headline_sentence
+from mavdem.report.fleet import vehicle_label
 from mavdem.report.fleet_summary import fleet_blocks, fleet_counts
-from mavdem.report.numbers import counted
+from mavdem.report.numbers import abbreviated_list, counted
+from mavdem.report.templates import render_section
 
 if TYPE_CHECKING:
     from mavdem.fleet.difference import BaselineDifferences
@@ -172,7 +174,8 @@ def track_command(
             from mavdem.report.difference import baseline_blocks
 
             for vehicle, (latest_flight, difference) in differences.items():
-                blocks_by_vehicle[vehicle] = baseline_blocks(latest_flight, difference)
+                if difference is not None:
+                    blocks_by_vehicle[vehicle] = baseline_blocks(latest_flight, difference)
         unknown_name = _store_names(store, given_names)
         pages = write_fleet_pages(store, blocks_by_vehicle)
     counts = fleet_counts(pages.summaries)
@@ -184,10 +187,7 @@ def track_command(
 
         print_json(track_document(out, pages.index, tracked, counts, differences, names.vehicles))
     else:
-        blocks_by_name = {
-            names.vehicle(vehicle): blocks for vehicle, blocks in blocks_by_vehicle.items()
-        }
-        _print_fleet(tracked, pages, blocks_by_name)
+        _print_fleet(tracked, pages, differences, blocks_by_vehicle)
         _report_index_and_table(out, pages.index)
     if unknown_name is not None:
         # The serial number may belong to a log that had to be read first. What was read is stored and reported.
@@ -374,14 +374,18 @@ def _file_names(path: str) -> Names:
 
 
 def _print_fleet(
-    tracked: TrackedLogs, pages: FleetPages, blocks_by_vehicle: BlocksByVehicle
+    tracked: TrackedLogs,
+    pages: FleetPages,
+    differences: "BaselineDifferences",
+    blocks_by_vehicle: BlocksByVehicle,
 ) -> None:
     """Prints the number of logs, the table of the fleet's vehicles, and the changes since each one's baseline.
 
     Args:
         tracked: Result of this run.
         pages: The written pages, with their contents.
-        blocks_by_vehicle: Differences of the latest flight from the baseline, by the vehicle's name.
+        differences: The first row of the latest flight of each vehicle, and its difference from the baseline.
+        blocks_by_vehicle: These differences as sentences, by the vehicle's name.
     """
     unused_files = {row.file for summary in pages.summaries for row in summary.unused}
     print_to_stdout(
@@ -389,8 +393,14 @@ def _print_fleet(
         " flight; copies count once.\n"
     )
     print_blocks(fleet_blocks(pages.summaries, names=pages.names))
+    labels = {
+        vehicle: vehicle_label(vehicle, latest_flight.frame or "", pages.names)
+        for vehicle, (latest_flight, _) in differences.items()
+    }
     for vehicle, blocks in blocks_by_vehicle.items():
-        print_blocks([headline_sentence(f"{vehicle}:"), *blocks])
+        print_blocks([headline_sentence(f"{labels[vehicle]}:"), *blocks])
+    others = [label for vehicle, label in labels.items() if vehicle not in blocks_by_vehicle]
+    print_blocks(render_section("fleet_without_baseline", vehicles=abbreviated_list(others)))
 
 
 def _report_index_and_table(folder: Path, index: Path) -> None:

@@ -37,9 +37,9 @@ class Change(Document):
     quantity: Quantity
     """which quantity"""
     before: PerSecondOrSeconds
-    """mean of A; null for shares and effects of motors"""
+    """mean of A; of shares and effects of motors relative to the median motor, 0 if equal"""
     after: PerSecondOrSeconds
-    """mean of B; null for shares and effects of motors"""
+    """mean of B, likewise"""
     difference: PerSecondOrSeconds
     """B less A; relative for shares, effects, maximum sensitivity and rise"""
     half_width: PerSecondOrSeconds
@@ -92,7 +92,9 @@ class Difference(Document):
     flights: list[int]
     """number of flights of A and of B"""
     false_discovery_rate: float
-    """largest expected share of false ones among the changes (Benjamini and Hochberg)"""
+    """largest expected share of false ones among the tested changes of a family (Benjamini and Bogomolov)"""
+    axes_with_other_gains: list[str]
+    """axes whose rate loop has other gains or filters in B: its figures are not tested"""
     level: float
     """level of the intervals"""
     changes: list[Change]

@@ -4,6 +4,7 @@ The compared quantities and their estimates from a flight are in ``quantities``,
 ``random_effects``. What other conditions of flight can do widens the interval of a difference (``flight_conditions``).
 """
 
+from collections.abc import Sequence
 from typing import Generic, NamedTuple, TypeVar
 
 from mavdem.confidence import CONFIDENCE_LEVEL
@@ -14,10 +15,12 @@ from mavdem.facts.fleet import Incomparable, QuantityOutcome
 from mavdem.fleet.comparability import MissingQuantity, comparison_obstacle, missing_quantities
 from mavdem.fleet.flight_conditions import Conditions, condition_allowance, mean_conditions
 from mavdem.fleet.flights import Flights, flights_of, log_row, vehicles_of
+from mavdem.fleet.parameter_changes import ParameterChange, axes_with_other_gains
 from mavdem.fleet.quantities import LOOP_KINDS, SHARE, flight_estimates
 from mavdem.fleet.random_effects import (
     SD_BETWEEN_FLIGHTS,
     QuantityChange,
+    follows_from_gains,
     quantity_change,
     with_outcomes,
 )
@@ -60,8 +63,11 @@ class VehicleDifference(NamedTuple):
     conditions: BeforeAfter[Conditions]
     """How each state was flown."""
 
+    axes_with_other_gains: Names = ()
+    """Axes whose rate loop is known to have other gains or filters, so that its figures are not tested."""
+
     false_discovery_rate: float = SIGNIFICANCE
-    """Largest expected share of false alarms among the quantities that are called changed.
+    """Largest expected share of false alarms among the tested quantities of a family that are called changed.
 
     Where nothing changed, it is the largest probability that any quantity is called changed.
     """
@@ -80,22 +86,34 @@ class VehicleDifference(NamedTuple):
         """Returns the changes with this outcome."""
         return [change for change in self.changes if change.outcome == outcome]
 
+    def follows_from_gains(self, change: QuantityChange) -> bool:
+        """Returns whether a change is one of a rate loop whose gains or filters are known to differ."""
+        return follows_from_gains(change.quantity, self.axes_with_other_gains)
+
+    @property
+    def tested(self) -> list[QuantityChange]:
+        """The changes that are tested: all but those that follow from other gains."""
+        return [change for change in self.changes if not self.follows_from_gains(change)]
+
 
 BaselineDifferences = dict[str, tuple[FlightRow, VehicleDifference | None]]
 """By vehicle, the first row of its latest flight, and what differs from its baseline, if it has one."""
 
 
-def vehicle_difference(before: FlightRows, after: FlightRows) -> VehicleDifference:
+def vehicle_difference(
+    before: FlightRows, after: FlightRows, parameters: Sequence[ParameterChange] = ()
+) -> VehicleDifference:
     """Compares two states of a vehicle, for example before and after a repair, or two vehicles.
 
     Every quantity that is estimated in both states is compared: trim shares and control effectiveness of the motors,
     rate damping, motor time constant, margins and measured steps of the rate loops. Other conditions of flight, such as
     the battery's voltage, widen its interval by an allowance. All differences are then tested together, so that many
-    quantities do not raise the number of false alarms.
+    quantities do not raise the number of false alarms, except those of loops whose gains are known to differ.
 
     Args:
         before: rows of the fleet's table for the first state, one for each axis of each flight.
         after: rows of the second state. Rows without figures are left out of both.
+        parameters: parameters of the autopilot that changed; none where they are not known.
 
     Returns:
         The differences with their outcomes; what could not be compared, with the reason; and how both states were
@@ -124,15 +142,17 @@ def vehicle_difference(before: FlightRows, after: FlightRows) -> VehicleDifferen
     first_rows = [log_row(flight) for flights in states for flight in flights]
     motors = next((row.motors for row in first_rows if row.motors), ())
     shared_names = {row.vehicle for row in first_rows if row.vehicle_basis == SYSTEM_ID_BASIS}
+    axes = axes_with_other_gains(parameters)
     missing = missing_quantities(states, [estimates_before, estimates_after], obstacle)
     return VehicleDifference(
         vehicles=BeforeAfter(_vehicle_names(flights_before), _vehicle_names(flights_after)),
         shared=tuple(sorted(shared_names)),
         motors=motors,
         flights=BeforeAfter(len(flights_before), len(flights_after)),
-        changes=tuple(with_outcomes(changes)),
+        changes=tuple(with_outcomes(changes, axes)),
         incomparable=tuple(missing),
         conditions=BeforeAfter(conditions_before, conditions_after),
+        axes_with_other_gains=axes,
     )
 
 

@@ -1,15 +1,30 @@
 """Autopilot parameters that a person, not the autopilot itself, changed between two states of a vehicle."""
 
+import re
+from collections.abc import Iterable
 from math import isclose
 from typing import NamedTuple
 
 from mavdem.containers import Names
+from mavdem.dataset.axes import AXES
 from mavdem.fleet.comparability import STATE_NAMES
 from mavdem.ingest.telemetry import Parameters
-from mavdem.ingest.vocabulary import AUTOPILOT_SET_PARAMETERS, CONTROL_PARAMETERS, RATE_GAIN
+from mavdem.ingest.vocabulary import (
+    ATTITUDE_GAINS,
+    AUTOPILOT_SET_PARAMETERS,
+    CONTROL_PARAMETERS,
+    RATE_GAIN,
+)
 
 RELATIVE_ROUNDING = 1e-6
 """Relative difference of two values up to which they are equal: logs and parameter files round float32 differently."""
+
+PARAMETER_NAMES_OF_AXES = {
+    "roll": re.compile("RLL|ROLL"),
+    "pitch": re.compile("PIT"),
+    "yaw": re.compile("YAW"),
+}
+"""What names of ArduPilot's and PX4's parameters contain that belong to one axis."""
 
 
 class ParameterChange(NamedTuple):
@@ -47,6 +62,25 @@ def changed_parameters(before: Parameters, after: Parameters) -> list[ParameterC
     return sorted(
         changes, key=lambda change: (not CONTROL_PARAMETERS.match(change.name), change.name)
     )
+
+
+def axes_of_parameter(name: str) -> list[str]:
+    """Returns the axes that a parameter's name contains; none where it belongs to all, such as a filter's."""
+    return [axis for axis, pattern in PARAMETER_NAMES_OF_AXES.items() if pattern.search(name)]
+
+
+def axes_with_other_gains(parameters: Iterable[ParameterChange]) -> Names:
+    """Returns the axes whose rate loop changed with parameters: its gains or filters, or those of all axes.
+
+    Args:
+        parameters: parameters of the autopilot that changed.
+    """
+    axes: set[str] = set()
+    for parameter in parameters:
+        name = parameter.name
+        if CONTROL_PARAMETERS.match(name) and not ATTITUDE_GAINS.match(name):
+            axes.update(axes_of_parameter(name) or AXES)
+    return tuple(axis for axis in AXES if axis in axes)
 
 
 def states_without_gains(before: Parameters, after: Parameters) -> Names:

@@ -2,12 +2,13 @@
 
 The variance of a difference has two parts: that within the flights, by their intervals, and that between flights, which
 several flights of a group show. ``SD_BETWEEN_FLIGHTS`` is assumed beforehand (random effects, L. V. Hedges and I.
-Olkin, "Statistical Methods for Meta-Analysis", 1985). All quantities are tested together: of those that are called
-changed, a share of at most ``SIGNIFICANCE`` is expected to be false where the intervals hold; if none changed, that is
-the probability that any is called so (Y. Benjamini and Y. Hochberg, "Controlling the false discovery rate", 1995).
+Olkin, "Statistical Methods for Meta-Analysis", 1985). The quantities are tested by families: of those that are called
+changed, a share of at most ``SIGNIFICANCE`` is expected to be false in each family with changes, on average, where the
+intervals hold; if nothing changed, that is the probability that any is called so (Y. Benjamini and M. Bogomolov,
+"Selective inference on multiple families of hypotheses", 2014).
 """
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from math import exp, hypot, sqrt
 from typing import NamedTuple
 
@@ -16,6 +17,7 @@ import scipy
 
 from mavdem.arrays import Array
 from mavdem.confidence import coverage_factor
+from mavdem.containers import group_by
 from mavdem.experiments.paired_test import SIGNIFICANCE
 from mavdem.facts.fleet import QuantityOutcome
 from mavdem.fleet.quantities import (
@@ -81,16 +83,23 @@ The whole interval of the difference must lie within it (an equivalence test). T
 """
 
 
+FAMILIES = (SHARE,), (EFFECT, MEAN_EFFECT, DAMPING, LAG), LOOP_KINDS
+"""Kinds of quantities by family: each family is estimated in another way, and changes for other reasons.
+
+They are the motors' outputs in hover, the physical parameters of the models, and the figures of the identified loops.
+"""
+
+
 class QuantityChange(NamedTuple):
     """One quantity in two states of a vehicle, and its difference."""
 
     quantity: Quantity
     """The quantity."""
 
-    before: float | None
-    """Mean of the first state; ``None`` for shares and effects of motors, which are relative."""
+    before: float
+    """Mean of the first state; shares and effects of motors are relative to the median motor, 0 if equal."""
 
-    after: float | None
+    after: float
     """Mean of the second state, likewise."""
 
     difference: float
@@ -196,12 +205,12 @@ def quantity_change(
         )
     # The difference of logarithms is the logarithm of the ratio; its interval is linearized at the estimate.
     ratio = exp(difference)
-    value_before = exp(mean_before) if quantity.kind in LOOP_KINDS else None
-    value_after = exp(mean_after) if quantity.kind in LOOP_KINDS else None
+    # A motor's value is the ratio to the median motor; the mean effect is that of the vehicle.
+    reference = 1.0 if quantity.is_of_motor else 0.0
     return QuantityChange(
         quantity,
-        before=value_before,
-        after=value_after,
+        before=exp(mean_before) - reference,
+        after=exp(mean_after) - reference,
         difference=ratio - 1,
         half_width=ratio * half_width,
         p=p_value,
@@ -229,31 +238,35 @@ def variance_between_flights(kind: str, states: Sequence[StateEstimates], freedo
     return (prior_squares + observed_squares) / freedom
 
 
-def with_outcomes(changes: Sequence[QuantityChange]) -> list[QuantityChange]:
-    """Decides which quantities changed, by a joint test of all of them (Benjamini and Hochberg, 1995).
+def with_outcomes(
+    changes: Sequence[QuantityChange], axes_with_other_gains: Collection[str] = ()
+) -> list[QuantityChange]:
+    """Decides which quantities changed: by :func:`_changed_quantities`, where it is not known from the gains.
 
-    Testing each quantity by itself would add up the chances of a false alarm. The procedure bounds the false discovery
-    rate, the expected share of false ones among the quantities called changed, at ``SIGNIFICANCE``: of m quantities in
-    the order of their p-values, the first k are called changed, with the largest k whose p is at most k / m ·
-    ``SIGNIFICANCE``. The others are called the same if their interval lies within ``EQUIVALENCE_LIMITS``, and uncertain
-    otherwise.
+    The figures of a loop whose gains are known to differ differ too, so that there is no chance of a false alarm: its
+    own interval decides, and other quantities are tested without it. What did not change is called the same if its
+    interval lies within ``EQUIVALENCE_LIMITS``, and uncertain otherwise.
 
     Args:
         changes: the differences with their p-values.
+        axes_with_other_gains: axes whose rate loops have other gains or filters in the second state.
 
     Returns:
         The changes with their outcomes, in the order of kinds, motors and axes.
     """
+    tested = []
+    changed_quantities = set()
+    for change in changes:
+        if not follows_from_gains(change.quantity, axes_with_other_gains):
+            tested.append(change)
+        elif abs(change.difference) > change.half_width:
+            changed_quantities.add(change.quantity)
+    changed_quantities |= _changed_quantities(tested)
+
     changes_with_outcomes = []
-    changes_by_p_value = sorted(changes, key=lambda change: change.p)
-    # The largest count whose last p-value passes its threshold is taken, even if a smaller count fails.
-    changed_count = 0
-    for count, change in enumerate(changes_by_p_value, start=1):
-        if change.p <= count / len(changes) * SIGNIFICANCE:
-            changed_count = count
-    for rank, change in enumerate(changes_by_p_value):
+    for change in changes:
         equivalence_limit = EQUIVALENCE_LIMITS[change.quantity.kind]
-        if rank < changed_count:
+        if change.quantity in changed_quantities:
             outcome = QuantityOutcome.CHANGED
         elif abs(change.difference) + change.half_width <= equivalence_limit:
             outcome = QuantityOutcome.SAME
@@ -265,3 +278,46 @@ def with_outcomes(changes: Sequence[QuantityChange]) -> list[QuantityChange]:
         changes_with_outcomes,
         key=lambda change: (kinds.index(change.quantity.kind), change.quantity),
     )
+
+
+def follows_from_gains(quantity: Quantity, axes_with_other_gains: Collection[str]) -> bool:
+    """Returns whether a quantity is a figure of a rate loop whose gains or filters are known to differ."""
+    return quantity.kind in LOOP_KINDS and quantity.axis in axes_with_other_gains
+
+
+def _changed_quantities(changes: Sequence[QuantityChange]) -> set[Quantity]:
+    """Finds the quantities that changed by a hierarchical test of families (Benjamini and Bogomolov, 2014).
+
+    Testing each quantity by itself would add up the chances of false alarms, and testing all alike would let many
+    figures of loops hide one motor. So first the families of ``FAMILIES`` are tested: the p-value of a family is that
+    of R. J. Simes (1986), and R of m families are selected at the false discovery rate ``SIGNIFICANCE``. Then the
+    quantities of each selected family are tested at R / m of that rate. Both steps are those of Y. Benjamini and Y.
+    Hochberg (1995).
+
+    Args:
+        changes: the differences with their p-values.
+    """
+    if not changes:
+        return set()
+    changes_by_family = group_by(changes, lambda change: _family(change.quantity.kind))
+    # Adjusted p-values of each family; the smallest is the p-value of Simes.
+    adjusted_by_family = {
+        family: scipy.stats.false_discovery_control([change.p for change in changes_of_family])
+        for family, changes_of_family in changes_by_family.items()
+    }
+    p_of_families = [adjusted.min() for adjusted in adjusted_by_family.values()]
+    is_selected = scipy.stats.false_discovery_control(p_of_families) <= SIGNIFICANCE
+    level = SIGNIFICANCE * is_selected.mean()
+    changed = set()
+    for family, selected in zip(changes_by_family, is_selected, strict=True):
+        if not selected:
+            continue
+        for change, p in zip(changes_by_family[family], adjusted_by_family[family], strict=True):
+            if p <= level:
+                changed.add(change.quantity)
+    return changed
+
+
+def _family(kind: str) -> int:
+    """Returns the index of the family that a kind of quantities belongs to."""
+    return next(index for index, kinds in enumerate(FAMILIES) if kind in kinds)

@@ -21,6 +21,7 @@ from mavdem.motors.change_hypotheses import (
 from mavdem.motors.deviation import Deviation, deviation
 from mavdem.motors.effort import EffortChange, effort_change
 from mavdem.motors.healthy_flights import (
+    MIN_BASELINE_FLIGHTS,
     MIN_HEALTHY_FLIGHTS,
     HealthFigures,
     HealthFlights,
@@ -151,13 +152,14 @@ def _unknown_reason(
     """
     if flight.missing is not None:
         return flight.missing
-    if len(comparable_flights) >= MIN_HEALTHY_FLIGHTS:
+    needed = MIN_BASELINE_FLIGHTS if comparison["are_chosen"] else MIN_HEALTHY_FLIGHTS
+    if len(comparable_flights) >= needed:
         return None
     return Fact(
         HealthUnknown.HEALTHY_FLIGHTS_FEW,
         **comparison,
         total=len([other for other in candidate_flights if other is not flight]),
-        needed=MIN_HEALTHY_FLIGHTS,
+        needed=needed,
     )
 
 

@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 
 from mavdem.assessment import Assessment
-from mavdem.containers import JsonValues
+from mavdem.containers import JsonValues, Names
 from mavdem.dataset.axes import TILT_AXES
 from mavdem.facts.lights import Light
 from mavdem.facts.online import DragSource
@@ -175,9 +175,13 @@ def wind_blocks(evidence: WindEvidence, tables: Sequence[Table] = ()) -> Blocks:
     is_blurred_by_drag = "speed" in reasons and bool(reasons["speed"].figures["by_drag"])
     if is_blurred_by_drag and wind.speed_identifiable:
         del reasons["speed"]
+    typical_drag = None
+    if wind.drag.source is DragSource.POPULATION:
+        typical_drag = wind.drag.interval("linear").mean(axis=1)
     estimate = render_section(
         "wind",
         wind=wind,
+        typical_drag=typical_drag,
         own=_autopilot_wind(evidence, wind),
         is_blurred_by_drag=is_blurred_by_drag,
         turned=_turned_wind(wind),
@@ -244,20 +248,20 @@ class _MeanWinds(NamedTuple):
     header: str
     """Header of the first column."""
 
-    key: str
-    """Key of what stands in the first column."""
+    keys: Names
+    """Keys of what stands in the first column: one, or those of both ends."""
 
     rows: tuple[dict[str, float], ...]
-    """Mean wind of each part or layer: "speed", "low" and "high", m/s, "direction", degrees, and ``key``."""
+    """Mean wind of each part or layer: "speed", "low" and "high", m/s, "direction", degrees, and the ``keys``."""
 
 
 def wind_tables(wind: WindVelocity, max_rows: int | None = None) -> list[Table]:
     """Returns a table of the mean wind of each part of about a minute, and one of that in each layer of height.
 
-    Each row has the start of the part (s) or the mean height in the layer (m), the wind speed with its 90 % interval
-    (m/s), and the direction that the wind comes from, if that is identifiable. A table with a single row is
-    left out, since it would only repeat the mean of the flight. There is no table where the data does not
-    determine the wind speed.
+    Each row has both ends of the part (s) or the mean height in the layer (m), the wind speed with its 90 % interval
+    (m/s), and the direction that the wind comes from, if that is identifiable. A table with a single row is left out,
+    since it would only repeat the mean of the flight. There is no table where the data does not determine the wind
+    speed.
 
     Args:
         wind: estimated wind of a flight.
@@ -265,8 +269,8 @@ def wind_tables(wind: WindVelocity, max_rows: int | None = None) -> list[Table]:
     """
     identified = wind.identified_figures
     mean_winds_by_subject = (
-        _MeanWinds("From (s)", "start", identified.minutes),
-        _MeanWinds("Height (m)", "height", identified.profile),
+        _MeanWinds("Time (s)", ("start", "end"), identified.minutes),
+        _MeanWinds("Height (m)", ("height",), identified.profile),
     )
     tables = []
     for mean_winds in mean_winds_by_subject:
@@ -279,7 +283,8 @@ def wind_tables(wind: WindVelocity, max_rows: int | None = None) -> list[Table]:
         for index in _evenly_spaced(len(mean_winds.rows), max_rows):
             row = mean_winds.rows[index]
             speed = f"{row['speed']:.1f} ({row['low']:.1f} to {row['high']:.1f})"
-            cells = [f"{row[mean_winds.key]:.0f}", speed]
+            first_cell = "–".join(f"{row[key]:.0f}" for key in mean_winds.keys)
+            cells = [first_cell, speed]
             if wind.direction_identifiable:
                 cells.append(compass_text(row["direction"]))
             rows.append(cells)

@@ -1,7 +1,8 @@
 """What changed between two states of a vehicle (before and after), in sentences: changed, equal, uncertain, unknown."""
 
-import re
+from collections import Counter
 from collections.abc import Collection, Iterator, Mapping, Sequence
+from itertools import filterfalse
 from math import degrees, inf, log
 from pathlib import PurePath
 from types import MappingProxyType
@@ -13,7 +14,7 @@ from mavdem.facts.fleet import QuantityOutcome
 from mavdem.facts.lights import Light
 from mavdem.fleet.comparability import STATE_NAMES
 from mavdem.fleet.difference import VehicleDifference
-from mavdem.fleet.parameter_changes import ParameterChange
+from mavdem.fleet.parameter_changes import ParameterChange, axes_of_parameter
 from mavdem.fleet.quantities import (
     DAMPING,
     EFFECT,
@@ -31,7 +32,7 @@ from mavdem.fleet.quantities import (
 from mavdem.fleet.random_effects import SD_BETWEEN_FLIGHTS, QuantityChange
 from mavdem.fleet.report_columns import value_at
 from mavdem.fleet.row import UNKNOWN, FlightRow
-from mavdem.ingest.vocabulary import CONTROL_PARAMETERS, RATE_PID_GAINS
+from mavdem.ingest.vocabulary import RATE_PID_GAINS
 from mavdem.report.blocks import Blocks, Rated, Sentence, Table, caution
 from mavdem.report.numbers import counted, listed, plus_minus, rounded, without_remark
 from mavdem.report.templates import render_section
@@ -73,15 +74,11 @@ SHOWN_QUANTITIES = {
 }
 """How quantities are shown, by their kind."""
 
-PARAMETER_NAMES_OF_AXES = {
-    "roll": re.compile("RLL|ROLL"),
-    "pitch": re.compile("PIT"),
-    "yaw": re.compile("YAW"),
-}
-"""What names of ArduPilot's and PX4's parameters contain that belong to one axis."""
-
 MAX_HEADLINE_GAINS = 4
 """Largest number of changed gains that the headline names: a choice."""
+
+MAX_HEADLINE_EFFECTS = 3
+"""Largest number of figures of loops that the headline names with the gains: a choice."""
 
 
 def headline_of_comparison(
@@ -91,9 +88,10 @@ def headline_of_comparison(
 ) -> list[Sentence]:
     """Returns the sentences that head a comparison on the terminal and on pages: what matters of all that differs.
 
-    Lights that are bad on one side come first; then whether the compared figures changed, with the change that goes
-    with a bad margin, or else the surest; then the gains that a bad margin, or a changed figure of a loop, depends on.
-    Where A and B are the same flight, only that is said.
+    That both are of two vehicles comes first, then lights that are bad on one side; then whether the compared figures
+    changed, with the change that goes with a bad margin, or else the surest; then the gains that a bad margin, or a
+    changed figure of a loop, depends on, with what follows from them. Where A and B are the same flight, only that is
+    said.
 
     Args:
         reviews: review documents of both logs, by side, "A" and "B"; of a fleet, empty.
@@ -114,18 +112,23 @@ def headline_of_comparison(
     changed_axes = {
         change.quantity.axis for change in changes if change.quantity.kind in LOOP_KINDS
     }
-    axes_with_other_loops = bad_axes | changed_axes
-    # Gains matter where a loop differs, or where nothing else is known to differ.
-    gains_matter = bool(axes_with_other_loops) or not (light_sentences or changes)
-    gains = _gains_by_relevance(parameters, axes_with_other_loops) if gains_matter else []
+    all_gains = _gains_by_relevance(parameters, ())
+    gains = _gains_by_relevance(parameters, bad_axes | changed_axes) or all_gains
     shown_gains = [_parameter_text(gain) for gain in gains[:MAX_HEADLINE_GAINS]]
+    axes_of_gains = {axis for gain in gains for axis in axes_of_parameter(gain.name)}
+    effects = []
+    for change in changes:
+        if difference.follows_from_gains(change) and change.quantity.axis in axes_of_gains:
+            effects.append(change_text(change, difference))
     return [
+        *(_vehicle_doubts(difference) if _are_two_vehicles(difference) else ()),
         *light_sentences,
-        *_conclusion(difference, changes),
+        *_conclusion(difference, [*filterfalse(difference.follows_from_gains, changes)]),
         *render_section(
             "difference_gains",
             gains=shown_gains,
             more=len(parameters) - len(shown_gains),
+            effects=effects[:MAX_HEADLINE_EFFECTS],
             others=_are_two_vehicles(difference),
         ),
     ]
@@ -138,8 +141,9 @@ def difference_blocks(
 ) -> Blocks:
     """Returns sentences on the differences between two states of a vehicle, or two vehicles, with their certainty.
 
-    They follow the headline. Doubts about the vehicles come first, then what changed and what could not be compared,
-    parameters, and conditions. Where A and B are the same flight, there are none.
+    They follow the headline, which says whether they are two vehicles. Doubts about a single one come first, then what
+    changed and what could not be compared, parameters, and conditions. Where A and B are the same flight, there are
+    none.
 
     Args:
         difference: comparison of the two states.
@@ -156,7 +160,13 @@ def difference_blocks(
     for reason, missing_quantities in missing_by_reason.items():
         names = listed(missing.quantity for missing in missing_quantities)
         not_compared.append(Sentence(f"{names}: {reason}", "Not compared:"))
-    conclusions = render_section("difference", difference, between=SD_BETWEEN_FLIGHTS)
+    conclusions = render_section(
+        "difference",
+        difference,
+        between=SD_BETWEEN_FLIGHTS,
+        tested_count=len(difference.tested),
+        others=_are_two_vehicles(difference),
+    )
     parameter_sentences = render_section(
         "difference_parameters",
         difference,
@@ -164,7 +174,7 @@ def difference_blocks(
         lacking=lacking,
     )
     return [
-        *_vehicle_doubts(difference),
+        *(() if _are_two_vehicles(difference) else _vehicle_doubts(difference)),
         *_change_sentences(difference),
         *not_compared,
         *parameter_sentences,
@@ -237,28 +247,35 @@ def _later_side(reviews: Mapping[str, Review]) -> str:
     return second
 
 
-def light_table(reviews: Mapping[str, Review]) -> Table | None:
-    """Returns the table of the lights of both logs: the traffic-light judgements of their reviews, such as on motors.
+def light_blocks(reviews: Mapping[str, Review]) -> Blocks:
+    """Returns the lights of both logs: a table of those whose levels differ, and a sentence on the others.
+
+    A light is the judgement of one part of the vehicle by a review, such as its motors, with a level.
 
     Args:
         reviews: review documents of both logs, by side ("A" and "B").
 
     Returns:
-        A row for each light and side, with level and sentence, in the first log's order of lights; None if either log
-        has no lights.
+        The table with a row for each differing light and side, with level and sentence, in the first log's order of
+        lights, and the sentence; nothing if either log has no lights.
     """
     lights_by_side = {side: review.get("lights") or {} for side, review in reviews.items()}
     if not all(lights_by_side.values()):
-        return None
+        return []
     rows = []
-    first_lights = next(iter(lights_by_side.values()))
-    for name in first_lights:
-        for side, lights in lights_by_side.items():
-            light = lights.get(name)
+    names_by_level = dict[str, list[str]]()
+    for name in next(iter(lights_by_side.values())):
+        lights = {side: of_side.get(name) for side, of_side in lights_by_side.items()}
+        levels = {light["level"] if light is not None else "" for light in lights.values()}
+        if len(levels) == 1:
+            names_by_level.setdefault(levels.pop(), []).append(name)
+            continue
+        for side, light in lights.items():
             if light is not None:
                 level = Rated(light["level"], Level(light["level"]))
                 rows.append([f"{name}, {side}", level, light["sentence"]])
-    return Table(["light", "level", "what it says"], rows, words=True)
+    table = [Table(["light", "level", "what it says"], rows, words=True)] if rows else []
+    return [*table, *render_section("difference_lights", names_by_level=names_by_level)]
 
 
 def headline_blocks(
@@ -282,21 +299,19 @@ def headline_blocks(
 
 
 def baseline_blocks(
-    latest_row: FlightRow, difference: VehicleDifference | None, *, has_doubts: bool = True
+    latest_row: FlightRow, difference: VehicleDifference, *, has_doubts: bool = True
 ) -> Blocks:
     """Returns the report on the differences between a vehicle's latest flight and its baseline.
 
     Args:
         latest_row: row of the latest flight.
-        difference: difference of that flight from the baseline; None if the baseline has no flight of the vehicle.
+        difference: difference of that flight from the baseline.
         has_doubts: whether it says that several vehicles may have the name.
 
     Returns:
         The sentences.
     """
     lead = "Since the baseline:"
-    if difference is None:
-        return [Sentence("the baseline has no flight of this vehicle.", lead)]
     date = "" if latest_row.date is None else f" ({latest_row.date:%Y-%m-%d})"
     baseline_count = counted(difference.flights.before, "flight")
     file = PurePath(latest_row.file).name
@@ -332,15 +347,25 @@ def _conclusion(difference: VehicleDifference, changed: Sequence[QuantityChange]
 
     Args:
         difference: comparison of two groups of flights of a vehicle, quantity by quantity.
-        changed: the changed quantities, of which the first is named.
+        changed: the changed quantities that do not follow from other gains; the first is named.
     """
+    tested_outcomes = Counter(change.outcome for change in difference.tested)
+    doubtful = sorted(filter(_is_doubtful, difference.tested), key=lambda change: change.p)
+    named = changed or doubtful
     return render_section(
         "difference_conclusion",
-        change=change_text(changed[0], difference) if changed else "",
-        more=len(changed) - 1,
-        is_doubtful=any(map(_is_doubtful, difference.changes)),
-        unknown=difference.changes_with(QuantityOutcome.UNCERTAIN),
-        same=difference.changes_with(QuantityOutcome.SAME),
+        change=change_text(named[0], difference) if named else "",
+        more=len(named) - 1,
+        is_doubtful=not changed,
+        unknown=tested_outcomes[QuantityOutcome.UNCERTAIN],
+        same=tested_outcomes[QuantityOutcome.SAME],
+        has_figures=bool(difference.changes),
+        has_effects=any(
+            map(
+                difference.follows_from_gains,
+                difference.changes_with(QuantityOutcome.CHANGED),
+            )
+        ),
         others=_are_two_vehicles(difference),
     )
 
@@ -368,24 +393,35 @@ def _change_sentences(difference: VehicleDifference) -> list[Sentence]:
     """
     doubtful = []
     unknown = list[QuantityChange]()
-    for change in difference.changes_with(QuantityOutcome.UNCERTAIN):
+    for change in difference.tested:
         if _is_doubtful(change):
             doubtful.append(change_text(change, difference))
-        else:
+        elif change.outcome is QuantityOutcome.UNCERTAIN:
             unknown.append(change)
-    changed = _changes_by_relevance(difference)
-    return render_section(
+    changed = [*filterfalse(difference.follows_from_gains, _changes_by_relevance(difference))]
+    by_gains = [*filter(difference.follows_from_gains, difference.changes)]
+    tested = len(difference.tested)
+    sentences = render_section(
         "difference_changes",
         # One change is named by the headline.
         changed=[change_text(change, difference) for change in changed if len(changed) > 1],
+        by_gains=[change_text(change, difference) for change in by_gains],
+        axes=difference.axes_with_other_gains,
         doubtful=doubtful,
-        same=[*_texts_by_kind(difference.changes_with(QuantityOutcome.SAME))],
         unknown=[*_texts_of_equal_changes(unknown, difference)],
         others=_are_two_vehicles(difference),
         has_trims=any(change.quantity.kind == SHARE for change in difference.changes),
-        tested=len(difference.changes),
-        level=1 - difference.level,
+        tested=tested,
+        # As if the figures were independent.
+        chance_of_any=1 - difference.level**tested,
     )
+    same = [change for change in difference.tested if change.outcome is QuantityOutcome.SAME]
+    return [*sentences, *same_sentences(same)]
+
+
+def same_sentences(same: Sequence[QuantityChange]) -> list[Sentence]:
+    """Returns the sentence on the quantities that stayed the same; none without any."""
+    return render_section("difference_same", same=[*_texts_by_kind(same)])
 
 
 def _texts_of_equal_changes(
@@ -409,27 +445,6 @@ def _texts_of_equal_changes(
         yield f"{listed(motors)}'s {text}" if motors else text
 
 
-def _axes_of_parameter(name: str) -> list[str]:
-    """Returns the axes that a parameter's name contains; none where it belongs to all, such as a filter's."""
-    return [axis for axis, pattern in PARAMETER_NAMES_OF_AXES.items() if pattern.search(name)]
-
-
-def _is_explained(change: QuantityChange, parameters: Sequence[ParameterChange]) -> bool:
-    """Returns whether changed parameters explain a change: of a loop, by parameters of control of its axis or of all.
-
-    Args:
-        change: change of one quantity.
-        parameters: parameters of the autopilot that changed.
-    """
-    if change.quantity.kind not in LOOP_KINDS:
-        return False
-    for parameter in parameters:
-        axes = _axes_of_parameter(parameter.name)
-        if CONTROL_PARAMETERS.match(parameter.name) and (not axes or change.quantity.axis in axes):
-            return True
-    return False
-
-
 def _gains_by_relevance(
     parameters: Sequence[ParameterChange], axes: Collection[str]
 ) -> list[ParameterChange]:
@@ -444,7 +459,7 @@ def _gains_by_relevance(
     """
     gains = []
     for parameter in parameters:
-        is_of_axes = not axes or not {*axes}.isdisjoint(_axes_of_parameter(parameter.name))
+        is_of_axes = not axes or not {*axes}.isdisjoint(axes_of_parameter(parameter.name))
         if RATE_PID_GAINS.match(parameter.name) and is_of_axes:
             gains.append(parameter)
     return sorted(gains, key=_log_factor, reverse=True)
@@ -468,9 +483,7 @@ def _gains_first(parameters: Sequence[ParameterChange]) -> list[ParameterChange]
 
 
 def next_blocks(
-    difference: VehicleDifference,
-    parameters: Sequence[ParameterChange] = (),
-    reviews: Mapping[str, Review] = NO_REVIEWS,
+    difference: VehicleDifference, reviews: Mapping[str, Review] = NO_REVIEWS
 ) -> list[Sentence]:
     """Returns the next step: that of the later log by itself if a light is bad in it alone, else what part to check.
 
@@ -479,12 +492,11 @@ def next_blocks(
 
     Args:
         difference: comparison of two states, quantity by quantity.
-        parameters: parameters of the autopilot that changed between them.
         reviews: review documents of both logs, by side, "A" and "B".
 
     Returns:
-        One sentence. None without a change, if new gains explain all changes, or if the states are of two vehicles,
-        whose differences are no faults.
+        One sentence; of a change that is doubtful, to fly again. None without any, if new gains explain all changes, or
+        if the states are of two vehicles, whose differences are no faults.
     """
     if difference.is_of_same_flight:
         return []
@@ -494,14 +506,15 @@ def next_blocks(
     if is_later_worse and later_step:
         return [Sentence(later_step, f"Next, by {later_side}:")]
     # New gains of an axis explain a change of its loops, which then is no sign of a fault.
-    unexplained_changes = []
-    for change in difference.changes_with(QuantityOutcome.CHANGED):
-        if not _is_explained(change, parameters):
-            unexplained_changes.append(change)
+    changes = difference.changes_with(QuantityOutcome.CHANGED)
+    unexplained_changes = [*filterfalse(difference.follows_from_gains, changes)]
     vehicles_before, vehicles_after = difference.vehicles
     known_vehicles = {*vehicles_before, *vehicles_after} - {UNKNOWN}
-    if not unexplained_changes or len(known_vehicles) > 1:
+    if len(known_vehicles) > 1:
         return []
+    if not unexplained_changes:
+        is_doubtful = any(map(_is_doubtful, difference.tested))
+        return render_section("difference_doubt") if is_doubtful else []
     weaker_motors = [change for change in unexplained_changes if _is_weaker(change)]
     candidates = weaker_motors or unexplained_changes
     surest_change = min(candidates, key=lambda change: change.p)
@@ -538,7 +551,7 @@ def _motor_name(change: QuantityChange, difference: VehicleDifference) -> str:
 def change_text(change: QuantityChange, difference: VehicleDifference) -> str:
     """Returns a change as text, such as "motor 3's relative trim −18 % ± 6 %" or "Ms on roll 1.4 → 1.6 (+0.2 ± 0.1)".
 
-    Shares and effects of motors have no value before and after. For the other quantities both values are shown, and
+    Of shares and effects of motors only the change is shown. For the other quantities both values are shown, and
     then the change with the half width of its 90 % interval; that of quantities compared as ratios is in percent.
 
     Args:
@@ -560,7 +573,7 @@ def change_text(change: QuantityChange, difference: VehicleDifference) -> str:
         change_with_interval = _signed(
             plus_minus(shown_form.scale * change.difference, shown_form.scale * change.half_width)
         )
-    if change.before is None or change.after is None:
+    if quantity.kind in (SHARE, EFFECT, MEAN_EFFECT):
         return f"{name} {change_with_interval}"
     before = rounded(shown_form.scale * change.before)
     after = rounded(shown_form.scale * change.after)

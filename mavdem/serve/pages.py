@@ -347,11 +347,13 @@ class Pages:
         healthy_rows = [row for row in self._library.store.healthy if row.vehicle == name]
         changes: Blocks = []
         if healthy_rows:
-            difference = baseline_differences(rows, healthy_rows).get(name)
-            if difference is not None:
-                latest_row, changes_since_baseline = difference
+            latest_flight = baseline_differences(rows, healthy_rows).get(name)
+            if latest_flight is not None:
+                latest_row, difference = latest_flight
+                # The baseline has flights of this vehicle, so that there is a difference.
+                assert difference is not None
                 # The page itself states that several vehicles may have the name.
-                changes = baseline_blocks(latest_row, changes_since_baseline, has_doubts=False)
+                changes = baseline_blocks(latest_row, difference, has_doubts=False)
         html = vehicle_page(
             vehicles_of(rows).get(name, []),
             changes,
@@ -389,6 +391,7 @@ class Pages:
         rows_after = self._rows_of_listed_vehicle(after)
         gains_before = json.loads(before.gains)
         gains_after = json.loads(after.gains)
+        parameters = changed_parameters(gains_before, gains_after)
         given_names = self._library.names.flights
         html = comparison_page(
             names=(
@@ -399,8 +402,8 @@ class Pages:
                 self._visible_library.review(before) or {},
                 self._visible_library.review(after) or {},
             ),
-            difference=vehicle_difference(rows_before, rows_after),
-            parameters=changed_parameters(gains_before, gains_after),
+            difference=vehicle_difference(rows_before, rows_after, parameters),
+            parameters=parameters,
             lacking=states_without_gains(gains_before, gains_after),
             back=PageLink("Flights", "/"),
             flights=(self._series(before), self._series(after)),

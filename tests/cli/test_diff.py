@@ -131,7 +131,7 @@ def test_a_margin_that_fell_is_named_with_the_gain_that_was_raised_and_flights_b
         ParameterChange("ATC_RAT_RLL_P", 0.1, 0.2),
         ParameterChange("ATC_RAT_YAW_P", 0.1, 0.5),
     ]
-    difference = vehicle_difference(before, after)
+    difference = vehicle_difference(before, after, parameters)
     logs = Hover().telemetry(), Hover(hovering=30.0).telemetry()
     flights = tuple(flight_series(Signals(log)) for log in logs)
     page = comparison_page(("a.bin", "b.bin"), reviews, difference, parameters, flights=flights)
@@ -143,9 +143,11 @@ def test_a_margin_that_fell_is_named_with_the_gain_that_was_raised_and_flights_b
     )
     assert levels == [("A", "good"), ("B", "bad")]
     assert "hase margin on roll 57 → 17°" in page
-    # Pitch lost as much, but roll's light says why it matters.
-    assert headlines[1].startswith("Changed: phase margin on roll 57 → 17°")
-    assert headlines[2] == "Gains changed: ATC_RAT_RLL_P 0.1 → 0.2 and 1 other parameter."
+    # Pitch lost as much without another gain.
+    assert headlines[1].startswith("Changed: phase margin on pitch 57 → 17°")
+    assert headlines[2].startswith(
+        "Gains changed: ATC_RAT_RLL_P 0.1 → 0.2 and 1 other parameter; by them phase margin on roll"
+    )
     on_terminal = headline_of_comparison(
         dict(zip("AB", reviews, strict=True)), difference, parameters
     )
@@ -157,7 +159,7 @@ def test_a_margin_that_fell_is_named_with_the_gain_that_was_raised_and_flights_b
         "A": {"identity": {"date": "2026-02-01T10:00:00Z"}, "lights": oscillating, **lower},
         "B": reviews[0],
     }
-    assert next_blocks(difference, parameters, swapped)[0].lead == "Next, by A:"
+    assert next_blocks(difference, swapped)[0].lead == "Next, by A:"
 
 
 @mark.parametrize(

@@ -15,7 +15,12 @@ from mavdem.experiments.paired_test import SIGNIFICANCE
 from mavdem.facts.fleet import ComparedSubject, Incomparable, QuantityOutcome
 from mavdem.fleet.difference import vehicle_difference
 from mavdem.fleet.flight_conditions import mean_conditions
-from mavdem.fleet.parameter_changes import changed_parameters, states_without_gains
+from mavdem.fleet.parameter_changes import (
+    ParameterChange,
+    axes_with_other_gains,
+    changed_parameters,
+    states_without_gains,
+)
 from mavdem.fleet.quantities import (
     DAMPING,
     EFFECT,
@@ -153,7 +158,7 @@ def test_false_discoveries_are_as_rare_as_stated():
         sizes = np.where(np.arange(20) < 5, 4.0, 0.0)
         scores = sizes + rng.normal(size=20)
         changes = [
-            QuantityChange(Quantity(SHARE, motor), None, None, 1.0, 1.0, 2 * norm.sf(abs(score)), 0)
+            QuantityChange(Quantity(SHARE, motor), 0.0, 0.0, 1.0, 1.0, 2 * norm.sf(abs(score)), 0)
             for motor, score in enumerate(scores.tolist())
         ]
         called = {
@@ -165,6 +170,36 @@ def test_false_discoveries_are_as_rare_as_stated():
         found += len([motor for motor in called if motor < 5])
     assert np.mean(false_shares) < SIGNIFICANCE
     assert found / (400 * 5) > 0.9
+
+
+def test_many_loops_that_did_not_change_do_not_hide_one_motor():
+    """A motor is tested among the motors. That a loop with other gains differs is known and not tested."""
+    p_values = {Quantity(SHARE, motor): 0.8 for motor in range(1, 4)}
+    p_values[Quantity(SHARE, 4)] = 0.004
+    for kind in LOOP_KINDS:
+        p_values |= {Quantity(kind, axis=axis): 0.5 for axis in ("roll", "pitch", "yaw")}
+    doubtful_loop = Quantity(RISE, axis="roll")
+    p_values[doubtful_loop] = 0.08
+    changes = [
+        QuantityChange(quantity, 0.0, 0.0, -0.3, 0.2 if p < 0.1 else 1.0, p, 0.0)
+        for quantity, p in p_values.items()
+    ]
+    for axes, changed in (((), set()), (("roll",), {doubtful_loop})):
+        found = {
+            change.quantity
+            for change in with_outcomes(changes, axes)
+            if change.outcome is QuantityOutcome.CHANGED
+        }
+        assert found == {Quantity(SHARE, 4)} | changed
+
+
+def test_gains_of_the_attitude_change_no_rate_loop():
+    names = ["MC_ROLL_P", "ATC_ANG_PIT_P", "MC_PITCHRATE_D"]
+    changes = [ParameterChange(name, 1.0, 2.0) for name in names]
+    assert axes_with_other_gains(changes[:2]) == ()
+    assert axes_with_other_gains(changes) == ("pitch",)
+    filters = [ParameterChange("INS_GYRO_FILTER", 20.0, 30.0)]
+    assert axes_with_other_gains(filters) == ("roll", "pitch", "yaw")
 
 
 def test_what_changes_all_motors_changes_their_mean_and_none_beside_the_others():
@@ -204,7 +239,7 @@ def test_the_same_is_said_only_where_the_whole_interval_is_small():
     limits = {SHARE: 0.06, EFFECT: 0.2, MEAN_EFFECT: 0.3, DAMPING: 0.8, LAG: 0.02}
     for share, outcome in ((0.69, "same"), (0.71, "uncertain")):
         judged = [
-            QuantityChange(Quantity(kind), None, None, -0.3 * limit, share * limit, 1.0, 0.0)
+            QuantityChange(Quantity(kind), 0.0, 0.0, -0.3 * limit, share * limit, 1.0, 0.0)
             for kind, limit in limits.items()
         ]
         assert {one.outcome for one in with_outcomes(judged)} == {outcome}

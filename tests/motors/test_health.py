@@ -205,19 +205,27 @@ def test_more_effort_is_a_drift_and_no_fault():
     assert judged(replace(heavy[-1], voltage=None), baseline).health == "ok"
 
 
+def test_one_flight_that_somebody_named_as_healthy_is_enough():
+    """How much flights differ is then the prior alone."""
+    assert judged_vehicles(weak(2, 0.25), healthy=1, vehicles=1)[0].suspect_motor == 2
+    healths = [one.health for one in judged_vehicles(0.0, healthy=1)]
+    assert "fault" not in healths and healths.count("drift") <= 2
+    assert judged(MadeUpVehicle(1).flight(), []).fact.figures["needed"] == 1
+
+
 def test_it_takes_two_healthy_flights_of_the_same_motors_that_are_not_one():
     vehicle = MadeUpVehicle(1)
     once, other, flight = vehicle.flights(3)
     again = replace(once, name="from the ground", date=once.date + timedelta(seconds=20))
     turned = replace(other, signatures=motor_signatures(geometry(spins=(-1, -1, 1, 1))))
     three = replace(other, motors=MOTORS[:3])
-    for baseline in ([], [once], [once, again], [once, turned], [once, three]):
-        found = judged(flight, baseline)
+    for others in ([], [once], [once, again], [once, turned], [once, three]):
+        found = assess_motor_health([*others, flight])[-1]
         assert found.health == "unknown"
         assert found.fault_probability is found.suspect_motor is None
         assert found.fact.code is HealthUnknown.HEALTHY_FLIGHTS_FEW
     assert (found.fact.figures["total"], found.fact.figures["flights"]) == (2, 1)
-    assert judged(flight, [once, other]).health != "unknown"
+    assert assess_motor_health([once, other, flight])[-1].health != "unknown"
     unsure = replace(again, balance=again.balance._replace(error=np.ones(3)))
     assert distinct_flights([unsure, once]) == [once]
 

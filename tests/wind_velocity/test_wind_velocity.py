@@ -218,14 +218,21 @@ def test_calm_air_is_below_a_speed():
     shown = wind_blocks(WindEvidence(wind, of_other_boot, None))
     assert not any("own estimate" in block.text for block in shown)
     course = tuple(
-        {"start": 60.0 * i, "speed": i, "low": i / 2, "high": 2.0 * i, "direction": 90.0}
+        {
+            "start": 60.0 * i,
+            "end": 60.0 * i + 59,
+            "speed": i,
+            "low": i / 2,
+            "high": 2.0 * i,
+            "direction": 90.0,
+        }
         for i in range(10)
     )
     (table,) = wind_tables(replace(wind, minutes=course, profile=()), max_rows=4)
     # The direction of a wind that may be still air is not shown, and the mounting is no reason for that.
     assert "Still air" in wind.reasons["direction"].sentence
-    assert table.header == ["From (s)", "Wind (m/s)"]
-    assert [row[0] for row in table.rows] == ["0", "180", "360", "540"]
+    assert table.header == ["Time (s)", "Wind (m/s)"]
+    assert [row[0] for row in table.rows] == ["0–59", "180–239", "360–419", "540–599"]
     assert table.rows[1][1] == "3.0 (1.5 to 6.0)"
 
 

@@ -49,8 +49,30 @@ class DrawnChange(NamedTuple):
     """1 or -1 where the estimate lies to the right or to the left of the drawing, which an arrow shows; 0 inside."""
 
 
+def drawn_changes(difference: VehicleDifference) -> list[QuantityChange]:
+    """Returns the changes that are drawn: those that are not the same, or all of them where they are.
+
+    Args:
+        difference: changes of a vehicle between two states.
+
+    Returns:
+        The changes, those that changed first, then those that are not known, of which doubtful ones come first.
+    """
+    outcomes = list(OUTCOME_LEVELS)
+    changes = [
+        change for change in difference.changes if change.outcome is not QuantityOutcome.SAME
+    ]
+    return sorted(
+        changes or difference.changes,
+        key=lambda change: (
+            outcomes.index(change.outcome),
+            abs(change.difference) <= change.half_width,
+        ),
+    )
+
+
 def change_plan(difference: VehicleDifference) -> Plan | None:
-    """Returns a drawing of the changes of all quantities, those that changed first.
+    """Returns a drawing of changes of quantities, those of :func:`drawn_changes`.
 
     Args:
         difference: changes of a vehicle between two states.
@@ -58,8 +80,7 @@ def change_plan(difference: VehicleDifference) -> Plan | None:
     Returns:
         The drawing; None if nothing was compared.
     """
-    outcomes = list(OUTCOME_LEVELS)
-    changes = sorted(difference.changes, key=lambda change: outcomes.index(change.outcome))
+    changes = drawn_changes(difference)
     if not changes:
         return None
     relative_changes = [_relative(change) for change in changes]
@@ -72,12 +93,12 @@ def change_plan(difference: VehicleDifference) -> Plan | None:
         """Returns where a relative change is drawn, percent of the width from the left."""
         return min(max(CENTER_PERCENT + percent_per_limit * value, 0.0), 100.0)
 
-    drawn_changes = []
+    rows = []
     for change, relative in zip(changes, relative_changes, strict=True):
         beyond = 0
         if abs(relative.difference) > extent:
             beyond = 1 if relative.difference > 0 else -1
-        drawn_changes.append(
+        rows.append(
             DrawnChange(
                 capitalize_first(change_text(change, difference)),
                 level=OUTCOME_LEVELS[change.outcome],
@@ -87,8 +108,8 @@ def change_plan(difference: VehicleDifference) -> Plan | None:
                 beyond=beyond,
             )
         )
-    svg = svg_of("changes", rows=drawn_changes, limit=percent_per_limit)
-    texts = listed(drawn.text for drawn in drawn_changes)
+    svg = svg_of("changes", rows=rows, limit=percent_per_limit)
+    texts = listed(drawn.text for drawn in rows)
     return Plan("", f"Changes with their 90 % intervals: {texts}", svg)
 
 

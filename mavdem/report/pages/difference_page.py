@@ -17,7 +17,7 @@ from mavdem.fleet.quantities import (
 )
 from mavdem.fleet.report_columns import NOT_IDENTIFIABLE, value_at
 from mavdem.report.blocks import Blocks, Table, headline_sentence
-from mavdem.report.charts.change_plan import change_plan
+from mavdem.report.charts.change_plan import change_plan, drawn_changes
 from mavdem.report.charts.chart import TIME_AFTER_STEP, Axis, Chart, Group, Line, LineStyle
 from mavdem.report.charts.comparison_charts import FlightSeries, flight_series_charts
 from mavdem.report.charts.flight_charts import MIN_DENSITY, STEP_RESPONSE
@@ -26,10 +26,11 @@ from mavdem.report.difference import (
     difference_blocks,
     headline_blocks,
     headline_of_comparison,
-    light_table,
+    light_blocks,
     next_blocks,
+    same_sentences,
 )
-from mavdem.report.loops import LOOP_FIGURES
+from mavdem.report.loops import LOOP_FIGURES, TUNED_FIGURES
 from mavdem.report.numbers import counted, rounded
 from mavdem.report.pages.page import Chapter, PageLink, render_document
 from mavdem.report.palette import PREDICTED, TRUTH
@@ -46,17 +47,19 @@ ISO_DATE_LENGTH = len("2026-01-31")
 
 CHANGES_CAPTION = """\
 Each change from A to B with its own 90 % interval, relative to the largest one that is called the same (shaded). \
-Squares changed, as all are tested together; rings are not known, dots stayed the same; an arrow points to what has no \
-room."""
+Squares changed, rings are not known, dots stayed the same; an arrow points to what has no room."""
 """What stands below the drawing of all changes."""
 
 TRIMS_CAPTION = """\
-Whiskers hold by how much flights of one vehicle differ, too, half of the change's variance each. What changed is said \
-above."""
+Over the median motor's, with the part that lean makes, which the light of the motors leaves out. Whiskers hold by how \
+much flights of one vehicle differ, too, half of the change's variance each."""
 """What stands below the chart of trims."""
 
 MAX_MOTORS = 12
 """Motors that the axis of a chart has names for: those of the largest frames."""
+
+MARGIN_FIGURES = {"rate": (*LOOP_FIGURES,), "attitude": TUNED_FIGURES}
+"""Figures in the table of margins, by the loop."""
 
 UNKNOWN_FIGURE = "-"
 """What a table shows in the place of a figure that is not known."""
@@ -96,19 +99,20 @@ def comparison_page(
     changes = [[name, f"{before:.4g}", f"{after:.4g}"] for name, before, after in parameters]
     change_header = f"{counted(len(changes), 'parameter')} changed"
     plan = change_plan(difference)
+    drawn = drawn_changes(difference)
+    not_drawn = [change for change in difference.changes if change not in drawn]
     changed_group = Group.side_by_side([plan], CHANGES_CAPTION)
-    table_of_lights = light_table(sides)
     chapters = [
-        Chapter("What changed", (), [] if plan is None else [changed_group]),
-        Chapter("Lights", [] if table_of_lights is None else [table_of_lights]),
+        Chapter("What changed", same_sentences(not_drawn), [] if plan is None else [changed_group]),
+        Chapter("Lights", light_blocks(sides)),
         Chapter("Step response", (), [Group.of_axes(steps_of_axes)] if steps_of_axes else []),
         Chapter("Motors", (), _chart_group(_trim_chart(sides, legend, difference), TRIMS_CAPTION)),
         Chapter("Spectra", (), _chart_group(_spectrum_chart(sides, legend)), folded=True),
         _series_chapter(flights, legend),
-        _table_chapter("Margins", "rate loop (90 % interval)", _margin_rows(sides))._replace(
-            folded=True
+        _table_chapter("Margins", "90 % interval", _margin_rows(sides))._replace(folded=True),
+        _table_chapter(
+            "Vibration and wind", "wind: 90 % interval", [_vibration_row(sides), *_wind_rows(sides)]
         ),
-        _table_chapter("Wind", "90 % interval", _wind_rows(sides)),
         _table_chapter("Parameters", change_header, changes),
         Chapter("In words", difference_blocks(difference, parameters, lacking), folded=True),
     ]
@@ -119,7 +123,7 @@ def comparison_page(
     if not difference.is_of_same_flight:
         headlines = {side: value_at(review, "headline.sentence") for side, review in sides.items()}
         summary += headline_blocks(headlines, headline)
-    summary += next_blocks(difference, parameters, sides)
+    summary += next_blocks(difference, sides)
     subtitle = f"{legend['A']} and {legend['B']} over each other."
     return render_document(" and ".join(names), subtitle, summary, chapters, back)
 
@@ -187,27 +191,24 @@ def _with_single_side(chart: Chart) -> Chart:
     return chart._replace(title=f"{chart.title}, only {chart.lines[0].name}")
 
 
-def _rate_loops(sides: Reviews, axis: str) -> dict[str, Review]:
-    """Returns the figures of an axis's rate loop by side; of a loop that is not known, an empty document."""
-    path = f"axes.{axis}.loop.rate"
-    return {side: value_at(review, path) or {} for side, review in sides.items()}
-
-
 def _margin_rows(sides: Reviews) -> list[list[str]]:
-    """Returns the rows of the table of stability margins: for each axis, each figure of its rate loop.
+    """Returns the rows of the table of stability margins: for each axis, each figure of its rate and attitude loop.
 
     Args:
         sides: review documents of both logs, by side.
 
     Returns:
-        Rows of a name, such as "roll phase margin (°)", and one cell for each side.
+        Rows of a name, such as "roll rate: phase margin (°)", and one cell for each side.
     """
     rows = []
     for axis in AXES:
-        loops = _rate_loops(sides, axis)
-        for key, figure in LOOP_FIGURES.items():
-            cells = [_cell(loop, key, figure.scale) for loop in loops.values()]
-            rows.append([f"{axis} {figure.header}", *cells])
+        for loop_name, keys in MARGIN_FIGURES.items():
+            path = f"axes.{axis}.loop.{loop_name}"
+            loops = [value_at(review, path) or {} for review in sides.values()]
+            for key in keys:
+                figure = LOOP_FIGURES[key]
+                cells = [_cell(loop, key, figure.scale) for loop in loops]
+                rows.append([f"{axis} {loop_name}: {figure.header}", *cells])
     return rows
 
 
@@ -319,6 +320,19 @@ def _trim_chart(sides: Reviews, legend: Mapping[str, str], difference: VehicleDi
     return Chart("Relative trim (%)", motor_axis, deviation_axis, tuple(lines), (0.0,))
 
 
+def _vibration_row(sides: Reviews) -> list[str]:
+    """Makes the row of a table for the mean vibration in flight, m/s², the largest of the axes that were recorded.
+
+    Args:
+        sides: review documents of both logs, by side.
+    """
+    row = ["vibration (m/s²)"]
+    for review in sides.values():
+        levels = value_at(review, "condition.vibration.level")
+        row.append(rounded(max(levels)) if levels else UNKNOWN_FIGURE)
+    return row
+
+
 def _wind_rows(sides: Reviews) -> list[list[str]]:
     """Makes the rows of a table for wind speed and the direction that the wind comes from.
 
@@ -340,7 +354,10 @@ def _wind_rows(sides: Reviews) -> list[list[str]]:
         is_direction_known = (
             bool(wind) and not wind["calm"] and status.get("direction") != NOT_IDENTIFIABLE
         )
-        speeds.append(_cell(wind, "speed") if is_speed_known else UNKNOWN_FIGURE)
+        if is_speed_known and wind.get("calm"):
+            speeds.append(f"below {rounded(wind['speed_interval'][1])}")
+        else:
+            speeds.append(_cell(wind, "speed") if is_speed_known else UNKNOWN_FIGURE)
         if is_direction_known:
             directions.append(f"{wind['direction']:.0f} ± {wind['direction_interval']:.0f}")
         else:

@@ -8,7 +8,13 @@ from numpy.testing import assert_allclose
 from mavdem.fleet.difference import vehicle_difference
 from mavdem.report.charts.change_plan import change_plan
 from mavdem.report.charts.chart import Axis, Chart, Line
-from mavdem.report.pages.difference_page import _trim_chart, _wind_rows, _with_single_side
+from mavdem.report.difference import light_blocks
+from mavdem.report.pages.difference_page import (
+    _trim_chart,
+    _wind_rows,
+    _with_single_side,
+    comparison_page,
+)
 
 SHARES = {"A": (1.0, 1.0, 1.0, 1.0), "B": (0.9756, 1.0732, 0.9756, 0.9756)}
 """Motor 2 changes by 10 % beside motors of which none moves: beside their mean it would be 7.3 %."""
@@ -55,11 +61,31 @@ def test_a_line_of_one_side_alone_is_named_by_the_title():
     assert _with_single_side(both) == both
 
 
+def test_lights_that_are_equal_are_one_sentence():
+    lights = {
+        name: {"level": level, "sentence": f"{name} is {level}."}
+        for name, level in {"motors": "good", "power": "unknown", "log": "good"}.items()
+    }
+    worse = lights | {"motors": {"level": "bad", "sentence": "Motor 1 is weak."}}
+    table, equal = light_blocks({"A": {"lights": lights}, "B": {"lights": worse}})
+    assert [row[0] for row in table.rows] == ["motors, A", "motors, B"]
+    assert equal.lead == "Equal in A and B:" and equal.text == "power unknown; log good."
+    assert light_blocks({"A": {"lights": lights}, "B": {}}) == []
+
+
+def test_that_they_are_two_vehicles_comes_first():
+    rows = [flight_row(vehicle, 0) for vehicle in ("quad", "other")]
+    difference = vehicle_difference(rows[:1], rows[1:])
+    page = comparison_page(("a.bin", "b.bin"), ({}, {}), difference)
+    assert page.index("are two vehicles") < page.index("No compared figure differs")
+
+
 def test_still_air_comes_from_nowhere():
     wind = {"speed": 1.3, "speed_interval": [0.0, 3.1], "direction": 110.0}
     wind |= {"direction_interval": 12.0, "status": {"speed": "reported", "direction": "reported"}}
     calm, windy = {"wind": wind | {"calm": True}}, {"wind": wind | {"calm": False}}
-    _, directions = _wind_rows({"A": calm, "B": windy})
+    speeds, directions = _wind_rows({"A": calm, "B": windy})
+    assert speeds[1:] == ["below 3.1", "1.3 (0 to 3.1)"]
     assert directions[1:] == ["-", "110 ± 12"]
 
 
