@@ -7,17 +7,18 @@ the autopilot's own report. A dive that the motors end has none of them.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
 from mavdem.assessment.attitude_error import AttitudeError, largest_error
 from mavdem.assessment.attitude_losses import has_risen_by
 from mavdem.assessment.contact_time import MIN_FALL_SECONDS, TOPPLE_HEIGHT_CLOSED, ContactSearch
-from mavdem.assessment.flights import RECOVERY_SECONDS
+from mavdem.assessment.flights import RECOVERY_SECONDS, loss_onset
 from mavdem.dataset.grounded import MAX_SETPOINT_DELAY
 from mavdem.dataset.intervals import TimeInterval, in_intervals
 from mavdem.dataset.time_series import series_of_boot
-from mavdem.facts import Fact, Facts
+from mavdem.facts import Fact, Facts, Level
 from mavdem.facts.ending import MotionEvent
 from mavdem.facts.events import ReportedEvent
 from mavdem.facts.witnesses import SensorStatement
@@ -77,6 +78,40 @@ STICK_DELAY = 0.3
 STICK_REACTION_SECONDS = 1.5
 """Seconds after a contact in which a pilot who lands closes the throttle. It shows that a landing was meant, and no
 more: what follows the contact does not change how the vehicle came to it."""
+
+
+CONTACTS = (MotionEvent.HIT, MotionEvent.TIPPED, MotionEvent.TOPPLED)
+"""Losses of a vehicle by the ground, or by something that it hit."""
+
+
+class FlightLosses(NamedTuple):
+    """How one flight was lost."""
+
+    attitude_loss: Fact | None
+    """The loss of attitude in the air that the flight did not recover from; None without one."""
+    contact: Fact | None
+    """The contact with the ground; None without one. Its level is "watch" if it only followed a loss in the air."""
+
+
+def flight_losses(attitude_loss: Fact | None, contact: Fact | None) -> FlightLosses:
+    """Decides which of a loss of attitude and a contact with the ground was how the flight was lost.
+
+    If the ground came first, they are one event, the contact. Otherwise both are events: the loss was in the air, and
+    the contact only followed.
+
+    Args:
+        attitude_loss: the loss of attitude that the flight did not recover from; None if there was none.
+        contact: the contact with the ground (:func:`ground_contact`); None if there was none.
+    """
+    if attitude_loss is None or contact is None:
+        return FlightLosses(attitude_loss, contact)
+    # A contact whose onset is not known is taken as the first of the two.
+    is_ground_first = (loss_onset(contact) or 0.0) <= attitude_loss.start_time
+    if is_ground_first or attitude_loss.code in CONTACTS:
+        # The contact describes the same event, and more exactly.
+        return FlightLosses(None, contact)
+    # The vehicle was lost before, so that the contact is not what made the flight bad.
+    return FlightLosses(attitude_loss, contact.replace(Level.WATCH))
 
 
 def ground_contact(

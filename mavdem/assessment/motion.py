@@ -22,7 +22,7 @@ from mavdem.assessment.flights import (
     loss_onset,
     merge_close,
 )
-from mavdem.assessment.ground_contacts import ground_contact
+from mavdem.assessment.ground_contacts import CONTACTS, flight_losses, ground_contact
 from mavdem.assessment.height_divergence import height_divergences
 from mavdem.assessment.motor_events import LASTING_SECONDS, motor_events
 from mavdem.assessment.motor_speeds import standing_motors
@@ -38,9 +38,6 @@ from mavdem.ingest.motors import POSSIBLE_MULTIROTORS
 from mavdem.vibration.vibration_message import reported_vibration
 from mavdem.witnesses import SensorTrust, trust_of_boots
 from mavdem.witnesses.boot_sensors import BootSensors
-
-CONTACTS = (MotionEvent.HIT, MotionEvent.TIPPED, MotionEvent.TOPPLED)
-"""Losses of a vehicle by the ground, or by something that it hit."""
 
 
 def motion_events(signals: Signals, reports: Sequence[Fact] = ()) -> Facts:
@@ -226,8 +223,7 @@ def _events_of_flight(
 ) -> Iterator[Fact]:
     """Yields the events of one flight, in no particular order.
 
-    A flight may end with a loss of attitude and a contact with the ground. If the ground came first, they are one
-    event, the contact. Otherwise both are events: the loss was in the air, and the contact only followed.
+    A flight may end with a loss of attitude and a contact with the ground (:func:`flight_losses`).
 
     Args:
         sensors: sensors of the boot, with the take-off of this flight.
@@ -241,15 +237,7 @@ def _events_of_flight(
         loss = losses.pop()
     yield from losses
     contact = ground_contact(sensors, error, flight_interval, loss, reports)
-    if contact is not None and loss is not None:
-        # A contact whose onset is not known is taken as the first of the two.
-        is_ground_first = (loss_onset(contact) or 0.0) <= loss.start_time
-        if is_ground_first or loss.code in CONTACTS:
-            # The contact describes the same event, and more exactly.
-            loss = None
-        else:
-            # The vehicle was lost before, so that the contact is not what made the flight bad.
-            contact = contact.replace(Level.WATCH)
+    loss, contact = flight_losses(loss, contact)
     for event in (loss, contact):
         if event is not None:
             yield event

@@ -400,12 +400,27 @@ def stopped_in_air(signals: Signals, boot: int, flight_interval: TimeInterval) -
     height = BootSensors(signals, boot, take_off).height_above_take_off
     if height is None:
         return False
-    end_height = np.interp(end, height.time, height.values)
-    ground_height = 0.0
     if height.time[-1] >= end + 1.0:
-        is_after = in_intervals(height.time, [(end, end + RECOVERY_SECONDS)])
-        ground_height = height.values[is_after].min(initial=end_height)
-    return bool(end_height - ground_height > MAX_TOUCH_DOWN_DROP)
+        return has_sunk_after(signals, boot, flight_interval)
+    return bool(np.interp(end, height.time, height.values) > MAX_TOUCH_DOWN_DROP)
+
+
+def has_sunk_after(signals: Signals, boot: int, flight_interval: TimeInterval) -> bool:
+    """Returns whether the vehicle sank by more than ``MAX_TOUCH_DOWN_DROP`` after the end of a flight.
+
+    Args:
+        signals: signals of the vehicle.
+        boot: number of the boot.
+        flight_interval: start and end of the flight, s since boot.
+    """
+    take_off, end = flight_interval
+    height = BootSensors(signals, boot, take_off).height_above_take_off
+    if height is None:
+        return False
+    end_height = np.interp(end, height.time, height.values)
+    is_after = in_intervals(height.time, [(end, end + RECOVERY_SECONDS)])
+    lowest_height = height.values[is_after].min(initial=end_height)
+    return bool(end_height - lowest_height > MAX_TOUCH_DOWN_DROP)
 
 
 def _mode_changes(signals: Signals, recorded_part: Segment) -> Iterator[Fact]:

@@ -69,7 +69,7 @@ def reason_of_stop(signals: Signals, events: Sequence[Fact], boot: int, cause: F
             # too.
             continue
         if event.code in REASONS_OF_STOP:
-            return Fact(FailedFirst.FAILSAFE_FIRST, time=event.time, cause=event)
+            return Fact(FailedFirst.FAILSAFE_FIRST, time=stop_time, cause=event)
         if event.code is ReportedEvent.BATTERY_WARNED and first_battery_warning is None:
             first_battery_warning = event
     # A pilot who closes the throttle later reacts to the fall. A short delay is allowed, since the stick may be logged
@@ -80,9 +80,7 @@ def reason_of_stop(signals: Signals, events: Sequence[Fact], boot: int, cause: F
     if throttle_closing is not None:
         return Fact(FailedFirst.THROTTLE_CLOSED_FIRST, time=throttle_closing.time)
     if first_battery_warning is not None:
-        return Fact(
-            FailedFirst.FAILSAFE_FIRST, time=first_battery_warning.time, cause=first_battery_warning
-        )
+        return Fact(FailedFirst.FAILSAFE_FIRST, time=stop_time, cause=first_battery_warning)
     return cause
 
 

@@ -141,6 +141,7 @@ class SessionFact(Code):
     COMPUTER_BEHIND = "computer_behind"
     COMPUTER_KEEPS_UP = "computer_keeps_up"
     ESTIMATES_LATE = "estimates_late"
+    COMPUTER_TOO_SLOW = "computer_too_slow"
     SECONDS_SPENT = "seconds_spent"
     WIND_KNOWN = "wind_known"
     WIND_SPEED = "wind_speed"

@@ -14,6 +14,8 @@ class WatchedQuantity(StrEnum):
     MOTOR_LIMITS = "motor limits"
     VIBRATION = "vibration"
     BATTERY = "battery"
+    ESTIMATOR = "estimator"
+    TRACKING = "tracking"
     WARNINGS = "warnings"
     """Warnings of the autopilot."""
 
@@ -31,5 +33,6 @@ class WatchFact(Code):
     REFERENCE_SHORT = "reference_short"
     ON_GROUND_NOW = "on_ground_now"
     NO_ALARM = "no_alarm"
+    STOPPED_IN_AIR = "stopped_in_air"
     ALARM_OVER = "alarm_over"
     OTHER_VEHICLE_ALARM = "other_vehicle_alarm"

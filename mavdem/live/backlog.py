@@ -63,6 +63,11 @@ class Backlog:
         return self._batches[0].arrival_time if self._batches else clock.monotonic()
 
     @property
+    def latest_arrival(self) -> float | None:
+        """When the latest batch that waits arrived, s of the monotonic clock; None without one."""
+        return self._batches[-1].arrival_time if self._batches else None
+
+    @property
     def is_late(self) -> bool:
         """Whether any task is put off."""
         return bool(self.postponed)

@@ -11,25 +11,34 @@ from typing import NamedTuple
 
 from mavdem.assessment.attitude_error import WITHOUT_SETPOINT_SHARE, attitude_error
 from mavdem.assessment.attitude_losses import LOST_ANGLE, attitude_losses
-from mavdem.assessment.ending import ending_of
+from mavdem.assessment.ending import ending_of, weighed_reports
 from mavdem.assessment.flights import RECOVERY_SECONDS
-from mavdem.assessment.ground_contacts import ground_contact
-from mavdem.assessment.reported import stopped_in_air
+from mavdem.assessment.ground_contacts import flight_losses, ground_contact
+from mavdem.assessment.reported import has_sunk_after, stopped_in_air
+from mavdem.dataset.axes import TILT_AXES
 from mavdem.dataset.grounded import MAX_SETPOINT_DELAY
 from mavdem.dataset.intervals import TimeInterval
+from mavdem.dataset.setpoints import SETPOINT_MESSAGE
 from mavdem.dataset.signals import CLIMB_RATE_FIELDS, Signals
+from mavdem.dataset.time_series import TimeSeries
 from mavdem.facts import Fact
 from mavdem.facts.ending import MotionEvent
 from mavdem.ingest.telemetry import Telemetry
 from mavdem.ingest.vocabulary import wrapped_angle
 from mavdem.live.live_signals import LiveSignals, RecentMotion
-from mavdem.live.messages import MESSAGE_FIELDS, Message
+from mavdem.live.messages import MESSAGE_FIELDS, STICK_MESSAGES, Message
 from mavdem.live.pose import LatestPose
 from mavdem.live.recent_messages import RecentMessages, TimedValues, columns_from
 from mavdem.witnesses.boot_sensors import BootSensors
 
-SLOW_MESSAGES = ("HEARTBEAT", "EXTENDED_SYS_STATE", "AVAILABLE_MODES", *CLIMB_RATE_FIELDS)
-"""Messages besides attitudes and setpoints by which a loss is judged: modes, the landed state, height and speed."""
+SLOW_MESSAGES = (
+    "HEARTBEAT",
+    "EXTENDED_SYS_STATE",
+    "AVAILABLE_MODES",
+    *CLIMB_RATE_FIELDS,
+    *STICK_MESSAGES,
+)
+"""Messages besides attitudes and setpoints by which a loss is judged: mode, landed state, height, speed, throttle."""
 
 MEMORY_SECONDS = 2 * RECOVERY_SECONDS + MAX_SETPOINT_DELAY
 """Attitudes and setpoints that are kept, s: an onset is looked for ``RECOVERY_SECONDS`` before a loss, which is serious
@@ -45,8 +54,11 @@ class FlightEnd(NamedTuple):
     is_in_air: bool
     """Whether the motors were stopped in the air, so that the vehicle has not landed."""
 
+    is_falling: bool
+    """Whether the vehicle has sunk since then, as none does that has landed."""
+
     loss: Fact | None
-    """How the vehicle was lost that fell from there; None before it has met the ground."""
+    """How the vehicle was lost that fell, from there or before; None before it has met the ground."""
 
 
 class ControlWatch:
@@ -59,6 +71,8 @@ class ControlWatch:
         self._samples: dict[str, deque[TimedValues]] = {}
         # When the attitude was last so far from its setpoint that control may be lost, s of the boot clock.
         self._far_time = -inf
+        # The latest loss of attitude, as an event of the motion; None before any.
+        self._attitude_loss: Fact | None = None
 
     def take(self, message: Message, time: float) -> None:
         """Keeps an attitude or a setpoint of the attitude.
@@ -113,6 +127,8 @@ class ControlWatch:
         sensors = BootSensors(signals, self._recent.boot, take_off)
         events = attitude_losses(sensors, error, (take_off, inf), is_ongoing=True)
         lost = [event for event in events if event.code is not MotionEvent.ATTITUDE_CAUGHT]
+        if lost:
+            self._attitude_loss = lost[-1]
         return ending_of(signals, lost)
 
     def flight_end(
@@ -122,7 +138,7 @@ class ControlWatch:
         reports: Sequence[Fact],
         motion: RecentMotion | None,
     ) -> FlightEnd:
-        """Judges a flight that has just ended, by disarming for example: it may have ended above the ground.
+        """Judges a flight that has just ended, by disarming for example: in the air, or where a lost vehicle fell.
 
         Args:
             vehicle: identity and parameters of the vehicle, without messages.
@@ -136,17 +152,50 @@ class ControlWatch:
         """
         signals = self._signals(vehicle, motion)
         boot = self._recent.boot
-        if not stopped_in_air(signals, boot, flight_interval):
-            return FlightEnd(is_in_air=False, loss=None)
+        is_in_air = stopped_in_air(signals, boot, flight_interval)
         take_off, _ = flight_interval
+        attitude_loss = self._attitude_loss
+        if attitude_loss is not None and attitude_loss.start_time < take_off:
+            # It was of an earlier flight.
+            attitude_loss = None
         error = attitude_error(signals, boot)
-        contact = None
-        if error is not None:
-            sensors = BootSensors(signals, boot, take_off)
-            contact = ground_contact(sensors, error, flight_interval, None, reports)
-        if contact is None:
-            return FlightEnd(is_in_air=True, loss=None)
-        return FlightEnd(is_in_air=True, loss=ending_of(signals, [*reports, contact]))
+        is_falling = is_in_air and has_sunk_after(signals, boot, flight_interval)
+        if error is None or (attitude_loss is None and not is_in_air):
+            return FlightEnd(is_in_air, is_falling, loss=None)
+        sensors = BootSensors(signals, boot, take_off)
+        contact = ground_contact(sensors, error, flight_interval, attitude_loss, reports)
+        losses = flight_losses(attitude_loss, contact)
+        if losses.contact is None:
+            return FlightEnd(is_in_air, is_falling, loss=None)
+        events = [event for event in losses if event is not None]
+        return FlightEnd(is_in_air, is_falling, ending_of(signals, [*reports, *events]))
+
+    def weighed_reports(self, vehicle: Telemetry, reports: Sequence[Fact]) -> list[Fact]:
+        """Lowers the level of a crash that the autopilot reports and the motion of the last seconds does not show.
+
+        Args:
+            vehicle: identity and parameters of the vehicle, without messages.
+            reports: events that the autopilot reports.
+
+        Returns:
+            All events, in the same order, as in the review of the recording.
+        """
+        return weighed_reports(self._signals(vehicle, None), reports)
+
+    def setpoints(self, vehicle: Telemetry) -> dict[str, TimeSeries]:
+        """Returns the setpoints of roll and pitch in the last seconds, rad, by axis; empty where none come.
+
+        Args:
+            vehicle: identity and parameters of the vehicle, without messages.
+        """
+        samples = self._samples.get(SETPOINT_MESSAGE)
+        if not samples:
+            return {}
+        fields = MESSAGE_FIELDS[SETPOINT_MESSAGE]
+        columns = {SETPOINT_MESSAGE: columns_from(fields, samples, self._recent.boot)}
+        signals = Signals(replace(vehicle, messages=columns))
+        setpoints = {axis: signals.for_axis(axis).angle_setpoint for axis in TILT_AXES}
+        return {axis: series for axis, series in setpoints.items() if series is not None}
 
     def _signals(self, vehicle: Telemetry, motion: RecentMotion | None) -> LiveSignals:
         """Returns the last seconds in the form that a log has.

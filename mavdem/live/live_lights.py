@@ -48,6 +48,8 @@ def lights_before_model(
     for light, kind in (
         (Light.VIBRATION, WatchedQuantity.VIBRATION),
         (Light.POWER, WatchedQuantity.BATTERY),
+        (Light.ESTIMATOR, WatchedQuantity.ESTIMATOR),
+        (Light.TRACKING, WatchedQuantity.TRACKING),
     ):
         # What is watched and has no light yet is judged in settled flight.
         reason_for_light = obstacle(kind) or Fact(SessionFact.NOT_SETTLED)
@@ -69,9 +71,6 @@ def lights_before_model(
         else:
             reason_for_rest = reason
         lights[str(light)] = Fact(code, reason=reason_for_rest)
-    for light in (Light.TRACKING, Light.ESTIMATOR):
-        # How these messages are recorded is known after the session, so that the fact has no path.
-        lights[str(light)] = Fact(Unjudged.JUDGED_LATER, path="")
     if watch_facts and wind_obstacle is None:
         wind_obstacle = Fact(WatchFact.WIND_AWAITED)
     if wind_obstacle is not None:

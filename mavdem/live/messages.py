@@ -48,6 +48,12 @@ STATUS_MESSAGES = (
 )
 """Slow messages about the autopilot itself. They get the time of the message before them: some have another clock."""
 
+STICK_MESSAGES = ("RC_CHANNELS", "RC_CHANNELS_RAW", "MANUAL_CONTROL")
+"""Messages with the pilot's throttle stick: whether the pilot stopped all motors in the air, or something failed.
+
+Of the channels, the first eight are decoded: ArduPilot's RCMAP_THROTTLE names one of these.
+"""
+
 
 class Message(NamedTuple):
     """One decoded message."""

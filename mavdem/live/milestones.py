@@ -16,6 +16,7 @@ from mavdem.facts.margins import MarginsLight
 from mavdem.facts.session import SessionFact
 from mavdem.live.learning import FlightLearning
 from mavdem.live.session_status import SessionStatus
+from mavdem.live.wind import WindEstimate
 from mavdem.plant.parameters import Physical
 
 MARGIN_FIGURES = ("phase_margin", "phase_margin_interval", "gain_margin", "gain_margin_interval")
@@ -42,8 +43,9 @@ class Milestones:
         self._has_model = False
         self._has_parameters = False
         # Whether the vehicle flew at the latest update; when the flight ended that is not reported yet, s of the boot
-        # clock; and how many rows had been learned from at the last report of a flight.
+        # clock; how many rows had been learned from at the last report of a flight; and the mean wind of the flight.
         self._was_flying = False
+        self._mean_wind: WindEstimate | None = None
         self._unreported_end: float | None = None
         self._reported_rows = 0
 
@@ -87,6 +89,8 @@ class Milestones:
             self._log(Fact(SessionFact.PARAMETERS_KNOWN, axis=self._axis, **figures))
         if status.is_flying:
             self._unreported_end = None
+            # An autopilot that restarts after the landing has no wind any more.
+            self._mean_wind = status.mean_wind
         elif self._was_flying:
             self._unreported_end = now
         self._was_flying = status.is_flying
@@ -133,7 +137,7 @@ class Milestones:
             return
         self._reported_rows = learning.learned_rows
         margins = status.overall_judgement.lights.get(Light.MARGINS)
-        wind = status.mean_wind
+        wind = status.mean_wind or self._mean_wind
         delay = status.latency.longest
         self._log(
             Fact(

@@ -14,7 +14,8 @@ MEMORY_SECONDS = 9.0
 """Duration that a stream keeps, s.
 
 It is more than the ``DECISION_SECONDS`` that rates and steps are decided from, and than the recent flight in which a
-limit cycle is looked for: ``STARTING_SPAN`` times the first of ``WINDOW_LENGTHS`` (``loops/limit_cycles.py``), 8.8 s.
+limit cycle is looked for: ``STARTING_SPAN`` times the first of ``WINDOW_LENGTHS`` (``loops/limit_cycles.py``), 8.8 s,
+or the second with ``SPAN_SLACK``, 8.2 s.
 """
 
 MAX_SAMPLES = 8192

@@ -136,6 +136,8 @@ class LiveSession:
         self._sample_time = -inf
         # Why there were no rows in flight when that was last so; None before.
         self._rows_obstacle: Fact | None = None
+        # Number of rows of free flight that this computer had no time to learn from.
+        self._postponed_rows = 0
 
     def step(self, timeout: float = 0.1) -> None:
         """Performs one iteration of the session: receives, records, analyses for a while, reports, and sends requests.
@@ -288,7 +290,10 @@ class LiveSession:
             self._presentation.open(row_format)
         learning.is_free = row.is_free
         estimate: Estimate | None = None
-        if row.is_free and DelayedWork.ESTIMATES not in self.backlog.postponed:
+        is_postponed = DelayedWork.ESTIMATES in self.backlog.postponed
+        if row.is_free and is_postponed:
+            self._postponed_rows += 1
+        elif row.is_free:
             # While a motor is weak, the torque that the others balance is not the wind's.
             estimate = learning.learn_row(row, self.stream.motor_alarms.weak_since)
         self._latencies.add(clock.monotonic() - arrival_time)
@@ -377,7 +382,18 @@ class LiveSession:
             self._executor.suspend(False)
         if self._learning.learner is None and self._rows_obstacle is not None:
             raise NotLearnable(self._rows_obstacle)
-        return self._learning.final_model(self.stream.parameters)
+        try:
+            return self._learning.final_model(self.stream.parameters)
+        except NotLearnable as refusal:
+            if self._postponed_rows <= self._learning.learned_rows:
+                raise
+            raise NotLearnable(
+                Fact(
+                    SessionFact.COMPUTER_TOO_SLOW,
+                    count=self._postponed_rows,
+                    samples=self._postponed_rows + self._learning.learned_rows,
+                )
+            ) from refusal
 
     def judge_final_model(self, model: Learned | None) -> Learned | None:
         """Judges the model at the end, if there is one, and returns the model to show."""

@@ -173,7 +173,7 @@ class SessionStatus(ImmutableResult):
     """For each thing that is watched without a model: since when, or why it is not."""
 
     worst_lights: NamedFacts = field(default_factory=dict)
-    """The worst fact found so far without a model, by light."""
+    """The worst fact found so far without a model, by light: in flight of this flight, otherwise of the session."""
 
     absent_messages: frozenset[str] = frozenset()
     """Names of the messages that do not come, although the vehicle was asked for them."""
@@ -246,8 +246,11 @@ class SessionStatus(ImmutableResult):
             return Judgement(headline, next_step, lights)
         has_judged_light = any(name in lights_without_model for name in VEHICLE_LIGHTS)
         if self.model_judgement is None and has_judged_light and self._is_received:
+            headline = headline_by_lights(lights)
+            if headline.warns:
+                return _headed_by(headline, lights)
             # The next step stays: it says what the model waits for.
-            return Judgement(headline_by_lights(lights), next_step, lights)
+            return Judgement(headline, next_step, lights)
         # Headlines of this code are not about a fault.
         is_without_fault = isinstance(headline.code, HeadlineCode)
         if is_without_fault and lights != by_model.lights:
@@ -260,12 +263,15 @@ class SessionStatus(ImmutableResult):
         """Returns a judgement with a next step for a vehicle that flies: landing, or flying on.
 
         Args:
-            judgement: the judgement so far. If its headline is bad, the vehicle must land, and soon if its battery is
-                getting empty. Advice of another warning waits until after the landing. What a model waits for stays the
-                next step.
+            judgement: the judgement so far. If its headline is bad, the vehicle must land, or what the alarm asks for
+                must be done, and soon if its battery is getting empty. Advice of another warning waits until after the
+                landing. What a model waits for stays the next step.
         """
         headline = judgement.headline
-        if headline.is_bad:
+        if not headline.is_bad and self.active_alarms:
+            headline = worst_fact(self.active_alarms)
+            judgement = replace(judgement, headline=headline)
+        if headline.is_bad or headline in self.active_alarms:
             return replace(judgement, next_step=Fact(NextStep.LAND_NOW, reason=headline))
         if not self._is_received and self.obstacle is not None:
             # Whether the vehicle still flies, and how, is not known.

@@ -82,7 +82,7 @@ class StatusReport:
             or status.obstacle
             or self._learning_obstacle(is_flying=status.is_flying),
             state=self.stream.vehicle_state(),
-            message_age=self.silence.message_age(clock.monotonic()),
+            message_age=self._message_age(),
             rates=rates,
             watch_facts=watch_facts,
             analysis_delay=delay if delay >= BEHIND_DELAY else 0.0,
@@ -91,6 +91,20 @@ class StatusReport:
         if self.learning.estimate is None:
             return status
         return status.with_predictions(self.learning.estimate)
+
+    def _message_age(self) -> float | None:
+        """Returns the time since the last message came, analysed or not, s; None before any.
+
+        Where other vehicles send on the link too, it is that of the followed one.
+        """
+        now = clock.monotonic()
+        latest_arrival = self.backlog.latest_arrival
+        if latest_arrival is not None:
+            return max(now - latest_arrival, 0.0)
+        vehicle = self.stream.followed_vehicle
+        if vehicle is not None and self.stream.other_vehicles:
+            return max(clock.unix_time() - vehicle.last_frame_time, 0.0)
+        return self.silence.message_age(now)
 
     def _silence_obstacle(self, status: SessionStatus) -> Fact | None:
         """Returns the silence of the link as the reason why there is no new model; None while messages come.

@@ -24,6 +24,7 @@ from mavdem.live.boot_clock import BootClock, TimedMessage
 from mavdem.live.flight_phase import PHASE_MESSAGES, FlightPhase
 from mavdem.live.messages import (
     STATUS_MESSAGES,
+    STICK_MESSAGES,
     Message,
     attitude_sample,
     decode_message,
@@ -46,6 +47,11 @@ from mavdem.wind_velocity.from_log import ESTIMATOR_FLAG_MESSAGES, VELOCITY_MESS
 
 REPLY_MESSAGES = ("MESSAGE_INTERVAL", "COMMAND_ACK")
 """Messages with which a vehicle replies to a request for rates."""
+
+KEPT_MESSAGES = frozenset(
+    (*STATUS_MESSAGES, *PHASE_MESSAGES, *STICK_MESSAGES, *ESTIMATOR_FLAG_MESSAGES)
+)
+"""Slow messages that are kept for the periodic review."""
 
 MAX_PORTS = 4
 """Ports of a message of motor outputs that are read, a choice that bounds the memory; PX4 has two."""
@@ -281,7 +287,7 @@ class LiveStream:
             loss=watchdog.loss,
             active_alarms=(*watchdog.active_alarms, *self.motor_alarms.active),
             watch_facts=self.watch_facts,
-            worst_lights=dict(watchdog.worst_lights),
+            worst_lights=dict(watchdog.worst_lights if self.is_flying else watchdog.all_lights),
             wind=self.wind.latest,
             mean_wind=self.wind.mean,
             wind_obstacle=self.wind.obstacle,
@@ -369,7 +375,7 @@ class LiveStream:
         if name in ATTITUDE_MESSAGES and timed.has_own_stamp:
             yield from self._take_attitude(message, time)
         elif name == SETPOINT_MESSAGE and timed.has_own_stamp:
-            self._review.watchdog.control.take(message, time)
+            self._review.watchdog.take(message, time)
             self._pose.take_setpoint(time, tilt_setpoint(message))
         elif name in MOTOR_MESSAGES and timed.has_own_stamp:
             port, outputs = port_outputs(message)
@@ -384,7 +390,7 @@ class LiveStream:
                 self._pose.take_position(time, message.values[3:])
             if first_wind is not None:
                 self._report(first_wind)
-        if name in STATUS_MESSAGES or name in PHASE_MESSAGES:
+        if name in KEPT_MESSAGES:
             self._review.recent_messages.add(name, time, message.values)
         self._review.proceed(self._clock.now, self._rows)
         self._rows.end_segment_unless_free()
@@ -402,15 +408,15 @@ class LiveStream:
         Returns:
             The rows that it completes.
         """
-        control = self._review.watchdog.control
-        control.take(message, time)
+        watchdog = self._review.watchdog
+        watchdog.take(message, time)
         sample = attitude_sample(message)
         if sample is None:
             # The stream still learns of the message, so that its name is known as one that comes.
             return self._add_sample(message.name, 0, time, None)
         if message.name == self._rows.attitude_message and self._phase.is_free(time):
             self.wind.add_attitude(time, sample.roll, sample.pitch, sample.yaw)
-        control.take_pose(self._pose.take_attitude(time, sample))
+        watchdog.control.take_pose(self._pose.take_attitude(time, sample))
         return self._add_sample(message.name, 0, time, sample.tilt_and_rates)
 
     def _add_sample(

@@ -79,21 +79,25 @@ class VehicleReview:
         for text in self._texts_since_last_attitude():
             recent_messages.add("STATUSTEXT", 0.0, text.values)
         # An autopilot may well reboot in a crash: how the flight was lost stays.
-        self._begin_boot(recent_messages, self.watchdog.loss, was_flying=self.phase.is_flying)
+        self._begin_boot(recent_messages, self.watchdog, was_flying=self.phase.is_flying)
 
     def _begin_boot(
-        self, recent_messages: RecentMessages, loss: Fact | None = None, *, was_flying: bool = False
+        self,
+        recent_messages: RecentMessages,
+        former: Watchdog | None = None,
+        *,
+        was_flying: bool = False,
     ) -> None:
         """Begins the reviews of a boot.
 
         Args:
             recent_messages: gets the slow messages of the boot; it may have the first ones.
-            loss: how a flight of the former boot was lost; None if it was not, or there is no former boot.
+            former: the watchdog of the former boot; None if there is none.
             was_flying: whether the vehicle flew when the former boot ended.
         """
         self.recent_messages = recent_messages
         self.phase = FlightPhase(recent_messages)
-        self.watchdog = Watchdog(recent_messages, loss, was_flying=was_flying)
+        self.watchdog = Watchdog(recent_messages, former, was_flying=was_flying)
         # The parts of the present review that are not done yet.
         self._pending_parts: deque[Callable[[RowBuilder], None]] = deque()
         # Times of the boot clock, s: of the latest message, of the present review, of its latest part, and since when
@@ -296,11 +300,19 @@ class VehicleReview:
             self._report(fact)
         if is_flying and self.watchdog.is_thorough:
             self._pending_parts.append(self._review_lights)
+            if self.watchdog.is_tracking_due:
+                self._pending_parts.append(self._review_tracking)
         self._pending_parts.append(self._finish_watchdog_review)
 
     def _review_lights(self, _: RowBuilder) -> None:
-        """Judges battery and vibration in flight."""
+        """Judges battery, estimator and vibration in flight."""
         self.watchdog.review_lights()
+
+    def _review_tracking(self, _: RowBuilder) -> None:
+        """Judges how the vehicle follows its setpoints, if the flight is still settled."""
+        settled_start = self.phase.settled_start(self._review_time)
+        if settled_start is not None:
+            self.watchdog.review_tracking(settled_start)
 
     def _finish_watchdog_review(self, _: RowBuilder) -> None:
         """Performs the last part of a review: reports alarms that begin or end, and whether the motors are monitored.

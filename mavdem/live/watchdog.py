@@ -1,10 +1,13 @@
 """What is wrong with a vehicle by its own messages, without a model, within seconds of take-off.
 
-It is the judgement of a log in small steps. What the autopilot reports, and the lights of vibration and power, are
-those of ``mavdem.assessment`` on the messages so far. A limit cycle is found in the last seconds by
+It is the judgement of a log in small steps. What the autopilot reports, and the lights of vibration, power, estimator
+and tracking, are those of ``mavdem.assessment`` on the messages so far. A limit cycle is found in the last seconds by
 ``mavdem.loops.limit_cycles``.
 """
 
+from __future__ import annotations
+
+from collections import deque
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from math import inf
@@ -15,8 +18,10 @@ import numpy as np
 from mavdem.arrays import Flags
 from mavdem.assessment.condition import Condition
 from mavdem.assessment.ending import REPORTS_OF_LOSS, ending_of
+from mavdem.assessment.failure_by_commands import SPENT_THRUST_SHARE
 from mavdem.assessment.flights import RECOVERY_SECONDS
 from mavdem.assessment.judgement import light_of_event
+from mavdem.assessment.lights.estimator import estimator_light
 from mavdem.assessment.lights.power import POWER_REPORTS, power_light
 from mavdem.assessment.lights.vibration import vibration_light
 from mavdem.assessment.limits import worst_fact
@@ -25,28 +30,35 @@ from mavdem.containers import Names
 from mavdem.dataset.batteries import BATTERY_MESSAGES
 from mavdem.dataset.intervals import Intervals
 from mavdem.dataset.quality import samples_at_limits
+from mavdem.dataset.setpoints import SETPOINT_MESSAGE
 from mavdem.dataset.signals import MIN_STREAM_RATE, Signals
 from mavdem.dataset.time_series import TimeSeries
-from mavdem.facts import Fact, Facts
+from mavdem.facts import Fact, Facts, Level, NamedFacts
+from mavdem.facts.ending import Ending
+from mavdem.facts.estimator import EstimatorLight
 from mavdem.facts.events import ReportedEvent
 from mavdem.facts.lights import Light
 from mavdem.facts.margins import MarginsLight
 from mavdem.facts.motors import MotorsLight, MotorWatchFact
 from mavdem.facts.power import PowerLight
-from mavdem.facts.session import RowsFact
+from mavdem.facts.session import RowsFact, SessionFact
 from mavdem.facts.watch import WatchedQuantity, WatchFact
 from mavdem.ingest.telemetry import Telemetry
 from mavdem.ingest.vocabulary import IN_AIR, ON_GROUND
 from mavdem.live.control_watch import ControlWatch
 from mavdem.live.live_signals import LiveFindings, LiveSignals, RecentMotion, live_evidence
-from mavdem.live.messages import STATUS_MESSAGES
-from mavdem.live.recent_messages import RecentMessages
+from mavdem.live.messages import STATUS_MESSAGES, Message
+from mavdem.live.recent_messages import MAX_EVENTS, RecentMessages
+from mavdem.live.report_alarms import ReportAlarms
 from mavdem.live.samples import DECISION_SECONDS
+from mavdem.live.tracking_watch import TrackingWatch
 from mavdem.loops.advice import gain_reduction_advice
 from mavdem.loops.limit_cycles import detect_starting_limit_cycle
 from mavdem.motors.motor_changes import event_or_alarm
 from mavdem.motors.saturation import most_limited_motors
 from mavdem.plant.online_wind_torque import MEMORY_SECONDS
+from mavdem.vibration.vibration_message import reported_vibration
+from mavdem.wind_velocity.from_log import ESTIMATOR_FLAG_MESSAGES
 
 LIGHTS = {
     WatchedQuantity.CONTROL: Light.TRACKING,
@@ -54,13 +66,19 @@ LIGHTS = {
     WatchedQuantity.MOTOR_LIMITS: Light.MOTORS,
     WatchedQuantity.VIBRATION: Light.VIBRATION,
     WatchedQuantity.BATTERY: Light.POWER,
+    WatchedQuantity.ESTIMATOR: Light.ESTIMATOR,
+    WatchedQuantity.TRACKING: Light.TRACKING,
 }
 """The light that shows what is wrong with each thing that is watched."""
+
+OPEN_LOSSES = (Ending.CONTROL_LOST, WatchFact.STOPPED_IN_AIR)
+"""Losses in the air, of which it is not known yet how the vehicle met the ground."""
 
 EXPLAINED_BY_LOSS = (
     WatchedQuantity.OSCILLATION,
     WatchedQuantity.MOTOR_LIMITS,
     WatchedQuantity.VIBRATION,
+    WatchedQuantity.TRACKING,
 )
 """What a vehicle that is out of control shows however sound it is: it is not judged after a loss."""
 
@@ -75,8 +93,12 @@ ALARMING_SHARE = 0.7
 Healthy vehicles that yaw or climb reach about half of it.
 """
 
+MIN_LIMIT_SAMPLES = 10
+"""Least number of outputs by which a motor is said to stay at its limit, a choice: a single one may be of a gust."""
+
 CALM_SECONDS = 10.0
-"""Time without what an alarm is about, after which it is over, s: a choice."""
+"""Time without what an alarm is about, after which it is over, s: a choice. It is doubled each time the alarm comes
+again in the same flight, so that what comes and goes is not reported again and again."""
 
 FALL_SECONDS = 2 * RECOVERY_SECONDS
 """Time after a flight in which a vehicle whose motors were stopped in the air meets the ground and lies still, s."""
@@ -92,6 +114,9 @@ THOROUGH_PERIOD = 0.8
 
 A thorough review takes twice the time of another. What it judges comes in messages of 1 to 2 Hz.
 """
+
+TRACKING_PERIOD = 10.0
+"""Time between two judgements of the tracking, s: a choice, since it takes ten times as long as another light."""
 
 URGENT_MESSAGES = ("STATUSTEXT", "HEARTBEAT", "EXTENDED_SYS_STATE")
 """Messages whose changes are reported by the next review, thorough or not: warnings in words, modes and failsafes, and
@@ -121,6 +146,9 @@ class _Review:
     facts: dict[WatchedQuantity, Fact] = field(default_factory=dict)
     """What was found so far, good or bad, by what is watched."""
 
+    latest_times: dict[WatchedQuantity, float] = field(default_factory=dict)
+    """Time at which a fault of the last minute was there last, s of the boot clock; others are there now."""
+
 
 class _StateSample(NamedTuple):
     """A landed state at a time."""
@@ -143,29 +171,34 @@ class Watchdog:
         is_thorough: whether the latest review is thorough.
         active: what is wrong as of the last review, by what is watched.
         watch_facts: since when each thing is watched, or why it is not.
-        worst_lights: the worst fact found so far, by light.
-        control: takes attitudes and their setpoints, and judges whether control of the flight was lost.
+        worst_lights: the worst fact found in the latest flight so far, by light.
+        earlier_lights: the worst fact found in the flights before it, by light.
+        control: judges whether control of the flight was lost.
         loss: how the flight was lost, by its motion or a report of the autopilot; it stays until the next take-off.
         has_landed: whether the latest flight ended on the ground; not in flight, nor while a vehicle whose motors were
             stopped may still be in the air. True before any flight.
     """
 
     def __init__(
-        self, recent: RecentMessages, loss: Fact | None = None, *, was_flying: bool = False
+        self, recent: RecentMessages, former: Watchdog | None = None, *, was_flying: bool = False
     ) -> None:
         """Begins without a review.
 
         Args:
             recent: messages of the boot.
-            loss: how a flight of the former boot was lost; None if it was not, or the vehicle took off again.
+            former: the watchdog of the former boot, whose loss and lights are kept; None for the first boot.
             was_flying: whether the vehicle flew when the former boot ended.
         """
         self.is_thorough = False
         self.active: dict[WatchedQuantity, Fact] = {}
         self.watch_facts: dict[WatchedQuantity, Fact] = {}
         self.worst_lights: dict[str, Fact] = {}
+        if former is not None and was_flying:
+            self.worst_lights.update(former.worst_lights)
+        self.earlier_lights: dict[str, Fact] = {} if former is None else former.all_lights
         self.control = ControlWatch(recent)
-        self.loss = loss
+        self._tracking = TrackingWatch(recent)
+        self.loss: Fact | None = None if former is None else former.loss
         self.has_landed = True
         self._recent = recent
         # Time, s, and MAV_LANDED_STATE at the beginning and the end of each phase.
@@ -176,17 +209,21 @@ class Watchdog:
         # Whether the former boot ended in flight, and that the autopilot restarted in flight; None if it did not.
         self._was_flying = was_flying
         self._restart: Fact | None = None
-        # What the autopilot has reported of the power in the flights of this boot.
-        self._power_reports: list[Fact] = []
+        # What the autopilot has warned of in the flights of this boot, and its alarms.
+        self._warnings: deque[Fact] = deque(maxlen=MAX_EVENTS)
+        self._report_alarms = ReportAlarms()
         # The report of a landing that is not certain yet; None without one.
         self._landing_report: Fact | None = None
-        # When the reason of each alarm was seen last, and the time of the last review, s of the boot clock.
+        # When the reason of each alarm was seen last, s of the boot clock; and how long it must not have been seen
+        # before the next end of the alarm, s, once there was an end in this flight.
         self._last_seen: dict[WatchedQuantity, float] = {}
+        self._calm_seconds: dict[WatchedQuantity, float] = {}
         self._review_time = -inf
-        # Times of the latest thorough review and of the latest search for reports, s of the boot clock, and the number
-        # of changes of urgent messages until then.
+        # Times of the latest thorough review, of the latest search for reports and of the latest judgement of the
+        # tracking, s of the boot clock, and the number of changes of urgent messages until then.
         self._thorough_time = -inf
         self._report_time = -inf
+        self._tracking_time = -inf
         self._change_count = 0
         # Why the latest light on the power says nothing of the battery; None where it does, or before any.
         self._battery_obstacle: Fact | None = None
@@ -195,10 +232,26 @@ class Watchdog:
         # The review that has begun; None between reviews.
         self._review: _Review | None = None
 
+    def take(self, message: Message, time: float) -> None:
+        """Takes an attitude or its setpoint, by which control and tracking are judged.
+
+        Args:
+            message: ATTITUDE, ATTITUDE_QUATERNION or ATTITUDE_TARGET.
+            time: time on the boot clock, s.
+        """
+        self.control.take(message, time)
+        self._tracking.take(message, time)
+
+    @property
+    def all_lights(self) -> dict[str, Fact]:
+        """The worst fact found in all flights of the session so far, by light."""
+        return worst_of_lights(self.earlier_lights, self.worst_lights)
+
     @property
     def active_alarms(self) -> Facts:
-        """What is bad as of the last review; the loss of the flight first, also while it lies on the ground."""
+        """What is alarmed now; the loss of the flight first, also while it lies on the ground."""
         active = [fact for fact in self.active.values() if fact.is_bad]
+        active += [fact for fact in self._report_alarms.active if fact not in active]
         if self.loss is not None and self.loss not in active:
             active.insert(0, self.loss)
         is_flying = bool(self._states) and self._states[-1].landed_state == IN_AIR
@@ -247,11 +300,39 @@ class Watchdog:
         )
         if recent_signals is None:
             return []
-        reports = self._new_reports(recent_signals)
+        reports = self._new_reports(recent_signals, vehicle)
         self._report_time = now
-        if is_flying:
-            reports = [self._alarm_of_power(report, now) for report in reports]
-        return reports
+        if not is_flying:
+            self._report_alarms.end_flight()
+            return reports
+        events = [self._event_of_report(report, now) for report in reports]
+        self._report_alarms.update(self._reports, now)
+        return events
+
+    def _event_of_report(self, report: Fact, now: float) -> Fact:
+        """Makes a new report in flight the fact of its light and an alarm, where it warns, and returns what is said.
+
+        Args:
+            report: a new report of the autopilot, on anything.
+            now: present time on the boot clock, s.
+
+        Returns:
+            An alarm or the report. A crash that is reported after its own alarm is none.
+        """
+        if report.code is SessionFact.ALARM:
+            # A restart in flight, whose light is known.
+            return report
+        if report.warns:
+            self._warnings.append(report)
+            light = light_of_event(report)
+            if light is not None:
+                self._worsen_light(light, report)
+        if report.code in POWER_REPORTS:
+            return self._alarm_of_power(report, now)
+        if report.code in REPORTS_OF_LOSS and report.is_bad:
+            is_first = self.loss is not None and self.loss.code is Ending.LOSS_REPORTED
+            return event_or_alarm(report, report.start_time) if is_first else report
+        return self._report_alarms.take(report, now)
 
     def _alarm_of_power(self, report: Fact, now: float) -> Fact:
         """Makes a warning of the autopilot about the power in flight an active alarm, and returns what is reported.
@@ -259,15 +340,14 @@ class Watchdog:
         ``review_lights`` judges the power by it from then on. That does not report it once more.
 
         Args:
-            report: a new report of the autopilot, on anything.
+            report: a new report of the autopilot on the power.
             now: present time on the boot clock, s.
 
         Returns:
-            An alarm if it is a bad report on the power, otherwise the report.
+            An alarm if it is bad, otherwise the report.
         """
-        if report.code not in POWER_REPORTS or not report.warns:
+        if not report.warns:
             return report
-        self._power_reports.append(report)
         self._last_seen[WatchedQuantity.BATTERY] = now
         active = self.active.get(WatchedQuantity.BATTERY, report)
         self.active[WatchedQuantity.BATTERY] = worst_fact([active, report])
@@ -293,17 +373,22 @@ class Watchdog:
         if state == IN_AIR:
             self.has_landed = False
             self._landing_report = None
+            self._calm_seconds = {}
         if state == IN_AIR and (is_first_phase or now - self._states[-1].time >= RECOVERY_SECONDS):
             self.loss = None
             self.active.pop(WatchedQuantity.CONTROL, None)
+            # After a restart of the autopilot in flight, the flight goes on.
+            if not (is_first_phase and self._was_flying):
+                self.earlier_lights = self.all_lights
+                self.worst_lights = {}
         # The former state is known to hold until the last review, the new one from now on.
         self._states.append(_StateSample(self._review_time, former_state))
         self._states.append(_StateSample(now, state))
 
     def review_lights(self) -> None:
-        """Judges battery and, in settled flight, vibration, by the functions that judge a log.
+        """Judges battery, estimator and, in settled flight, vibration, by the functions that judge a log.
 
-        The battery is judged by all messages of the boot and the autopilot's reports on it, vibration by those of the
+        The battery is judged by all messages of the boot and the autopilot's reports on it, the others by those of the
         last minute. The review must have begun, and be thorough; what is found is added to its facts.
         """
         review = self._review
@@ -311,13 +396,50 @@ class Watchdog:
         assert review.recent_signals is not None
         all_signals = self._signals(review.vehicle, review.now, -inf)
         condition = Condition(duration=review.now - review.phase_start)
-        findings = LiveFindings(events=tuple(self._power_reports))
+        findings = LiveFindings(events=tuple(self._warnings))
         power = power_light(live_evidence(all_signals, condition, findings))
         review.facts[WatchedQuantity.BATTERY] = power
         self._battery_obstacle = _battery_obstacle(power)
+        recent_warnings = [
+            warning
+            for warning in self._warnings
+            if warning.start_time > review.now - MEMORY_SECONDS
+        ]
+        findings = LiveFindings(events=tuple(recent_warnings))
+        evidence = live_evidence(review.recent_signals, condition, findings)
+        estimator = estimator_light(evidence)
+        if estimator.code is not EstimatorLight.ESTIMATOR_UNMEASURED:
+            review.facts[WatchedQuantity.ESTIMATOR] = estimator
+            if estimator.warns and estimator.time is not None:
+                end_time = estimator.time + estimator.figures.get("duration", 0.0)
+                review.latest_times[WatchedQuantity.ESTIMATOR] = end_time
         if review.has_settled:
-            evidence = live_evidence(review.recent_signals, condition)
-            review.facts[WatchedQuantity.VIBRATION] = vibration_light(evidence)
+            vibration = vibration_light(evidence)
+            review.facts[WatchedQuantity.VIBRATION] = vibration
+            if vibration.warns:
+                review.latest_times[WatchedQuantity.VIBRATION] = latest_vibration_time(
+                    review.recent_signals, vibration.figures["acceptable_vibration"]
+                )
+
+    @property
+    def is_tracking_due(self) -> bool:
+        """Whether the review that has begun is to judge the tracking: in settled flight, every ``TRACKING_PERIOD``."""
+        review = self._review
+        assert review is not None
+        return review.has_settled and abs(review.now - self._tracking_time) >= TRACKING_PERIOD
+
+    def review_tracking(self, settled_start: float) -> None:
+        """Judges how the vehicle follows its setpoints in the latest minute of settled flight, as a log is judged.
+
+        Args:
+            settled_start: since when the flight is settled, s of the boot clock.
+        """
+        review = self._review
+        assert review is not None
+        self._tracking_time = review.now
+        tracking = self._tracking.light(review.now, review.vehicle, settled_start)
+        if tracking is not None:
+            review.facts[WatchedQuantity.TRACKING] = tracking
 
     def finish_review(self, motion: RecentMotion | None, takeoff_time: float = -inf) -> list[Fact]:
         """Ends the review that has begun: judges the motion in flight, and compares all findings with active alarms.
@@ -363,7 +485,8 @@ class Watchdog:
         """Judges whether the flight that has just ended did so on the ground, and how the vehicle was lost otherwise.
 
         A vehicle that was disarmed in the air falls. That it hit the ground is an alarm as in flight. A flight that
-        ended in the air and of which no more is known after ``FALL_SECONDS`` has not landed.
+        ended in the air and of which no more is known after ``FALL_SECONDS`` has not landed. Where control had been
+        lost, it is now known how the vehicle met the ground.
 
         Args:
             review: the review, whose ``facts`` are added to.
@@ -380,10 +503,16 @@ class Watchdog:
             review.vehicle, (takeoff_time, flight_end), self._reports, motion
         )
         self.has_landed = not end.is_in_air
-        if end.loss is not None and self.loss is None:
-            review.facts[WatchedQuantity.CONTROL] = end.loss
-            self.loss = end.loss
-            self._judge_motors_of_loss(end.loss)
+        loss = None
+        if end.loss is not None and end.loss.is_bad:
+            loss = end.loss
+        elif end.is_falling and self.loss is None:
+            loss = Fact(WatchFact.STOPPED_IN_AIR, Level.BAD, time=self._states[-1].time)
+        is_open = self.loss is None or self.loss.code in OPEN_LOSSES
+        if loss is not None and is_open:
+            review.facts[WatchedQuantity.CONTROL] = loss
+            self.loss = loss
+            self._judge_motors_of_loss(loss)
 
     def _judge_motors_of_loss(self, loss: Fact) -> None:
         """Makes the motor that failed the light of the motors; without one, nothing says any more that all are sound.
@@ -391,10 +520,19 @@ class Watchdog:
         Args:
             loss: how the flight was lost; its subject is the motor that failed first, if one is known.
         """
-        name = str(Light.MOTORS)
         if loss.subject:
-            self.worst_lights[name] = worst_fact([loss, self.worst_lights.get(name, loss)])
+            self._worsen_light(Light.MOTORS, loss)
         self._forget_good_motors()
+
+    def _worsen_light(self, light: str, fact: Fact) -> None:
+        """Makes a fact that of its light in this flight, unless the light has one that is as bad.
+
+        Args:
+            light: name of the light.
+            fact: what was found.
+        """
+        earlier = self.worst_lights.get(str(light), fact)
+        self.worst_lights[str(light)] = worst_fact([fact, earlier])
 
     def _forget_good_motors(self) -> None:
         """Removes the light that motors are sound, of a vehicle that lost control or oscillates."""
@@ -420,7 +558,7 @@ class Watchdog:
         Returns:
             Signals in the form that a log gives.
         """
-        columns = self._recent.columns(STATUS_MESSAGES, start_time)
+        columns = self._recent.columns((*STATUS_MESSAGES, *ESTIMATOR_FLAG_MESSAGES), start_time)
         # The names of flight modes come once, when a ground station asks for them.
         columns |= self._recent.columns(["AVAILABLE_MODES"])
         # The latest landed state holds until now.
@@ -441,7 +579,7 @@ class Watchdog:
             preset_settled_intervals=settled,
         )
 
-    def _new_reports(self, signals: Signals) -> list[Fact]:
+    def _new_reports(self, signals: Signals, vehicle: Telemetry) -> list[Fact]:
         """Finds the autopilot's reports that are new since the last search.
 
         ``reported_events`` finds all reports of the last minute, most of which earlier searches found, too. A report is
@@ -450,9 +588,10 @@ class Watchdog:
 
         Args:
             signals: signals of the last minute.
+            vehicle: identity and parameters of the vehicle, without messages.
 
         Returns:
-            The new reports.
+            The new reports. A crash that the motion does not show is to be watched only.
         """
         former_identities = self._reported
         facts = reported_events(signals)
@@ -478,6 +617,8 @@ class Watchdog:
                 self._landing_report = report
             else:
                 reports.append(report)
+        if any(fact.code in REPORTS_OF_LOSS for fact in reports):
+            reports = self.control.weighed_reports(vehicle, reports)
         reports_of_loss = [fact for fact in reports if fact.code in REPORTS_OF_LOSS]
         if self.loss is None and reports_of_loss:
             self.loss = ending_of(signals, reports_of_loss)
@@ -509,7 +650,12 @@ class Watchdog:
         # A limit cycle is bounded by motors at their limits, which in most flights are none: this saves the detection.
         if at_upper.any() or at_lower.any():
             cycle = detect_starting_limit_cycle(
-                motors, motion.tilts, self._recent.boot, review.phase_start, review.now
+                motors,
+                motion.tilts,
+                self.control.setpoints(review.vehicle),
+                self._recent.boot,
+                review.phase_start,
+                review.now,
             )
             if cycle is not None:
                 # The same gains are to be lowered as the judgement of the recording says after the landing.
@@ -518,33 +664,45 @@ class Watchdog:
                     MarginsLight.OSCILLATES, reason=lowered_gains, **cycle.figures
                 )
         has_just_taken_off = review.now - review.phase_start < DECISION_SECONDS
-        is_latest = motors.time >= review.now - DECISION_SECONDS
-        if is_latest.any() and not has_just_taken_off:
-            limited_motor = _limited_motor(motors.geometry.names, at_upper[is_latest])
-            if limited_motor is not None:
-                review.facts[WatchedQuantity.MOTOR_LIMITS] = limited_motor
+        latest_count = int(np.count_nonzero(motors.time >= review.now - DECISION_SECONDS))
+        if latest_count and len(at_upper) >= MIN_LIMIT_SAMPLES and not has_just_taken_off:
+            latest = slice(-max(latest_count, MIN_LIMIT_SAMPLES), None)
+            limited_motor = _limited_motor(motors.geometry.names, at_upper[latest])
+            outputs = motors.scale.fraction(motors.outputs[latest]).mean(axis=0)
+            # Where all thrust is in use, as in a climb at full throttle, it is by chance which motor is at its limit.
+            has_reserve = outputs.min() < SPENT_THRUST_SHARE * motors.scale.stop
+            if limited_motor is not None and has_reserve:
+                active = self.active.get(WatchedQuantity.MOTOR_LIMITS)
+                duration = review.now - motors.time[latest][0]
+                review.facts[WatchedQuantity.MOTOR_LIMITS] = _with_earlier_motors(
+                    limited_motor.replace(duration=duration), active
+                )
 
     def _changed_alarms(self, review: _Review) -> list[Fact]:
         """Compares the facts of a review with the active alarms, updates these, and returns what changed.
 
-        An alarm begins, or is reported again, when a fact warns with another level or code than the active alarm. It
-        ends after the landing, or when its reason has not been found for ``CALM_SECONDS``, so that a condition that
-        comes and goes gives one alarm. That of a loss of control ends only if the vehicle flies on for so long. On the
-        ground it stays, and other alarms end without a word: a wreck is no sound vehicle. So does the alarm of a
-        battery at any landing, which charges no battery.
+        An alarm begins, or is reported again, when a fact warns with another level or code than the active alarm;
+        other figures update it. It ends after the landing, or when its reason has not been found for ``CALM_SECONDS``,
+        so that a condition that comes and goes gives one alarm. That of a loss of control ends only if the vehicle
+        flies on for so long. On the ground it stays, and other alarms end without a word: a wreck is no sound vehicle.
+        So does the alarm of a battery at any landing, which charges no battery.
 
-        The worst fact of each light (motors, vibration, power, …) is kept for the judgement of the whole flight.
+        The worst fact of each light (motors, vibration, power, …) is kept for the judgement of the whole flight. Once
+        its alarm is over, it says so.
 
         Args:
-            review: the review that ends, with all its facts.
+            review: the review that ends, with all its facts. Those on what is past are dropped.
 
         Returns:
             Alarms, with the time of the review, and ends of alarms, with the time at which the reason was seen last;
             s of the boot clock.
         """
+        for kind, latest_time in review.latest_times.items():
+            is_over = review.now - latest_time >= CALM_SECONDS
+            if is_over and kind not in self.active:
+                del review.facts[kind]
         for kind, fact in review.facts.items():
-            light = str(LIGHTS[kind])
-            self.worst_lights[light] = worst_fact([fact, self.worst_lights.get(light, fact)])
+            self._worsen_light(LIGHTS[kind], fact)
         return [*self._begun_alarms(review), *self._ended_alarms(review)]
 
     def _begun_alarms(self, review: _Review) -> list[Fact]:
@@ -557,10 +715,14 @@ class Watchdog:
         for kind, fact in review.facts.items():
             if not fact.warns:
                 continue
-            self._last_seen[kind] = review.now
+            last_seen = review.latest_times.get(kind, review.now)
+            self._last_seen[kind] = max(last_seen, self._last_seen.get(kind, -inf))
             active = self.active.get(kind)
-            if active is None or (active.level, active.code) != (fact.level, fact.code):
-                self.active[kind] = fact
+            self.active[kind] = fact
+            is_same = active is not None and (active.level, active.code) == (fact.level, fact.code)
+            # What the autopilot itself reports of the estimator was said when it came.
+            is_said = kind is WatchedQuantity.ESTIMATOR and isinstance(fact.code, ReportedEvent)
+            if not is_same and not is_said:
                 alarms.append(event_or_alarm(fact, review.now))
         return alarms
 
@@ -581,11 +743,18 @@ class Watchdog:
             if is_lost and kind is WatchedQuantity.CONTROL:
                 continue
             last_seen = self._last_seen[kind]
-            if not review.is_flying or review.now - last_seen >= CALM_SECONDS:
+            calm_seconds = self._calm_seconds.get(kind, CALM_SECONDS)
+            if not review.is_flying or review.now - last_seen >= calm_seconds:
                 ended_alarm = self.active.pop(kind)
+                self._calm_seconds[kind] = 2 * calm_seconds
                 is_still_empty = kind is WatchedQuantity.BATTERY and not review.is_flying
                 if not is_lost and not is_still_empty:
-                    ends.append(Fact(WatchFact.ALARM_OVER, time=last_seen, reason=ended_alarm))
+                    end = Fact(WatchFact.ALARM_OVER, time=last_seen, reason=ended_alarm)
+                    ends.append(end)
+                    light = str(LIGHTS[kind])
+                    shown = self.worst_lights.get(light)
+                    if shown is not None and shown.code is ended_alarm.code:
+                        self.worst_lights[light] = end.replace(ended_alarm.level)
                 if kind is WatchedQuantity.CONTROL:
                     self.loss = None
         return ends
@@ -621,9 +790,10 @@ class Watchdog:
         """Finds out what cannot be watched because the messages for it are missing or too slow.
 
         Oscillation and motors at their limits are judged by attitude and motor outputs. To see an oscillation (a limit
-        cycle), these must also come at half of ``MIN_STREAM_RATE`` at least; a motor at its limit shows at any rate.
-        Vibration, battery and the autopilot's warnings each need a status message, which must have come within the last
-        ``MEMORY_SECONDS``. A battery that the light on the power cannot judge is not watched either.
+        cycle), these must also come at half of ``MIN_STREAM_RATE`` at least; a motor at its limit shows in any
+        ``MIN_LIMIT_SAMPLES`` of the last seconds. Vibration, battery, estimator and the autopilot's warnings each need
+        a status message, which must have come within the last ``MEMORY_SECONDS``, and the tracking setpoints of the
+        attitude. A battery that the light on the power cannot judge is not watched either.
 
         Args:
             now: present time on the boot clock, s.
@@ -641,16 +811,23 @@ class Watchdog:
             obstacles[WatchedQuantity.OSCILLATION] = Fact(
                 WatchFact.MESSAGE_MISSING, name=motion.motors.message, rate=motion.rate
             )
+            if len(motion.motors.time) < MIN_LIMIT_SAMPLES:
+                obstacles[WatchedQuantity.MOTOR_LIMITS] = obstacles[WatchedQuantity.OSCILLATION]
         received = self._recent.names_since(now - MEMORY_SECONDS)
         # One of these messages is enough; the first is named where all are missing.
         needed_messages = {
             WatchedQuantity.VIBRATION: ("VIBRATION",),
             WatchedQuantity.BATTERY: BATTERY_MESSAGES,
+            WatchedQuantity.ESTIMATOR: tuple(ESTIMATOR_FLAG_MESSAGES),
             WatchedQuantity.WARNINGS: ("HEARTBEAT",),
         }
         for kind, names in needed_messages.items():
             if not received.intersection(names):
                 obstacles[kind] = Fact(WatchFact.MESSAGE_MISSING, name=names[0], rate=None)
+        if not self._tracking.has_setpoints(now):
+            obstacles[WatchedQuantity.TRACKING] = Fact(
+                WatchFact.MESSAGE_MISSING, name=SETPOINT_MESSAGE, rate=None
+            )
         if self._battery_obstacle is not None:
             obstacles.setdefault(WatchedQuantity.BATTERY, self._battery_obstacle)
         return obstacles
@@ -690,12 +867,26 @@ class Watchdog:
             self.watch_facts[kind] = Fact(code, time=now, subject=kind, reason=obstacle)
 
 
+def worst_of_lights(first: NamedFacts, second: NamedFacts) -> dict[str, Fact]:
+    """Returns the worse of two facts of each light; a light that only one of them has is taken from that.
+
+    Args:
+        first: facts by name of the light, which come first of two that are as bad.
+        second: other facts by name of the light.
+    """
+    return {
+        name: worst_fact([lights[name] for lights in (first, second) if name in lights])
+        for name in {**first, **second}
+    }
+
+
 def _limited_motor(names: Names, at_upper_limit: Flags) -> Fact | None:
     """Returns the fact that a motor stays at its upper limit, where it leaves the controller no authority.
 
     Args:
         names: names of the k motors.
-        at_upper_limit: (N, k) whether each motor was at its limit, over the last ``DECISION_SECONDS``.
+        at_upper_limit: (N, k) whether each motor was at its limit, over the last ``DECISION_SECONDS``, or in the last
+            ``MIN_LIMIT_SAMPLES`` where those came more slowly.
 
     Returns:
         The fact; None if no motor was there for ``ALARMING_SHARE`` of the time, or all were, as in a climb at full
@@ -712,6 +903,40 @@ def _limited_motor(names: Names, at_upper_limit: Flags) -> Fact | None:
         names=limited_names,
         share=largest_share,
     )
+
+
+def _with_earlier_motors(limited_motor: Fact, active: Fact | None) -> Fact:
+    """Adds to the motors at their limit those of the alarm that lasts: motors that take turns are one event.
+
+    Args:
+        limited_motor: the motors that are at their limit now.
+        active: the active alarm on motors at their limit; None without one.
+    """
+    if active is None:
+        return limited_motor
+    # A dictionary keeps each name once, in order.
+    names = tuple(dict.fromkeys((*active.figures["names"], *limited_motor.figures["names"])))
+    return limited_motor.replace(
+        subject=names[0] if len(names) == 1 else "",
+        names=names,
+        share=max(active.figures["share"], limited_motor.figures["share"]),
+    )
+
+
+def latest_vibration_time(signals: Signals, limit: float) -> float:
+    """Returns when the vibration was last above a limit, or an accelerometer out of its range.
+
+    Args:
+        signals: signals of the last minute, in which the vibration was judged.
+        limit: vibration, m/s².
+
+    Returns:
+        The time, s of the boot clock; minus infinity if it was in no sample.
+    """
+    vibration = reported_vibration(signals)
+    assert vibration is not None
+    is_strong = (vibration.levels.values > limit).any(axis=1) | (vibration.clips > 0).any(axis=1)
+    return float(vibration.levels.time[is_strong].max(initial=-inf))
 
 
 def not_watched(watch_fact: Fact, reason: Fact, time: float) -> Fact:

@@ -21,7 +21,7 @@ from mavdem.dataset.attitude import Attitude
 from mavdem.dataset.axes import TILT_AXES
 from mavdem.dataset.motor_outputs import MotorOutputs
 from mavdem.dataset.quality import samples_at_limits
-from mavdem.dataset.segments import Segment, Segments
+from mavdem.dataset.segments import Segment, Segments, in_segments
 from mavdem.dataset.signals import MIN_STREAM_RATE
 from mavdem.dataset.time_series import TimeSeries
 from mavdem.loops.welch import half_overlapping_windows, resampled_signals, windowed_transforms
@@ -59,6 +59,9 @@ MAX_DRIFT = 0.3
 """Largest deviation of the frequency from its median, relative to it: a sweep for identification wanders more."""
 MIN_LASTING_FREQUENCY = 3.5
 """Frequency below which a lasting oscillation that reaches no limit may be steered by the pilot, Hz."""
+
+STEERED_SHARE = 0.5
+"""Standard deviation of an angle's setpoint, relative to that of the angle, from which on it is steered: a choice."""
 
 STARTING_WINDOWS = (0.5, 1.0, 2.0)
 """Lengths of the windows in which a limit cycle that has just started is looked for, s."""
@@ -139,18 +142,25 @@ def detect_limit_cycle(
 
 
 def detect_starting_limit_cycle(
-    motors: MotorOutputs, tilts: Mapping[str, Attitude], boot: int, start_time: float, now: float
+    motors: MotorOutputs,
+    tilts: Mapping[str, Attitude],
+    setpoints: Mapping[str, TimeSeries],
+    boot: int,
+    start_time: float,
+    now: float,
 ) -> Oscillation | None:
     """Detects a limit cycle that has just started, for a warning in flight.
 
     It is reported only if motors reach their limits. One with body rates of at least ``MIN_DANGEROUS_RATE`` is reported
     at once, if its periods are short enough for the ``STARTING_WINDOWS``. Any other is reported if it lasts, by the
     same windows and ``MIN_DURATION`` as in the analysis of a recorded flight: motors that swing between their limits
-    cannot control the vehicle, however slowly it rotates.
+    cannot control the vehicle, however slowly it rotates. Between 1 and 2 Hz, which only the long windows resolve, a
+    pilot may steer: there its body rates must reach ``MIN_DANGEROUS_RATE`` while the setpoint hardly moves.
 
     Args:
         motors: outputs of the motors so far.
         tilts: attitude by axis, "roll" and "pitch".
+        setpoints: setpoint of the angle, rad, by axis; an axis without one is left out.
         boot: number of the boot, whose clock the times are on.
         start_time: time of the first samples to use, s.
         now: time of the latest data, s.
@@ -176,14 +186,41 @@ def detect_starting_limit_cycle(
     fast_cycles = [cycle for cycle in starting_cycles if cycle.rate >= MIN_DANGEROUS_RATE]
     if fast_cycles:
         return _strongest(fast_cycles)
-    window_seconds = WINDOW_LENGTHS[0]
-    # What the short windows show goes on. Without them all windows together must show it until now.
-    span = STARTING_SPAN * window_seconds if starting_cycles else MIN_DURATION + SPAN_SLACK
+    short_window, long_window = WINDOW_LENGTHS
+    # What the shortest windows show goes on. Without them all windows together must show it until now.
+    span = STARTING_SPAN * short_window if starting_cycles else MIN_DURATION + SPAN_SLACK
     segment = Segment(boot, max(start_time, now - span), now)
     # Where no motor was at a limit in the last half window, an oscillation is over.
-    if latest_limit_time < now - window_seconds / 2 or segment.duration < MIN_DURATION:
+    if latest_limit_time < now - short_window / 2 or segment.duration < MIN_DURATION:
         return None
-    return _strongest(_cycles_at_limits(motor_series, tilts, segment, window_seconds, MIN_DURATION))
+    cycles = _cycles_at_limits(motor_series, tilts, segment, short_window, MIN_DURATION)
+    if cycles:
+        return _strongest(cycles)
+    segment = Segment(boot, max(start_time, now - long_window - SPAN_SLACK), now)
+    slow_cycles = _cycles_at_limits(motor_series, tilts, segment, long_window, MIN_DURATION)
+    return _strongest(
+        cycle
+        for cycle in slow_cycles
+        if cycle.rate >= MIN_DANGEROUS_RATE
+        and cycle.axis in setpoints
+        and _is_unsteered(tilts[cycle.axis].angle_series, setpoints[cycle.axis], segment)
+    )
+
+
+def _is_unsteered(angle: TimeSeries, setpoint: TimeSeries, segment: Segment) -> bool:
+    """Returns whether an angle moves although its setpoint was received and hardly moves (``STEERED_SHARE``).
+
+    Args:
+        angle: angle of the axis, rad.
+        setpoint: its setpoint, rad.
+        segment: the segment to compare.
+    """
+    is_sent = in_segments(setpoint, segment)
+    is_measured = in_segments(angle, segment)
+    if np.count_nonzero(is_sent) < MIN_PERIODS:
+        return False
+    movement = angle.values[is_measured].std()
+    return bool(setpoint.values[is_sent].std() < STEERED_SHARE * movement)
 
 
 def _cycles_at_limits(

@@ -64,7 +64,7 @@ MODEL_AXIS = "roll"
 class LinkMonitor:
     """Runs live sessions on a link, one after the other, in a thread; nothing is sent to the vehicle unless asked for.
 
-    A session ends when a vehicle that was received is silent for a minute, or when the server ends. After an error,
+    A session ends when its vehicle is silent for a minute, or when the server ends. After an error,
     such as a full disk, no further session begins; what was recorded until then is kept.
 
     Attributes:
@@ -252,7 +252,9 @@ class LinkMonitor:
         recording = session.intake.recording
         # A recording that fails ends the session before its next page.
         assert recording is not None
-        frames = recording.frame_count
+        vehicle = session.stream.followed_vehicle
+        # Another vehicle that sends on the same link has its turn once the followed one is silent.
+        frames = recording.frame_count if vehicle is None else vehicle.frame_count
         # Before the first frame the session waits for a vehicle without a limit.
         is_silent = frames > 0 and frames == self._frames_at_last_page
         self._silent_pages = self._silent_pages + 1 if is_silent else 0

@@ -9,12 +9,17 @@ from mavdem.arrays import Array, Flags
 from mavdem.containers import Names
 from mavdem.dataset.signals import Signals
 from mavdem.dataset.time_series import TimeSeries, clean_series, float_columns
+from mavdem.physical_constants import GRAVITY
 
 LEVEL_FIELDS = ("vibration_x", "vibration_y", "vibration_z")
 """Fields with the vibration of the first IMU along each body axis, m/s²."""
 
 CLIPPING_FIELDS = ("clipping_0", "clipping_1", "clipping_2")
 """Fields that count since boot how often the accelerometer of each IMU was out of its range."""
+
+
+MAX_LEVEL = 32 * GRAVITY
+"""Vibration, m/s², beyond which a value is no measurement: the accelerometers of autopilots end at 16 or 32 g."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,7 +61,8 @@ def reported_vibration(signals: Signals) -> ReportedVibration | None:
         return None
     # DataFlash logs have the levels of all IMUs, MAVLink those of the first.
     all_levels = columns.get("levels", float_columns(columns, level_fields))
-    table = np.column_stack([all_levels, float_columns(columns, CLIPPING_FIELDS)])
+    possible_levels = np.where(abs(all_levels) <= MAX_LEVEL, all_levels, np.nan)
+    table = np.column_stack([possible_levels, float_columns(columns, CLIPPING_FIELDS)])
     samples = clean_series(columns, table)
     # The last columns are the counters of clipping, those before are levels.
     levels, counts = np.split(samples.values, [-len(CLIPPING_FIELDS)], axis=1)

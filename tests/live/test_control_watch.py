@@ -10,7 +10,7 @@ from pytest import fixture, mark
 
 from mavdem.facts import Level
 from mavdem.facts.assessment import NextStep
-from mavdem.facts.ending import Ending
+from mavdem.facts.ending import Ending, FailedFirst
 from mavdem.facts.events import ReportedEvent
 from mavdem.facts.lights import Light
 from mavdem.facts.session import SessionFact
@@ -154,12 +154,27 @@ class StoppedFlight(Flight):
 
 def test_a_vehicle_disarmed_in_the_air_has_not_landed():
     made = replay(StoppedFlight(Tumbling(), 25.0, 25.0).frames(end=37.0))
-    [alarm] = alarms(made)
+    falling, alarm = alarms(made)
+    assert falling.figures["reason"].code is WatchFact.STOPPED_IN_AIR
+    assert falling.time < alarm.figures["reason"].time
     assert alarm.figures["reason"].code is Ending.CRASHED
     assert ReportedEvent.ON_GROUND not in made.codes
     status = made.stream.status()
     assert not status.is_flying and not status.has_landed
     assert status.loss is alarm.figures["reason"]
+
+
+def test_a_throttle_that_the_pilot_closed_is_the_cause_of_a_fall():
+    hover = Tumbling()
+    sticks = [
+        (time, message("RC_CHANNELS", time_boot_ms=round(1e3 * time), chan3_raw=pulse))
+        for time in ticks(3.0, 37.0, 5.0)
+        for pulse in [1500 if time < hover.landed - 0.3 else 1000]
+    ]
+    made = replay(by_time(StoppedFlight(hover, 25.0, 25.0).frames(end=37.0), sticks))
+    loss = made.stream.status().loss
+    assert loss.code is Ending.CRASHED
+    assert loss.figures["cause"].code is FailedFirst.THROTTLE_CLOSED_FIRST
 
 
 def test_a_landing_above_the_take_off_is_one():
@@ -169,6 +184,24 @@ def test_a_landing_above_the_take_off_is_one():
     assert made.stream.status().has_landed
 
 
+CRASH_TEXT = {"severity": 0, "text": b"Crash: Disarming: AngErr=46>30"}
+
+
+class Spun(Hover):
+    """A hover that rotates fast for a moment before the autopilot reports a crash."""
+
+    def roll_rate(self, t):
+        return super().roll_rate(t) + 8.0 * ((np.asarray(t) > 19.0) & (np.asarray(t) < 19.2))
+
+
+def test_a_crash_that_the_motion_does_not_show_loses_no_flight():
+    made = flown(Hover(hovering=3.0), (20.0, "STATUSTEXT", CRASH_TEXT))
+    [alarm] = alarms(made)
+    assert alarm.figures["reason"].code is ReportedEvent.CRASH_DETECTED
+    assert alarm.level is Level.WATCH and "Stop the motors" not in alarm.remedy
+    assert made.stream.status().loss is None
+
+
 @mark.parametrize(
     "boot_time, take_off", [(0.0, 47.0), (39.5, 43.0)], ids=["in this boot", "in the next"]
 )
@@ -176,10 +209,11 @@ def test_a_crash_that_the_autopilot_reports_is_no_landing_until_the_next_take_of
     boot_time, take_off
 ):
     beat = {"type": MAV_TYPES["QUADROTOR"], "autopilot": MAV_AUTOPILOTS["ARDUPILOTMEGA"]}
-    text = {"severity": 0, "text": b"Crash: Disarming: AngErr=46>30"}
-    made = flown(Hover(hovering=3.0), (20.0, "STATUSTEXT", text))
+    made = flown(Spun(hovering=3.0), (20.0, "STATUSTEXT", CRASH_TEXT))
     status = made.stream.status()
-    assert ReportedEvent.CRASH_DETECTED in made.codes
+    assert [alarm.figures["reason"].code for alarm in alarms(made)] == [
+        ReportedEvent.CRASH_DETECTED
+    ]
     assert status.loss.code is Ending.LOSS_REPORTED
     assert status.overall_judgement.lights[Light.TRACKING].level is Level.BAD
     in_flight = replace(status, is_flying=True, is_over=False)

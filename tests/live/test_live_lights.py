@@ -33,6 +33,7 @@ def slow():
         watch(WatchedQuantity.MOTOR_LIMITS),
         watch(WatchedQuantity.MOTORS, Fact(SessionFact.NOT_SETTLED)),
         watch(WatchedQuantity.VIBRATION, missing),
+        watch(WatchedQuantity.ESTIMATOR, missing.replace(name="EKF_STATUS_REPORT")),
     )
     return SessionStatus(
         vehicle="1:1", obstacle=SLOW, rates=RATES, is_flying=True, watch_facts=facts
@@ -45,7 +46,7 @@ def test_each_light_has_its_own_reason(slow):
     assert lights[Light.MOTORS].code is WatchFact.NO_MOTOR_AT_LIMIT
     assert lights[Light.MARGINS].code is WatchFact.NO_OSCILLATION
     assert lights[Light.VIBRATION].figures["reason"].figures["name"] == "VIBRATION"
-    assert lights[Light.ESTIMATOR].code is Unjudged.JUDGED_LATER
+    assert lights[Light.ESTIMATOR].figures["reason"].figures["name"] == "EKF_STATUS_REPORT"
     sentences = [str(light) for light in lights.values()]
     assert sum("comes at 25 Hz" in sentence for sentence in sentences) == 1, "the log"
 

@@ -20,6 +20,7 @@ from mavdem.cli.live_status import StatusLines
 from mavdem.dataset.segment_learnability import slow_streams
 from mavdem.facts import Fact, Level
 from mavdem.facts.assessment import Headline, NextStep
+from mavdem.facts.estimator import EstimatorLight
 from mavdem.facts.events import ReportedEvent
 from mavdem.facts.lights import Light
 from mavdem.facts.log import LogLight
@@ -91,10 +92,12 @@ def test_a_limit_cycle_is_reported_within_two_seconds_and_when_it_ends(hot):
 @mark.slow
 def test_what_was_wrong_is_the_headline_of_the_session(hot):
     judged = replace(hot.stream.status(), motor_alarms=()).overall_judgement
-    assert judged.headline.code is MotorsLight.MOTOR_LIMITED
-    assert judged.lights["margins"].code is MarginsLight.OSCILLATES
+    # Both are over.
+    assert judged.headline.code is WatchFact.ALARM_OVER and judged.headline.is_bad
+    assert judged.headline.figures["reason"].code is MotorsLight.MOTOR_LIMITED
+    assert judged.lights["margins"].figures["reason"].code is MarginsLight.OSCILLATES
     assert judged.next_step.figures["reason"] is judged.headline
-    assert judged.next_step.code is NextStep.LAND_NOW
+    assert str(judged.next_step).startswith("Land soon. Do not fly")
     landed = replace(hot.stream.status(), motor_alarms=(), is_flying=False).overall_judgement
     assert landed.next_step.code is NextStep.DO_AS_ADVISED
 
@@ -159,6 +162,45 @@ def test_a_low_battery_vibration_and_warnings_are_said_as_they_come():
     [jumped] = said(made, ReportedEvent.GPS_JUMPED)
     assert jumped.time == approx(10.0, abs=0.1)
     assert {fact.subject for fact in made.stream.status().watch_facts} == {*WatchedQuantity}
+
+
+def test_the_estimator_is_judged_in_flight_as_in_a_log():
+    reports = {
+        at: {"velocity_variance": 0.1, "pos_horiz_variance": 1.6 if 12.0 < at < 15.0 else 0.1}
+        for at in np.arange(4.0, 20.0, 0.5).tolist()
+    }
+    made = told(*((at, "EKF_STATUS_REPORT", fields) for at, fields in reports.items()))
+    light = made.stream.status().worst_lights[Light.ESTIMATOR]
+    assert light.code is EstimatorLight.FILTER_DOUBTED and light.level is Level.WATCH
+    assert len(said(made, EstimatorLight.FILTER_DOUBTED)) == 1
+
+
+def test_motors_that_take_turns_at_their_limit_are_one_alarm():
+    """Each comes to its limit for two seconds; between them none is there, for longer than an alarm lasts."""
+    turns = {10.0: 0, 13.0: 1, 28.0: 2, 45.0: 0}
+
+    class Turns(Hover):
+        def motors(self, t):
+            outputs = super().motors(t)
+            for begin, motor in turns.items():
+                outputs[(t > begin) & (t < begin + 2.0), motor] = 2000.0
+            return outputs
+
+    made = replay(Flight(Turns(hovering=60.0), attitude=20.0, motors=20.0).frames(end=60.0))
+    begun, over, again, *rest = said(made, MotorsLight.MOTOR_LIMITED)
+    assert begun.code is again.code is SessionFact.ALARM
+    assert len(over.figures["reason"].figures["names"]) == 2
+    # The alarm that has come again lasts for twice as long, so that the fourth turn is of the same one.
+    assert not rest
+    active = made.stream.status().active_alarms[-1]
+    assert len(active.figures["names"]) == 2
+
+
+def test_a_single_output_shows_no_motor_that_stays_at_its_limit():
+    made = replay(Flight(Limited(hovering=20.0), attitude=20.0, motors=0.5).frames(end=24.0))
+    assert not said(made, MotorsLight.MOTOR_LIMITED)
+    watched = {fact.subject: fact for fact in made.stream.status().watch_facts}
+    assert watched[WatchedQuantity.MOTOR_LIMITS].code is WatchFact.NOT_WATCHED
 
 
 @mark.slow
@@ -243,7 +285,8 @@ def test_a_restart_in_flight_is_an_alarm_with_its_cause(text, light):
 def test_a_restart_on_the_ground_is_no_alarm():
     before = Flight(attitude=20.0, motors=20.0, clock=20.0).frames(-8.0, 4.0)
     made = rebooted(before, b"Frame: QUAD/X")
-    assert VehicleFact.VEHICLE_REBOOTED in made.codes and SessionFact.ALARM not in made.codes
+    assert VehicleFact.VEHICLE_REBOOTED in made.codes
+    assert not said(made, ReportedEvent.RESTARTED_IN_FLIGHT)
 
 
 def test_thinning_out_keeps_every_battery():

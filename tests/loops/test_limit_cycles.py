@@ -8,6 +8,7 @@ from scipy.signal import cont2discrete, lfilter
 
 from mavdem.assessment.condition import condition_of
 from mavdem.dataset.signals import Signals
+from mavdem.dataset.time_series import TimeSeries
 from mavdem.loops.limit_cycles import MIN_DURATION, detect_starting_limit_cycle
 
 HOVER = Hover(hovering=40.0)
@@ -138,12 +139,31 @@ def test_in_flight_a_small_one_from_stop_to_stop_is_found_when_it_has_lasted(her
         now
         for now in np.arange(begun - 5.0, ended + 5.0, 0.5)
         if detect_starting_limit_cycle(
-            signals.motors, {"roll": signals.attitudes[0]}, int(signals.motors.boot[0]), 12.0, now
+            signals.motors,
+            {"roll": signals.attitudes[0]},
+            {},
+            int(signals.motors.boot[0]),
+            12.0,
+            now,
         )
     ]
     assert begun + MIN_DURATION / 2 <= found_at[0] <= begun + MIN_DURATION + 0.5
     assert ended - 0.5 <= found_at[-1] <= ended + 2.0
     assert len(found_at) == 1 + (found_at[-1] - found_at[0]) / 0.5
+
+
+@mark.parametrize("steered_share, is_found", [(0.0, True), (1.0, False), (None, False)])
+def test_in_flight_a_slow_one_is_told_from_steering_by_the_setpoint(steered_share, is_found):
+    signals = hover_signals(swinging(1.5, 40.0), swinging(1.5, 900.0))
+    roll = signals.attitudes[0]
+    setpoints = {}
+    if steered_share is not None:
+        angle = roll.angle_series
+        setpoints["roll"] = TimeSeries(angle.time, angle.boot, steered_share * angle.values)
+    cycle = detect_starting_limit_cycle(
+        signals.motors, {"roll": roll}, setpoints, int(roll.boot[0]), 12.0, 25.0
+    )
+    assert (cycle is not None) == is_found
 
 
 def test_where_messages_come_too_slowly_the_frequency_is_not_told():

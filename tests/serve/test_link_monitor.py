@@ -94,8 +94,12 @@ def test_a_session_is_over_when_a_vehicle_that_was_heard_is_silent_for_a_minute(
     live, _ = idle
     monkeypatch.setattr(link_monitor, "live_page", Mock(return_value=""))
     session = Mock()
+    session.stream.followed_vehicle.frame_count = 0
     seconds = -20 * link_monitor.PAGE_SECONDS
-    for session.intake.recording.frame_count in [0] * 20 + [7] * 20:
+    for page, frames in enumerate([0] * 20 + [7] * 20):
+        # Another vehicle sends on the same link all the time.
+        session.intake.recording.frame_count = page
+        session.stream.followed_vehicle.frame_count = frames
         live._update_page(session)
         seconds += link_monitor.PAGE_SECONDS * (not live._is_over())
     live._link.close()
@@ -107,6 +111,7 @@ def test_a_finished_flight_is_shown_until_the_next_vehicle_comes(idle, monkeypat
     monkeypatch.setattr(link_monitor, "live_page", Mock(return_value="running"))
     live._finished_page = "finished"
     session = Mock()
+    session.stream.followed_vehicle = None
     session.intake.recording.frame_count = 0
     shown = []
     silence = Fact(RowsFact.NOTHING_RECEIVED, subject="messages", duration=2.0)
@@ -163,6 +168,7 @@ def test_the_page_of_a_server_advises_an_option_that_the_server_has(idle, monkey
     assert slow.remedy == "Ask for more with `--request-rate 100`."
     monkeypatch.setattr(link_monitor, "live_page", lambda *_: slow.remedy)
     session = Mock()
+    session.stream.followed_vehicle = None
     session.intake.recording.frame_count = 0
     live._update_page(session)
     assert "Start this server with `--request-rate 100`" in live.page

@@ -663,6 +663,8 @@ def live_page(
     subtitle = f"What {axis} did, learned and predicted while it flew."
     if not status.is_over:
         subtitle = f"{vehicle_text(status)} As of {strftime('%H:%M:%S')}."
+        if status.delay_fact is not None:
+            subtitle = f"{subtitle} {status.delay_fact}"
     return render_document(f"Flight over {link}", subtitle, summary, chapters, back, head)
 
 

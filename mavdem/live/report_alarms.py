@@ -1,0 +1,92 @@
+"""Alarms in flight about what the autopilot itself reports: faults that are bad, or that it calls critical.
+
+What it reports at a lower severity is a line only. The battery has an alarm of its own (``Watchdog``).
+"""
+
+from collections.abc import Sequence
+
+from mavdem.assessment.autopilot_messages import REPEAT_SECONDS, SEVERITIES
+from mavdem.assessment.reported import FAILSAFE_TRIGGERS
+from mavdem.facts import Code, Fact, Facts
+from mavdem.facts.events import ReportedEvent
+from mavdem.facts.session import SessionFact
+
+CRITICAL_SEVERITIES = SEVERITIES[: 1 + SEVERITIES.index("critical")]
+"""Severities of texts that are alarms whatever they say: emergency, alert and critical."""
+
+ALARMING_STATES = frozenset((ReportedEvent.FAILSAFE, *FAILSAFE_TRIGGERS)) - {
+    ReportedEvent.BATTERY_WARNED
+}
+"""Faults that are alarms where a state reports them, which has no severity: failsafes, and what they begin for."""
+
+
+class ReportAlarms:
+    """The alarms of one boot about what the autopilot reports.
+
+    One about a bad fault, such as a motor that failed, lasts until the flight ends. One about a fault that is to be
+    watched, such as a doubt about GPS, lasts while it is reported, and for ``REPEAT_SECONDS`` after that.
+    """
+
+    def __init__(self) -> None:
+        """Begins without an alarm."""
+        # The latest report of each code that is an alarm, and when it was reported last, s of the boot clock.
+        self._reports: dict[Code, Fact] = {}
+        self._report_times: dict[Code, float] = {}
+
+    @property
+    def active(self) -> Facts:
+        """The reports that are alarms now."""
+        return tuple(self._reports.values())
+
+    def take(self, report: Fact, now: float) -> Fact:
+        """Makes a new report in flight an alarm if it is one.
+
+        Args:
+            report: what the autopilot reports, on anything but the battery.
+            now: present time on the boot clock, s.
+
+        Returns:
+            An alarm of the level of the report with it as the reason; the report itself where it is none.
+        """
+        if not is_alarming(report):
+            return report
+        self._reports[report.code] = report
+        self._report_times[report.code] = now
+        return Fact(
+            SessionFact.ALARM,
+            report.level,
+            time=report.start_time,
+            subject=report.subject,
+            reason=report,
+        )
+
+    def update(self, reports: Sequence[Fact], now: float) -> None:
+        """Notes which faults are reported still or again, and drops the alarms on those that no longer are.
+
+        Args:
+            reports: all reports of the last minute, with repetitions merged.
+            now: present time on the boot clock, s.
+        """
+        for report in reports:
+            if report.code in self._reports:
+                # A state without an end lasts; a text has the time at which it came last.
+                lasts = report.end_time is None and "text" not in report.figures
+                time = now if lasts else report.end_time or report.start_time
+                self._report_times[report.code] = max(self._report_times[report.code], time)
+        for code, report in list(self._reports.items()):
+            if not report.is_bad and now - self._report_times[code] > REPEAT_SECONDS:
+                del self._reports[code]
+
+    def end_flight(self) -> None:
+        """Drops all alarms, after a landing or before a take-off."""
+        self._reports.clear()
+
+
+def is_alarming(report: Fact) -> bool:
+    """Returns whether a report is an alarm in flight: it is bad, critical, or a state for which a failsafe begins."""
+    if not report.warns:
+        return False
+    severity = report.figures.get("severity")
+    is_critical = severity in CRITICAL_SEVERITIES
+    is_state = "text" not in report.figures and report.code in ALARMING_STATES
+    return report.is_bad or is_critical or is_state

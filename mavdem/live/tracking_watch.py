@@ -1,0 +1,80 @@
+"""How a live vehicle follows its setpoints, by the judgement of logs on the latest minute of settled flight."""
+
+from collections import deque
+from dataclasses import replace
+
+from mavdem.assessment.condition import Condition
+from mavdem.assessment.lights.tracking import tracking_light
+from mavdem.dataset.attitude import ATTITUDE_MESSAGES
+from mavdem.dataset.setpoints import SETPOINT_MESSAGE
+from mavdem.dataset.signals import Signals
+from mavdem.facts import Fact
+from mavdem.ingest.telemetry import Telemetry
+from mavdem.live.live_signals import LiveSignals, live_evidence
+from mavdem.live.messages import MESSAGE_FIELDS, Message
+from mavdem.live.recent_messages import RecentMessages, TimedValues, columns_from
+from mavdem.plant.online_wind_torque import MEMORY_SECONDS
+
+SAMPLE_PERIOD = 0.05
+"""Least time between two samples of one message that are kept, s: angles that are controlled move at a few hertz."""
+
+MIN_SETTLED_SECONDS = 20.0
+"""Settled flight by which the tracking is judged, s: a choice, since a gust alone lasts for some seconds."""
+
+MODE_MESSAGES = ("HEARTBEAT", "AVAILABLE_MODES")
+"""Messages with the flight mode: some modes have no setpoint of the angle."""
+
+
+class TrackingWatch:
+    """Keeps attitudes and setpoints of the latest minute of one boot, and judges how well the angles follow."""
+
+    def __init__(self, recent: RecentMessages) -> None:
+        """Begins without a sample; ``recent`` has the slow messages of the boot, among them the flight mode."""
+        self._recent = recent
+        self._samples: dict[str, deque[TimedValues]] = {
+            name: deque(maxlen=round(MEMORY_SECONDS / SAMPLE_PERIOD))
+            for name in (*ATTITUDE_MESSAGES, SETPOINT_MESSAGE)
+        }
+
+    def take(self, message: Message, time: float) -> None:
+        """Keeps an attitude or a setpoint, unless it follows another one within ``SAMPLE_PERIOD``.
+
+        Args:
+            message: ATTITUDE, ATTITUDE_QUATERNION or ATTITUDE_TARGET.
+            time: time on the boot clock, s.
+        """
+        samples = self._samples[message.name]
+        if not samples or time - samples[-1].time >= SAMPLE_PERIOD:
+            samples.append(TimedValues(time, message.values))
+
+    def has_setpoints(self, now: float) -> bool:
+        """Returns whether a setpoint has come in the last ``MEMORY_SECONDS`` before ``now``, s of the boot clock."""
+        samples = self._samples[SETPOINT_MESSAGE]
+        return bool(samples) and now - samples[-1].time <= MEMORY_SECONDS
+
+    def light(self, now: float, vehicle: Telemetry, settled_start: float) -> Fact | None:
+        """Judges how roll, pitch and yaw follow their setpoints, as the light of a log does.
+
+        Args:
+            now: present time on the boot clock, s.
+            vehicle: identity and parameters of the vehicle, without messages.
+            settled_start: since when the flight is settled, s of the boot clock.
+
+        Returns:
+            The light; None before ``MIN_SETTLED_SECONDS`` of settled flight, or where no setpoint comes.
+        """
+        start = max(settled_start, now - MEMORY_SECONDS)
+        if now - start < MIN_SETTLED_SECONDS or not self._samples[SETPOINT_MESSAGE]:
+            return None
+        boot = self._recent.boot
+        columns = self._recent.columns(MODE_MESSAGES)
+        for name, samples in self._samples.items():
+            if samples:
+                columns[name] = columns_from(MESSAGE_FIELDS[name], samples, boot)
+        telemetry = replace(vehicle, messages=columns)
+        recorded = Signals(telemetry)
+        signals = LiveSignals(
+            telemetry, tilts=recorded.tilts, preset_settled_intervals=[(start, now)]
+        )
+        tracking = tracking_light(live_evidence(signals, Condition(duration=now - start)))
+        return tracking if tracking.is_good or tracking.warns else None

@@ -1,0 +1,61 @@
+"""What the autopilot reports at a critical level is an alarm in flight with its own step; the rest is a line."""
+
+from math import inf
+
+from pytest import mark
+
+from mavdem.assessment.autopilot_messages import REPEAT_SECONDS
+from mavdem.facts import Fact, Level
+from mavdem.facts.events import ReportedEvent
+from mavdem.facts.session import SessionFact
+from mavdem.live.report_alarms import ReportAlarms
+
+
+def report(code, severity="critical", **figures):
+    return Fact(code, time=20.0, boot=0, severity=severity, text="as sent", **figures)
+
+
+@mark.parametrize(
+    "fact, level",
+    [
+        (report(ReportedEvent.MOTOR_FAILED, "warning"), Level.BAD),
+        (report(ReportedEvent.GPS_JUMPED), Level.WATCH),
+        (report(ReportedEvent.GPS_JUMPED, "warning"), None),
+        (report(ReportedEvent.AUTOPILOT_SAID, "error"), None),
+        (Fact(ReportedEvent.FAILSAFE, time=20.0, boot=0), Level.WATCH),
+        (Fact(ReportedEvent.SENSOR_FAILED, time=20.0, boot=0), None),
+        (Fact(ReportedEvent.MODE_CHANGED, time=20.0, boot=0, cause=""), None),
+    ],
+)
+def test_the_severity_decides_what_is_an_alarm(fact, level):
+    event = ReportAlarms().take(fact, 20.0)
+    if level is None:
+        assert event is fact
+    else:
+        assert event.code is SessionFact.ALARM and event.level is level
+        assert event.figures["reason"] is fact
+
+
+def test_a_critical_report_that_the_vehicle_can_fly_with_is_no_reason_to_land_at_once():
+    alarm = ReportAlarms().take(report(ReportedEvent.GPS_JUMPED), 20.0)
+    assert alarm.remedy.startswith("Fly by hand in a mode without position")
+    assert (
+        ReportAlarms().take(report(ReportedEvent.THRUST_LOST), 20.0).remedy.startswith("Land now")
+    )
+
+
+def test_a_bad_report_lasts_until_the_flight_ends_and_another_while_it_is_repeated():
+    alarms = ReportAlarms()
+    failed = report(ReportedEvent.MOTOR_FAILED)
+    jumped = report(ReportedEvent.GPS_JUMPED)
+    for fact in (failed, jumped):
+        alarms.take(fact, 20.0)
+    alarms.update([failed, jumped.replace(end_time=30.0)], 35.0)
+    alarms.update([], 29.0 + REPEAT_SECONDS)
+    assert alarms.active == (failed, jumped)
+    alarms.update([], 31.0 + REPEAT_SECONDS)
+    assert alarms.active == (failed,)
+    alarms.update([], inf)
+    assert alarms.active == (failed,)
+    alarms.end_flight()
+    assert not alarms.active

@@ -1,0 +1,35 @@
+"""How a live vehicle follows its setpoints, by the light of a log."""
+
+from math import cos, inf, sin
+
+from pytest import mark
+
+from mavdem.facts import Level
+from mavdem.ingest.telemetry import Telemetry
+from mavdem.live.messages import Message
+from mavdem.live.recent_messages import RecentMessages
+from mavdem.live.tracking_watch import MIN_SETTLED_SECONDS, TrackingWatch
+
+VEHICLE = Telemetry(1, component=1, vehicle="QUADROTOR", autopilot="ARDUPILOTMEGA", messages={})
+
+
+@mark.parametrize(
+    "error, seconds, level",
+    [
+        (0.0, 2.0 * MIN_SETTLED_SECONDS, Level.GOOD),
+        (0.3, 2.0 * MIN_SETTLED_SECONDS, Level.BAD),
+        (0.3, 0.5 * MIN_SETTLED_SECONDS, None),
+    ],
+)
+def test_the_tracking_is_that_of_the_latest_minute(error, seconds, level):
+    watch = TrackingWatch(RecentMessages())
+    assert not watch.has_setpoints(0.0)
+    for row in range(round(50 * seconds)):
+        time = row / 50
+        roll = 0.05 * sin(time)
+        quaternion = (cos(roll / 2), sin(roll / 2), 0.0, 0.0)
+        watch.take(Message("ATTITUDE_TARGET", time, inf, (7, quaternion, 0.0, 0.0, 0.0)), time)
+        watch.take(Message("ATTITUDE", time, inf, (roll + error, 0.0, 0.0, 0.0, 0.0, 0.0)), time)
+    assert watch.has_setpoints(seconds)
+    light = watch.light(seconds, VEHICLE, 0.0)
+    assert (None if light is None else light.level) is level
