@@ -387,10 +387,10 @@ def without_flight_advice(wind: WindEvidence) -> WindEvidence:
     Returns:
         The same evidence with every such fact replaced by its form without advice (:attr:`mavdem.facts.Fact.grounded`).
     """
-    estimate, autopilot_estimate, obstacle = wind
+    estimate, autopilot_estimate, reason_unknown = wind
     if estimate is not None:
         reasons = {name: fact.grounded for name, fact in estimate.reasons.items()}
         estimate = replace(estimate, reasons=reasons)
-    if obstacle is not None:
-        obstacle = obstacle.grounded
-    return WindEvidence(estimate, autopilot_estimate, obstacle)
+    if reason_unknown is not None:
+        reason_unknown = reason_unknown.grounded
+    return WindEvidence(estimate, autopilot_estimate, reason_unknown)

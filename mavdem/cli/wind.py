@@ -62,8 +62,8 @@ def wind_command(
         check_output_folder(out, (PAGE_FILE, DOCUMENT_FILE), prior)
     assessment, evidence = assess_without_model(source, vehicle)
     wind = evidence.wind.estimate
-    if evidence.wind.obstacle is not None:
-        raise NotLearnable(evidence.wind.obstacle)
+    if evidence.wind.reason is not None:
+        raise NotLearnable(evidence.wind.reason)
     # There is an estimate unless something prevented it.
     assert wind is not None
     signals = evidence.signals

@@ -8,7 +8,7 @@ from mavdem.dataset import flight_states, grounded, quality
 from mavdem.dataset.motor_outputs import (
     DEMAND_MESSAGE,
     RECORD_A_FLIGHT,
-    motor_outputs_or_obstacle,
+    motor_outputs_or_reason,
 )
 from mavdem.dataset.quality import QualityFigures
 from mavdem.dataset.rate_advice import rate_advice
@@ -23,7 +23,7 @@ from mavdem.dataset.segment_learnability import (
 from mavdem.dataset.segments import settled_segments
 from mavdem.dataset.signals import MIN_STREAM_RATE, Signals
 from mavdem.facts import Fact
-from mavdem.facts.learnability import MotorObstacle, NotLearnableReason
+from mavdem.facts.learnability import NotLearnableReason, UnusableOutputs
 from mavdem.ingest import Component
 from mavdem.ingest.motors import MULTIROTORS, POSSIBLE_MULTIROTORS
 from mavdem.ingest.telemetry import Telemetry
@@ -214,11 +214,11 @@ def _without_inputs(signals: Signals) -> Fact:
             name=telemetry.name_in_source(DEMAND_MESSAGE),
             recorder=telemetry.translated_from,
         )
-    obstacle = motor_outputs_or_obstacle(telemetry)
-    assert isinstance(obstacle, Fact)
-    if obstacle.code is MotorObstacle.NO_MOTOR_MESSAGE:
-        return obstacle.replace(remedy=rate_advice(telemetry))
-    return obstacle
+    reason = motor_outputs_or_reason(telemetry)
+    assert isinstance(reason, Fact)
+    if reason.code is UnusableOutputs.NO_MOTOR_MESSAGE:
+        return reason.replace(remedy=rate_advice(telemetry))
+    return reason
 
 
 def _never_airborne(signals: Signals, figures: QualityFigures) -> Fact:

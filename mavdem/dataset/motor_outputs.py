@@ -20,7 +20,7 @@ from mavdem.dataset.time_series import (
     rows_of_boot,
 )
 from mavdem.facts import Fact
-from mavdem.facts.learnability import MotorObstacle, Remedy
+from mavdem.facts.learnability import Remedy, UnusableOutputs
 from mavdem.ingest.motor_geometry import motor_geometry
 from mavdem.ingest.motors import MOTOR_MESSAGES, MotorGeometry, demand_geometry
 from mavdem.ingest.output_scale import OutputScale, output_scale
@@ -106,7 +106,7 @@ class MotorOutputs:
         return TimeSeries(self.time[rows], self.boot[rows], fractions)
 
 
-def motor_outputs_or_obstacle(telemetry: Telemetry) -> MotorOutputs | Fact:
+def motor_outputs_or_reason(telemetry: Telemetry) -> MotorOutputs | Fact:
     """Returns the motor outputs of a vehicle, or why a log has none.
 
     Several messages can have them. The most preferred one that has the outputs of all motors is used.
@@ -115,21 +115,21 @@ def motor_outputs_or_obstacle(telemetry: Telemetry) -> MotorOutputs | Fact:
         telemetry: Messages of the vehicle.
 
     Returns:
-        The outputs; where no message has them, the obstacle (``MotorObstacle``) of the most preferred message.
+        The outputs; where no message has them, the reason (``UnusableOutputs``) for the most preferred message.
     """
     counts = message_counts(telemetry, tuple(MOTOR_MESSAGES))
-    first_obstacle = None
+    first_reason = None
     for message in names_by_preference(counts):
-        outputs_or_obstacle = _outputs_in_message(telemetry, message)
-        if isinstance(outputs_or_obstacle, MotorOutputs):
-            return outputs_or_obstacle
-        if first_obstacle is None:
-            first_obstacle = outputs_or_obstacle
-    if first_obstacle is not None:
-        return first_obstacle
+        outputs_or_reason = _outputs_in_message(telemetry, message)
+        if isinstance(outputs_or_reason, MotorOutputs):
+            return outputs_or_reason
+        if first_reason is None:
+            first_reason = outputs_or_reason
+    if first_reason is not None:
+        return first_reason
     preferred_message_name = next(iter(MOTOR_MESSAGES))
     return Fact(
-        MotorObstacle.NO_MOTOR_MESSAGE, name=telemetry.name_in_source(preferred_message_name)
+        UnusableOutputs.NO_MOTOR_MESSAGE, name=telemetry.name_in_source(preferred_message_name)
     )
 
 
@@ -264,11 +264,13 @@ def _outputs_in_message(telemetry: Telemetry, message: str) -> MotorOutputs | Fa
         telemetry.vehicle, telemetry.autopilot, parameters, moving_channels, len(banks[0].channels)
     )
     if geometry is None or not moving_channels:
-        return Fact(MotorObstacle.MOTORS_CONSTANT, name=name, remedy=RECORD_A_FLIGHT)
+        return Fact(UnusableOutputs.MOTORS_CONSTANT, name=name, remedy=RECORD_A_FLIGHT)
     missing_channels = sorted(set(geometry.channels) - bank_of_channel.keys())
     if missing_channels or not set(geometry.channels) & set(moving_channels):
         return Fact(
-            MotorObstacle.CHANNELS_MISSING if missing_channels else MotorObstacle.CHANNELS_CONSTANT,
+            UnusableOutputs.CHANNELS_MISSING
+            if missing_channels
+            else UnusableOutputs.CHANNELS_CONSTANT,
             name=name,
             basis=geometry.basis,
             channels=sorted(geometry.channels),
@@ -309,7 +311,7 @@ def _combined_outputs(
     stamps = {"time": main_bank.series.time, "boot": main_bank.series.boot}
     combined_series = clean_series(stamps, np.column_stack(columns))
     if not len(combined_series.time):
-        return Fact(MotorObstacle.OUTPUTS_NOT_FINITE, name=telemetry.name_in_source(message))
+        return Fact(UnusableOutputs.OUTPUTS_NOT_FINITE, name=telemetry.name_in_source(message))
     # The resolution is found from the outputs as sent: interpolated ones lie between the steps of the stream.
     scale = output_scale(np.concatenate(sent_outputs), telemetry.parameters, geometry.drivers)
     if scale.stop == 1.0:

@@ -140,11 +140,11 @@ def without_transients(
     return (level_start, level_end) if level_start < level_end else None
 
 
-def _without_long_climbs(level: Intervals, climb_rate: TimeSeries) -> Intervals:
+def _without_long_climbs(level_intervals: Intervals, climb_rate: TimeSeries) -> Intervals:
     """Removes climbs and descents of ``TRANSIENT_SECONDS`` or longer from level flight.
 
     Args:
-        level: Intervals without climb-out and landing, s.
+        level_intervals: Intervals without climb-out and landing, s.
         climb_rate: Averaged vertical speed, m/s upwards.
 
     Returns:
@@ -152,12 +152,12 @@ def _without_long_climbs(level: Intervals, climb_rate: TimeSeries) -> Intervals:
     """
     speed = climb_rate.values
     # If the vehicle sinks in all level flight, the estimate of the height has diverged, and nothing is removed.
-    if not np.any(speed[in_intervals(climb_rate.time, level)] > -MAX_LEVEL_FLIGHT_SPEED):
-        return level
+    if not np.any(speed[in_intervals(climb_rate.time, level_intervals)] > -MAX_LEVEL_FLIGHT_SPEED):
+        return level_intervals
     is_climbing = abs(speed) > MIN_CLIMB_SPEED
-    climbs = intersection(level, true_intervals(climb_rate.time, is_climbing))
+    climbs = intersection(level_intervals, true_intervals(climb_rate.time, is_climbing))
     long_climbs = [(start, end) for start, end in climbs if end - start >= TRANSIENT_SECONDS]
-    return intersection(level, complement(long_climbs))
+    return intersection(level_intervals, complement(long_climbs))
 
 
 @cached_per_vehicle()

@@ -26,7 +26,7 @@ from mavdem.dataset.motor_outputs import (
     MotorOutputs,
     axis_demand,
     control_target,
-    motor_outputs_or_obstacle,
+    motor_outputs_or_reason,
 )
 from mavdem.dataset.setpoints import (
     InjectedSignal,
@@ -148,7 +148,7 @@ class VehicleSignals:
     @cached_per_vehicle()
     def motors(self) -> MotorOutputs | None:
         """Outputs of all motors; None if no message has them."""
-        motors = motor_outputs_or_obstacle(self.telemetry)
+        motors = motor_outputs_or_reason(self.telemetry)
         return motors if isinstance(motors, MotorOutputs) else None
 
     @property

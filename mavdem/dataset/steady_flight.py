@@ -47,20 +47,20 @@ class AttitudeTracking(NamedTuple):
     """(N, 2) whether the rate of roll or pitch had a setpoint."""
 
     @property
-    def is_straying(self) -> Flags:
+    def is_far_off(self) -> Flags:
         """(N,) whether roll or pitch is known to be far from its setpoint."""
-        return strays_from_setpoint(self.angles[:, TILT_COLUMNS], self.setpoints)
+        return is_far_from_setpoint(self.angles[:, TILT_COLUMNS], self.setpoints)
 
     @property
     def is_steady(self) -> Flags:
-        """(N,) whether the vehicle neither strays from its setpoint nor turns."""
+        """(N,) whether the vehicle is near its setpoint and does not turn."""
         heading = self.angles[:, YAW]
         earlier_heading = np.interp(self.time - HEADING_CHANGE_SECONDS, self.time, heading)
         is_turning = abs(heading - earlier_heading) > MAX_HEADING_CHANGE
-        return ~self.is_straying & ~is_turning
+        return ~self.is_far_off & ~is_turning
 
 
-def strays_from_setpoint(angles: Array, setpoints: Array) -> Flags:
+def is_far_from_setpoint(angles: Array, setpoints: Array) -> Flags:
     """Flags the samples in which roll or pitch is far from its setpoint.
 
     Args:
@@ -82,7 +82,7 @@ def attitude_tracking(signals: Signals, boot: int) -> AttitudeTracking | None:
         boot: Number of the boot.
 
     Returns:
-        Attitude and setpoint (N, 3); None if the attitude was not recorded.
+        Angles (N, 3) and setpoints of roll and pitch (N, 2), rad; None if the attitude was not recorded.
     """
     angles = []
     for attitude in signals.attitudes:
@@ -130,8 +130,8 @@ def steady_intervals(signals: Signals, boot: int) -> Intervals:
 def tracked_headings(signals: Signals, boot: int, time: Array) -> Array:
     """Returns the heading of a vehicle at given times, as far as its attitude follows the setpoint.
 
-    Callers compare motors only at times with a heading. Without an attitude it is unknown when the vehicle strays, so a
-    heading of 0 keeps all times.
+    Callers compare motors only at times with a heading that is not NaN. Without a recorded attitude it is not known
+    when the vehicle is far from its setpoint: then no time is excluded, and the heading is 0.
 
     Args:
         signals: Signals of the vehicle.
@@ -139,11 +139,11 @@ def tracked_headings(signals: Signals, boot: int, time: Array) -> Array:
         time: (N,) seconds on the clock of that boot.
 
     Returns:
-        (N,) headings, rad, unwrapped: NaN where roll or pitch strays from its setpoint; all 0 if no attitude was
+        (N,) headings, rad, unwrapped: NaN where roll or pitch is far from its setpoint; all 0 if no attitude was
         recorded in this boot.
     """
     tracking = attitude_tracking(signals, boot)
     if tracking is None:
         return np.zeros(len(time))
-    heading = np.where(tracking.is_straying, nan, tracking.angles[:, YAW])
+    heading = np.where(tracking.is_far_off, nan, tracking.angles[:, YAW])
     return np.interp(time, tracking.time, heading)

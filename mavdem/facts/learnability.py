@@ -30,7 +30,7 @@ class NotLearnableReason(Code):
     LOG_NOT_LEARNABLE = "log_not_learnable"
 
 
-class MotorObstacle(Code):
+class UnusableOutputs(Code):
     """Why a log has no motor outputs that can be inputs of a model."""
 
     NO_MOTOR_MESSAGE = "no_motor_message"

@@ -106,5 +106,5 @@ class MotorAlarms:
                 weak_motors = list(self._watch.weak_motors.values()) or [change]
                 self.active = tuple(alarm.event for alarm in weak_motors)
             facts.append(change.event)
-        self._obstacle = self._watch.obstacle
+        self._obstacle = self._watch.undetectable_reason
         return tuple(facts)

@@ -8,7 +8,7 @@ import numpy as np
 from mavdem.containers import Numbers
 from mavdem.dataset.phases import MAX_TILT
 from mavdem.dataset.setpoints import MAX_SETPOINT_AGE
-from mavdem.dataset.steady_flight import strays_from_setpoint
+from mavdem.dataset.steady_flight import is_far_from_setpoint
 from mavdem.live.messages import AttitudeSample, TiltSetpoint
 
 MAX_POSITION_AGE = 1.0
@@ -105,6 +105,6 @@ class PoseTracker:
             self.heading = nan
         elif has_setpoint:
             tilt = np.array([sample.roll, sample.pitch])
-            if strays_from_setpoint(tilt, np.array(setpoint)):
+            if is_far_from_setpoint(tilt, np.array(setpoint)):
                 self.heading = nan
         return pose

@@ -118,12 +118,12 @@ class SampleRate:
             Whether samples come at ``MIN_SAMPLE_RATE``, but for a tolerance; None between decisions.
         """
         elapsed_time = time - self._start
-        decision = None
+        is_rate_enough = None
         if elapsed_time >= seconds:
-            decision = self._count > SAMPLE_RATE_TOLERANCE * MIN_SAMPLE_RATE * elapsed_time
+            is_rate_enough = self._count > SAMPLE_RATE_TOLERANCE * MIN_SAMPLE_RATE * elapsed_time
             self.restart(time)
         self._count += 1
-        return decision
+        return is_rate_enough
 
 
 class BalanceBlocks:

@@ -254,9 +254,9 @@ def _mean_and_interval_of_rises(by_motor_and_rise: Array) -> Array:
     cumulative = np.cumsum(by_motor_and_rise, axis=1) / normalisation[:, None]
     mean = by_motor_and_rise @ RISES / normalisation
     quantiles = []
-    for level in INTERVAL_QUANTILES:
-        # The first rise at which the cumulative probability reaches the level.
-        row = (cumulative < level).sum(axis=1).clip(max=len(RISES) - 1)
+    for quantile in INTERVAL_QUANTILES:
+        # The first rise at which the cumulative probability reaches the quantile.
+        row = (cumulative < quantile).sum(axis=1).clip(max=len(RISES) - 1)
         quantiles.append(RISES[row])
     return np.array([mean, *quantiles])
 

@@ -102,16 +102,15 @@ def gradual_loss(
     block_times, block_commands = _block_means(time, commands, block_seconds)
     thrust = block_commands.mean(axis=1)
     is_sparse = len(block_times) < MIN_PRESENT_SHARE * duration / block_seconds
-    if (
-        is_sparse
-        or len(block_times) < min_blocks_before + min_blocks_after
-        or not (thrust > 0).all()
-    ):
+    is_too_short = len(block_times) < min_blocks_before + min_blocks_after
+    # The balance is relative to the thrust, which is 0 while the motors stand still.
+    do_motors_run = bool((thrust > 0).all())
+    if is_sparse or is_too_short or not do_motors_run:
         return None
     balances = (block_commands / thrust[:, None]) @ model.torque_rows.T
     ramp = _best_ramp(balances, min_blocks_before)
     if ramp.start > len(balances) - min_blocks_after:
-        # A gust, or the beginning of the descent: it is not known whether it lasts.
+        # A gust, or the beginning of the descent: it is not known whether it persists.
         return None
     variance = _variance_of_change(balances, ramp)
     if (ramp.change**2 / variance).sum() < MIN_SIGNIFICANCE:

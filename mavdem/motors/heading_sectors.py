@@ -26,7 +26,7 @@ def heading_change(heading: Angle, reference: float) -> Angle:
 
 
 def is_independent_of_heading(
-    blocks: Array, headings: Array, blocks_since: int, change: Array, variance: Array
+    blocks: Array, headings: Array, changed_block_count: int, change: Array, variance: Array
 ) -> bool:
     """Returns whether a change of the motors' balance holds at each heading, so that no turn explains it.
 
@@ -43,7 +43,7 @@ def is_independent_of_heading(
     Args:
         blocks: (N, a) balance about a axes in N successive blocks of flight, the latest last.
         headings: (N,) heading of each block, rad; NaN in turns, which are ignored.
-        blocks_since: Number of blocks since the change began.
+        changed_block_count: Number of the last blocks, those since the change began.
         change: (a,) mean balance after the change less that before it.
         variance: (a,) variance of the change.
 
@@ -52,9 +52,9 @@ def is_independent_of_heading(
     """
     # Weighted least squares: axes on which the change is known precisely count more.
     weights = change / variance
-    mean_after = blocks[-blocks_since:].mean(axis=0)
+    mean_after = blocks[-changed_block_count:].mean(axis=0)
     progress = (blocks - mean_after) @ weights / (change @ weights)
-    is_after = np.arange(len(blocks)) >= len(blocks) - blocks_since
+    is_after = np.arange(len(blocks)) >= len(blocks) - changed_block_count
     progress_before = mean_by_sector(progress, headings, ~is_after)
     progress_after = mean_by_sector(progress, headings, is_after)
     common_sectors = progress_before.keys() & progress_after.keys()

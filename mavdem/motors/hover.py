@@ -14,7 +14,7 @@ from mavdem.dataset.quality import samples_at_limits
 from mavdem.dataset.segments import in_segments, settled_segments
 from mavdem.dataset.signals import Signals
 from mavdem.errors import NotLearnable
-from mavdem.facts.learnability import MotorObstacle
+from mavdem.facts.learnability import UnusableOutputs
 from mavdem.files import AnyPath
 from mavdem.ingest import Component, read_log
 from mavdem.ingest.motors import POSSIBLE_MULTIROTORS
@@ -145,7 +145,7 @@ def hover_figures(
     # A comparison with NaN is false, so that outputs that are not known do not count as running.
     are_running = mean_fractions.mean() > 0
     if not are_running:
-        raise NotLearnable(MotorObstacle.MOTORS_OFF)
+        raise NotLearnable(UnusableOutputs.MOTORS_OFF)
     highest = np.percentile(fractions, MAX_OUTPUT_PERCENTILE, axis=0)
     is_at_upper, is_at_lower = samples_at_limits(fractions, scale)
     return HoverFigures(

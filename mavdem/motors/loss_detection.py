@@ -106,7 +106,7 @@ OTHERS_PER_MOTOR = 0.1
 """Prior odds of such a change against one of a motor. They are high: the worst mistake is to name a sound motor."""
 
 TOO_SLOW = Fact(MotorWatchFact.MOTOR_OUTPUTS_TOO_SLOW, needed_rate=MIN_SAMPLE_RATE)
-"""Obstacle where motor outputs come too slowly."""
+"""Why no change can be detected where motor outputs come too slowly."""
 
 
 class _DatedChange(NamedTuple):
@@ -138,7 +138,8 @@ class MotorLossDetector:
         weak_motors: Latest alarm on each motor that has not recovered, by its index; empty after a gap of ``MAX_GAP``.
         latest_time: Time of the last sample, s.
         reference_time: Since when there is enough flight to compare with, s; None without.
-        obstacle: Why no change can be detected; None if it can. It is known after a few seconds of settled flight.
+        undetectable_reason: Why no change can be detected; None if it can. It is known after a few seconds
+            of settled flight.
     """
 
     def __init__(self, geometry: MotorGeometry, boot: int = 0) -> None:
@@ -154,7 +155,9 @@ class MotorLossDetector:
         self.reference_time: float | None = None
         mixer = motor_signatures(geometry)
         self._is_identifiable = mixer.is_motor_identifiable
-        self.obstacle = None if self._is_identifiable else Fact(MotorWatchFact.MOTOR_PLACES_UNKNOWN)
+        self.undetectable_reason: Fact | None = None
+        if not self._is_identifiable:
+            self.undetectable_reason = Fact(MotorWatchFact.MOTOR_PLACES_UNKNOWN)
         self._geometry = geometry
         self._boot = boot
         self._threshold = log(HOURS_TO_FALSE_ALARM * 3600 / BLOCK_SECONDS)
@@ -198,7 +201,7 @@ class MotorLossDetector:
         # The rate is decided on once in ``REFERENCE_SECONDS``, and is None in between.
         is_rate_enough = self._sample_rate.add_sample(time, REFERENCE_SECONDS)
         if is_rate_enough is not None:
-            self.obstacle = None if is_rate_enough else TOO_SLOW
+            self.undetectable_reason = None if is_rate_enough else TOO_SLOW
         alarm_count = len(self.alarms)
         completed_block = self._averager.add(time, commands, heading)
         if completed_block is not None:

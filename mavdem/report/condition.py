@@ -161,7 +161,7 @@ def wind_blocks(evidence: WindEvidence, tables: Sequence[Table] = ()) -> Blocks:
 
     Args:
         evidence: all that is known of the wind of a log. ``estimate`` is the estimated wind. It is None if there is
-            none, and then ``obstacle`` is the reason, if one is known.
+            none, and then ``reason`` says why, if that is known.
         tables: tables of the wind, shown between the estimate and the reasons.
 
     Returns:
@@ -169,8 +169,8 @@ def wind_blocks(evidence: WindEvidence, tables: Sequence[Table] = ()) -> Blocks:
     """
     wind = evidence.estimate
     if wind is None:
-        obstacle = evidence.obstacle
-        return [Sentence(obstacle.advised, "Wind:")] if obstacle else []
+        reason = evidence.reason
+        return [Sentence(reason.advised, "Wind:")] if reason else []
     reasons = dict(wind.reasons)
     is_blurred_by_drag = "speed" in reasons and bool(reasons["speed"].figures["by_drag"])
     if is_blurred_by_drag and wind.speed_identifiable:

@@ -362,7 +362,7 @@ def _window_means(series: TimeSeries | None, middles: Array, segments: Segments)
     A mean is the difference of two cumulative sums, divided by the number of samples, which is fast for many windows.
 
     Args:
-        series: samples of a positive quantity; None if the log has none.
+        series: samples (N,) of a quantity; None if the log has none.
         middles: (W,) middle of each window, s.
         segments: segments of the flight that the windows lie in.
 
@@ -374,13 +374,12 @@ def _window_means(series: TimeSeries | None, middles: Array, segments: Segments)
     if series is None or len(boots) > 1:
         return np.full(len(middles), np.nan)
     is_of_boot = np.isin(series.boot, list(boots))
+    time = series.time[is_of_boot]
     cumulative = np.append(0.0, np.cumsum(series.values[is_of_boot]))
-    # First row of each window, and the row after its last (2, W).
-    half_window = np.array([[-WINDOW_SECONDS / 2], [WINDOW_SECONDS / 2]])
-    bounds = np.searchsorted(series.time[is_of_boot], middles + half_window)
-    counts = np.ptp(bounds, axis=0)
-    # Values are positive, so that the cumulative sums rise and ``ptp`` (maximum − minimum) is their difference.
-    sums = np.ptp(cumulative[bounds], axis=0)
+    first_rows = np.searchsorted(time, middles - WINDOW_SECONDS / 2)
+    rows_after = np.searchsorted(time, middles + WINDOW_SECONDS / 2)
+    counts = rows_after - first_rows
+    sums = cumulative[rows_after] - cumulative[first_rows]
     return np.where(counts > 0, sums / np.maximum(counts, 1), np.nan)
 
 
@@ -396,14 +395,14 @@ def _motor_speed(signals: Signals) -> TimeSeries | None:
     Returns:
         Speeds in the order of time, revolutions per second; None if the log has no messages of ESCs.
     """
-    parts = []
+    speeds = []
     for controller in speed_controllers(signals):
-        parts.append(controller.speed.select(controller.speed.values > 0))
-    if not parts:
+        speeds.append(controller.speed.select(controller.speed.values > 0))
+    if not speeds:
         return None
-    time = np.concatenate([part.time for part in parts])
-    boot = np.concatenate([part.boot for part in parts])
-    turns_per_second = np.concatenate([part.values for part in parts]) / 60.0
+    time = np.concatenate([speed.time for speed in speeds])
+    boot = np.concatenate([speed.boot for speed in speeds])
+    turns_per_second = np.concatenate([speed.values for speed in speeds]) / 60.0
     # The last key is the first to sort by: boot, then time.
     order = np.lexsort((time, boot))
     return TimeSeries(time[order], boot[order], turns_per_second[order])

@@ -354,25 +354,25 @@ def _line_near(spectrum: Spectrum, windows: _LogSpectra, frequency: float) -> Sp
     )
 
 
-def _bins_above(track: _Track, level: float) -> int:
-    """Measures the width of a spectral line at a level.
+def _bins_above(track: _Track, threshold: float) -> int:
+    """Measures the width of a spectral line where its spectrum exceeds a threshold.
 
-    The bins above the level that include the line's top are counted: they lie between the last bin below the level
-    before the top, and the first one after it.
+    The bins above the threshold that include the line's top are counted: they lie between the last bin below it before
+    the top, and the first one after the top.
 
     Args:
         track: track of the line, with the mean logarithmic spectrum, and the bin of the line's top in it.
-        level: natural logarithm of a density, such as halfway between the top and the surroundings.
+        threshold: natural logarithm of a density, such as halfway between the top and the surroundings.
 
     Returns:
-        Number of neighbouring frequency bins above the level.
+        Number of neighbouring frequency bins above the threshold.
     """
-    is_below = track.mean[: track.top] <= level
-    # Without a bin below the level it is bin 0, the constant part of the signal, which is never part of a line.
+    is_below = track.mean[: track.top] <= threshold
+    # Without a bin below the threshold it is bin 0, the constant part of the signal, which is never part of a line.
     last_bin_below = np.flatnonzero(is_below).max(initial=0)
     # A line may extend to the highest frequency. A bin of −∞ is appended there, which ends it.
     spectrum_from_line_on = np.append(track.mean[last_bin_below + 1 :], -np.inf)
-    return int(np.argmax(spectrum_from_line_on <= level))
+    return int(np.argmax(spectrum_from_line_on <= threshold))
 
 
 def _kind(track: _Track) -> LineKind:

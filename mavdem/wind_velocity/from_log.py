@@ -141,7 +141,7 @@ class WindEvidence(NamedTuple):
     autopilot_estimate: TimeSeries | None
     """The autopilot's own estimate, north and east in m/s; ``None`` if it was not logged."""
 
-    obstacle: Fact | None
+    reason: Fact | None
     """Why there is no estimate; ``None`` if there is one."""
 
 

@@ -16,7 +16,7 @@ from mavdem.assessment.mean_interval import mean_interval
 from mavdem.assessment.tier import tier_of
 from mavdem.dataset.learnability import learnability_of
 from mavdem.dataset.signals import Signals
-from mavdem.facts.learnability import MotorObstacle, NotLearnableReason
+from mavdem.facts.learnability import NotLearnableReason, UnusableOutputs
 from mavdem.ingest import Log
 from mavdem.ingest.output_scale import OutputScale
 from mavdem.ingest.telemetry import Component
@@ -101,7 +101,7 @@ def test_a_stop_that_a_parameter_states_is_not_guessed_from_the_outputs():
 def test_motors_that_never_ran_have_no_figures():
     scale = OutputScale("PWM", "µs", 1000.0, 2000.0, 1.0)
     fact = refused(hover_figures, ("motor",), scale, 1.0, np.full((2, 1), 1000.0), {})
-    assert fact.code is MotorObstacle.MOTORS_OFF
+    assert fact.code is UnusableOutputs.MOTORS_OFF
 
 
 TEXT = "CUAVv5Nano 001A002F 30395113 33333539"

@@ -16,7 +16,7 @@ from mavdem.dataset.segment_learnability import segment_cautions, slow_streams
 from mavdem.dataset.segments import settled_segments
 from mavdem.dataset.signals import Signals
 from mavdem.documents.vehicle import Verdict
-from mavdem.facts.learnability import Caution, MotorObstacle, NotLearnableReason, Remedy
+from mavdem.facts.learnability import Caution, NotLearnableReason, Remedy, UnusableOutputs
 from mavdem.ingest import Component
 
 HOVER = Hover()
@@ -247,7 +247,7 @@ REFUSED = {
     ),
     "no motors": (
         HOVER.telemetry(without=("SERVO_OUTPUT_RAW",)),
-        MotorObstacle.NO_MOTOR_MESSAGE,
+        UnusableOutputs.NO_MOTOR_MESSAGE,
         Remedy.ARDUPILOT_STREAMS,
         {},
     ),
@@ -257,16 +257,16 @@ REFUSED = {
         Remedy.RECORD_A_FLIGHT,
         {},
     ),
-    "still": (with_outputs(1000.0), MotorObstacle.MOTORS_CONSTANT, Remedy.RECORD_A_FLIGHT, {}),
+    "still": (with_outputs(1000.0), UnusableOutputs.MOTORS_CONSTANT, Remedy.RECORD_A_FLIGHT, {}),
     "other channels": (
         with_outputs(**FOUR),
-        MotorObstacle.CHANNELS_CONSTANT,
+        UnusableOutputs.CHANNELS_CONSTANT,
         Remedy.RECORD_A_FLIGHT,
         {"channels": (5, 6, 7, 8)},
     ),
     "too few": (
         with_outputs(**SIX),
-        MotorObstacle.CHANNELS_MISSING,
+        UnusableOutputs.CHANNELS_MISSING,
         Remedy.RECORD_A_FLIGHT,
         {"missing": (10, 12)},
     ),

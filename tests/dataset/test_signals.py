@@ -27,7 +27,7 @@ from mavdem.dataset.flight_states import min_airborne_collective
 from mavdem.dataset.signals import Signals
 from mavdem.dataset.vehicle_cache import cached_per_vehicle
 from mavdem.errors import NotLearnable
-from mavdem.facts.learnability import MotorObstacle, NotLearnableReason
+from mavdem.facts.learnability import NotLearnableReason, UnusableOutputs
 from mavdem.ingest.motor_geometry import motor_geometry
 from mavdem.ingest.motors import ChannelSource, PositionSource
 from mavdem.ingest.output_scale import output_scale
@@ -131,7 +131,7 @@ def test_disordered_repeated_and_broken_samples_leave_clean_columns():
 def test_ardupilot_motors_by_servo_function_and_frame():
     parameters = {"FRAME_CLASS": 1, "FRAME_TYPE": 0, "SERVO1_FUNCTION": 36, "SERVO2_FUNCTION": 33}
     parameters |= {"SERVO3_FUNCTION": 34, "SERVO4_FUNCTION": 35, "SERVO5_FUNCTION": 70}
-    motors = motor_outputs.motor_outputs_or_obstacle(HOVER.telemetry(parameters=parameters))
+    motors = motor_outputs.motor_outputs_or_reason(HOVER.telemetry(parameters=parameters))
     assert motors.geometry.channels == (2, 3, 4, 1)
     assert motors.geometry.names == (
         "motor 1 (right)",
@@ -163,7 +163,7 @@ def test_yaw_is_by_the_direction_of_the_propellers():
 
 def test_without_parameters_the_moving_channels_are_assumed_and_said():
     for incomplete in ({}, {"SERVO7_FUNCTION": 35.0, "SERVO2_FUNCTION": 34.0}):
-        motors = motor_outputs.motor_outputs_or_obstacle(
+        motors = motor_outputs.motor_outputs_or_reason(
             HOVER.telemetry(parameters=incomplete)
         ).geometry
         assert motors.channels == (1, 2, 3, 4)
@@ -232,16 +232,16 @@ def test_rounding_is_measured_before_a_bank_is_moved_to_the_stamps_of_another():
     banks = enumerate(outputs.reshape(-1, 8).T, 1)  # a row a message
     both = {f"servo{n}_raw": column for n, column in banks}
     both |= {"time": np.repeat(time, 2) + 0.003 * port, "port": port}
-    motors = motor_outputs.motor_outputs_or_obstacle(
+    motors = motor_outputs.motor_outputs_or_reason(
         changed(telemetry, "SERVO_OUTPUT_RAW", **both, boot=0)
     )
     assert motors.geometry.channels == (5, 6, 7, 8, 9, 10)
     assert np.any(motors.outputs % 1), "the second bank falls between the stamps"
     assert motors.scale.step == 1.0
-    apart = motor_outputs.motor_outputs_or_obstacle(
+    apart = motor_outputs.motor_outputs_or_reason(
         changed(telemetry, "SERVO_OUTPUT_RAW", **both, boot=port.astype(int))
     )
-    assert apart.code is MotorObstacle.OUTPUTS_NOT_FINITE
+    assert apart.code is UnusableOutputs.OUTPUTS_NOT_FINITE
 
 
 def test_a_message_without_motors_that_move_leaves_the_next():
@@ -252,7 +252,7 @@ def test_a_message_without_motors_that_move_leaves_the_next():
     telemetry = changed(
         HOVER.telemetry(), "ACTUATOR_OUTPUT_STATUS", **columns(time, actuator=actuator)
     )
-    motors = motor_outputs.motor_outputs_or_obstacle(
+    motors = motor_outputs.motor_outputs_or_reason(
         with_pulses(telemetry, np.full((8, len(HOVER.stamps(100.0))), 1000.0))
     )
     assert motors.message == "ACTUATOR_OUTPUT_STATUS"
@@ -295,7 +295,7 @@ def test_the_demand_on_an_axis_is_one_input_that_turns_it():
 
 def test_the_collective_is_the_motors_mean_or_else_the_thrust_asked_for():
     telemetry = with_demand(HOVER.telemetry())
-    motors = motor_outputs.motor_outputs_or_obstacle(telemetry)
+    motors = motor_outputs.motor_outputs_or_reason(telemetry)
     expected = motors.scale.fraction(motors.outputs).mean(axis=1)
     assert_array_equal(Signals(telemetry).collective.values, expected)
     without = replace(

@@ -8,7 +8,7 @@ import pytest
 from numpy.testing import assert_array_equal
 
 from mavdem.dataset import flight_states
-from mavdem.dataset.motor_outputs import MotorOutputs, motor_outputs_or_obstacle
+from mavdem.dataset.motor_outputs import MotorOutputs, motor_outputs_or_reason
 from mavdem.dataset.signals import Signals
 from mavdem.ingest import read_log
 from mavdem.ingest.dataflash.binary import read_binary
@@ -50,7 +50,7 @@ def test_motors_are_read_from_every_output_of_a_dataflash_log(tmp_path, message,
     other = [] if message == "RCOU" else ["RCOU"]
     idle = [made.message("RCOU", round(1e6 * stamp)) for stamp in STAMPS] if other else []
     vehicle = vehicle_of(tmp_path, *functions(first), *idle, *steps(message))
-    motors = motor_outputs_or_obstacle(vehicle)
+    motors = motor_outputs_or_reason(vehicle)
     assert isinstance(motors, MotorOutputs)
     assert motors.geometry.channels == tuple(range(first, first + 4))
     assert_array_equal(motors.outputs[:, 0], PULSES)
@@ -74,7 +74,7 @@ def test_an_ardupilot_port_has_16_outputs_though_only_the_second_port_is_used():
         {"SERVO_OUTPUT_RAW": {**stamps, "port": port, **outputs}},
         parameters,
     )
-    motors = motor_outputs_or_obstacle(telemetry)
+    motors = motor_outputs_or_reason(telemetry)
     assert isinstance(motors, MotorOutputs)
     assert motors.geometry.channels == (17, 18, 19, 20)
     assert_array_equal(motors.outputs[:, 1], PULSES + 1)

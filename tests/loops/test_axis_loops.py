@@ -16,7 +16,7 @@ from refusals import refused
 from scipy.signal import lfilter
 
 from mavdem.assessment import Assessment
-from mavdem.assessment.axis.gains import autotune_fact, gains_since, loop_at_end_of_log
+from mavdem.assessment.axis.gains import autotune_fact, changed_gains_at_end, loop_at_end_of_log
 from mavdem.assessment.axis.loop_decision import LoopDecision, LoopDiagnosis
 from mavdem.assessment.axis.tuning import tuned
 from mavdem.assessment.evidence import Evidence
@@ -368,13 +368,13 @@ def test_advice_starts_from_the_gains_with_which_the_log_ends():
     sent = columns([1.0, 35.0], param_id=b"MC_ROLLRATE_K", param_value=[1.0, 2.5], param_type=9)
     telemetry = changed(HOVER.telemetry(autopilot="PX4"), "PARAM_VALUE", **sent)
     loop = made_up()
-    since = gains_since(Signals(telemetry), loop.controller)
+    since = changed_gains_at_end(Signals(telemetry), loop.controller)
     assert since.figures["changes"] == (("MC_ROLLRATE_K", 1.0, 2.5),)
     assert "MC_ROLLRATE_K 1 → 2.5" in since.sentence
     loop_at_end = loop_at_end_of_log(replace(loop, cautions=(since,)))
     assert loop_at_end.controller.parameters["MC_ROLLRATE_K"] == 2.5
     assert loop_at_end_of_log(loop) is loop
-    assert gains_since(Signals(telemetry), loop_at_end.controller) is None
+    assert changed_gains_at_end(Signals(telemetry), loop_at_end.controller) is None
 
 
 @mark.parametrize(

@@ -250,10 +250,14 @@ def test_where_nothing_can_be_found_it_says_why():
     time, commands = flight(2)
     weak = commands + after(time, 0.15 * np.eye(4)[0])
     slow = watched(2 * time, weak)
-    assert not slow.alarms and slow.obstacle.code is MotorWatchFact.MOTOR_OUTPUTS_TOO_SLOW
-    assert watched(time + 200.0, commands, watch=slow).obstacle is None
+    assert (
+        not slow.alarms and slow.undetectable_reason.code is MotorWatchFact.MOTOR_OUTPUTS_TOO_SLOW
+    )
+    assert watched(time + 200.0, commands, watch=slow).undetectable_reason is None
     silent = watched(time, weak, watch=MotorLossDetector(geometry(spins=())))
-    assert not silent.alarms and silent.obstacle.code is MotorWatchFact.MOTOR_PLACES_UNKNOWN
+    assert (
+        not silent.alarms and silent.undetectable_reason.code is MotorWatchFact.MOTOR_PLACES_UNKNOWN
+    )
 
 
 def test_json_keeps_alarms_apart_from_changes_that_name_no_motor():

@@ -107,7 +107,7 @@ def test_without_a_position_fix_there_is_no_wind(changes, parameters, code):
     drift = columns(stamps, x=stamps, y=stamps, z=-stamps, vx=stamps, vy=stamps, vz=stamps)
     evidence = wind_evidence(Signals(changed(telemetry, "LOCAL_POSITION_NED", **drift)))
     if code is not None:
-        assert evidence.obstacle.code is code
+        assert evidence.reason.code is code
 
 
 def test_a_flight_without_a_fix_has_no_wind_for_that_reason():
@@ -115,10 +115,10 @@ def test_a_flight_without_a_fix_has_no_wind_for_that_reason():
     stamps = Hover().stamps(5.0)
     invalid = columns(stamps, z=-stamps, vx=stamps, vy=stamps, vz=stamps, valid=False)
     telemetry = changed(telemetry, "LOCAL_POSITION_NED", **invalid)
-    assert wind_evidence(Signals(telemetry)).obstacle.code is NoWind.NO_FLIGHT_WITH_VELOCITY
+    assert wind_evidence(Signals(telemetry)).reason.code is NoWind.NO_FLIGHT_WITH_VELOCITY
     searching = columns(stamps, fix_type=0, satellites_visible=2)
-    obstacle = wind_evidence(Signals(changed(telemetry, "GPS_RAW_INT", **searching))).obstacle
-    assert (obstacle.code, obstacle.figures["satellites"]) == (NoWind.NO_POSITION_FIX, 2)
+    reason = wind_evidence(Signals(changed(telemetry, "GPS_RAW_INT", **searching))).reason
+    assert (reason.code, reason.figures["satellites"]) == (NoWind.NO_POSITION_FIX, 2)
 
 
 @mark.slow

@@ -51,7 +51,7 @@ def read_with_mavdem(path: str) -> int:
     for vehicle in log.vehicles:
         assert all(len(columns["time"]) for columns in vehicle.messages.values())  # decodes them
         attitude.attitude_of_axis(vehicle, "roll")
-        motor_outputs.motor_outputs_or_obstacle(vehicle)
+        motor_outputs.motor_outputs_or_reason(vehicle)
         motor_outputs.axis_demand(vehicle, "roll")
     return log.frames
 

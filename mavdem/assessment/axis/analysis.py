@@ -109,7 +109,7 @@ def analyse(
     if is_slow:
         segments, slow_learnability = usable_segments(signals, log.components, MIN_SLOW_MOTION_RATE)
         if not segments:
-            return _with_slow_model_obstacle(analysis, slow_learnability.reason)
+            return _with_reason_of_no_slow_model(analysis, slow_learnability.reason)
     if not segments or not (options.with_model or is_slow):
         return analysis
     try:
@@ -119,7 +119,7 @@ def analyse(
         if isinstance(error, TooFewSamples) and has_chosen_lengths:
             raise
         if is_slow:
-            return _with_slow_model_obstacle(analysis, error.fact)
+            return _with_reason_of_no_slow_model(analysis, error.fact)
         return replace(analysis, reason=error.fact)
     flights = trained.flights
     learned = _with_cautions(trained.learned, flights, is_slow=is_slow)
@@ -228,7 +228,7 @@ def _motors_are_watched(signals: Signals) -> bool:
     return rate_between_outages(motors) >= MIN_SAMPLE_RATE
 
 
-def _with_slow_model_obstacle(analysis: LogAnalysis, slow_model_obstacle: Fact) -> LogAnalysis:
+def _with_reason_of_no_slow_model(analysis: LogAnalysis, slow_model_reason: Fact) -> LogAnalysis:
     """Adds to an analysis without a model the reason why there is no model of the slow motion either.
 
     A log whose messages are too slow for a full model may still allow a model of the slow motion. If that cannot be
@@ -237,19 +237,19 @@ def _with_slow_model_obstacle(analysis: LogAnalysis, slow_model_obstacle: Fact) 
     Args:
         analysis: the analysis, whose ``reason`` says why there is no full model. If it has none, the analysis is
             returned unchanged.
-        slow_model_obstacle: reason why there is no model of the slow motion. If it equals that of the full model,
+        slow_model_reason: reason why there is no model of the slow motion. If it equals that of the full model,
             nothing is added.
 
     Returns:
         A copy of the analysis whose ``reason`` contains both.
     """
-    full_model_obstacle = analysis.reason
-    if full_model_obstacle is None or slow_model_obstacle == full_model_obstacle:
+    full_model_reason = analysis.reason
+    if full_model_reason is None or slow_model_reason == full_model_reason:
         return analysis
-    both_obstacles = Fact(
-        NoModel.SLOW_MODEL_REFUSED, reason=full_model_obstacle, refusal=slow_model_obstacle
+    both_reasons = Fact(
+        NoModel.SLOW_MODEL_REFUSED, reason=full_model_reason, refusal=slow_model_reason
     )
-    return replace(analysis, reason=both_obstacles)
+    return replace(analysis, reason=both_reasons)
 
 
 def _with_cautions(learned: Learned, flights: Flights, *, is_slow: bool) -> Learned:

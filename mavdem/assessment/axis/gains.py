@@ -248,7 +248,7 @@ def _is_gain_of_axis(name: str, axis: str) -> bool:
     return True
 
 
-def gains_since(signals: Signals, controller: Controller) -> Fact | None:
+def changed_gains_at_end(signals: Signals, controller: Controller) -> Fact | None:
     """Returns the fact that a log ends with other gains of an axis than a control loop was identified with.
 
     A pilot, or AutoTune, may have changed them after the part of the flight that the loop is identified from. The gains
@@ -277,7 +277,8 @@ def loop_at_end_of_log(loop: Loop) -> Loop:
     Advice on gains starts from these.
 
     Args:
-        loop: an identified loop, among whose cautions is the fact of :func:`gains_since`, if there are such gains.
+        loop: an identified loop, among whose cautions is the fact of
+            :func:`changed_gains_at_end`, if there are such gains.
 
     Returns:
         The loop of the same plant with these gains.

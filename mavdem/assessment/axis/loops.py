@@ -8,7 +8,7 @@ from typing import NamedTuple
 from mavdem.assessment.axis.figures import AxisEstimates, estimates_of_axis
 from mavdem.assessment.axis.gains import (
     autotune_fact,
-    gains_since,
+    changed_gains_at_end,
     margin_ratings,
     parts_with_one_gain_set,
 )
@@ -163,7 +163,7 @@ def loop_of_axis(
     cautions_on_gains = (
         gains_changed,
         autotune_fact(signals, loop),
-        gains_since(signals, loop.controller),
+        changed_gains_at_end(signals, loop.controller),
     )
     known_cautions = [fact for fact in cautions_on_gains if fact is not None]
     return replace(loop, cautions=(*known_cautions, *loop.cautions))

@@ -165,6 +165,7 @@ def _contradiction(loop: Loop | Fact | None, signals: Signals, segments: Segment
     measured = rate_step_response(signals, segments, loop)
     if isinstance(measured, Fact):
         return None
+    # Row ``ESTIMATE`` of the closed loop is of the estimated plant; the other rows are of sampled plants.
     comparison = response_comparison(
         measured, loop, loop.rate.frequency, loop.rate.closed[ESTIMATE]
     )

@@ -82,6 +82,7 @@ def responses_of(evidence: Evidence) -> Responses:
         rate = rate_step_response(signals, segments, loop if isinstance(loop, Loop) else None)
         attitude = attitude_step_response(signals, segments)
         if isinstance(loop, Loop):
+            # Row ``ESTIMATE`` of a closed loop is of the estimated plant; the other rows are of sampled plants.
             attitude_prediction = predicted_attitude_response(loop, has_feedforward=has_feedforward)
             rate_response = _compared_response(rate, loop, loop.rate, loop.rate.closed[ESTIMATE])
             attitude_response = _compared_response(
@@ -104,8 +105,8 @@ def advised_steps(responses: Responses, advice_by_axis: AdviceByAxis) -> StepsBy
     too, where the autopilot adds one.
 
     Args:
-        responses: the measured responses.
-        advice_by_axis: advice on each axis, or why there is none.
+        responses: the measured responses of the rate and attitude loop of each axis.
+        advice_by_axis: advice on each axis, or why there is none; its ``after`` are the loops with the advised gains.
 
     Returns:
         By axis and loop, the response to a step of 1 at the times of the measured one; only where gains change, and a
@@ -121,6 +122,7 @@ def advised_steps(responses: Responses, advice_by_axis: AdviceByAxis) -> StepsBy
         for loop_name, response in loops.items():
             if not isinstance(response.measured, StepResponse):
                 continue
+            # Row ``ESTIMATE`` is of the estimated plant; the other rows are of sampled plants.
             closed_loop = advised_loop.rate.closed[ESTIMATE]
             if loop_name == "attitude":
                 closed_loop = predicted_attitude_response(
@@ -146,6 +148,7 @@ def predicted_attitude_response(loop: Loop, *, has_feedforward: bool) -> Complex
     Returns:
         (F,) at ``loop.attitude.frequency``.
     """
+    # Row ``ESTIMATE`` is of the estimated plant; the other rows are of sampled plants.
     closed_loop = loop.attitude.closed[ESTIMATE]
     if not has_feedforward:
         return closed_loop

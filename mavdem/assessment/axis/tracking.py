@@ -272,8 +272,11 @@ def _tracking_rating(
     # A fact states why the flight shows no step response.
     if isinstance(response, Fact):
         # The peak alone decides, so the lower end of its interval is compared.
-        led_peak = _response_peak_without_position_control(signals, segments)
-        if led_peak is not None and led_peak.lowest_ratio > MAX_RESPONSE_PEAK:
+        peak_without_position_control = _response_peak_without_position_control(signals, segments)
+        if (
+            peak_without_position_control is not None
+            and peak_without_position_control.lowest_ratio > MAX_RESPONSE_PEAK
+        ):
             return _TrackingRating(TrackingLight.AMPLIFIES_SETPOINT, Level.WATCH)
         return _TrackingRating(TrackingLight.FOLLOWS_SETPOINT, Level.GOOD)
     overshoot = response.overshoot.value
@@ -304,12 +307,14 @@ def _response_peak_without_position_control(
     angle = signals.attitude.angle_series
     if signals.axis not in TILT_AXES:
         return _response_peak(signals.angle_setpoint, angle, segments)
-    led_segments = []
+    segments_without_position_control = []
     for segment in segments:
-        held = mode_intervals(signals, segment.boot, POSITION_CONTROL_MODES)
-        for start, end in intersection([(segment.start, segment.end)], complement(held)):
-            led_segments.append(Segment(segment.boot, start, end))
-    return _response_peak(signals.angle_setpoint, angle, tuple(led_segments))
+        position_controlled = mode_intervals(signals, segment.boot, POSITION_CONTROL_MODES)
+        for start, end in intersection(
+            [(segment.start, segment.end)], complement(position_controlled)
+        ):
+            segments_without_position_control.append(Segment(segment.boot, start, end))
+    return _response_peak(signals.angle_setpoint, angle, tuple(segments_without_position_control))
 
 
 def _segments_without_turns(setpoint: TimeSeries, segments: Segments) -> Segments:
@@ -454,10 +459,10 @@ def _response_peak(
     setpoint_power = np.where(is_above_zero, estimate.driver_power, 0.0)
     is_excited = setpoint_power >= MIN_PEAK_DRIVER_SHARE * setpoint_power.max()
     is_coherent = estimate.coherence >= MIN_COMPARED_COHERENCE
-    counts = is_above_zero & is_excited & is_coherent
-    if not counts.any():
+    is_usable = is_above_zero & is_excited & is_coherent
+    if not is_usable.any():
         return None
-    gains = np.where(counts, abs(estimate.response), 0.0)
+    gains = np.where(is_usable, abs(estimate.response), 0.0)
     highest = np.argmax(gains)
     return ResponsePeak(
         ratio=gains[highest],

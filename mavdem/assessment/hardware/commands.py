@@ -90,14 +90,13 @@ def _squared_errors(evidence: Evidence, axis: str) -> Array:
     """
     telemetry = evidence.signals.telemetry
     position = recorded_series(telemetry, POSITION_MESSAGE, axis)
-    parts = [np.zeros(0)]
+    squared_errors = [np.zeros(0)]
     for target in evidence.in_flight(recorded_series(telemetry, POSITION_TARGET_MESSAGE, axis)):
         estimate = None if position is None else series_of_boot(position, int(target.boot[0]))
         if estimate is not None:
-            parts.append(
-                (np.interp(target.time, estimate.time, estimate.values) - target.values) ** 2
-            )
-    return np.concatenate(parts)
+            error = np.interp(target.time, estimate.time, estimate.values) - target.values
+            squared_errors.append(error**2)
+    return np.concatenate(squared_errors)
 
 
 def _sticks_fact(evidence: Evidence) -> Fact | None:

@@ -73,11 +73,11 @@ def log_light(evidence: Evidence) -> Fact:
     if evidence.other_vehicle is not None:
         return _log_of_other_vehicle(evidence)
     # The input of a model is the outputs of the motors or, if those are too slow, the controller's demand.
-    drive = signals.model_inputs
-    if attitude is None or drive is None:
+    model_inputs = signals.model_inputs
+    if attitude is None or model_inputs is None:
         return Fact(LogLight.MOTION_NOT_RECORDED, reason=evidence.learnability.reason)
     rate = rate_between_outages(attitude)
-    motor_rate = rate_between_outages(drive)
+    motor_rate = rate_between_outages(model_inputs)
     longest_gap = _longest_gap(evidence, attitude)
     telemetry = signals.telemetry
     code = LogLight.RECORDED_FAST

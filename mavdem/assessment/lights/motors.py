@@ -10,13 +10,13 @@ from mavdem.assessment.failure_by_commands import SPENT_THRUST_SHARE
 from mavdem.assessment.flights import total_duration
 from mavdem.assessment.limits import worst_fact
 from mavdem.assessment.motor_speeds import REPORTS_OF_MOTOR
-from mavdem.dataset.motor_outputs import MotorOutputs, motor_outputs_or_obstacle
+from mavdem.dataset.motor_outputs import MotorOutputs, motor_outputs_or_reason
 from mavdem.dataset.quality import STOP_MARGIN, samples_at_limits
 from mavdem.dataset.segments import Segments, in_segments, settled_segments
 from mavdem.errors import NotLearnable
 from mavdem.facts import Code, Fact, Level
 from mavdem.facts.ending import FailedFirst, MotionEvent
-from mavdem.facts.learnability import MotorObstacle
+from mavdem.facts.learnability import UnusableOutputs
 from mavdem.facts.motors import MotorsLight, MotorWatchFact, TrimFact
 from mavdem.ingest.motors import name_without_place
 from mavdem.loops.limit_cycles import MIN_AT_LIMIT_SHARE
@@ -70,7 +70,7 @@ def motors_light(evidence: Evidence) -> Fact:
                 MotorsLight.MOTORS_NOT_SEEN,
                 names=names,
                 least_duration=MIN_STEADY_SECONDS,
-                reason=None if names else _obstacle_of_recorded_outputs(evidence),
+                reason=None if names else _reason_outputs_are_unusable(evidence),
             )
         )
     else:
@@ -166,18 +166,18 @@ def _motor_names(evidence: Evidence) -> tuple[str, ...]:
     return () if motors is None else tuple(motors.geometry.names)
 
 
-def _obstacle_of_recorded_outputs(evidence: Evidence) -> Fact | None:
+def _reason_outputs_are_unusable(evidence: Evidence) -> Fact | None:
     """Returns the reason why recorded outputs do not belong to motors, such as that none of them ever changes.
 
     Args:
         evidence: signals, events and measurements of the vehicle.
 
     Returns:
-        The obstacle; None if there is none, or no outputs were recorded.
+        The reason; None if the outputs belong to motors, or none were recorded.
     """
-    obstacle = motor_outputs_or_obstacle(evidence.signals.telemetry)
-    if isinstance(obstacle, Fact) and obstacle.code is not MotorObstacle.NO_MOTOR_MESSAGE:
-        return obstacle
+    reason = motor_outputs_or_reason(evidence.signals.telemetry)
+    if isinstance(reason, Fact) and reason.code is not UnusableOutputs.NO_MOTOR_MESSAGE:
+        return reason
     return None
 
 

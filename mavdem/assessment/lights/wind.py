@@ -36,7 +36,7 @@ def wind_light(evidence: Evidence, estimator: Fact) -> Fact:
         return evidence.other_vehicle
     wind = evidence.wind.estimate
     if wind is None:
-        return Fact(WindLight.WIND_NOT_KNOWN, reason=evidence.wind.obstacle)
+        return Fact(WindLight.WIND_NOT_KNOWN, reason=evidence.wind.reason)
     if not wind.speed_identifiable:
         return Fact(WindLight.WIND_NOT_KNOWN, reason=wind.reasons["speed"])
     lowest_speed, highest_speed = wind.speed_interval
