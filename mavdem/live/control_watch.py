@@ -62,7 +62,7 @@ class FlightEnd(NamedTuple):
 
 
 class ControlWatch:
-    """Watches whether the vehicle keeps its attitude, in one boot."""
+    """Watches one boot of a vehicle for a loss of control: that it no longer follows its setpoint, or tips over."""
 
     def __init__(self, recent: RecentMessages) -> None:
         """Begins without a sample; ``recent`` has the slow messages of the boot, among them heights and speeds."""
@@ -87,12 +87,14 @@ class ControlWatch:
             samples.popleft()
 
     def take_pose(self, pose: LatestPose) -> None:
-        """Notes whether the vehicle is more than ``LOST_ANGLE`` from its latest setpoint, or leans far without one.
+        """Notes the time of an attitude that is far from its setpoint, since only then may control be lost.
 
-        The error by which a loss is judged allows for the setpoints of the last second too, and is never larger.
+        This quick test of each attitude spares :meth:`loss` the full judgement as long as all is well. It misses no
+        loss: the full judgement compares an attitude with all setpoints of the last second, and its error is that to
+        the nearest one. Without a setpoint the lean itself counts, by a smaller share.
 
         Args:
-            pose: the attitude that was kept last, with the latest setpoint.
+            pose: the attitude that was kept last, with the latest setpoint of roll and pitch, rad; NaN without one.
         """
         roll, pitch, _ = pose.angles
         if isnan(pose.setpoint.roll):
@@ -115,8 +117,8 @@ class ControlWatch:
             motion: motor outputs of the last seconds, which show what failed first; None if they do not come.
 
         Returns:
-            The ending of the flight so far, with its cause where the motors show one. A loss that is not serious yet,
-            from which the vehicle has recovered, or that no second sensor confirms, is none.
+            The ending of the flight so far, with its cause where the motors show one. None also if the loss is not
+            serious yet, if the vehicle has recovered from it, or if no second sensor confirms it.
         """
         if now - self._far_time > RECOVERY_SECONDS:
             return None
@@ -126,10 +128,11 @@ class ControlWatch:
             return None
         sensors = BootSensors(signals, self._recent.boot, take_off)
         events = attitude_losses(sensors, error, (take_off, inf), is_ongoing=True)
-        lost = [event for event in events if event.code is not MotionEvent.ATTITUDE_CAUGHT]
-        if lost:
-            self._attitude_loss = lost[-1]
-        return ending_of(signals, lost)
+        # After a caught loss of attitude the vehicle flies on.
+        losses = [event for event in events if event.code is not MotionEvent.ATTITUDE_CAUGHT]
+        if losses:
+            self._attitude_loss = losses[-1]
+        return ending_of(signals, losses)
 
     def flight_end(
         self,
@@ -148,7 +151,7 @@ class ControlWatch:
             motion: motor outputs of the last seconds; None if they do not come.
 
         Returns:
-            Whether it ended in the air, and how the vehicle was lost then, as the review of its recording would say it.
+            Whether it ended in the air, and if so, how the vehicle was lost, as the review of its recording would find.
         """
         signals = self._signals(vehicle, motion)
         boot = self._recent.boot

@@ -110,10 +110,14 @@ class FlightPhase:
     def review(self, now: float, vehicle: Telemetry, collective: TimeSeries | None) -> None:
         """Decides the phase by the messages and the motors of the last seconds; it is called twice a second.
 
-        A flight, here, is the time in which the vehicle is armed and neither on the ground, taking off nor landing.
-        First a flight that has ended is withdrawn: its last ``TRANSIENT_SECONDS`` were of the landing. Then the present
-        flight, if there is one, is dated. It becomes settled once it is past the climb-out; until then it counts as
-        free while it climbs. All times are s of the boot clock.
+        Two things are decided one after the other:
+
+        1. Whether the vehicle is airborne (``is_flying``), from the begin of the take-off to the end of the landing.
+        2. Whether it is armed and reported in the air (``is_in_air``), which excludes take-off and landing. Such a
+           flight becomes settled at the end of its climb-out; until then it counts as free while it climbs. When it has
+           ended, its last ``TRANSIENT_SECONDS`` were the landing and are withdrawn.
+
+        All times are s of the boot clock.
 
         Args:
             now: time of the review.
@@ -145,7 +149,7 @@ class FlightPhase:
         self._review_time = now
 
     def _update_flight(self, now: float, flights: Intervals, climb_rate: TimeSeries | None) -> None:
-        """Ends the flight of the last review if it is over, and dates the present one.
+        """Ends the flight of the last review if it is over, and notes when the present one took off.
 
         Args:
             now: time of the review, s of the boot clock.
@@ -159,9 +163,10 @@ class FlightPhase:
             earlier_ends = [end for _, end in flights if end < now]
             self._end_flight(max(earlier_ends, default=now))
         if flight is not None:
-            # The take-off is dated once the mean collective around it is known; later it is out of sight.
-            is_in_sight = isfinite(take_off_time) and now < self._takeoff_time + AVERAGING_SECONDS
-            if not self.is_in_air or is_in_sight:
+            # The time of the take-off is corrected while the mean collective around it, a centred average, becomes
+            # known. Later the last seconds no longer contain the take-off.
+            may_correct = isfinite(take_off_time) and now < self._takeoff_time + AVERAGING_SECONDS
+            if not self.is_in_air or may_correct:
                 self._takeoff_time = take_off_time
             self.is_in_air = True
             self._update_settled_start(now, climb_rate)
@@ -208,8 +213,8 @@ class FlightPhase:
                 self._settled_start = level[0]
         elif climb_rate is not None:
             is_sinking = climb_rate.values <= -MAX_LEVEL_FLIGHT_SPEED
-            # The last review has judged everything before it but the last ``AVERAGING_DELAY``; and descents before the
-            # end of the landed state's validity are ignored.
+            # The last review has judged all samples but those of its last ``AVERAGING_DELAY``. While a report of the
+            # landed state is valid, descents are ignored.
             unjudged_start = max(self._review_time - AVERAGING_DELAY, self._landed_state_end)
             is_new = (climb_rate.time > unjudged_start) & (climb_rate.time <= averaged_end)
             sinking_times = climb_rate.time[is_sinking & is_new]

@@ -90,7 +90,7 @@ class GainAdviser:
             The advice, once, when it is ready; the fact that it is put off; otherwise nothing.
         """
         if self.is_due:
-            # It is that of an earlier flight.
+            # The judgement so far is that of an earlier flight.
             self.judgement = None
             if is_busy and not is_at_end:
                 return (Fact(GainFact.ADVICE_WAITS),)
@@ -230,8 +230,8 @@ def facts_of_tuning(tuning: Tuning) -> Facts:
         tuning: the advice on all axes.
 
     Returns:
-        The gains first. Without new gains and without anything to be done, only why gains are left alone, of the axis
-        whose loops are least certain.
+        The new gains, and then the decisions on other axes that ask for an action. If there is neither, one fact: why
+        the gains stay as they are, for the axis whose identified loop is least certain.
     """
     new_gains = []
     decisions = []

@@ -317,10 +317,11 @@ class LiveSession:
             self.gain_adviser.is_due = self._learning.has_settled
 
     def _update_status(self, now: float) -> SessionStatus:
-        """Reports the status, once in ``STATUS_PERIOD``, and an obstacle to learning that is new or gone.
+        """Reports the status, once in ``STATUS_PERIOD``, and when a reason for learning no model appears or disappears.
 
-        In flight it also displays the latest sample if there are no rows yet: a display must not stay empty while
-        messages come too slowly for rows. The status is left out while even estimates are postponed.
+        That reason is the ``obstacle`` of the status. In flight the latest sample is displayed too if there are no rows
+        yet: a display must not stay empty while messages come too slowly for rows. The status is not reported while the
+        computer is so late that even estimates are postponed.
 
         Args:
             now: present time, s of the monotonic clock.
@@ -341,16 +342,16 @@ class LiveSession:
             )
         else:
             self._learning.is_free = False
-        # The same obstacle with other figures, as rates that vary, is no news.
+        # The same reason with other figures, such as rates that vary, is not reported again.
         if _meaning(status.obstacle) != _meaning(self._obstacle):
             # That there is a first model was reported when it came.
             was_first_fit = self._obstacle == FIRST_FIT_RUNNING
             self._obstacle = status.obstacle
             if status.obstacle is not None or not was_first_fit:
                 news = status.obstacle or Fact(SessionFact.BEING_LEARNED, Level.GOOD)
-                # Beside an alarm nothing advises to fly on.
+                # During an alarm, the report must not advise the pilot to fly on: ``grounded`` removes such advice.
                 is_alarmed = any(alarm.is_bad for alarm in status.active_alarms)
-                # What a vehicle does that is out of control is no news of the learning.
+                # While a vehicle is out of control in the air, nothing about learning is reported.
                 if status.loss is None or not status.is_flying:
                     self._presentation.log(news.grounded if is_alarmed else news)
         # With a backlog the account is kept by ``_analyse``, as of the arrival of what is analysed.

@@ -215,11 +215,14 @@ class SessionStatus(ImmutableResult):
 
     @property
     def _judgement_with_all_lights(self) -> Judgement:
-        """The judgement by the model with the lights that need no model, where those are worse.
+        """The judgement by the model, in which worse lights that need no model replace those of the model.
 
-        A bad light becomes the headline unless the headline is bad already. Where nothing is wrong, all lights together
-        are the headline, so that it names those that need no model as well. Before a model is judged, this holds only
-        while the vehicle is received: otherwise the headline stays that nothing is received.
+        A light is the judgement of one part of the vehicle. The headline is decided by the first rule that applies:
+
+        1. If a light is bad, it becomes the headline, unless the headline of the model is bad already.
+        2. Before a model is judged, the headline sums up the lights that need none, while the vehicle is received.
+        3. If the headline of the model is no fault, and a light was replaced, the headline sums up all lights.
+        4. Otherwise the headline of the model stays.
         """
         by_model = self._judgement_by_model
         lights_without_model = self._lights_without_model
@@ -234,7 +237,7 @@ class SessionStatus(ImmutableResult):
             vibration.code is VibrationLight.VIBRATION_UNKNOWN
             and "VIBRATION" in self.absent_messages
         ):
-            # Requesting the message is not advised, since it was requested in vain.
+            # The message was requested in vain, so that the light must not advise to request it.
             lights[Light.VIBRATION] = vibration.replace(is_asked=True)
             if next_step.figures.get("reason") == vibration:
                 next_step = next_step_of(headline, lights, None)
@@ -249,9 +252,9 @@ class SessionStatus(ImmutableResult):
             headline = headline_by_lights(lights)
             if headline.warns:
                 return _headed_by(headline, lights)
-            # The next step stays: it says what the model waits for.
+            # The next step stays, since it says what has to happen before a model can be learned.
             return Judgement(headline, next_step, lights)
-        # Headlines of this code are not about a fault.
+        # Headlines with codes of this enumeration are not about a fault.
         is_without_fault = isinstance(headline.code, HeadlineCode)
         if is_without_fault and lights != by_model.lights:
             headline = headline_by_lights(lights)
@@ -260,12 +263,18 @@ class SessionStatus(ImmutableResult):
         return Judgement(headline, next_step, lights)
 
     def _judgement_in_flight(self, judgement: Judgement) -> Judgement:
-        """Returns a judgement with a next step for a vehicle that flies: landing, or flying on.
+        """Returns a judgement with a next step for a vehicle that flies, the first of these that applies.
+
+        1. To land now, or what the alarm asks for, if the headline is bad or an alarm is active. The worst active alarm
+           becomes the headline, unless the headline is bad already.
+        2. What the reason advises for which the vehicle is not received; that reason becomes the headline.
+        3. To land soon, if the battery is getting empty.
+        4. To fly on and do after the landing what the headline advises, if it warns.
+        5. To fly on, if a model was judged, or if the reason why there is none asks for nothing.
+        6. Otherwise the next step so far, which says what has to happen before a model can be learned.
 
         Args:
-            judgement: the judgement so far. If its headline is bad, the vehicle must land, or what the alarm asks for
-                must be done, and soon if its battery is getting empty. Advice of another warning waits until after the
-                landing. What a model waits for stays the next step.
+            judgement: the judgement so far.
         """
         headline = judgement.headline
         if not headline.is_bad and self.active_alarms:

@@ -271,7 +271,7 @@ class LiveStream:
             obstacle = self._rate_check.no_attitude if isnan(now) else self._review.obstacle
         watchdog = self._review.watchdog
         if watchdog.loss is not None and not self.is_flying:
-            # What is said of the next take-off to a vehicle on the ground does not fit a wreck.
+            # The usual reason on the ground, that learning waits for the next take-off, would be wrong for a wreck.
             obstacle = Fact(SessionFact.FLIGHT_OVER, reason=watchdog.loss)
         return SessionStatus(
             vehicle=vehicle.name if vehicle else None,
@@ -379,7 +379,7 @@ class LiveStream:
             self._pose.take_setpoint(time, tilt_setpoint(message))
         elif name in MOTOR_MESSAGES and timed.has_own_stamp:
             port, outputs = port_outputs(message)
-            # Each port has a stream of its own, so that hostile numbers of ports would fill the memory.
+            # Each port gets a stream, so that a hostile sender could fill the memory with ever new port numbers.
             if port < MAX_PORTS:
                 yield from self._add_sample(name, port, time, outputs)
         elif name in ESTIMATOR_FLAG_MESSAGES:

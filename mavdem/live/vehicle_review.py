@@ -131,7 +131,7 @@ class VehicleReview:
             rows: builder of the vehicle's rows.
         """
         self._message_time = now
-        # Reviews begin where the clock enters another period, whenever the last one began.
+        # A review begins when the clock enters another period of this length, independently of the last one's begin.
         is_review_due = now // REVIEW_PERIOD != self._review_time // REVIEW_PERIOD
         if is_review_due:
             while self._pending_parts:
@@ -235,6 +235,8 @@ class VehicleReview:
 
     def _rate_obstacle(self, rows: RowBuilder) -> Fact | None:
         """Returns the reason why the rates of attitude and motor messages allow no rows; None if they do.
+
+        A row is one sample of the model's data: motion and motor outputs at one time. The check also reports changes.
 
         Args:
             rows: builder of the vehicle's rows, which measures the rates.

@@ -335,9 +335,10 @@ class Watchdog:
         return self._report_alarms.take(report, now)
 
     def _alarm_of_power(self, report: Fact, now: float) -> Fact:
-        """Makes a warning of the autopilot about the power in flight an active alarm, and returns what is reported.
+        """Makes a warning of the autopilot about its power an active alarm, and returns what is to be reported.
 
-        ``review_lights`` judges the power by it from then on. That does not report it once more.
+        From then on ``review_lights`` judges the power by this warning too. Since the alarm is active already, it is
+        not reported a second time.
 
         Args:
             report: a new report of the autopilot on the power.
@@ -367,8 +368,8 @@ class Watchdog:
         former_state = self._states[-1].landed_state if self._states else state
         if self._states and former_state == state:
             return
-        # A report of the landed state that changes for a moment is no other flight. The first phase of a boot has two
-        # states at most.
+        # A landed state that changes for a moment does not begin another flight, so that a loss stays an alarm. In the
+        # first phase of a boot, no flight has ended yet: there are two states at most.
         is_first_phase = len(self._states) <= 2
         if state == IN_AIR:
             self.has_landed = False
@@ -463,7 +464,7 @@ class Watchdog:
             if motion is not None:
                 self._add_motion_facts(review, motion)
             if WatchedQuantity.OSCILLATION in review.facts:
-                # Motors that go from stop to stop are not called sound.
+                # In a limit cycle the motors go from limit to limit, and cannot be compared with each other.
                 self._forget_good_motors()
             if self.loss is not None:
                 for kind in EXPLAINED_BY_LOSS:
@@ -482,11 +483,12 @@ class Watchdog:
     def _judge_end_of_flight(
         self, review: _Review, takeoff_time: float, motion: RecentMotion | None
     ) -> None:
-        """Judges whether the flight that has just ended did so on the ground, and how the vehicle was lost otherwise.
+        """Judges whether the flight that has just ended did so on the ground or, if not, how the vehicle was lost.
 
-        A vehicle that was disarmed in the air falls. That it hit the ground is an alarm as in flight. A flight that
-        ended in the air and of which no more is known after ``FALL_SECONDS`` has not landed. Where control had been
-        lost, it is now known how the vehicle met the ground.
+        A vehicle that was disarmed in the air falls, and its impact is an alarm as in flight. It is looked for in each
+        review until ``FALL_SECONDS`` after the end of the flight. If none is found, it stays unknown how the vehicle
+        came down, and it does not count as landed. Where control had been lost, it is now known how the vehicle met the
+        ground.
 
         Args:
             review: the review, whose ``facts`` are added to.
@@ -515,7 +517,9 @@ class Watchdog:
             self._judge_motors_of_loss(loss)
 
     def _judge_motors_of_loss(self, loss: Fact) -> None:
-        """Makes the motor that failed the light of the motors; without one, nothing says any more that all are sound.
+        """Makes a loss that a motor caused the light of the motors, and forgets that they were found sound before.
+
+        The light is the judgement of the motors of the whole flight, a fact with a level.
 
         Args:
             loss: how the flight was lost; its subject is the motor that failed first, if one is known.
@@ -565,7 +569,7 @@ class Watchdog:
         states = [*self._states, _StateSample(now, self._states[-1].landed_state)]
         boots = [self._recent.boot] * len(states)
         if self._was_flying:
-            # All that is known of the former boot.
+            # Of the former boot only this is known: that the vehicle flew.
             states.insert(0, _StateSample(0.0, IN_AIR))
             boots.insert(0, self._recent.boot - 1)
         landed_state = TimeSeries(
@@ -600,7 +604,8 @@ class Watchdog:
         reports = []
         for fact in facts:
             if fact.code is ReportedEvent.RESTARTED_IN_FLIGHT:
-                # It is found seconds after it happened, and its cause may follow.
+                # A restart is found some seconds late, and its cause may be found later still. So it is reported once,
+                # however old it is, and its light is updated each time.
                 if self._restart is None:
                     reports.append(event_or_alarm(fact, fact.start_time))
                 self._note_restart(fact)
@@ -760,10 +765,10 @@ class Watchdog:
         return ends
 
     def _update_watch_facts(self, review: _Review, motion: RecentMotion | None) -> None:
-        """Notes for each thing that is watched since when it is, or why it is not.
+        """Notes for each watched quantity, such as vibration, since when it is watched, or why it is not.
 
-        Messages may be missing; and on the ground only warnings of the autopilot are watched. The motors' balance is
-        left out, since another part of the review knows about it.
+        A quantity is not watched if its messages are missing, and on the ground, where only the autopilot's warnings
+        are. The motors' balance is left out, since ``VehicleReview`` notes it.
 
         Args:
             review: results of this review.
@@ -778,7 +783,7 @@ class Watchdog:
                 continue
             obstacle = obstacles.get(kind)
             if obstacle is not None and obstacle.code is WatchFact.MESSAGE_MISSING and is_new:
-                # Messages of 1 Hz have not had the time to come.
+                # Shortly after the first review, messages that are sent once a second may just not have come yet.
                 continue
             if obstacle is None and not review.is_flying and kind is not WatchedQuantity.WARNINGS:
                 obstacle = Fact(WatchFact.ON_GROUND_NOW)

@@ -208,7 +208,7 @@ class LinkMonitor:
                 path.unlink()
 
     def _take_event(self, event: Event) -> None:
-        """Passes on an event of a session if the server's terminal is to say it.
+        """Passes on an event of a session that the server's terminal prints: a warning, or one of ``REPORTED_CODES``.
 
         Args:
             event: event that the session reports.
@@ -305,10 +305,10 @@ def _page_of(
 
 
 def _finished_page(session: LiveSession, saved_flight: PageLink) -> str:
-    """Returns the HTML page of a session that has ended, which leads to its flight in the library.
+    """Returns the HTML page of a session that has ended, which links to its flight in the library.
 
-    It says what was known when messages last came: that none come any more is true of each vehicle that was switched
-    off, and says nothing of the flight.
+    The page shows the state when messages last came. The session itself states at its end that no messages come, which
+    is so after every flight, because the vehicle was switched off.
 
     Args:
         session: the session.

@@ -134,7 +134,7 @@ def search_problems(text: str) -> list[str]:
 
 
 def unknown_terms(text: str) -> list[str]:
-    """Returns a sentence on the words of a search that look like terms of a property that there is not.
+    """Returns a sentence on the words of a search that look like comparisons of a property that does not exist.
 
     They are searched for as texts, such as a time of day, so the sentence is for a search that finds nothing.
 
