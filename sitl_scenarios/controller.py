@@ -58,10 +58,10 @@ MAX_RATE = radians(220)
 """Largest setpoint of a body rate, rad/s: PX4's default of MC_ROLLRATE_MAX."""
 
 MAX_SPEED = 4.0
-"""Largest speed that a deviation of the position asks for, horizontally and vertically, m/s; a choice."""
+"""Largest speed that a deviation of the position demands, horizontally and vertically, m/s; a choice."""
 
 MIN_LIFT = 0.2
-"""Smallest specific vertical thrust that is asked for, by gravity: the rotors never stop in flight."""
+"""Smallest specific vertical thrust that is demanded, in units of gravity: the rotors never stop in flight."""
 
 MIN_UPRIGHT_COSINE = 0.5
 """Smallest cosine of the tilt by which the vertical thrust is divided: 60° of tilt."""
@@ -284,7 +284,7 @@ class FlightController:
             is_flying: Whether the vehicle is off the ground; nothing is integrated otherwise.
 
         Returns:
-            Acceleration that the vehicle shall have, NED, m/s².
+            Acceleration setpoint, NED, m/s².
         """
         north_speed, east_speed, down_speed = estimate.velocity
         north, east, down = estimate.position
@@ -436,7 +436,7 @@ class FlightController:
             integral += self._integral_gain * (setpoint - rate)
             self._rate_integral[axis] = integral
         error = setpoint - lead_rate + integral
-        # The loop's bandwidth times the error is the angular acceleration that the loop asks for, rad/s². A scenario
+        # The loop's bandwidth times the error is the angular acceleration that the loop demands, rad/s². A scenario
         # may multiply it, to make the vehicle sluggish or oscillate.
         return self._error_gain * error * self._demand_per_acceleration[axis]
 

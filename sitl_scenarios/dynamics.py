@@ -179,7 +179,7 @@ def disturbance_of_states(
 ) -> Disturbance:
     """Computes what disturbs a vehicle in N states in the air, all at once.
 
-    ``tests/scenarios/test_body.py`` checks that it is that of each state.
+    ``tests/scenarios/test_body.py`` compares the result with that of one state after the other.
 
     Args:
         vehicle: Vehicle of a scenario.
@@ -207,7 +207,12 @@ def _flat_dynamics(
     Args:
         vehicle: Vehicle of a scenario.
         condition: Damage that acts on it; None for a sound vehicle.
-        root: Square root of what the function gets: numbers of one state, or with NumPy's arrays of many.
+        root: Square root for the values that the function is called with: ``math.sqrt`` for the numbers of one state,
+            ``numpy.sqrt`` for arrays of many states.
+
+    Returns:
+        Function of attitude, velocity, body rates, rotor speeds and air. Its result has twelve values, in SI units:
+        linear acceleration (NED), angular acceleration (body axes), disturbing force (NED) and moment (body axes).
     """
     body = airframe(vehicle)
     condition = condition or sound_condition(body.rotors)
@@ -238,6 +243,7 @@ def _flat_dynamics(
     def accelerations(
         attitude: Any, velocity: Any, rates: Any, rotors: Any, air: Any
     ) -> tuple[Any, ...]:
+        """Returns accelerations and disturbance in one state; arguments and values as for ``_flat_dynamics``."""
         # Written out in floats: NumPy's calls on arrays of three would take ten times as long, and loops over three
         # numbers twice as long.
         p, q, r = rates

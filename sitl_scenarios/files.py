@@ -236,7 +236,7 @@ def scenario_toml(scenario: Scenario) -> str:
     Returns:
         Text of a .toml file, which gives the same scenario when it is read.
     """
-    # TOML wants all plain values before the first section.
+    # In TOML all plain values come before the first section.
     sections = {
         key: value
         for key, value in scenario

@@ -36,7 +36,7 @@ MAX_BODY_RATE = 200.0
 """Body rate above which a vehicle is out of control, rad/s: no vehicle turns faster."""
 
 Row = dict[str, Any]
-"""Values of the fields of ``Motion`` in one cycle, by name, but for those of the disturbance."""
+"""Values of the fields of ``Motion`` in one cycle, by name, except those of the disturbance."""
 
 
 class DisturbedState(NamedTuple):
@@ -52,7 +52,7 @@ class DisturbedState(NamedTuple):
 
 def tumbles(state: State) -> bool:
     """Returns whether a vehicle is out of control: rates above ``MAX_BODY_RATE``, or not a number."""
-    # The comparison is negated, because nothing compares with a number that is none.
+    # The comparison is negated, because every comparison with NaN is false.
     return not hypot(*state.rates) < MAX_BODY_RATE
 
 
@@ -121,7 +121,7 @@ class Simulation:
         vehicle fall.
 
         Args:
-            armed: Whether the vehicle shall be armed.
+            armed: Whether the vehicle is to be armed.
             force: Whether to disarm in the air, too.
 
         Returns:
@@ -201,6 +201,7 @@ class Simulation:
         force = np.zeros((len(disturbed_states), 3))
         moment = np.zeros((len(disturbed_states), 3))
         air = _column([disturbed.air for disturbed in disturbed_states])
+        # The function for many states takes one condition of the vehicle, so rows are grouped by their damage.
         flying_rows: dict[Damage, list[int]] = {}
         for row, disturbed in enumerate(disturbed_states):
             if not disturbed.on_ground:
@@ -260,12 +261,12 @@ class Simulation:
         air = self._weather.air_at(flight_cycle + self._boot_cycles, state.position)
         battery = self._battery_fraction(flight_cycle)
 
-        # The autopilot sees the state through its sensors: the rates behind the gyro's filters, all with noise and
+        # The autopilot measures the state by its sensors: the rates after the gyro's filters, all with noise and
         # delay.
-        felt_state = State(
+        measured_state = State(
             state.position, state.velocity, state.attitude, self._gyro.filtered_rates
         )
-        estimate = self._estimate(felt_state)
+        estimate = self._estimate(measured_state)
         reference = self._reference(estimate)
         control = self._control_output(estimate, reference)
         row = self._row(air, battery, estimate, reference, control)

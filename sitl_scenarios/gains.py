@@ -83,9 +83,9 @@ def _hover_thrust(vehicle: VehicleSpec, range_start: float) -> HoverThrust:
     """Returns a vehicle's thrust curve, and the change of a motor's command by a small change of thrust in hover.
 
     The simulation's mixer puts out commands, while the autopilots' mixers put out thrusts and convert them into
-    commands by the inverse thrust curve. The slope of that curve in hover converts gains of the one into gains of the
-    other. The normalised thrust at a fraction s of the motors' range is (1 − f) s + f s², f being the expo; its slope
-    is 1 − f + 2 f s.
+    commands by the inverse thrust curve. The slope of that curve in hover converts gains of the simulation's mixer into
+    gains of the autopilot's. The normalised thrust at a fraction s of the motors' range is (1 − f) s + f s², f being
+    the expo; its slope is 1 − f + 2 f s.
 
     Args:
         vehicle: Vehicle of a scenario. Without a ``quadratic_thrust`` of its own the curve is linear, f = 0.

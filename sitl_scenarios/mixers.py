@@ -14,7 +14,7 @@ YAW_HEADROOM = 0.2
 """Thrust that yaw may use whatever roll and pitch need: ArduPilot's MOT_YAW_HEADROOM, by default 200 of 1000."""
 
 YAW_MARGIN = 0.15
-"""Thrust above 1 that yaw may ask for before the collective thrust gives way: PX4's MINIMUM_YAW_MARGIN."""
+"""Thrust above 1 that yaw may demand before the collective thrust gives way: PX4's MINIMUM_YAW_MARGIN."""
 
 MAX_CENTRED_THRUST = 0.5
 """Collective thrust above which ArduPilot's mixer counts the room for yaw as at half thrust."""
@@ -171,7 +171,8 @@ def _desaturated(
         return thrusts
     for step_fraction in (1.0, 0.5):
         correction = thrusts.clip(0.0, highest) - thrusts
-        # A motor that the column does not move is given an infinite divisor: it asks for no multiple.
+        # A motor that the column does not change is given an infinite divisor, so that it needs no multiple of the
+        # column.
         needed_multiples = correction / np.where(column, column, np.inf)
         multiple = needed_multiples.min(initial=0.0) + needed_multiples.max(initial=0.0)
         if only_positive and multiple < 0:

@@ -167,7 +167,7 @@ class FlightPlan:
         """Plans the flight.
 
         Multisines, sticks and courses are no simple functions of time: their setpoints are computed for every cycle
-        beforehand. The other excitations are evaluated when they are asked for.
+        beforehand. The other excitations are evaluated cycle by cycle.
 
         Args:
             scenario: Scenario with duration, height, excitation, cycle of the autopilot and random seed.

@@ -44,8 +44,8 @@ def replay_setpoints(
     Args:
         scenario: Only its vehicle, sensors, autopilot and seed count.
         dt: Sampling period of all arrays, s.
-        setpoints: (T, 3, 2) for roll, pitch and yaw: the angle, rad, and the body rate to add to that which the error
-            of the angle asks for, rad/s. The angle of yaw is not used: the heading is not held.
+        setpoints: (T, 3, 2) for roll, pitch and yaw: the angle, rad, and a body rate, rad/s, that is added to the rate
+            setpoint of the attitude controller. The angle of yaw is not used: the heading is not held.
         torque: (T, 3) torque of the wind by the moments of inertia, rad/s².
         is_estimated: Whether the motion is the autopilot's estimate, with the noise of its sensors, as a log has it;
             else it is the true one.
@@ -71,7 +71,7 @@ def replay_setpoints(
     motion = []
     for row in inputs.tolist():
         roll_setpoint, pitch_setpoint, _, p, q, r, roll_moment, pitch_moment, yaw_moment = row
-        # The autopilot sees the state through its sensors, and the rates behind the gyro's filters.
+        # The autopilot measures the state by its sensors, and the rates after the gyro's filters.
         estimate = estimator.estimate(state._replace(rates=gyro.filtered_rates))
         angles = euler_angles(estimate.attitude)
         roll, pitch, yaw = angles

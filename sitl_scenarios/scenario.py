@@ -68,7 +68,7 @@ MAX_WINDS = 16
 
 Kernel = Annotated[float, Field(ge=1e-3, le=60)]
 """Seconds. What is shorter than the steps of the physics is white to them; what is longer changes in no flight."""
-# Degrees of roll or pitch, degrees/s of yaw rate, that are asked for
+# Setpoint: degrees of roll or pitch, degrees/s of yaw rate
 Angle = Annotated[float, Field(gt=0, le=30)]
 Metres = Annotated[float, Field(ge=-500, le=500)]  # Of a move
 Frequency = Annotated[float, Field(gt=0, le=200)]  # Hz: half of the greatest rate of a stream

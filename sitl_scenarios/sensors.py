@@ -52,7 +52,7 @@ class GyroVibration:
         self._c1 = 2 * decay * cos(angle)
         self._c2 = -decay * decay
         # Ratio of the variance of the noise to that of x (G. E. P. Box and others, Time Series Analysis), which gives x
-        # the standard deviation that the scenario asks for.
+        # the standard deviation of the scenario.
         difference = (1 - self._c2) ** 2 - self._c1**2
         variance_ratio = (1 + self._c2) * difference / (1 - self._c2)
         self._noise_sd = 0.0
@@ -117,7 +117,7 @@ class GyroVibration:
 
 
 class StateEstimator:
-    """The autopilot's estimator: it knows the state with a delay, and with noise that is white from cycle to cycle.
+    """The autopilot's state estimator: its estimate is late, and has noise that is white from cycle to cycle.
 
     A delay of a fraction of a cycle is made by linear interpolation between two cycles.
     """
@@ -145,7 +145,7 @@ class StateEstimator:
             yield from block.tolist()
 
     def estimate(self, state: State) -> State:
-        """Returns what the autopilot knows of the vehicle in this cycle; called once per cycle.
+        """Returns the autopilot's estimate of the state in this cycle; called once per cycle.
 
         The estimate is the true state of some time ago, with white noise on position, velocity, attitude and rates. A
         constant misalignment of the sensors tilts its attitude.

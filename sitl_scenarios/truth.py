@@ -422,7 +422,7 @@ def _rate_controller_response(
         setpoint = impulse if is_setpoint else 0.0
         rate = 0.0 if is_setpoint else impulse
         demands.append(controller.rate_demand(axis_number, setpoint, rate, is_flying=True))
-    # The integrator keeps the impulse for ever, so that the demands cannot be summed. Their increments fade away.
+    # The integrator keeps the impulse forever, so that the demands cannot be summed. Their increments fade away.
     increments = np.diff(demands, prepend=0.0)
     threshold = NEGLIGIBLE_RESPONSE * abs(increments).max()
     significant = np.flatnonzero(abs(increments) > threshold)
@@ -470,14 +470,14 @@ def _motor_effects(scenario: Scenario, motion: Motion) -> dict[str, Array]:
         motion: The flight.
 
     Returns:
-        Angular accelerations by each motor's output, rad/s² per µs, (4,) each, by name. ``roll_effect`` and its likes
-        for pitch and yaw are those in the hover before all damage, and ``roll_effect_weak`` and its likes those after
-        all damage. If the vehicle was damaged during the whole hover, its only effects have the first names. A flight
-        without hover has none.
+        Angular accelerations by each motor's output, rad/s² per µs, (4,) each, by name. ``roll_effect``,
+        ``pitch_effect`` and ``yaw_effect`` are those in the hover before all damage, and ``roll_effect_weak`` and so on
+        those after all damage. If the vehicle was damaged during the whole hover, its only effects have the first
+        names. A flight without hover has none.
     """
     is_hover = motion.landed_state == IN_AIR
     sound_motors = sound_condition(airframe(scenario.vehicle).rotors)
-    # A vehicle without damage is sound for ever.
+    # A vehicle without damage is sound forever.
     history = damage_history(scenario) or [DamageStep(np.inf, sound_motors)]
     first_damage_time = BOOT_SECONDS + history[0].time
     last_damage = history[-1]

@@ -112,8 +112,8 @@ class TurbulenceScales(NamedTuple):
 def turbulence_scales(wind: TurbulentWind, height: float, span: float) -> TurbulenceScales:
     """Computes time constants and intensities of the turbulence of a wind, by MIL-F-8785C.
 
-    A vehicle meets a length L at the airspeed V within the time L/V, which is the time constant. Of the air's rotation
-    the standard gives that about the flight path, p_g, a first-order process for Dryden and von Kármán alike:
+    A vehicle meets a length L at the airspeed V within the time L/V, which is the time constant. For the rotation of
+    the air, the standard defines the component about the flight path, p_g, a first-order process in both models:
 
         Φ_p(Ω) = σ_w²/L_w · 0.8 (π L_w / 4b)^(1/3) / (1 + (4bΩ/π)²),
 
@@ -292,7 +292,7 @@ def von_karman_noise(
     # The Fourier transform of that row gives the eigenvalues of the matrix, which are the power of each frequency.
     # Rounding makes some of them slightly negative.
     power = np.maximum(rfft(correlation).real, 0.0)
-    # A random spectrum of that power, transformed back, has the autocorrelation asked for.
+    # A random spectrum of that power, transformed back, has this autocorrelation.
     real, imaginary = noise.standard_normal((2, len(power)))
     amplitude = np.sqrt(power * size / 2)
     spectrum = amplitude * (real + 1j * imaginary)

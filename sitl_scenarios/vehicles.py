@@ -231,10 +231,10 @@ def _enlarged(quadrotor: Airframe, frame: Shape, rotors: int) -> Airframe:
 def _own_airframe(body: BodySpec, quadratic_thrust: float | None) -> Airframe:
     """Makes an airframe from the figures of a scenario's own body, such as one that was learned from a log.
 
-    A log tells at which command the vehicle hovers, but no rotor speeds. So the full thrust of a rotor is its share of
-    the weight over the fraction that the thrust curve gives in hover, (1 − f) s + f s². The rotor speed is an arbitrary
-    scale, ``UNKNOWN_ROTOR_SPEED`` at full command, and thrust and torque are made quadratic in it. Such a body has no
-    drag, no inflow and no rotor lag unless the scenario gives them.
+    A log shows at which command the vehicle hovers, but has no rotor speeds. So the full thrust of a rotor is its share
+    of the weight over the fraction that the thrust curve gives in hover, (1 − f) s + f s². The rotor speed is an
+    arbitrary scale, ``UNKNOWN_ROTOR_SPEED`` at full command, and thrust and torque are made quadratic in it. Such a
+    body has no drag, no inflow and no rotor lag unless the scenario gives them.
 
     Args:
         body: Mass (kg), inertia (kg m²), arm (m), hover command and motors' range (fractions of the full command),

@@ -67,7 +67,7 @@ _is_paused = False
 """In the process that learns: whether it waits, so that the analysis of a stream has its time."""
 
 _stop_pipe: ReceivingEnd | None = None
-"""In a worker: the end of a pipe that becomes readable when its results are no longer wanted."""
+"""In a worker: the end of a pipe that becomes readable when its results are no longer needed."""
 
 
 def parallel_map(
@@ -136,14 +136,14 @@ def _map_on_executor(
         raise type(error)(str(Fact(WorkerFact.WORKER_DIED))) from error
     finally:
         # The jobs of a ProcessPool end with its block and are not cancelled. Before Python 3.13, a pool with cancelled
-        # jobs waits for ever if a signal to the whole process group has ended its workers.
+        # jobs waits forever if a signal to the whole process group has ended its workers.
         if not isinstance(executor, ProcessPool):
             for future in futures:
                 future.cancel()
 
 
 def _work_unless_stopped(work: Callable[[Job], Result], job: Job) -> Result:
-    """Does a job in a worker, or raises an error if its result is no longer wanted; the worker then ends soon."""
+    """Does a job in a worker, or raises an error if its result is no longer needed; the worker then ends soon."""
     # The parent sends nothing, so that the pipe is readable only after the parent has closed its end.
     if _stop_pipe is not None and _stop_pipe.poll():
         raise CancelledError
@@ -187,7 +187,7 @@ def process_pool(
 ) -> Iterator[ProcessPool]:
     """Starts worker processes for a block, and waits for their end when the block is left.
 
-    By default the processes are started anew ("spawn"), since a fork of a process with threads may wait for ever for a
+    By default the processes are started anew ("spawn"), since a fork of a process with threads may wait forever for a
     lock that one of the threads held.
 
     Args:
@@ -226,7 +226,7 @@ def process_pool(
     finally:
         # The parent's end of the pipe is closed first, which stops the workers, and then their end is awaited. If an
         # exception from a signal interrupted the wait, Python would assume that the executor's thread has ended
-        # (bpo-45274). The workers would continue, and Python would wait for them for ever. So signals are handled after
+        # (bpo-45274). The workers would continue, and Python would wait for them forever. So signals are handled after
         # the wait.
         with stop_pipe, blocked_signals(*TERMINATION_SIGNALS):
             parent_end.close()
@@ -472,7 +472,7 @@ def _initialize_worker(stop_pipe: ReceivingEnd, prepare: Callable[[], None] | No
     """Prepares a worker process, so that it ends with its parent and can be stopped.
 
     Args:
-        stop_pipe: Receiving end of a pipe that becomes readable when the results are no longer wanted.
+        stop_pipe: Receiving end of a pipe that becomes readable when the results are no longer needed.
         prepare: Function that is called before the first job.
     """
     global _stop_pipe
@@ -537,7 +537,7 @@ def _wait_while_paused(*_: object) -> None:
 
 
 def _exit_with_parent() -> None:
-    """Ends the process when its parent has ended; else a worker of a killed parent would wait for jobs for ever."""
+    """Ends the process when its parent has ended; else a worker of a killed parent would wait for jobs forever."""
     parent = parent_process()
     assert parent is not None
     parent.join()

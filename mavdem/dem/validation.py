@@ -93,7 +93,7 @@ def _requirement(problem: Mapping[str, Any]) -> str:
 
 
 def is_number(value: object) -> TypeGuard[float]:
-    """Returns whether a value is one real number, of Python's or numpy's; ``True`` is none."""
+    """Returns whether a value is one real number, of Python's or numpy's type; a boolean is not one."""
     return isinstance(value, int | float | np.integer | np.floating) and not isinstance(value, bool)
 
 

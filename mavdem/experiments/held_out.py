@@ -334,8 +334,8 @@ def forecast_part(
 ) -> HeldOut:
     """Forecasts W windows of H samples that a model was not trained on, each from the filtered state at its start.
 
-    The forecast knows the recorded motors, the prediction does not. Two trivial forecasts are made for comparison: the
-    mean of the training data, and the last outputs before each window.
+    The forecast uses the recorded motors of its window, the prediction does not. Two trivial forecasts are made for
+    comparison: the mean of the training data, and the last outputs before each window.
 
     Args:
         model: model that was trained without the part; ``None`` where there is none. Then only the trivial forecasts

@@ -115,6 +115,9 @@ def read_truth(path: PathName, axis: str) -> Truth:
         path: path of the file.
         axis: "roll", "pitch" or "yaw".
 
+    Returns:
+        Parameters, and disturbance over the time of the simulation, of that axis.
+
     Raises:
         Unreadable: ``path`` is not a truth file, or cannot be read.
     """
@@ -249,7 +252,7 @@ def compared_effects(
     # Half widths (r,) of the 90 % intervals.
     half_widths = physical.interval()[0]
     for motor, input_name in enumerate(flight.input_names):
-        # The name in brackets says where the motor is.
+        # The text in brackets states the position of the motor.
         motor_name = input_name.split(" (")[0]
         yield ComparedParameter(
             f"{ComparedWithTruth.EFFECT_OF} {motor_name}",

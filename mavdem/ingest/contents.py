@@ -158,8 +158,8 @@ def is_dataflash_text(content: bytes) -> bool:
 def _content(path: PathName, limit: int | None = None) -> bytes:
     """Reads a file, and unpacks it if it is a ZIP or XZ archive.
 
-    Every failure becomes an ``Unreadable`` with a fact that tells the user the cause: a folder, a device, a missing or
-    empty file, too little memory.
+    Every failure becomes an ``Unreadable`` with a fact that states the cause to the user: a folder, a device, a missing
+    or empty file, too little memory.
 
     Args:
         path: The file.
@@ -283,7 +283,9 @@ def _content_of_xz(content: bytes, path: Path, limit: int | None) -> bytes:
 
 
 def _content_of_zip(path: Path, limit: int | None) -> bytes:
-    """Returns the log in a zip archive, bounded in size as that of an xz archive.
+    """Returns the log in a zip archive, whose unpacked size may be at most a multiple of its packed size.
+
+    The bound is needed since a malicious archive of some kilobytes can unpack to more than any memory holds.
 
     Args:
         path: The archive.
@@ -318,7 +320,10 @@ def _content_of_zip(path: Path, limit: int | None) -> bytes:
 
 
 def _only_log(archive: zipfile.ZipFile, path: Path) -> zipfile.ZipInfo:
-    """Returns the one log of a zip archive: the only file whose name ends as one of a log, or the only file at all.
+    """Returns the entry of the one log in a zip archive.
+
+    It is the only file whose name has the ending of a log, or, if no name has such an ending, the only file. Folders
+    and the files that macOS adds to archives do not count.
 
     Args:
         archive: The archive.

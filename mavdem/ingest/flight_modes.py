@@ -47,7 +47,7 @@ class Px4Mode(NamedTuple):
 
 
 AUTO_MODE = 4
-"""PX4's main mode of all modes that fly by themselves; only the sub mode tells which it is."""
+"""PX4's main mode of all modes that fly by themselves; only the sub mode distinguishes them."""
 
 EXTERNAL_SUB_MODES = range(11, 19)
 """Sub modes of PX4's AUTO for modes that run outside of PX4, such as those of ROS 2, which have names of their own."""

@@ -372,7 +372,7 @@ def _joined_vehicle(earlier: Recording, later: Recording, *, has_restarted: bool
         The vehicle, without the repair that reports the joining. Parameters that differ have the later log's values;
         identity, such as the firmware, is the earlier log's where it has one.
     """
-    # Boots are numbered on from the last one of the earlier log.
+    # The numbers of the later log's boots continue those of the earlier log.
     boot_offset = earlier.last_boot - later.first_boot + int(has_restarted)
     messages: dict[str, Columns] = dict(earlier.vehicle.messages)
     for name, columns in later.vehicle.messages.items():

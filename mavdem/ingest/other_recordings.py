@@ -219,7 +219,7 @@ def blocks_of_other_recordings(
     kept_chains: list[_Chain] = []
     chains = _chains(runs, max_gap, rules)
     for chain in sorted(chains, key=_importance, reverse=True):
-        if all(_agree(chain, kept_chain, rules) for kept_chain in kept_chains):
+        if all(_may_be_same_recording(chain, kept_chain, rules) for kept_chain in kept_chains):
             kept_chains.append(chain)
     kept_runs = {id(run) for chain in kept_chains for run in chain.runs}
     blocks = []
@@ -396,7 +396,7 @@ def _chains(runs: list[_Run], max_gap: float, rules: ClockRules) -> list[_Chain]
     return chains
 
 
-def _agree(chain: _Chain, kept_chain: _Chain, rules: ClockRules) -> bool:
+def _may_be_same_recording(chain: _Chain, kept_chain: _Chain, rules: ClockRules) -> bool:
     """Returns whether a chain can belong to the same recording as a larger one that is kept.
 
     One of the two must lie before the other in the file. The later one must continue in time, or be of another boot:

@@ -134,7 +134,7 @@ class _Field(NamedTuple):
     kind: str
     """Its type: that of a number, or the name of another message."""
     elements: int
-    """Number of elements of an array; 1 for a field that is none."""
+    """Number of elements of an array; 1 for a field that is not an array."""
     name: str
     """Its name."""
 
@@ -527,7 +527,7 @@ class RecordDefinitions:
         Args:
             kind: The message's name, or the type of a number.
             name: Name of the field; empty for a whole message.
-            numbers: The numbers before it.
+            numbers: List of the numbers before it, to which its own are appended.
         """
         if kind in NUMBER_BYTES:
             offset = 0

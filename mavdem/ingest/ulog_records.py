@@ -375,7 +375,7 @@ class _RecordScan:
         return is_type and self.definitions.next_position(position) > end
 
     def _is_unwritten(self, position: int, end: int) -> bool:
-        """Returns whether nothing but zeros, or nothing but ones, follows: what a card holds where nobody wrote."""
+        """Returns whether only zero bits, or only one bits, follow: the content of memory that was never written."""
         unwritten = UNWRITTEN_BYTES.match(self.content, position, end)
         return unwritten is not None and unwritten.end() == end
 

@@ -96,7 +96,7 @@ class Loop(Margins):
     shared_plant_response: PlantResponse | None = None
     """Response of the plants, taken from a loop with the same plants, grid and gyro filters; None to compute it."""
     refusal: ClassVar[None] = None
-    """Why the loops are not known. They are; in the place of a loop there may be a fact that says why not."""
+    """Always None: the loops are known. A fact that states why they are not may take the place of a loop."""
 
     @property
     def model(self) -> ModelName:

@@ -91,7 +91,7 @@ def gyro_noise(loop: Loop) -> GyroNoise:
 def demand_noise(loop: Loop, new_controller: Controller) -> DemandNoise | None:
     """Returns how much noise the gyro adds to the controller's torque demand, with the logged gains and with new ones.
 
-    It shows what new gains cost: the noise of the demand drives the motors to and fro, and heats them.
+    It shows what new gains cost: the noise of the demand accelerates and brakes the motors, and heats them.
 
     Args:
         loop: loops with the logged gains, and with the record that contains the noise.

@@ -240,7 +240,8 @@ class GainSearch:
             design = self.angle_design()
         design = self._without_small_changes(design)
         gains = self._one_step(stage, design)
-        notes = (*self._limits_of_design(stage, design), *self._notes_on_gains(stage, gains))
+        bounds = self._bound_on_higher_gains(stage, design)
+        notes = (*bounds, *self._notes_on_gains(stage, gains))
         return GainStep(stage, gains, design, self._flights_to(design), notes)
 
     def rate_design(self) -> Parameters:
@@ -451,25 +452,28 @@ class GainSearch:
         # Three digits of a gain may make a change a little larger than a whole number of steps.
         return ceil(max(changes, default=0.0) / log(MAX_GAIN_STEP) - 0.02)
 
-    def _limits_of_design(self, stage: Stage, design: Parameters) -> Facts:
-        """Returns what keeps the design of a stage from higher gains, by the next higher P or gain of the angle.
+    def _bound_on_higher_gains(self, stage: Stage, design: Parameters) -> Facts:
+        """Finds out why the search chose no higher gains: their range, the gyro's noise, or the stability margins.
+
+        The gains are raised by one step of the search's factors, and compared with each bound of the search in turn.
 
         Args:
-            stage: stage of tuning, which decides the gains that change.
-            design: gains at the end of the stage, by the autopilot's name.
+            stage: stage of tuning. Its main gain is P of the rate controller, or the gain of the attitude controller.
+            design: gains that the search chose for the end of the stage, by the autopilot's name.
 
         Returns:
-            The fact; none where that gain is not raised, as no bound is reached then, or where nothing forbids the
-            higher one, which the search has left out between two of its factors.
+            A fact that names the first bound that the raised gains exceed. Empty if the design does not raise the main
+            gain, so that the search stopped at no bound, or if the raised gains exceed none of them: they lie between
+            two factors that the search tried.
         """
         name = self.loop.controller.parameter_names["p" if stage is Stage.RATE else "angle_gain"]
         logged = self.loop.controller.parameters
         if design.get(name, 0.0) <= logged.get(name, 0.0):
             return ()
         factor = FACTORS[0] / FACTORS[1]
-        higher_gains = {other: factor * value for other, value in design.items()}
+        higher_gains = {gain_name: factor * value for gain_name, value in design.items()}
         scores = []
-        # The search rejects gains by either of these.
+        # The search rejects gains that lack margin with a part of the models, or with all of them.
         for models in (self.models, self.all_models):
             loop = models.with_parameters(higher_gains)
             open_loop = loop.rate if stage is Stage.RATE else loop.attitude
@@ -481,7 +485,9 @@ class GainSearch:
             highest = MAX_DESIGN_FACTOR * logged[name]
         else:
             highest = self.highest_angle_gain
-        if higher_gains[name] > factor * round_gain(highest) * (1 - GAIN_ROUNDING):
+        # The design is at the end of the range if it is its highest gain, up to the rounding of gains to three digits.
+        is_at_end_of_range = higher_gains[name] > factor * round_gain(highest) * (1 - GAIN_ROUNDING)
+        if is_at_end_of_range:
             bound = GainBound.RANGE
         elif stage is Stage.RATE and noise > self.max_demand_noise:
             bound = GainBound.NOISE
@@ -565,7 +571,7 @@ def scores_of_models(scores: Array) -> Array:
 
 
 def round_gain(value: float) -> float:
-    """Returns a gain with three digits, as somebody would type it."""
+    """Returns a gain with three digits, as a user would type it."""
     return float(f"{value:.3g}")
 
 

@@ -68,7 +68,7 @@ MAX_EXPLAINED_FREQUENCY = 4.0
 MAX_PHASE_MARGIN_HALF_WIDTH = 10.0
 """Largest half width of the phase margin's 90 % interval, degrees.
 
-A tuner aims at 45° and is warned below 35°: an interval that is wider than from the one to the other helps nobody.
+A tuner aims at 45° and is warned below 35°: an interval that is wider than this difference is of no use.
 """
 MARGIN_DRAWS = 100
 """Number of draws of the plant from which the interval of the phase margin is computed: a choice."""

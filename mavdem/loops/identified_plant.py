@@ -234,11 +234,12 @@ def _model_error_covariance(fit: IdentifiedAxis, effect: Array, values: LoopPara
     Returns:
         Covariance (r + 3, r + 3), in the order effects, damping, lag, delay.
     """
-    # J, (r + 3, 5): a column for each error. Each error changes its own parameter; compensating changes are set below.
-    own_changes = _derivatives_by_logarithms(effect, values)
+    # J, (r + 3, 5), has a column for each error. First each error changes only the parameter that it is named after;
+    # the changes of other parameters that compensate it are set below.
+    direct_changes = _derivatives_by_logarithms(effect, values)
     effect_error = _LogDeviations._fields.index("effect")
     # The last error, of the gain, changes the effects only.
-    changes_per_error = np.column_stack([own_changes, own_changes[:, effect_error]])
+    changes_per_error = np.column_stack([direct_changes, direct_changes[:, effect_error]])
     lag_error = _LogDeviations._fields.index("lag")
     # An effect that is too large comes with a lag that is too long by the same ratio, and with too short a delay.
     changes_per_error[LAG_AND_DELAY, effect_error] = values.lag, -DELAY_PER_EFFECT * values.lag

@@ -1,6 +1,6 @@
 """Step response of the identified rate loop, for loops that are too fast for deconvolution of their messages.
 
-Deconvolution knows setpoint and rate only at the stamps of their messages, so it blurs a loop that rises within a few
+Deconvolution uses setpoint and rate only at the stamps of their messages, so it blurs a loop that rises within a few
 of them. Identification models the sampling and the controller's cycle, and shows such a loop better.
 """
 

@@ -9,8 +9,8 @@ smoothing them, and shows in the covariance what the setpoint did not excite (G.
 kernel-based approach for linear system identification, Automatica 46(1), 2010).
 
 Wind moves a rate's setpoint r as well, by the attitude controller: r = x − G φ, of gain G and angle φ. So the
-instrument is not r itself but the part of r that follows x, what pilot or navigation ask for: x / (1 + G T / s), x = r
-+ G φ, with the T of the pass before (L. Ljung, System Identification, 2nd ed., secs. 7.6 and 13.5).
+instrument is not r itself but the part of r that follows x, the command of pilot or navigation: x / (1 + G T / s) with
+x = r + G φ and the T of the pass before (L. Ljung, System Identification, 2nd ed., secs. 7.6 and 13.5).
 """
 
 from collections.abc import Sequence
@@ -152,7 +152,7 @@ def second_differences(knots: Array) -> Array:
     are simple.
 
     Args:
-        knots: lags (K + 2,), ascending; all but the first and the last are inner knots.
+        knots: lags (K + 2,), ascending; all except the first and the last are inner knots.
 
     Returns:
         Weights (K + 2, K): of the ramp of each knot (rows) in the hat of each inner knot (columns).

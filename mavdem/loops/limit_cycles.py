@@ -27,7 +27,8 @@ from mavdem.dataset.time_series import TimeSeries
 from mavdem.loops.welch import half_overlapping_windows, resampled_signals, windowed_transforms
 
 WINDOW_LENGTHS = (4.0, 8.0)
-"""Lengths of the windows of a flight, s: short ones show brief oscillations, long ones tell slow ones from steering."""
+"""Lengths of the windows of a flight, s: short ones show brief oscillations, long ones distinguish slow ones from
+steering."""
 MIN_WINDOW_SAMPLES = 32
 """Least number of samples of a window: a choice."""
 MIN_PERIODS = 8
@@ -187,10 +188,11 @@ def detect_starting_limit_cycle(
     if fast_cycles:
         return _strongest(fast_cycles)
     short_window, long_window = WINDOW_LENGTHS
-    # What the shortest windows show goes on. Without them all windows together must show it until now.
+    # A cycle that the shortest windows show continues, so that a short time of the longer windows suffices to confirm
+    # it. If they show none, it must last for ``MIN_DURATION`` up to now.
     span = STARTING_SPAN * short_window if starting_cycles else MIN_DURATION + SPAN_SLACK
     segment = Segment(boot, max(start_time, now - span), now)
-    # Where no motor was at a limit in the last half window, an oscillation is over.
+    # If no motor was at a limit in the last half window, the oscillation is over.
     if latest_limit_time < now - short_window / 2 or segment.duration < MIN_DURATION:
         return None
     cycles = _cycles_at_limits(motor_series, tilts, segment, short_window, MIN_DURATION)

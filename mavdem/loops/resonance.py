@@ -38,7 +38,7 @@ MIN_RESPONSE_FREQUENCY = 1.0
 MIN_BAND_RATIO = 2.0
 """Least ratio of the highest and the lowest frequency of the response, without a gap between them: a choice."""
 MIN_SETPOINT_SHARE = 0.5
-"""Least power of what pilot or navigation ask for, relative to that of the setpoint: a choice."""
+"""Least power of the command of pilot or navigation, relative to that of the setpoint: a choice."""
 MAX_LOWEST_GAIN = 2.0
 """|T| at the lowest frequency beyond which something else than the setpoint moves the rate.
 

@@ -31,7 +31,7 @@ TWIN_FLIGHTS = 3
 SETTLING_SECONDS = 3.0
 """Beginning of a flight that is left out of its figures, s, while the twin settles: a choice."""
 RATE_BANDS = (0.3, 0.6, 1.2, 2.4, 4.8, 8.0)
-"""Edges of the bands in which spectra of the rate are compared, Hz: octaves, but for the last."""
+"""Edges of the bands in which spectra of the rate are compared, Hz: octaves, except the last."""
 SPECTRUM_WINDOW_SECONDS = 20.0
 """Length of the windows of these spectra, s, at most half of the flight."""
 

@@ -194,7 +194,7 @@ class LogPosterior(NamedTuple):
             gradient -= derivatives @ errors[0].ravel()
             curvature += derivatives @ derivatives.T
         if not (np.isfinite(value) and np.isfinite(curvature).all()):
-            raise LinAlgError("nothing has a likelihood")
+            raise LinAlgError("the log posterior or its curvature is not finite")
         return QuadraticExpansion(theta, value, gradient, curvature)
 
     def limited_step(self, step: Array) -> Array:

@@ -117,11 +117,11 @@ class WindTorqueSmoother(NamedTuple):
             self.rate_filter, commanded_torque, parameters.delay / self.dt, rate
         )
 
-        latest = -round(DELAY_SECONDS / self.dt)
+        latest_samples = slice(-round(DELAY_SECONDS / self.dt), None)
         # State 0 is the rate. Its mean squared error in the latest samples, divided by the variance F that the filter
         # expects, shows whether the model is currently valid. A ratio below 1 may be due to chance, and does not narrow
         # the band.
-        errors = (rate - smoothed_torque.states[:, 0])[latest:]
+        errors = (rate - smoothed_torque.states[:, 0])[latest_samples]
         error_ratio = max(1.0, float(np.mean(errors**2)) / self.rate_filter.F)
         unresolved_variance = sum(
             component.size**2 for component in parameters.components if component.time < self.dt

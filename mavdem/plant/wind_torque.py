@@ -348,8 +348,8 @@ def _parts_of_course(
         dt: time step, s.
 
     Returns:
-        First samples of the parts, except that of the first part; and the sample and the size, rad/s², of a step of the
-        level, which separates two parts as well. None if there is no step.
+        First samples of all parts after the first one; and a step of the mean torque, which separates two parts as
+        well: its sample and its size, rad/s², or None if there is no step.
     """
     # A new part begins at each change of the vehicle, and whenever a motor lost or regained thrust.
     part_starts = sorted({*changes, *_first_samples_after_changes(is_wind).tolist()})
@@ -526,13 +526,15 @@ def torque_balanced_by_trim(effect: Array, trim: Array, directions: Array | None
 def _spectrum(torque: Array, is_wind: Flags, record: Record, physical: Physical) -> WindSpectrum:
     """Estimates the spectral density of the wind torque by Welch's method, for comparison with the model's.
 
-    A part is a segment, or what remains of one without the samples in which the torque is not the wind's. Windows last
-    ``SPECTRUM_SECONDS``, or as long as the longest part. Shorter parts are left out, and the densities of the others
-    are averaged with their numbers of windows as weights. The linear trend of each window is removed.
+    The record is cut into parts at the ends of its segments, and where ``is_wind`` changes. Parts in which it is false
+    are left out. Windows last ``SPECTRUM_SECONDS``, or as long as the longest part. Shorter parts are left out too, and
+    the densities of the others are averaged with their numbers of windows as weights. The linear trend of each window
+    is removed.
 
     Args:
         torque: wind torque (T,), rad/s².
-        is_wind: whether the torque of a sample is that of the wind (T,).
+        is_wind: whether all motors had their thrust at each sample (T,), so that the torque is caused by wind. It is
+            true at some sample.
         record: time step and segments of the samples.
         physical: physical parameters, with the modelled components of the wind torque.
 
@@ -542,7 +544,7 @@ def _spectrum(torque: Array, is_wind: Flags, record: Record, physical: Physical)
     cuts = np.union1d(record.segment_starts[1:], _first_samples_after_changes(is_wind))
     parts = []
     for part, part_is_wind in zip(np.split(torque, cuts), np.split(is_wind, cuts), strict=True):
-        # The cuts are at the changes of the flag, so that it is the same at all samples of a part.
+        # The record was cut where the flag changes, so that it is the same at all samples of a part.
         if part_is_wind[0]:
             parts.append(part)
     length = min(round(SPECTRUM_SECONDS / record.dt), max(map(len, parts)))

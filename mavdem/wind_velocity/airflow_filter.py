@@ -67,7 +67,7 @@ class AirflowFilter:
     def __init__(self, parameters: Array, start: MotionGrid) -> None:
         """Begins before the first step.
 
-        Gusts begin at 0, and the mean wind at that which explains the median force of the motion.
+        Gusts begin at 0, and the mean wind begins at the wind that explains the median force of the motion.
 
         Args:
             parameters: (G, 10) the six entries of ``Drag.mean``; then logarithms of the gusts' standard deviation (m/s)
@@ -136,9 +136,10 @@ class AirflowFilter:
         Returns:
             The innovations and their covariances S.
         """
-        x = self.states  # (G, 4)
-        P = self.covariances  # (G, 4, 4)
-        # (2, 3) body x and y in north, east and down.
+        # States (G, 4) and their covariances (G, 4, 4).
+        x = self.states
+        P = self.covariances
+        # Body x and y (2, 3), by their components north, east and down.
         axes = motion.body_axes[step]
         u = axes @ motion.velocity[step] - x @ (axes[:, :2] @ TOTAL_WIND_MATRIX).T
         speed = np.sqrt((u * u).sum(axis=1) + MIN_SPEED_SQUARE)[:, None]
@@ -159,14 +160,14 @@ class AirflowFilter:
         inverse_S = (S.trace(axis1=1, axis2=2)[:, None, None] * IDENTITY - S) / determinant
 
         # The squared Mahalanobis distance of each innovation, and the log density of Student's t distribution.
-        row = innovations[:, None]
-        squares = row @ inverse_S @ innovations[:, :, None]
+        innovation_rows = innovations[:, None]
+        squares = innovation_rows @ inverse_S @ innovations[:, :, None]
         freedom = DEGREES_OF_FREEDOM
         deviance = np.log(determinant) / 2 + (freedom + 2) / 2 * np.log1p(squares / freedom)
         self.log_likelihoods -= deviance[:, 0, 0]
         weights = np.minimum((freedom + 2) / (freedom + squares), 1.0)
         gain_transposed = inverse_S * weights @ HP
-        self.states = x + (row @ gain_transposed)[:, 0]
+        self.states = x + (innovation_rows @ gain_transposed)[:, 0]
         self.covariances = P - gain_transposed.mT @ HP
         return FilterUpdate(innovations, S)
 

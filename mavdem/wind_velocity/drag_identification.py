@@ -484,12 +484,13 @@ def estimate_drag(
     prior_whitening = np.linalg.inv(np.linalg.cholesky(prior.covariance))
 
     def force_errors(logarithms: Array) -> Array:
-        # The error of f = b − (c + q |u|) u.
+        """Returns measured minus predicted force (T, 2), m/s², where the prediction is lean − (c + q |u|) u."""
         drag = axis_drag(logarithms)
         coefficient = drag.linear + drag.quadratic * speed
         return grid.force + coefficient * air_velocity - logarithms[LEAN]
 
     def residuals(logarithms: Array, weight: float) -> Array:
+        """Returns the weighted errors of the force, then the whitened deviations from the prior."""
         deviation = prior_whitening @ (logarithms - prior.mean)
         return np.append(weight**0.5 * force_errors(logarithms), deviation)
 

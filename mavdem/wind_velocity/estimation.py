@@ -147,7 +147,7 @@ class WindVelocity(ImmutableResult):
 
     @property
     def calm(self) -> bool:
-        """Whether still air is likely as well: the wind is then said to be below the interval's upper end."""
+        """Whether still air is likely as well: the wind is then reported as below the interval's upper end."""
         return self.speed_identifiable and not self.speed_interval[0]
 
     @property

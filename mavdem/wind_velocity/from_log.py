@@ -195,7 +195,7 @@ def wind_evidence(signals: Signals) -> WindEvidence:
         signals: signals of the vehicle.
 
     Returns:
-        Our estimate and that of the autopilot, and the reason if there is no estimate of ours.
+        The estimate of this library and that of the autopilot, and the reason if this library has none.
     """
     kind = signals.telemetry.vehicle
     if kind not in POSSIBLE_MULTIROTORS:
@@ -377,10 +377,10 @@ def _ground_motion(telemetry: Telemetry) -> TimeSeries | None:
 def _free_flight(
     signals: Signals, angles: Sequence[Attitude], ground_motion: TimeSeries, boot: int
 ) -> _FlightMotion | None:
-    """Returns the motion in the flight of one boot, while the estimator knows it, at the stamps of the yaw.
+    """Returns the motion in the flight of one boot, as far as the estimator determined it, at the stamps of the yaw.
 
     Left out are gaps of the velocity, resets of velocity or position, everything before the last reset of the yaw in
-    flight, and times at which the estimator's flags say that it does not know the velocity.
+    flight, and times at which the estimator's flags mark the velocity as invalid.
 
     Args:
         signals: signals of the vehicle.
@@ -420,7 +420,7 @@ def _free_flight(
     last_yaw_reset = np.max(time[1:][yaw_resets], initial=-np.inf)
     is_usable &= time > last_yaw_reset + MAX_VELOCITY_GAP
 
-    is_usable &= _estimator_knows_velocity(signals.telemetry, boot, time)
+    is_usable &= _has_valid_velocity(signals.telemetry, boot, time)
     is_usable &= measures_velocity(signals.telemetry, boot, time)
     motion = interpolated(time, velocity_time, ground_values[:, : HEIGHT + 1])
     is_usable &= np.linalg.norm(motion[:, HORIZONTAL], axis=1) <= MAX_GROUND_SPEED
@@ -451,7 +451,7 @@ def _motion_resets(time: Array, values: Array) -> Flags:
     return resets
 
 
-def _estimator_knows_velocity(telemetry: Telemetry, boot: int, time: Array) -> Flags:
+def _has_valid_velocity(telemetry: Telemetry, boot: int, time: Array) -> Flags:
     """Returns at which times the autopilot's state estimator has a valid horizontal velocity.
 
     Without a position source, an estimator reports a meaningless velocity, and marks it as invalid by its flags. If a

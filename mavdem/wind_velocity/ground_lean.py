@@ -51,7 +51,7 @@ def with_lean_on_ground(
         signals: signals of the vehicle.
         angles: its roll and pitch.
         boot: number of the boot.
-        flight: two times of the flight, s since boot.
+        flight: first and last time of the motion in the flight, s since boot.
 
     Returns:
         The drag; unchanged where the log does not show the vehicle on the ground before and after the flight.
@@ -72,17 +72,17 @@ def with_lean_on_ground(
 def lean_on_ground(
     signals: Signals, angles: Sequence[Attitude], boot: int, flight: TimeInterval
 ) -> Array | None:
-    """Returns the specific force as which roll and pitch on the ground would appear in still air.
+    """Converts the lean on the ground to the specific force that wind would need to cause the same lean in flight.
 
     Args:
         signals: signals of the vehicle.
         angles: its roll and pitch.
         boot: number of the boot.
-        flight: two times of the flight, s since boot.
+        flight: first and last time of the motion in the flight, s since boot.
 
     Returns:
-        Force (2,) along body x and y, m/s²: the part that the stands before the flight and after it have in common.
-        ``None`` if the log does not show both: one stand alone may just be on a slope.
+        Force (2,) along body x and y, m/s²: the part that is the same before and after the flight. ``None`` if the log
+        does not show the vehicle on the ground both times: at one place alone, the ground may slope.
     """
     airborne = airborne_intervals(signals, boot)
     take_offs = [start for start, end in airborne if start <= flight[0] <= end]

@@ -70,7 +70,7 @@ HALF_AIR_DENSITY = 1.225 / 2
 """Half of the air density at sea level, kg/m³, by which both autopilots define a ballistic coefficient."""
 
 CONFIGURED_SD = 0.3
-"""Standard deviation of the logarithm of a coefficient that somebody set in the autopilot: few are calibrated."""
+"""Standard deviation of the logarithm of a coefficient that a user set in the autopilot: few are calibrated."""
 
 MIN_MOMENTUM_DRAG = 0.001
 """Momentum drag coefficient, 1/s, up to which PX4's EKF2 takes that part of its drag model for switched off."""
@@ -93,7 +93,7 @@ FACTORY_VALUES = {
     "EKF2_BCOEF_X": (25.0, 100.0),
     "EKF2_BCOEF_Y": (25.0, 100.0),
 }
-"""Values that PX4's parameters have in some version unless somebody sets others; ArduPilot's are 0, switched off."""
+"""Values that PX4's parameters have in some version unless a user sets others; ArduPilot's are 0, switched off."""
 
 MAX_DEVIATION = np.array([4.0, 6.0, 3.0, 3.0, 5.0, 5.0])
 """Largest plausible deviation of each entry of ``Drag.mean`` from the population.
@@ -275,8 +275,10 @@ class Drag(ImmutableResult):
         Args:
             speed: air speed, m/s.
         """
-        terms = np.exp(self.mean[[LOG_LINEAR, LOG_QUADRATIC]]) * [1.0, speed]
-        return float(np.sqrt(terms @ self.covariance[:2, :2] @ terms) / terms.sum())
+        entries = [LOG_LINEAR, LOG_QUADRATIC]
+        terms = np.exp(self.mean[entries]) * [1.0, speed]
+        variance = terms @ self.covariance[np.ix_(entries, entries)] @ terms
+        return float(np.sqrt(variance) / terms.sum())
 
     def autopilot_parameters(self, autopilot: str) -> dict[str, ParameterValue]:
         """Converts the drag to the parameters of the drag model in an autopilot's state estimator.
@@ -313,12 +315,14 @@ class Drag(ImmutableResult):
         This is a step of a first-order autoregression whose stationary variance is that of the population.
         """
         constant_share = 1 - (LEAN_CHANGE_SD / LEAN_SD) ** 2
-        scale = np.array([1, 1, 1, 1, constant_share, constant_share])
-        added_covariance = np.diag([0, 0, 0, 0, 1, 1]) * LEAN_SD**2 * (1 - constant_share**2)
+        scale = np.ones(DRAG_PARAMETERS)
+        scale[LEAN] = constant_share
+        added_variances = np.zeros(DRAG_PARAMETERS)
+        added_variances[LEAN] = LEAN_SD**2 * (1 - constant_share**2)
         source = DragSource.EARLIER_FLIGHT if self.source is DragSource.FLIGHT else self.source
         return Drag(
             self.mean * scale,
-            self.covariance * np.outer(scale, scale) + added_covariance,
+            self.covariance * np.outer(scale, scale) + np.diag(added_variances),
             source,
         )
 

@@ -117,15 +117,14 @@ class CommandHandler:
     """Number of commands accepted so far."""
 
     def handle(self, received: ReceivedMessage) -> None:
-        """Executes a message from a ground station; the reply goes out with the transmitter's next block.
+        """Executes a message from a ground station; the reply is sent with the transmitter's next block.
 
-        A command is acknowledged with its result. Requests for parameters are answered by their values, also where one
-        is set, and requests for data streams change the rates of messages. The vehicle flies its scenario: it has no
-        mission and takes none, and it has no logs.
+        A command is acknowledged with its result. A request for parameters, and one to set a parameter, is answered by
+        the values; a request for data streams changes the rates of messages. The vehicle flies its scenario: it has no
+        mission and accepts none, and it has no logs.
 
         Args:
-            received: Message that is addressed to the vehicle; others than ``HANDLED_MESSAGES`` are
-                ignored.
+            received: Message that is addressed to the vehicle. It is ignored if it is none of ``HANDLED_MESSAGES``.
         """
         fields = received.fields
         match received.name:

@@ -100,13 +100,17 @@ def instrument_fields(
     boot_microseconds: NDArray[np.int64],
     autopilot: Autopilot,
 ) -> Fields | None:
-    """Returns the fields of a message that instruments fill; None for a message that they do not fill.
+    """Returns the fields of a message whose content comes from simulated instruments, such as a barometer.
 
     Args:
         name: Name of the message.
         motion: N rows of the flight.
         boot_microseconds: (N,) times of the rows since boot, µs.
         autopilot: Autopilot that sends the message.
+
+    Returns:
+        Columns (N,), or one number for all rows, by field, in the units of the message. None if no instrument gives the
+        content of the message.
     """
     time_boot_ms = boot_microseconds // 1000 % 2**32
     match name:

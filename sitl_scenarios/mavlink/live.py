@@ -174,13 +174,16 @@ def _ticks(
 ) -> Iterator[_Tick]:
     """Advances the simulation tick by tick, and yields the frames that arrive at the ground station.
 
-    After the flight it goes on until all frames that are delayed have arrived.
+    After the flight only time passes, until all delayed frames have arrived.
 
     Args:
         link: Link that loses, delays and reorders frames.
         simulation: Simulation of the flight.
         transmitter: Autopilot's side of the link.
         speed: Simulated seconds per second of wall-clock time; it decides how long a tick of the flight is.
+
+    Yields:
+        For each tick the time since the start of the flight, s, and the frames that have arrived in it.
     """
     # Frames on their way over the link, in order of arrival.
     in_transit = deque[TimedFrame]()

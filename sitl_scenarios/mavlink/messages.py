@@ -133,8 +133,8 @@ def message_payloads(
             fields = {"time_usec": boot_microseconds, "zacc": -GRAVITY}
             fields |= named_columns("xgyro ygyro zgyro", motion.gyro)
         case "ATTITUDE_TARGET":
-            # No bit of type_mask is set: both autopilots say all of it is meant (PX4's streams/ATTITUDE_TARGET.hpp,
-            # ArduCopter's send_attitude_target).
+            # No bit of type_mask is set: both autopilots declare that all setpoints are valid (PX4's
+            # streams/ATTITUDE_TARGET.hpp, ArduCopter's send_attitude_target).
             fields["q"] = quaternion(*motion.attitude_setpoint.T)
             rate_names = "body_roll_rate body_pitch_rate body_yaw_rate"
             fields |= named_columns(rate_names, motion.rates_setpoint)

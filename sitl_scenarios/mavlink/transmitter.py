@@ -306,7 +306,7 @@ class Transmitter:
                     self.schedule.set(name, requested_interval, self.clock)
 
     def _restart_by_watchdog(self, now: float) -> None:
-        """Boots the autopilot again in flight, which then says why."""
+        """Boots the autopilot again in flight, and sends the text with the reason of the reboot."""
         self._boot(now, now + REBOOT_SECONDS)
         # MAV_SEVERITY_CRITICAL
         self.send_once("STATUSTEXT", severity=2, text=WATCHDOG_TEXT[:50].encode())

@@ -199,11 +199,11 @@ def topple(state: State, bearing: float) -> GroundContact:
     # The axis of the rotation, in body axes: to tip to the right is to rotate about the forward axis, and to tip
     # forward is to rotate about the axis to the left.
     angle = radians(bearing)
-    forward, right = sin(angle), -cos(angle)
+    axis_forward, axis_right = sin(angle), -cos(angle)
     rows = rotation_matrix(heading)
     axis = (
-        rows[0][0] * forward + rows[0][1] * right,
-        rows[1][0] * forward + rows[1][1] * right,
+        rows[0][0] * axis_forward + rows[0][1] * axis_right,
+        rows[1][0] * axis_forward + rows[1][1] * axis_right,
     )
     lean, rate = TOPPLE_START
     return GroundContact(

@@ -155,7 +155,7 @@ class InstrumentedMotion(Motion):
     is_failsafe: Flags
     """(N,) whether a failsafe acts."""
     text: NDArray[np.str_]
-    """(N,) what the autopilot says in this cycle; empty mostly."""
+    """(N,) text that the autopilot sends in each cycle; empty in most cycles."""
     severity: NDArray[np.int64]
     """(N,) MAV_SEVERITY of that."""
 
@@ -193,9 +193,9 @@ class Instruments:
     ) -> dict[str, Any]:
         """Returns what the instruments measure in this cycle, by the names of the fields of ``InstrumentedMotion``.
 
-        All follow from how hard the rotors work, relative to hover. Thrust, and the imbalance that shakes the frame, go
-        with the square of the rotor speeds; the power, and so the current, goes with their cube. It must be called once
-        per cycle, since the noise and the count of clipped samples go on from the cycle before.
+        All measurements depend on the rotor speeds relative to hover. Thrust, and the imbalance that shakes the frame,
+        are proportional to the square of the rotor speeds, and the power, and so the current, to their cube. The method
+        must be called once per cycle, since noise and clipped samples continue those of the cycle before.
 
         Args:
             time: Seconds after arming.
@@ -203,6 +203,9 @@ class Instruments:
             remaining_voltage: Share of the first battery's voltage that the scenario's ``battery_sag`` leaves, 0 to 1.
             readings: Errors of the sensors.
             impact: Acceleration of an impact on the ground, m/s².
+
+        Returns:
+            Values of this cycle, in the units of these fields.
         """
         noise = next(self._noises)
         speed_ratios = [speed / self._hover_speed for speed in state.rotors]

@@ -76,7 +76,7 @@ BENCH_RUN_SECONDS = 12.0
 """Time of one run of the motors on a bench, from idle to idle, s; a choice."""
 
 BENCH_STICK_TILT = radians(12)
-"""Roll and pitch that the pilot asks for on a bench, rad; a choice."""
+"""Roll and pitch that the pilot commands on a bench, rad; a choice."""
 
 BENCH_ROLL_PERIOD, BENCH_PITCH_PERIOD = 3.1, 4.3
 """Periods of the roll and the pitch stick on a bench, s: without a common multiple in a run; choices."""
@@ -87,7 +87,7 @@ DESCENT_STICK = 0.8
 
 @dataclass
 class Pilot:
-    """Whoever flies besides the flight plan: decides mode, throttle stick and control, cycle by cycle."""
+    """Pilot or failsafe that takes over from the flight plan in a mishap, with mode, throttle and control by cycle."""
 
     mishap: Mishap | None
     """What goes wrong; None: the plan is flown."""
@@ -103,10 +103,10 @@ class Pilot:
     """Throttle stick in this cycle, 0 to 1."""
     rolled: float = 0.0
     """How far a flip has rolled, rad."""
-    is_caught: bool = False
-    """Whether a dive or a flip is over."""
+    has_ended_manoeuvre: bool = False
+    """Whether a dive or a flip is over, so that the plan is flown again."""
     blind_height: float | None = None
-    """Height that is asked for in a landing without a position, m."""
+    """Height setpoint in a landing without a position, m."""
 
     @property
     def hover_stick(self) -> float:
@@ -114,7 +114,7 @@ class Pilot:
         return self.body.command_for(self.body.hover_speed) / self.body.full_command
 
     def reference(self, time: float, estimate: State, planned: Reference) -> Reference:
-        """Returns the setpoints that are flown: the plan's, but for a landing without a position.
+        """Returns the setpoints that are flown: those of the plan, except in a landing without a position.
 
         It is called first in each cycle, and sets ``mode`` and ``throttle_stick`` to those of these setpoints;
         :meth:`control` may then change them.
@@ -161,9 +161,11 @@ class Pilot:
         match self.mishap:
             case ThrottleCut(start=start) if time >= start - PILOT_SECONDS:
                 return self._cut_throttle(start, time)
-            case Dive(start=start) if start - PILOT_SECONDS <= time and not self.is_caught:
+            case Dive(start=start) if (
+                start - PILOT_SECONDS <= time and not self.has_ended_manoeuvre
+            ):
                 return self._dive(self.mishap, time, estimate)
-            case Flip(start=start) if time >= start and not self.is_caught:
+            case Flip(start=start) if time >= start and not self.has_ended_manoeuvre:
                 return self._flip(time - start, estimate)
             case BenchRun() if time >= 0:
                 return self._run_on_bench(self.mishap, time, estimate)
@@ -245,7 +247,7 @@ class Pilot:
             return self._level(estimate, DIVE_THRUST)
         self.throttle_stick = 1.0
         if estimate.velocity[2] < CAUGHT_SPEED:
-            self.is_caught = True
+            self.has_ended_manoeuvre = True
         return self._level(estimate, CATCH_THRUST)
 
     def _flip(self, flip_time: float, estimate: State) -> ControlOutput | None:
@@ -263,7 +265,7 @@ class Pilot:
             return self._level(estimate, FLIP_CLIMB_THRUST)
         self.rolled += estimate.rates[0] * self.cycle
         if self.rolled >= FLIP_END:
-            self.is_caught = True
+            self.has_ended_manoeuvre = True
             return None
         is_braking = self.rolled > pi
         thrust = FLIP_BRAKING_THRUST if is_braking else FLIP_THRUST

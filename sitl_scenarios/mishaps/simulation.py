@@ -82,19 +82,21 @@ class InstrumentedSimulation(Simulation):
 
     @property
     def finished(self) -> bool:
-        """Whether the record is over: after the landing or the crash, or as the board stops."""
+        """Whether the record is over: when the board loses its power, or some time after the crash or the landing.
+
+        A vehicle that is still armed at the planned end of the flight gets up to ``MAX_LATE_SECONDS`` more to land.
+        """
         mishap = self.scenario.mishap
         if isinstance(mishap, BrownOut) and self._flight_time >= mishap.start + mishap.seconds:
             return True
+        # A vehicle that crashed lies on the ground.
         if self._lying_since is not None:
             return self._flight_time >= self._lying_since + CRASH_CHECK_SECONDS + LYING_SECONDS
-        may_be_late = self._flight_time < self.scenario.duration + MAX_LATE_SECONDS
-        if self.armed and may_be_late:
+        planned_end = self.scenario.duration
+        may_still_land = self._flight_time < planned_end + MAX_LATE_SECONDS
+        if self.armed and may_still_land:
             return False
-        if (
-            self._disarmed_at is not None
-            and self._disarmed_at > self.scenario.duration + self.cycle
-        ):
+        if self._disarmed_at is not None and self._disarmed_at > planned_end + self.cycle:
             # A vehicle that landed after the planned end is recorded at rest, too.
             return self._flight_time >= self._disarmed_at + LATE_RECORD_SECONDS
         return super().finished
@@ -123,7 +125,7 @@ class InstrumentedSimulation(Simulation):
         self._planned_state = reference.landed_state
         mishap = self.scenario.mishap
         if reference.landed_state == LANDING and self._pilot.mode == "plan":
-            # A landing goes on below the planned depth until the ground is felt.
+            # A landing continues below the planned depth until the vehicle touches the ground.
             late = max(self._flight_time - self.scenario.duration, 0.0)
             reference = reference._replace(height=reference.height - LATE_DESCENT * late)
         if isinstance(mishap, BarometerStuck):
@@ -152,7 +154,7 @@ class InstrumentedSimulation(Simulation):
         if self.armed and time >= self._lying_since + CRASH_CHECK_SECONDS:
             self.armed = False
             # The text of ArduCopter's crash check. PX4 takes the vehicle for landed; so does ArduCopter after a landing
-            # with the throttle closed, and says nothing.
+            # with the throttle closed, and sends no text.
             text, severity = "Crash: Disarming: AngErr=87>30, Accel=0.3<3.0", CRITICAL
             if self._is_px4:
                 text, severity = "Disarmed by landing", INFO

@@ -175,7 +175,7 @@ class Dive(Section):
 
 
 class Flip(Section):
-    """A roll through 360°, as the pilot asks for it."""
+    """A roll through 360°, as the pilot commands it."""
 
     kind: Literal["flip"]
     start: Start

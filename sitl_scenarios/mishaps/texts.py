@@ -1,4 +1,4 @@
-"""What the autopilots say of a mishap, in STATUSTEXT, as their source code has it.
+"""Texts that the autopilots send about a mishap (STATUSTEXT), as in their source code.
 
 ArduPilot: ``ArduCopter/*.cpp``, ``AP_NavEKF3``, ``AP_Logger``; PX4: ``src/modules/commander``, ``src/modules/ekf2``.
 """
@@ -20,7 +20,7 @@ CRITICAL, ERROR, WARNING, INFO = 2, 3, 4, 6
 """MAV_SEVERITY."""
 
 WATCHDOG_TEXT = "WDG: T-3 SL0 FL0 FT0 FA0 FTP0 FLR0 FICSR0 MM0 MC0 IE0 IEC0 TN:main"
-"""What ArduPilot says after its watchdog reset it, 50 characters of it."""
+"""Text that ArduPilot sends after its watchdog reset it, the first 50 characters."""
 
 CRASH_CHECK_SECONDS = 2.0
 """Time after which ArduCopter's crash check disarms: CRASH_CHECK_TRIGGER_SEC of crash_check.cpp."""
@@ -30,7 +30,7 @@ class Announcement(NamedTuple):
     """A text of the autopilot."""
 
     time: float
-    """When it is said, s after arming."""
+    """Time at which it is sent, s after arming."""
     text: str
     """At most 50 characters."""
     severity: int
@@ -38,12 +38,17 @@ class Announcement(NamedTuple):
 
 
 def announcements(mishap: Mishap | None, *, is_px4: bool, duration: float) -> list[Announcement]:
-    """Returns what the autopilot says of a mishap at times that are known beforehand, in order of time.
+    """Returns the texts that the autopilot sends about a mishap, as far as their times are known before the flight.
+
+    Texts whose times depend on the motion, such as that of a crash check, are sent by the simulation itself.
 
     Args:
-        mishap: Mishap of the flight.
-        is_px4: Whether it is PX4 rather than ArduPilot.
+        mishap: Mishap of the flight; None for a flight without one.
+        is_px4: Whether the autopilot is PX4 rather than ArduPilot.
         duration: Duration of the flight, s.
+
+    Returns:
+        The texts in order of time; empty if there are none.
     """
     match mishap:
         case FailsafeDisarm(start=start, cause="radio"):

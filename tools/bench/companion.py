@@ -201,10 +201,15 @@ def live_run(rate: float, python: str, checkout: Path, core: int, group: Path | 
         python: interpreter of the session.
         checkout: folder whose ``mavdem`` it runs.
         core: core that it runs on; the flight is sent from the others.
-        group: file that takes the number of a process into the control group; None for none.
+        group: file of the control group to which the session's process id is written; None without a group.
+
+    Returns:
+        The document and the lines that the session printed, its use of processor and memory over time, and the times at
+        which the flight began and ended.
     """
 
     def limit() -> None:
+        """Binds the process of the session to the core, and puts it into the control group."""
         os.sched_setaffinity(0, {core})
         if group is not None:
             group.write_text(str(os.getpid()))
@@ -230,15 +235,18 @@ def live_run(rate: float, python: str, checkout: Path, core: int, group: Path | 
         usages: list[Usage] = []
 
         def read_lines() -> None:
+            """Collects the lines on standard error, each with the time at which it came."""
             assert session.stderr is not None
             for line in session.stderr:
                 lines.append((time.monotonic(), line.rstrip()))
 
         def read_output() -> None:
+            """Collects standard output, which is the JSON document."""
             assert session.stdout is not None
             output.append(session.stdout.read())
 
         def measure() -> None:
+            """Records the session's use of the machine until it ends."""
             observed = psutil.Process(session.pid)
             with suppress(psutil.Error):
                 while True:

@@ -73,12 +73,15 @@ class FlightFigures(NamedTuple):
 
 
 def held_out_log_density(one_step: Array, forecast: Array, window: Window) -> float:
-    """Returns the mean log density of a sample of the test part, by normal errors of one-step predictions.
+    """Returns the mean log density of a sample of the test part, if errors of one-step predictions are normal.
 
     Args:
         one_step: (T, 2) one-step predictions of the training part, whose errors give the covariance.
         forecast: (H, 2) one-step predictions of the test part.
-        window: the window.
+        window: the window, with its training part and its test part.
+
+    Returns:
+        Log density per sample, nats.
     """
     training_errors = (window.train.outputs - one_step)[GIVEN_SAMPLES:]
     covariance = training_errors.T @ training_errors / len(training_errors)

@@ -196,11 +196,14 @@ def write_long_log(flight: Flight, path: Path, size: int) -> None:
 
 
 def info_cost(path: Path, checkout: Path) -> Cost:
-    """Runs `mavdem info` on a log, and returns what it cost.
+    """Runs `mavdem info` on a log, and measures its memory and its processor time.
 
     Args:
         path: the log.
         checkout: the checkout of the repository whose command is run.
+
+    Returns:
+        The largest resident memory, MB, and the processor time, s.
     """
     process = subprocess.Popen(
         [sys.executable, "-m", "mavdem", "info", str(path)],
@@ -209,7 +212,8 @@ def info_cost(path: Path, checkout: Path) -> Cost:
         stdout=subprocess.DEVNULL,
         stderr=subprocess.DEVNULL,
     )
-    # The kernel's ``ru_maxrss`` of a child also counts what this process had when it started the child.
+    # The peak (VmHWM) is read again and again until the process ends, since the kernel's ``ru_maxrss`` of a child also
+    # contains the memory that this process had when it started the child.
     peak_kibibytes = 0
     while os.waitid(os.P_PID, process.pid, os.WEXITED | os.WNOHANG | os.WNOWAIT) is None:
         status = Path(f"/proc/{process.pid}/status").read_text(encoding="utf-8")

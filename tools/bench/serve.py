@@ -262,7 +262,10 @@ def multiply_flights(folder: Path, count: int) -> None:
 @bench.command("load")
 @click.argument("log", type=click.Path(path_type=Path))
 def load_command(log: Path) -> None:
-    """Uploads and reads pages at the same time."""
+    """Measures a server while 10 clients upload 50 logs, and 20 readers open its pages meanwhile.
+
+    The logs are copies of LOG, each changed a little, so that the server reads all of them.
+    """
     content = log.read_bytes()
     with TemporaryDirectory() as folder, running_server(folder) as server:
         server.upload(log.name, content)

@@ -244,13 +244,14 @@ def udp_speed(rate: float, folder: Path) -> JsonValues:
     words += [f"--rrd={folder}/live.rrd", f"--record={folder}/live.tlog"]
     with (folder / "live.json").open("w+") as output:
         session = subprocess.Popen(words, stdout=output)
-        time.sleep(10.0)  # until it listens
+        # By then the session listens.
+        time.sleep(10.0)
         subprocess.run([*mavdem, "fly", str(scenario), "--udp", LINK], check=True)
         usage = os.wait4(session.pid, 0)[2]
         output.seek(0)
-        account = json.load(output)
-    row = {"Hz": rate, "rows": sum(account["samples"].values()), "lost": account["lost"]}
-    row |= {f"{name}, ms": 1e3 * seconds for name, seconds in account["latency"].items()}
+        document = json.load(output)
+    row = {"Hz": rate, "rows": sum(document["samples"].values()), "lost": document["lost"]}
+    row |= {f"{name}, ms": 1e3 * seconds for name, seconds in document["latency"].items()}
     return row | {"CPU s": usage.ru_utime + usage.ru_stime}
 
 

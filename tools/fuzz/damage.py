@@ -1,5 +1,5 @@
 #!/usr/bin/env python
-"""Damages sound logs in many ways, and checks what reader and commands say of each.
+"""Damages sound logs in many ways, and checks how reader and commands treat each.
 
 Usage: tools/fuzz/damage.py LOG... [--count N] [--seed N] [--command read|info|review|convert]
 
@@ -254,7 +254,7 @@ def attempt(path: Path, command: str) -> Attempt:
 
 
 def failure_by_damage(damaged: Attempt, sound: Attempt, limit: float, *, is_timeless: bool) -> str:
-    """Says what is wrong with the way in which a damaged log was read, compared with the sound log.
+    """Describes what is wrong with the way in which a damaged log was read, compared with the sound log.
 
     An error, much more processor time, or a log that seems longer than the sound one is wrong.
 

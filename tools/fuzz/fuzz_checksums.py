@@ -15,7 +15,7 @@ SHORTEST_FRAME = HEADER_BYTES_V1 + CHECKSUM_BYTES
 """Bytes of a frame of version 1 without a payload."""
 
 BYTES_THAT_TELL_LENGTH = 3
-"""Marker, payload's length and flags, by which ``frame_length`` knows the length of a frame."""
+"""Marker, payload's length and flags, from which ``frame_length`` computes the length of a frame."""
 
 
 def with_checksums(stream: bytearray) -> bytes:

@@ -303,7 +303,11 @@ def review_row(case: tuple[str, int], folder: Path | None) -> list[Values]:
 
 
 def summary(rows: pd.DataFrame) -> list[Values]:
-    """Returns a line for each kind and half: how many flights, and the shares of the verdicts."""
+    """Returns a line for each kind and half: the number of flights, and of those with each verdict.
+
+    Args:
+        rows: rows of :func:`review_row`.
+    """
     lines = []
     for (kind, half), flights in rows.groupby(["kind", "half"], sort=False):
         counts = {name: int((flights["verdict"] == name).sum()) for name in VERDICTS}

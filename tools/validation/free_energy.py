@@ -1,7 +1,7 @@
 #!/usr/bin/env python
 """Compares the sum of the free energy F(t) over the samples with the reported free energy action F̄; prints two tables.
 
-F̄ of a model is the sum of F(t) over the samples that it was learned from, so that they must agree but for rounding.
+F̄ of a model is the sum of F(t) over the samples that it was learned from, so that they must agree up to rounding.
 
 First table, offline: a model is learned from the settled flight of each log. The table has the sum of F(t), F̄, and the
 largest difference between them in any of their terms.

@@ -95,7 +95,7 @@ def plain_search(windows: FlightWindows, directions: Array | None) -> Search:
     """
 
     def fisher_scoring(*arguments: Any, corrects_curvature: bool) -> Any:
-        """Calls ``gauss_newton`` without the correction of the curvature, whatever the caller asks for."""
+        """Calls ``gauss_newton`` without the correction of the curvature, whatever the caller passes."""
         return gauss_newton(*arguments)
 
     def prior_mean(_: object, start: Array, __: FlightWindows) -> Array:

@@ -151,7 +151,7 @@ def evaluate_vehicle(seed: int, margins: str) -> list[Values]:
 
 
 def _row_by_first_plant(axis: str, first: FirstLoop, margins: str) -> Values:
-    """Returns what the first flight alone says of an axis, as the beginning of its row in the table.
+    """Returns the results of the first flight alone for an axis, as the beginning of its row in the table.
 
     mavdem limits the change of a gain in one flight. Here the advice is repeated with the plant of the first flight
     until nothing is left to change (at most ``MAX_FLIGHTS`` times), as if no later flight were needed.

@@ -467,7 +467,11 @@ def estimated_figures(loop: Loop) -> dict[str, FigureEstimate]:
 
 
 def root_cause(fact: Fact) -> str:
-    """Returns the code of the last fact in a chain of reasons, each of which states the next as its ``reason``."""
+    """Returns the name of the root cause: the code of the last fact in a chain, each of which has the next as reason.
+
+    Args:
+        fact: the first fact, a coded finding; its figure "reason", if it has one, is the next fact.
+    """
     reason = fact.figures.get("reason")
     if isinstance(reason, Fact):
         return root_cause(reason)
@@ -604,7 +608,7 @@ def crossover_statistics(rows: pd.DataFrame) -> pd.Series:
 def error_statistics(rows: Any) -> pd.Series:
     """Returns statistics of the errors of one figure, and the share of intervals that contain the truth.
 
-    Errors are relative, but for margins, whose units are dB and degrees.
+    Errors are relative, except those of margins, whose units are dB and degrees.
 
     Args:
         rows: rows of this figure, as :func:`evaluate_log` returns them, grouped by its name first.

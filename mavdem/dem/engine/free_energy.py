@@ -169,7 +169,7 @@ class SampleFreeEnergy:
 
         Args:
             data: (T, dim [ỹ; η̃]) generalized data.
-            states: (T, dim X) means of the states; None for those that the posterior estimates from the data.
+            states: (T, dim X) means of the states; None to estimate them from the data by the posterior.
 
         Returns:
             (T, 10) terms in the order of ``Term``, nats, which sum to F(t).
@@ -220,7 +220,7 @@ class SampleFreeEnergy:
 
         Args:
             data: (T, dim [ỹ; η̃]) generalized data.
-            states: (T, dim X) means of the states; None for those that the posterior estimates from the data.
+            states: (T, dim X) means of the states; None to estimate them from the data by the posterior.
 
         Returns:
             F(t), (T,), nats.

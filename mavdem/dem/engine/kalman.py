@@ -102,7 +102,7 @@ def steady_state_gain(
                 cross_covariance = A @ P @ C.mT + S
                 gain = cross_covariance @ np.linalg.inv(C @ P @ C.mT + R)
                 return SteadyState(gain, P)
-    raise LinAlgError("there is no steady filter: an unstable state may not be seen")
+    raise LinAlgError("there is no steady filter: an unstable state may not be observable")
 
 
 class SmoothedSignal(NamedTuple):
@@ -163,7 +163,7 @@ class SteadyStateFilter(NamedTuple):
         """Smooths a signal h · x over one segment: by the filter forward, and a disturbance smoother backward in time.
 
         Args:
-            forcing: (T − 1, n) known terms g that are added to the next state at each sample but the last.
+            forcing: (T − 1, n) known terms g that are added to the next state at each sample except the last.
             measurements: (T,) measurements of the first state.
             initial_state: (n,) mean of the state at the first sample.
             signal: (n,) weights h of the states in the signal.
@@ -226,7 +226,7 @@ class SmoothingResult(NamedTuple):
     """(T + 1, n, n) covariances, the same for all segments."""
 
     lag_one_covariances: Array
-    """(T, n, n) covariances of each state but the first with the one before it."""
+    """(T, n, n) covariances of each state after the first with the state one sample earlier."""
 
 
 class KalmanFilter(NamedTuple):
@@ -416,7 +416,7 @@ class SmoothedStates(NamedTuple):
     """(T, n, n) covariances."""
 
     lag_one_covariances: Array
-    """(T − 1, n, n) covariances of each state but the first with the one before it."""
+    """(T − 1, n, n) covariances of each state after the first with the state one sample earlier."""
 
     log_likelihood: float
     """Log likelihood of the outputs."""

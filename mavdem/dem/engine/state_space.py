@@ -148,7 +148,7 @@ class StateSpace:
         return self.noise_free_outputs(self.predicted_states(start, inputs, outputs)[:-1], inputs)
 
     def one_step_predictions(self, inputs: Array, outputs: Array) -> Array:
-        """Predicts the outputs of each sample of a segment but the first, from the samples before it.
+        """Predicts the outputs of each sample of a segment after the first one, from the samples before it.
 
         The first sample is not predicted: it provides the state from which the filter starts.
 

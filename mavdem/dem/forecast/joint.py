@@ -105,8 +105,9 @@ def axis_mixer(record: Record) -> Array:
 
     If the mixer is not known, one candidate are the motors' effects as estimated by a regression of the last output.
     For four motors, the mixer rows of a quadrotor X are further candidates. The candidate with the largest mutual
-    information with the outputs is used. From that of the estimated effects, ½ ln N nats are subtracted for each of
-    their r − 1 free numbers, with N samples (the BIC; Schwarz, "Estimating the dimension of a model", 1978).
+    information with the outputs is used. The estimated effects have r − 1 free numbers, so that ½ ln N nats for each
+    are subtracted from their mutual information, with N samples (the BIC; Schwarz, "Estimating the dimension of a
+    model", 1978).
 
     Args:
         record: the training data.

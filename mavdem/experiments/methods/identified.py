@@ -49,7 +49,7 @@ class Baseline(ForecasterBase):
 
     @property
     def stable(self) -> bool:
-        """Whether no mode grows, but for rounding."""
+        """Whether no mode grows, up to rounding."""
         return self.spectral_radius <= 1 + ROUNDING_TOLERANCE
 
     @property

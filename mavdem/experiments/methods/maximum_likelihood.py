@@ -157,7 +157,7 @@ class PredictionErrorLikelihood(NamedTuple):
     def expand(self, parameters: Array) -> QuadraticExpansion:
         """Expands the log likelihood to second order around parameters, for a Gauss-Newton step.
 
-        With errors e and their covariance Σ at these parameters, the log likelihood is −½ Σₜ eₜᵀ Σ⁻¹ eₜ but for a
+        With errors e and their covariance Σ at these parameters, the log likelihood is −½ Σₜ eₜᵀ Σ⁻¹ eₜ, up to a
         constant. Its gradient is −Jᵀ Σ⁻¹ e and its curvature Jᵀ Σ⁻¹ J, where the derivatives J = ∂e/∂θ come from finite
         differences: one run of the predictor for each parameter.
 

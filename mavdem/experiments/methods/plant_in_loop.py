@@ -344,7 +344,7 @@ class ClosedLoop(ForecasterBase):
         return self._forecast_from_states(zero_state, len(inputs), inputs, smooth=False).mean
 
     def simulate(self, inputs: ArrayLike) -> Array:
-        """Raises ``ValueError`` for any ``inputs``: here the controller commands the motors, and nobody else."""
+        """Raises ``ValueError`` for any ``inputs``: in a closed loop only the controller commands the motors."""
         raise ValueError("a closed loop has no motors to command: use Learned.simulate")
 
     def _forecast_from_states(

@@ -62,10 +62,10 @@ def run(runner: Runner) -> ExperimentResult:
     """Checks that our DEM and EM have the same forecast errors as the authors' MATLAB code on the same data.
 
     The authors' code draws the prior of DEM's parameters at random, and its result depends on it. Ours is fitted from
-    many random priors, and a check asks whether the authors' error lies within the range of ours.
+    many random priors, and a check tests whether the authors' error lies within the range of ours.
 
     Args:
-        runner: runner of the fits, which knows whether recorded data are used.
+        runner: runner of the fits, which also states whether recorded data are used.
 
     Returns:
         A check for each method and start of the forecasts, and the MSPE of both codes as ``numbers``. Without the

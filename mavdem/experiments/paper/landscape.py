@@ -202,7 +202,7 @@ def circle_ascents(
     """Maximises F̄ᵒ from each of ``PRIOR_COUNT`` priors whose means of A and B lie on the circle.
 
     Args:
-        settings: settings of DEM but for the prior means.
+        settings: settings of DEM except the prior means.
         samples: the data.
 
     Returns:

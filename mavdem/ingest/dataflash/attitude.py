@@ -50,7 +50,7 @@ DEMAND_FIELDS = ("ROut", "POut", "YOut")
 CENTIDEGREE_RATIOS = (15.0, 400.0)
 """Range of the ratio of RATE, taken for degrees/s, to the gyro's rate, in which RATE is in centidegrees/s.
 
-It is 100 but for filters: RATE may be filtered where the gyro is not, so that it is less.
+It is 100 without filters. RATE may be filtered where the gyro is not, so that it is less.
 """
 
 MIN_TURN_RATE = 0.1

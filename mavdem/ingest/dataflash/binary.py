@@ -255,14 +255,16 @@ def read_binary(content: FileContent) -> DataflashRecording:
             starts_of_name[definition.name] = starts_of_message
 
     def decode(name: str) -> MessageTable:
+        """Decodes the messages of one name; none if the log has none."""
         if name not in definition_of_name:
             return EMPTY_TABLE
         return _message_table(data, definition_of_name[name], starts_of_name[name])
 
-    counts = {name: len(its_starts) for name, its_starts in starts_of_name.items()}
+    counts = {name: len(message_starts) for name, message_starts in starts_of_name.items()}
     skipped_bytes = scan.skipped()
     undefined_messages = 0
-    # Where most bytes belong to no message, the definitions of the messages may be lost: their markers are counted.
+    # If most bytes belong to no message, the definitions of their messages may be lost. These messages are counted by
+    # their markers.
     if skipped_bytes > scan.message_bytes:
         undefined_messages = max(_marker_count(data) - len(starts), 0)
     return DataflashRecording(counts, decode, skipped_bytes, scan.repairs, undefined_messages)

@@ -179,7 +179,7 @@ def _placed_by_neighbours(
     if stamps is None:
         is_arming = np.isin(table.columns.get("Id", 0), ARMING_EVENTS)
         ends_gap = (name == "EV") & is_arming & (boot[row_after] == boot[row_before])
-        # Clipped to the times of the neighbours, below.
+        # These are clipped below, to the time of the neighbour after the message (∞) or before it (−∞).
         stamps = np.where(ends_gap, np.inf, -np.inf)
     earliest = time[row_before]
     if name == "MSG":

@@ -181,7 +181,7 @@ def _vehicle(recording: DataflashRecording, source: str, content: FileContent) -
         The vehicle, with what was repaired: damaged bytes, old blocks, clock and units.
 
     Raises:
-        Unreadable: It has no message of a flight.
+        Unreadable: The log has no message of a flight.
     """
     recording, logged_tables, clock, block_repairs = _without_old_blocks(
         recording, _logged_messages(recording), content

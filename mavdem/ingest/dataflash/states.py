@@ -199,7 +199,7 @@ def _heartbeats(changes: _StateChanges, vehicle_type: int, boot_stamps: BootStam
     for boot in np.unique(changes.boot[misses_change]):
         stamps = boot_stamps(boot)
         is_selected = misses_change & (changes.boot == boot)
-        # The last message before each of these changes; the first of the boot where there is none before.
+        # The last message before each of these changes, or the first one of the boot if there is none before.
         last_stamp_rows = np.maximum(np.searchsorted(stamps, changes.time[is_selected]) - 1, 0)
         time_before[is_selected] = stamps[last_stamp_rows]
     states = np.column_stack(
@@ -247,8 +247,8 @@ def _landed_states(changes: _StateChanges, boot_stamps: BootStamps) -> Columns:
     the last change before it, unless this is unsure. There are two such cases:
 
     - Two successive changes contradict each other: the second begins with another state than the first led to, so an
-      event between them was not logged. The state between them is undefined, but for the last ``CONTRADICTION_SECONDS``
-      before the second change, which have the state that this change begins with.
+      event between them was not logged. The state between them is undefined, except in the last
+      ``CONTRADICTION_SECONDS`` before the second change, when it is the state that this change begins with.
     - After the last change it is undefined, since a later event may not have been logged.
 
     Args:
@@ -270,7 +270,7 @@ def _landed_states(changes: _StateChanges, boot_stamps: BootStamps) -> Columns:
         stamps = boot_stamps(boot)
         time = np.union1d(firsts_of_seconds(stamps), change_time)
         # Each row has the number of changes up to its time, 0 to C. The arrays of C + 1 elements that are made below
-        # have one element for each of these numbers; indexing them by ``passed`` gives the value of each row.
+        # have one element for each of these numbers; indexing them by ``passed_changes`` gives the value of each row.
         passed_changes = np.searchsorted(change_time, time, side="right")
         state = np.append(before[0], after)[passed_changes]
         contradicts_next = after[:-1] != before[1:]

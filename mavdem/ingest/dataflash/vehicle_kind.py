@@ -75,16 +75,16 @@ def firmware_text(texts: Sequence[str]) -> str:
 def mav_type(texts: Sequence[str], parameters: Parameters) -> str:
     """Finds out the kind of vehicle, which a DataFlash log does not state as such.
 
-    The name of the firmware tells whether it is a copter, a plane and so on. Without it, parameters that only copters
-    have show a copter.
+    The name of the firmware shows whether it is a copter, a plane or another kind. Without the name, a copter is
+    recognised by parameters that only copters have.
 
     Args:
         texts: The texts of MSG, which name firmware and frame.
         parameters: The autopilot's parameters by name.
 
     Returns:
-        MAV_TYPE without its prefix ("QUADROTOR"). It is GENERIC_MULTIROTOR for a copter whose frame is not known,
-        GENERIC for a vehicle that is not.
+        MAV_TYPE without its prefix, such as "QUADROTOR". It is GENERIC_MULTIROTOR for a copter whose frame is not
+        known, and GENERIC if not even the kind of vehicle is known.
     """
     kind = "GENERIC"
     firmware = _FIRMWARE.match(firmware_text(texts))

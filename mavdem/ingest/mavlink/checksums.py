@@ -151,8 +151,8 @@ class BlockChecksums:
         # difference at the beginning of the piece is shifted to its end and removed there.
         difference = self._registers_at(first) ^ np.uint16(START_OF_REGISTER)
         checksums = self._registers_at(end) ^ shifted(difference, end - first)
-        # A piece may end in the next row, which started with 0 instead of the last register of the row before. Removed
-        # in the same way.
+        # A piece may end in the next row, which started with 0 instead of the last register of the row before. This
+        # difference is removed in the same way.
         first_rows = first // ROW_BYTES
         in_two_rows = np.flatnonzero(end // ROW_BYTES > first_rows)
         last_registers = self._registers[-1, first_rows[in_two_rows]]

@@ -428,7 +428,7 @@ def _reboot_rows(time: Times) -> Rows:
         time: Stamps (n,) in stream order, s, wraps undone.
 
     Returns:
-        The first row of each boot but the first, ascending.
+        The first row of each boot after the first one, ascending.
     """
     highest_ahead = _highest_ahead(time, MIN_RESET_STAMPS)
     if not (highest_ahead < np.maximum.accumulate(time) - MIN_RESET_STEP).any():
@@ -526,8 +526,8 @@ def _readings_by_reference(
     name = message_type.message
     period = message_type.period
     time, offset, boot = _compared_with_reference(reference, positions, stamps, period)
-    # Only messages between the first and the last of the reference can be compared with it; without such messages all
-    # others must do.
+    # Only messages between the first and the last of the reference can be compared with it. If there are none, all
+    # messages are used.
     first_row, end_row = np.searchsorted(
         positions, reference.positions[[0, -1]], side="right"
     ).tolist()
@@ -544,7 +544,7 @@ def _readings_by_reference(
             offset[is_of_boot] -= shift
         repairs += repair_facts(Repair.CLOCK_MOVED, name=name, offset=typical_offset)
     is_outlier = outlier_stamps(offset)
-    # Undoing a wrap moved stamps by at least a whole period, so half of one tells it from none.
+    # Undoing a wrap moved stamps by at least a whole period, so a move by more than half a period was a wrap.
     if not is_other_epoch and (abs(time - stamps)[~is_outlier] > period / 2).any():
         repairs += repair_facts(Repair.CLOCK_WRAPPED, name=name, period=period)
     repairs += repair_facts(Repair.STAMPS_IGNORED, count=np.count_nonzero(is_outlier), name=name)

@@ -21,7 +21,7 @@ from mavdem.ingest.telemetry import Fields
 MAX_BYTES_OF_MAPPED_COLUMNS = 1 << 25
 """Number of bytes of the decoded columns of a mapped recording that are kept: a choice.
 
-They are those that one function asks for of hours of flight. All columns of such a log would take as much as the file.
+They are those that one function reads from hours of flight. All columns of such a log would take as much as the file.
 """
 
 

@@ -6,7 +6,7 @@ as two radios, and forwarders that send everything twice. Three things follow:
 - The same frame arrives over a second link, immediately or some seconds late. Its bytes are the same, with the sequence
   number and the time since boot in them. It is dropped.
 - Frames that one link lost may come late over the other one. They are missing only if they come over none.
-- Two vehicles with the same ids look like one whose clock, heading or position jumps to and fro, or whose attitudes
+- Two vehicles with the same ids look like one whose clock, heading or position jumps back and forth, or whose attitudes
   contradict each other (``sequence_counters``).
 
 Source: https://mavlink.io/en/guide/serialization.html (the sequence number is "used to detect packet loss").

@@ -98,7 +98,7 @@ ROWS_AT_ONCE = 1 << 18
 
 
 class _SequenceSteps(NamedTuple):
-    """What the sequence numbers of a sender say, each compared with the one before it."""
+    """Steps of a sender's sequence numbers, each compared with the number before it."""
 
     irregular: int
     """Number of steps that are none, or backwards by more than late messages make."""

@@ -181,7 +181,7 @@ class SequenceCounters:
 
 
 def _step(number: int | None, sequence: int) -> int:
-    """Returns the step from one sequence number to the next, 1 to 256; 256 where they are equal, or there is none."""
+    """Returns the step from one sequence number to the next, 1 to 256; 256 if they are equal or one is missing."""
     if number is None:
         return SEQUENCE_NUMBERS
     return (sequence - number - 1) % SEQUENCE_NUMBERS + 1

@@ -1,7 +1,7 @@
 """Recognition of two vehicles that send under the same ids, by readings of clock, heading and position.
 
 A vehicle that restarts, or whose estimate jumps, does not return to the former clock, heading or position. Readings
-that go to and fro between two that disagree are of two vehicles.
+that go back and forth between two that disagree are of two vehicles.
 """
 
 from collections import deque

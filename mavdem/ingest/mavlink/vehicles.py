@@ -94,7 +94,7 @@ def assemble(stream: FrameStream) -> Log:
     A sender, or component, is a pair of system id and component id. All components are listed in the log; those that
     are vehicles also become a ``Telemetry`` with messages and parameters. Frames that cannot be decoded are listed as
     ``unread``. Copies of frames, as received over a second link, are left out. Two vehicles that send under the same
-    ids are left out too, since nobody can know which of them sent a message without a clock.
+    ids are left out too, since it is not known which of them sent a message without a clock.
 
     Args:
         stream: The frames of a recording.

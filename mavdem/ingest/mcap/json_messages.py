@@ -34,6 +34,10 @@ class JsonMessage(NamedTuple):
 def read_json_message(body: bytes, definition: MessageDefinition) -> JsonMessage:
     """Reads a message from a JSON document of either layout, and encodes its fields as a MAVLink payload.
 
+    In BlueOS's layout the document has two objects, "header" and "message". The object "message" has the fields, and
+    the name of the message as "type"; a field of the message that is itself called "type" is then called "mavtype". In
+    the other layout the document is the object of the fields.
+
     A missing field is zero, or NaN if it is a float, so that it is not mistaken for a measured zero.
 
     Args:
@@ -49,7 +53,8 @@ def read_json_message(body: bytes, definition: MessageDefinition) -> JsonMessage
     if isinstance(fields, dict) and isinstance(fields.get("message"), dict):
         sequence = _sequence_number(fields.get("header"))
         fields = fields["message"]
-        if fields.pop("type", definition.name) != definition.name:
+        message_name = fields.pop("type", definition.name)
+        if message_name != definition.name:
             return JsonMessage(None, sequence)
         if "mavtype" in fields:
             fields["type"] = fields["mavtype"]

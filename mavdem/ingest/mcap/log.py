@@ -282,7 +282,7 @@ def _json_part(content: bytes, topics: Mapping[int, JsonTopic]) -> _JsonMessages
         topics: The topics to read, by number of the channel.
 
     Returns:
-        The messages as frames; the number of those that cannot be read; and the repairs that say why.
+        The messages as frames; the number of those that cannot be read; and the repairs that state why.
     """
     pieces = []
     last_sequence: dict[FrameSender, int] = {}

@@ -94,7 +94,7 @@ class McapRecording:
     lost_bytes: int = 0
     """Number of bytes that these have in the file."""
     lost_seconds: float = 0.0
-    """Time that these span, s, as far as their heads say."""
+    """Time that these span, s, by the times in their heads."""
     skipped: int = 0
     """Number of bytes that belong to no record."""
     cut: bool = False

@@ -187,11 +187,15 @@ def _json_rows(columns: Mapping[str, Array]) -> Iterator[str]:
 
     Args:
         columns: Columns (T,) by name.
+
+    Returns:
+        JSON text of each of the T rows.
     """
     keys = [json.dumps(name).replace("%", "%%") for name in columns]
     row_pattern = "{" + ", ".join(f"{key}: %s" for key in keys) + "}"
     column_texts = []
     for column in columns.values():
+        # A table without rows has no objects.
         if len(column) == 0:
             return iter(())
         values = column.tolist()

@@ -183,10 +183,10 @@ class DensityModel:
             spectra: estimated spectra of all four quantities.
             rounding: resolution of the logged output, in the unit of the demand.
         """
-        size = np.abs(self._frequency)
+        frequency_magnitude = np.abs(self._frequency)
         # Power densities (J, C), the diagonals of the cross-spectral densities.
         densities = spectra.mean_density.diagonal(axis1=1, axis2=2).real
-        output = np.interp(size, spectra.frequency, densities[:, Quantity.OUTPUT])
+        output = np.interp(frequency_magnitude, spectra.frequency, densities[:, Quantity.OUTPUT])
         self._output_density = output * self._in_range
 
         errors = LOGGING_ERROR_FRACTION**2 * densities[:, :QUANTITIES]
@@ -200,7 +200,10 @@ class DensityModel:
 
         self._folded_reference = densities[:, Quantity.REFERENCE, None, None]
         reference = unfolded_density(
-            densities[:, Quantity.REFERENCE], size, self._alias_numbers == 0, self._in_range
+            densities[:, Quantity.REFERENCE],
+            frequency_magnitude,
+            self._alias_numbers == 0,
+            self._in_range,
         )
         # Out of range the density may have any positive value: other densities are divided by it, and the result is
         # multiplied by 0.

@@ -119,34 +119,43 @@ class AxisPosterior:
         # The densities (J, C, C) of C quantities in J bands, and their derivatives (J, k, C, C).
         density, density_derivatives = self.densities.density_and_gradient(theta)
         whitened_density = self._whiten(density)
-        # With Φ = L Lᴴ, tr(Φ⁻¹ A Φ⁻¹ B) is the inner product of the whitened derivatives L⁻¹ A L⁻ᴴ and L⁻¹ B L⁻ᴴ. These
-        # are multiplied by the root of the count n_j, and flattened to one row for each entry of θ, so that the
-        # information is the product of that matrix with its transpose.
+        derivative_rows = self._whitened_rows(density_derivatives, whitened_density.whitener)
+        # The estimate I_j minus the model's density, whitened and weighted likewise, as one row.
         root_counts = np.sqrt(self._counts)
-        # Whitening is linear in A, so that it is one product of the C² entries of A, as a row, with a matrix of each
-        # band (the Kronecker product of L⁻¹ and its conjugate): (L⁻¹ A L⁻ᴴ)_ad = Σ_bc (L⁻¹)_ab A_bc (L⁻¹)*_dc. One such
-        # product takes less time than two for each of the k derivatives. Axes: j is the band, bc an entry of A before
-        # whitening, ad one after it.
-        whitening = np.einsum(
-            "j,jab,jdc->jbcad",
-            root_counts,
-            whitened_density.whitener,
-            whitened_density.whitener.conj(),
-        )
-        entries = QUANTITIES**2
-        whitened_derivatives = density_derivatives.reshape(
-            -1, len(theta), entries
-        ) @ whitening.reshape(-1, entries, entries)
-        # (J, k, C²) becomes (k, 2 J C²): real and imaginary parts count as separate values.
-        derivative_rows = whitened_derivatives.swapaxes(0, 1).reshape(len(theta), -1).view(float)
-        # The estimate I_j minus the model's density, whitened and weighted likewise.
-        residual = root_counts[:, None, None] * (whitened_density.spectra - np.eye(QUANTITIES))
+        residuals = root_counts[:, None, None] * (whitened_density.spectra - np.eye(QUANTITIES))
+        residual_row = residuals.reshape(-1).view(float)
+        # The sums over j of the likelihood's gradient and information are scalar products of such rows.
+        likelihood_gradient = derivative_rows @ residual_row
+        information = derivative_rows @ derivative_rows.T
         precision = self.prior_sd**-2.0
-        gradient = derivative_rows @ residual.reshape(-1).view(float)
-        gradient = gradient - precision * (theta - self.prior_mean)
-        curvature = derivative_rows @ derivative_rows.T + np.diag(precision)
+        gradient = likelihood_gradient - precision * (theta - self.prior_mean)
+        curvature = information + np.diag(precision)
         value = whitened_density.log_likelihood + self._log_prior(theta)
         return QuadraticExpansion(theta, value, gradient, curvature)
+
+    def _whitened_rows(self, derivatives: ComplexArray, whitener: ComplexArray) -> Array:
+        """Whitens derivatives of the density, and flattens those by each entry of θ to one row of real numbers.
+
+        With Φ = L Lᴴ, tr(Φ⁻¹ A Φ⁻¹ B) is the scalar product of the whitened derivatives L⁻¹ A L⁻ᴴ and L⁻¹ B L⁻ᴴ. They
+        are multiplied by √n_j, so that the scalar product of two rows is the sum Σ_j n_j tr(Φ_j⁻¹ A_j Φ_j⁻¹ B_j).
+
+        Args:
+            derivatives: derivatives A_j of the density by each of the k entries of θ (J, k, C, C).
+            whitener: inverse Cholesky factors L⁻¹ (J, C, C).
+
+        Returns:
+            Rows (k, 2 J C²); real and imaginary parts are separate values.
+        """
+        bands, k = derivatives.shape[:2]
+        entries = QUANTITIES**2
+        # In one band, (L⁻¹ A L⁻ᴴ)_ad = Σ_bc (L⁻¹)_ab A_bc (L⁻¹)*_dc is linear in the C² entries of A. So it is the
+        # product of A, flattened to a row of entries bc, with one matrix of the band, with rows bc and columns ad. That
+        # takes less time than two products for each of the k derivatives. Letters of einsum: band j, entries as above.
+        whitening = np.einsum("j,jab,jdc->jbcad", np.sqrt(self._counts), whitener, whitener.conj())
+        flat_derivatives = derivatives.reshape(bands, k, entries)
+        whitened_derivatives = flat_derivatives @ whitening.reshape(bands, entries, entries)
+        # The bands of each entry of θ are put side by side: (J, k, C²) becomes (k, J C²).
+        return whitened_derivatives.swapaxes(0, 1).reshape(k, -1).view(float)
 
     def reference_share(self, theta: Array) -> float:
         """Returns the share of the gyro rate's variance that the reference causes, by the model, 0 to 1.

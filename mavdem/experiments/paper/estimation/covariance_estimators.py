@@ -306,7 +306,8 @@ def covariance_matching(record: NoisyRecord) -> RecursiveEstimates:
     new_weight = 1 - FORGETTING_FACTOR
     for t, output in enumerate(record.outputs):
         innovation = output - step.state
-        # The first prediction is the first output itself, with an arbitrary covariance: its innovation says nothing.
+        # The first prediction is the first output itself, with an arbitrary covariance: its innovation has no
+        # information.
         if t > 0:
             innovation_power = FORGETTING_FACTOR * innovation_power + new_weight * innovation**2
             prediction_variance = (

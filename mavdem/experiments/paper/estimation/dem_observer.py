@@ -98,6 +98,7 @@ class DemObserver:
             q=self.p,
             output_temporal_precision=temporal_precision(self.p, self.smoothness),
             state_temporal_precision=temporal_precision(self.p, self.smoothness),
+            # Each noise is a group with a precision of its own: first those of the m outputs, then of the n states.
             output_groups=np.arange(m),
             state_groups=m + np.arange(n),
             input_precision=np.asarray(

@@ -148,7 +148,15 @@ class SplitModel(NamedTuple):
 
 
 def split_model(window: RollWindow) -> SplitModel:
-    """Returns the discrete model of a window, with the hidden command apart from the known ones."""
+    """Splits the inputs of a window's discrete model into the hidden command and the known ones.
+
+    Args:
+        window: T samples of states and commands.
+
+    Returns:
+        Transition Φ (2, 2), the effect of the known commands on the next state (T, 2), and the effect g (2,) of the
+        hidden command.
+    """
     Phi, Gamma = window.transition
     known_columns = np.delete(np.arange(Gamma.shape[1]), UNKNOWN_INPUT)
     return SplitModel(

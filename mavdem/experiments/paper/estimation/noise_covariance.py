@@ -125,6 +125,7 @@ def record_errors(record: NoisyRecord) -> dict[str, RecordErrors]:
     for name, estimate_recursively in {**RECURSIVE_ESTIMATORS, DEM: dem_variances}.items():
         estimates: RecursiveEstimates = estimate_recursively(record)
         errors[name] = _errors(record, final_variances(estimates.variances), estimates.states)
+    # DEM as an online estimator gives variances only. With NaN as states, the error of its states is NaN too.
     no_states = np.full_like(record.states, np.nan)
     errors[ONLINE_DEM] = _errors(record, final_variances(online_dem_variances(record)), no_states)
     true_states = kalman_states_with_variances(record, record.noise_variances)
@@ -173,6 +174,7 @@ def online_errors(record: NoisyRecord) -> dict[str, float]:
     Returns:
         Errors by name of the estimator.
     """
+    # Only errors of variances are needed here. With NaN as states, the errors of the states are NaN and not used.
     no_states = np.full_like(record.states, np.nan)
     histories = {
         name: estimate(record).variances for name, estimate in RECURSIVE_ESTIMATORS.items()

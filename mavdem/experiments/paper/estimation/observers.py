@@ -235,7 +235,7 @@ def smikf_states(
     cross_covariance = np.zeros((n, n))
     states = np.zeros((len(outputs), n))
     for t in range(1, len(outputs)):
-        # Covariance of the noise with the error of the predicted state, so far as that comes from earlier noise.
+        # Covariance of the noise with the part of the predicted state's error that earlier noise causes.
         propagated_cross_covariance = model.Phi @ cross_covariance
         predicted_covariance = (
             model.Phi @ covariance @ model.Phi.T

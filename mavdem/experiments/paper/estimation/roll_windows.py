@@ -86,8 +86,8 @@ class RollWindow:
     def process_noise(self) -> Array:
         """(T, 2) process noise: the states less what the model predicts from the sample before; 0 at the first sample.
 
-        It is computed from the roll rate, which is hidden from the observers. Bos et al. so determine the covariance
-        that all of their observers use.
+        It is computed from the roll rate, which is hidden from the observers. In this way Bos et al. determine the
+        covariance that all of their observers use.
         """
         Phi, Gamma = self.transition
         noise = np.zeros_like(self.states)
