@@ -60,7 +60,7 @@ def test_what_somebody_set_in_the_autopilot_takes_the_place_of_the_populations_d
     assert_allclose(leaning.mean, np.append(np.ones(4), [1 - (5 / 9) ** 2] * 2))
     from_flight = replace(usual, source=DragSource.FLIGHT).for_next_flight()
     assert (leaning.source, from_flight.source) == (
-        DragSource.PARAMETERS,
+        DragSource.POPULATION,
         DragSource.EARLIER_FLIGHT,
     )
     names = ("EK3_DRAG_MCOEF", "EK3_DRAG_BCOEF_X", "EK3_DRAG_BCOEF_Y")
