@@ -1,10 +1,11 @@
 """``mavdem live``: attaches to a MAVLink link, learns while the vehicle flies, and writes model and page at the end."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack, closing, nullcontext, suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
+from time import monotonic
 
 import click
 from rich.live import Live
@@ -31,7 +32,7 @@ from mavdem.files import write_text_atomically
 from mavdem.fleet.priors import earlier_drag, earlier_flight
 from mavdem.live import LiveStream
 from mavdem.live.gain_advice import GainAdviser
-from mavdem.live.link import Link
+from mavdem.live.link import Link, ReceivedPiece
 from mavdem.live.raw_recording import RawRecording
 from mavdem.live.session import LiveSession
 from mavdem.live.session_loop import run_session
@@ -59,6 +60,58 @@ class OutputPaths:
 
     page: Path | None
     """Page on what happened."""
+
+
+@dataclass(frozen=True)
+class LiveOptions:
+    """Options of the command that are the same for each vehicle that is followed."""
+
+    link: str
+    """Connection string of the link."""
+
+    axis: str
+    """Axis to model."""
+
+    settings: Settings
+    """Settings of the learner."""
+
+    earlier_model: Learned | None
+    """Model of an earlier flight; None for none."""
+
+    prior: Path | None
+    """The file or folder that holds it."""
+
+    serve: bool
+    """Whether browsers on this machine are served."""
+
+    connect: str | None
+    """URL of a Rerun viewer; None for none."""
+
+    request_rate: float | None
+    """Message rate to ask for, Hz; None to send nothing."""
+
+    keeps_vehicle: bool
+    """Whether the user has chosen the vehicle, so that no other one is followed."""
+
+    as_json: bool
+    """Whether a document of each flight is printed."""
+
+    plain: bool
+    """Whether the status is printed as lines below each other."""
+
+
+@dataclass(frozen=True)
+class FollowedFlight:
+    """How the session of one vehicle ended."""
+
+    code: int
+    """Exit code of the command if no other session follows."""
+
+    next_vehicle: str | None = None
+    """Name of the vehicle to follow next; None if the command is to end."""
+
+    next_pieces: Sequence[ReceivedPiece] = ()
+    """What came of that vehicle while the one before was silent."""
 
 
 @click.command("live")
@@ -137,8 +190,11 @@ def live_command(
     Nothing is sent without --request-rate; with it, the former message rates are restored at the end. Ctrl-C, SIGTERM
     and SIGHUP end it and write the model; a second one changes nothing.
 
+    If the vehicle is silent for 10 s while another one sends, its files are written and the other one is followed, with
+    files of its own: flight-2.tlog. With --vehicle none but that one is followed.
+
     The exit code is 0 with a model, 1 without one, also if nothing took off, and 2 if a file could not be written
-    completely. --json prints its document in each case.
+    completely. --json prints a document of each flight in each case.
 
     \b
     Examples:
@@ -151,39 +207,116 @@ def live_command(
       mavdem live udpin:127.0.0.1:14550 --rrd flight.rrd
       mavdem fly iris_multisine --udp 127.0.0.1:14550
     """
+    options = LiveOptions(
+        link=link,
+        axis=axis,
+        settings=settings,
+        earlier_model=None if prior is None else earlier_flight(prior, axis),
+        prior=prior,
+        serve=serve,
+        connect=connect,
+        request_rate=request_rate,
+        keeps_vehicle=vehicle is not None,
+        as_json=as_json,
+        plain=plain,
+    )
     paths = _output_paths(rrd, record, model, html)
-    earlier_model = None if prior is None else earlier_flight(prior, axis)
-    stream = _stream_with_prior(axis, vehicle, prior, rates_requested=request_rate is not None)
-    # The handlers of signals outlast the resources, so that Ctrl-C cannot prevent the files from being completed.
-    with ExitStack() as signal_handlers, ExitStack() as resources:
-        # The process that learns starts first: it may be a fork, which keeps open what was open before.
-        executor = resources.enter_context(LearningProcess())
-        opened_link = Link(link)
-        resources.callback(opened_link.close)
+    start_time = monotonic()
+    codes = []
+    number = 1
+    # The process that learns starts first: it may be a fork, which keeps open what was open before.
+    with LearningProcess() as executor, closing(Link(link)) as opened_link:
         if request_rate is None:
             _refuse_silent_link(opened_link, link)
+        flight = _follow_vehicle(options, paths, opened_link, executor, vehicle, (), duration)
+        codes.append(flight.code)
+        while flight.next_vehicle is not None:
+            # The earlier model is of the first vehicle.
+            options = replace(options, earlier_model=None, prior=None)
+            number += 1
+            while any(
+                path is not None and _with_number(path, number).exists()
+                for path in (rrd, record, model, html)
+            ):
+                number += 1
+            named = [
+                None if path is None else _with_number(path, number)
+                for path in (rrd, record, model, html)
+            ]
+            remaining = None if duration is None else duration - (monotonic() - start_time)
+            flight = _follow_vehicle(
+                options,
+                _output_paths(*named),
+                opened_link,
+                executor,
+                flight.next_vehicle,
+                flight.next_pieces,
+                remaining,
+            )
+            codes.append(flight.code)
+    worst_first = (EXIT_ERROR, EXIT_DONE, EXIT_UNSUPPORTED)
+    click.get_current_context().exit(next(code for code in worst_first if code in codes))
+
+
+def _follow_vehicle(
+    options: LiveOptions,
+    paths: OutputPaths,
+    link: Link,
+    executor: LearningProcess,
+    vehicle: str | None,
+    first_pieces: Sequence[ReceivedPiece],
+    duration: float | None,
+) -> FollowedFlight:
+    """Runs the session of one vehicle, until the user ends it or another vehicle is to be followed; writes its files.
+
+    Args:
+        options: Options of the command.
+        paths: Files that the session writes.
+        link: Link that is open.
+        executor: Process that learns; it is shut down unless another vehicle is to be followed.
+        vehicle: Name of the vehicle to follow; None for the only one on the link.
+        first_pieces: What came of it while the vehicle before was silent.
+        duration: Seconds until the end; None for no limit.
+
+    Returns:
+        The exit code of this session, and what the next one is to follow.
+    """
+    stream = _stream_with_prior(options, vehicle)
+    # The handlers of signals outlast the resources, so that Ctrl-C cannot prevent the files from being completed.
+    with ExitStack() as signal_handlers, ExitStack() as resources:
         dashboard = resources.enter_context(
-            closing(Dashboard(link, axis, rrd, serve=serve, connect=connect))
+            closing(
+                Dashboard(
+                    options.link,
+                    options.axis,
+                    paths.rrd,
+                    serve=options.serve,
+                    connect=options.connect,
+                )
+            )
         )
+        record = paths.record
         recording = None if record is None else RawRecording(record)
         session = LiveSession(
-            link=opened_link,
+            link=link,
             stream=stream,
-            settings=settings,
+            settings=options.settings,
             open_display=dashboard.open,
             report_status=dashboard.report,
             report_event=print_event,
             executor=executor,
             recording=recording,
-            requested_rate=request_rate,
-            prior=earlier_model,
+            requested_rate=options.request_rate,
+            prior=options.earlier_model,
             recording_name=None if record is None else str(record),
+            keeps_vehicle=options.keeps_vehicle,
+            first_pieces=first_pieces,
         )
-        if request_rate is not None and record is not None:
+        if options.request_rate is not None and record is not None:
             session.gain_adviser = resources.enter_context(
                 closing(GainAdviser(record, LearningProcess))
             )
-        elif request_rate is not None:
+        elif options.request_rate is not None:
             print_to_stderr("No gains will be advised: record the stream with --record FILE.tlog.")
         # The end of the session restores the vehicle's message rates, and must come even if something fails before.
         session_end = resources.enter_context(ExitStack())
@@ -196,72 +329,106 @@ def live_command(
             )
         is_end_requested = signal_handlers.enter_context(termination_requests())
         # From here on Ctrl-C ends the session in order.
-        print_to_stderr(f"Listening on {link}; Ctrl-C ends it.")
-        _run_and_show_status(session, is_end_requested, duration, plain=plain)
-        session.intake.record_rest()
+        print_to_stderr(f"Listening on {options.link}; Ctrl-C ends it.")
+        _run_and_show_status(
+            session,
+            lambda: is_end_requested() or session.successor is not None,
+            duration,
+            plain=options.plain,
+        )
+        successor = session.successor
+        if successor is None:
+            session.intake.record_rest()
         account = session.time_account()
         status = session.status
-        dropped = opened_link.dropped_datagrams
+        dropped = link.dropped_datagrams
         if dropped:
             print_fact(Fact(LinkFact.DATAGRAMS_LOST, count=dropped))
         print_to_stderr("Ending takes some seconds: model, message rates and files are completed.")
         learned = _final_model(session, session_end)
+        next_pieces = [] if recording is None else _pieces_of_successor(session, recording)
         # The model is written first, since what follows may fail or take its time.
         code = EXIT_UNSUPPORTED
         if learned is not None:
             is_model_kept = _write_text(paths.model, learned.to_json() + "\n", "model")
             code = EXIT_DONE if is_model_kept else EXIT_ERROR
-        executor.shutdown()
+        if successor is None:
+            executor.shutdown()
         judged_model = session.judge_final_model(learned)
         # What is known is reported before the gains, which may take a minute. The judgement comes last, since it is
         # that of the recording where gains were advised.
         status = _with_final_judgement(status, session)
         session.report_end(status, judged_model)
-        session.report_gain_advice(is_at_end=True)
+        if successor is None:
+            # Another vehicle may be in the air: nobody waits for advice on the gains of the one before.
+            session.report_gain_advice(is_at_end=True)
         status = _with_final_judgement(status, session)
         _print_conclusion(status.overall_judgement)
         dashboard.report(status)
         resources.close()
         if dashboard.is_recording_empty:
-            print_to_stderr(f"There was nothing to show, so {rrd} was not written.")
+            print_to_stderr(f"There was nothing to show, so {paths.rrd} was not written.")
         is_page_lost = False
         if paths.page is not None:
             page = live_page(
-                session.link.name, axis, session.history, status, account, judged_model
+                link.name, options.axis, session.history, status, account, judged_model
             )
             is_page_lost = not _write_text(paths.page, page, "page")
-        if as_json:
+        if options.as_json:
             written_paths = OutputPaths(
-                rrd=rrd if dashboard.has_recording else None,
+                rrd=paths.rrd if dashboard.has_recording else None,
                 record=record,
                 model=paths.model if code == EXIT_DONE else None,
                 page=None if is_page_lost else paths.page,
             )
             files = _written_files(written_paths, recording)
             print_json(live_document(session, status, account, files))
+        is_ended_by_user = is_end_requested()
     # The session gives up a recording of the stream that it cannot write.
     is_stream_lost = session.intake.recording is not recording
     if is_stream_lost or is_page_lost or dashboard.is_recording_broken:
         code = EXIT_ERROR
-    click.get_current_context().exit(code)
+    if successor is None or is_ended_by_user:
+        return FollowedFlight(code)
+    return FollowedFlight(code, successor.name, next_pieces)
 
 
-def _stream_with_prior(
-    axis: str, vehicle: str | None, prior: Path | None, *, rates_requested: bool
-) -> LiveStream:
+def _pieces_of_successor(session: LiveSession, recording: RawRecording) -> list[ReceivedPiece]:
+    """Takes what came of the next vehicle while this one was silent out of a recording, and returns it.
+
+    Args:
+        session: Session that has ended.
+        recording: Its recording, which is complete unless it failed.
+    """
+    vehicle = session.stream.followed_vehicle
+    is_complete = session.intake.recording is recording
+    if session.successor is None or vehicle is None or not is_complete:
+        return []
+    return recording.cut_after(vehicle.system, vehicle.component)
+
+
+def _with_number(path: Path, number: int) -> Path:
+    """Returns the name of a file of another vehicle's flight: that of the first vehicle's with a number.
+
+    Args:
+        path: File of the first vehicle's flight.
+        number: Number of the vehicle, from 2 on.
+    """
+    return path.with_stem(f"{path.stem}-{number}")
+
+
+def _stream_with_prior(options: LiveOptions, vehicle: str | None) -> LiveStream:
     """Returns the stream of a vehicle's messages, with the drag of an earlier flight if that is known.
 
     Args:
-        axis: Axis to model.
+        options: Options of the command.
         vehicle: Name of the vehicle; None for the first that is found.
-        prior: Model of an earlier flight, or the folder that holds it; None for none.
-        rates_requested: Whether the vehicle is requested to send messages at certain rates.
     """
-    stream = LiveStream(axis, vehicle, rates_requested=rates_requested)
-    if prior is not None:
+    stream = LiveStream(options.axis, vehicle, rates_requested=options.request_rate is not None)
+    if options.prior is not None:
         # The drag is in the report, in the folder of the model; there may be none.
         with suppress(Unreadable):
-            stream.wind.earlier_drag = earlier_drag(prior)
+            stream.wind.earlier_drag = earlier_drag(options.prior)
     return stream
 
 

@@ -61,6 +61,7 @@ class VehicleFact(Code):
     VEHICLES_FOUND = "vehicles_found"
     FOLLOWING_VEHICLE = "following_vehicle"
     OTHER_VEHICLE = "other_vehicle"
+    VEHICLE_SUCCEEDED = "vehicle_succeeded"
     TWO_VEHICLES_LIVE = "two_vehicles_live"
     NOT_A_MULTIROTOR = "not_a_multirotor"
     VEHICLE_REBOOTED = "vehicle_rebooted"

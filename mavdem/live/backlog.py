@@ -11,6 +11,7 @@ from mavdem.live import clock
 from mavdem.live.history import MAX_ROWS
 from mavdem.live.intake import FrameBatch
 from mavdem.live.session_status import Latency
+from mavdem.live.vehicle_selection import Component
 
 STEP_SECONDS = 0.02
 """Duration of analysis between two looks at the link, and of arrival that is analysed at once, s: a choice."""
@@ -62,10 +63,19 @@ class Backlog:
         """Everything that arrived before this time is analysed, s of the monotonic clock."""
         return self._batches[0].arrival_time if self._batches else clock.monotonic()
 
-    @property
-    def latest_arrival(self) -> float | None:
-        """When the latest batch that waits arrived, s of the monotonic clock; None without one."""
-        return self._batches[-1].arrival_time if self._batches else None
+    def latest_arrival_from(self, vehicle: Component | None) -> float | None:
+        """Returns when the latest waiting batch with a frame of a vehicle arrived, s of the monotonic clock.
+
+        Args:
+            vehicle: the vehicle; None for any sender.
+
+        Returns:
+            The time; None without such a batch.
+        """
+        for batch in reversed(self._batches):
+            if vehicle is None or any(vehicle.has_sent(frame) for frame in batch.frames):
+                return batch.arrival_time
+        return None
 
     @property
     def is_late(self) -> bool:

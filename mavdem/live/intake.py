@@ -1,6 +1,6 @@
 """Intake of a live session: it receives and records what comes over a link, and opens a lost link again."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 from mavdem.errors import failure_fact
@@ -52,6 +52,7 @@ class LinkIntake:
         frame_reader: FrameReader,
         recording: RawRecording | None,
         log: Callable[[Fact], None],
+        first_pieces: Sequence[ReceivedPiece] = (),
     ) -> None:
         """Begins with an open link.
 
@@ -60,12 +61,14 @@ class LinkIntake:
             frame_reader: finds the frames in its bytes.
             recording: recording of the raw stream; None for none.
             log: is called with each fact about link and recording.
+            first_pieces: what the link delivered before this session, and no other one keeps.
         """
         self.recording = recording
         self.is_lost = False
         self._link = link
         self._frame_reader = frame_reader
         self._log = log
+        self._first_pieces = list(first_pieces)
         # Everything that arrived before this time has been read, s of the monotonic clock.
         self._emptied_time = clock.monotonic()
         self._is_ended_on_purpose = False
@@ -88,7 +91,8 @@ class LinkIntake:
         try:
             if self.is_lost and not self._reopen(timeout):
                 return []
-            pieces = self._link.receive(timeout)
+            pieces = self._first_pieces + self._link.receive(timeout)
+            self._first_pieces = []
         except LinkLost as error:
             self.is_lost = True
             self._log(error.fact.replace(reopening=True))

@@ -3,13 +3,18 @@
 from collections.abc import Sequence
 from pathlib import Path
 
+import numpy as np
+
 from mavdem.errors import Unreadable, error_message
 from mavdem.extras import require_extra_of_file
 from mavdem.facts.session import LinkFact
 from mavdem.files import PathName
+from mavdem.ingest.mavlink.dialect import crc_extra_table
 from mavdem.ingest.mavlink.frame_reader import Frame
+from mavdem.ingest.mavlink.framing import find_frames
 from mavdem.ingest.mavlink.recording_end import end_mark
-from mavdem.ingest.tlog import write_stamped
+from mavdem.ingest.tlog import STAMP_BYTES, write_stamped
+from mavdem.live.link import ReceivedPiece
 
 BATCH_SECONDS = 0.5
 """Time for which frames wait in memory for the operating system, s: a choice; a crash loses so much."""
@@ -45,6 +50,10 @@ class RawRecording:
                 LinkFact.STREAM_FILE_FAILED, path=path, error=error_message(error)
             ) from None
         self.frame_count = 0
+        self._path = path
+        # Number of bytes of a .tlog so far, and of those until the last frame of each system and component.
+        self._size = 0
+        self._sizes_by_sender: dict[tuple[int, int], int] = {}
         self._mcap = None
         self._channel = 0
         if Path(path).suffix.lower() == ".mcap":
@@ -69,6 +78,8 @@ class RawRecording:
         """
         for frame in frames:
             self._write(stamp, frame.content)
+            self._size += STAMP_BYTES + len(frame.content)
+            self._sizes_by_sender[frame.system, frame.component] = self._size
         self.frame_count += len(frames)
         # Stamps go back where the computer's clock is set.
         if not 0 <= stamp - self._flush_stamp < BATCH_SECONDS:
@@ -113,3 +124,43 @@ class RawRecording:
         with self._file:
             if self._mcap is not None:
                 self._mcap.finish()  # type: ignore[no-untyped-call]
+
+    def cut_after(self, system: int, component: int) -> list[ReceivedPiece]:
+        """Removes what others sent after the last frame of a sender from a closed .tlog: it belongs to another flight.
+
+        An .mcap stays as it is.
+
+        Args:
+            system: system id of the sender.
+            component: its component id.
+
+        Returns:
+            The removed frames with their stamps, for the recording of another vehicle.
+
+        Raises:
+            OSError: the file cannot be read or cut.
+        """
+        end = self._sizes_by_sender.get((system, component))
+        if self._mcap is not None or end is None:
+            return []
+        with open(self._path, "r+b") as file:
+            file.seek(end)
+            removed = file.read(self._size - end)
+            file.truncate(end)
+        pieces = _pieces(removed)
+        self.frame_count -= len(pieces)
+        return pieces
+
+
+def _pieces(records: bytes) -> list[ReceivedPiece]:
+    """Returns the frames of a .tlog's records, each with its stamp.
+
+    Args:
+        records: undamaged records, each with its stamp before the frame.
+    """
+    frames = find_frames(np.frombuffer(records, dtype=np.uint8), crc_extra_table(), STAMP_BYTES)
+    pieces = []
+    for start, end in zip(frames.start.tolist(), frames.end.tolist(), strict=True):
+        microseconds = int.from_bytes(records[start - STAMP_BYTES : start], "big")
+        pieces.append(ReceivedPiece(microseconds / 1e6, records[start:end]))
+    return pieces

@@ -4,7 +4,7 @@ One thread does all of it except what takes long: models are learned in the exec
 view's own queue. What is received is recorded first, and waits for its analysis; times are those of arrival.
 """
 
-from collections.abc import Callable, Hashable
+from collections.abc import Callable, Hashable, Sequence
 from concurrent.futures import Executor
 from math import inf
 
@@ -17,7 +17,15 @@ from mavdem.facts.event import Event
 from mavdem.facts.lights import Light
 from mavdem.facts.loops import GainFact
 from mavdem.facts.margins import MarginsLight
-from mavdem.facts.session import DelayedWork, MissingMessages, RowsFact, SessionFact, TimeUse
+from mavdem.facts.session import (
+    DelayedWork,
+    MissingMessages,
+    RowsFact,
+    SessionFact,
+    TimeUse,
+    VehicleFact,
+)
+from mavdem.ingest.mavlink.frame_reader import Frame
 from mavdem.live import clock
 from mavdem.live.backlog import STEP_SECONDS, Backlog, LatencyMeter
 from mavdem.live.clock_speed import ClockSpeed
@@ -25,17 +33,18 @@ from mavdem.live.gain_advice import MAX_WAIT_SECONDS, GainAdviser
 from mavdem.live.intake import LinkIntake
 from mavdem.live.judging import ModelJudging
 from mavdem.live.learning import FlightLearning
-from mavdem.live.link import SILENCE_SECONDS, Link
+from mavdem.live.link import SILENCE_SECONDS, Link, ReceivedPiece
 from mavdem.live.milestones import Milestones
 from mavdem.live.presentation import OpenDisplay, Presentation
 from mavdem.live.rate_negotiation import RateNegotiation
 from mavdem.live.raw_recording import RawRecording
 from mavdem.live.rows import AlignedRow
 from mavdem.live.session_status import STATUS_PERIOD, SessionStatus
-from mavdem.live.silence import SilenceMonitor, resumption
+from mavdem.live.silence import SUCCESSION_SECONDS, SilenceMonitor, resumption
 from mavdem.live.status_report import StatusReport
 from mavdem.live.stream import LiveStream
 from mavdem.live.time_account import TimeAccount
+from mavdem.live.vehicle_selection import Component
 
 OBSTACLES_TO_ROWS = (
     RowsFact.NO_LIVE_ATTITUDE,
@@ -60,6 +69,8 @@ class LiveSession:
         judging: what the model is good for.
         history: what happened so far.
         gain_adviser: advises gains after a landing and at the end; None for no advice.
+        successor: the vehicle that another session is to follow, since the followed one is silent and this one sends;
+            None for none.
     """
 
     def __init__(
@@ -76,6 +87,9 @@ class LiveSession:
         prior: Learned | None = None,
         gain_adviser: GainAdviser | None = None,
         recording_name: str | None = None,
+        *,
+        keeps_vehicle: bool = False,
+        first_pieces: Sequence[ReceivedPiece] = (),
     ) -> None:
         """Begins now, without a model.
 
@@ -92,17 +106,21 @@ class LiveSession:
             prior: model of an earlier flight of the vehicle.
             gain_adviser: advises gains after a landing and at the end; None for no advice.
             recording_name: file in which the user has the recording; empty if that is known later, None without one.
+            keeps_vehicle: whether the user has chosen the vehicle: it then has no successor.
+            first_pieces: what the link delivered before, of the vehicle that succeeds another one.
         """
         self.link = link
         self.stream = stream
         self.gain_adviser = gain_adviser
+        self.successor: Component | None = None
+        self._keeps_vehicle = keeps_vehicle
         self._report_status = report_status
         self._executor = executor
         # The parts, in the order in which later ones need earlier ones.
         self._presentation = Presentation(open_display, report_event, stream.motor_alarms)
         self.history = self._presentation.history
         log = self._presentation.log
-        self.intake = LinkIntake(link, stream.frame_reader, recording, log)
+        self.intake = LinkIntake(link, stream.frame_reader, recording, log, first_pieces)
         self.backlog = Backlog()
         self._latencies = LatencyMeter()
         self._silence_monitor = SilenceMonitor()
@@ -231,12 +249,12 @@ class LiveSession:
         first_arrival = batches[0].arrival_time
         if self._report.time_account.is_due(first_arrival):
             self._report.account_for(first_arrival)
-        silence = self._silence_monitor.note_messages(first_arrival, batches[-1].arrival_time)
         # The boot is compared below: frames of a rebooted vehicle increase it.
         former_boot = self.stream.boot
         frames = [frame for batch in batches for frame in batch.frames]
         for row in self.stream.take_frames(batches[0].stamp, frames):
             self._take_row(row, first_arrival)
+        silence = self._note_messages(first_arrival, batches[-1].arrival_time, frames)
         self.history.advance(self.stream.now, self.stream.boot)
         self._add_sample_to_history()
         self._withdraw_landing()
@@ -249,6 +267,41 @@ class LiveSession:
                 self._presentation.log(fact)
         if self.stream.boot != former_boot or silence > SILENCE_SECONDS:
             self._rates.restart()
+
+    def _note_messages(
+        self, first_arrival: float, last_arrival: float, frames: Sequence[Frame]
+    ) -> float:
+        """Records who sent the latest messages, and which vehicle succeeds a followed one that has become silent.
+
+        Args:
+            first_arrival: when the first of them arrived, s of the monotonic clock.
+            last_arrival: when the last of them arrived, s of that clock.
+            frames: their frames, which the stream has taken.
+
+        Returns:
+            The time without messages of the followed vehicle before them, s; 0 where they are of others.
+        """
+        vehicle = self.stream.followed_vehicle
+        monitor = self._silence_monitor
+        if vehicle is None or any(vehicle.has_sent(frame) for frame in frames):
+            return monitor.note_messages(first_arrival, last_arrival)
+        if not frames:
+            return 0.0
+        monitor.note_other_messages(last_arrival)
+        if self._keeps_vehicle or self.successor is not None:
+            return 0.0
+        if monitor.is_succeeded(first_arrival):
+            self.successor = self.stream.other_vehicle_among(frames)
+        if self.successor is not None:
+            self._presentation.log(
+                Fact(
+                    VehicleFact.VEHICLE_SUCCEEDED,
+                    subject=self.successor.description,
+                    name=vehicle.name,
+                    duration=SUCCESSION_SECONDS,
+                )
+            )
+        return 0.0
 
     def _add_sample_to_history(self) -> None:
         """Adds the latest sample to the history in flight while messages come too slowly for rows.

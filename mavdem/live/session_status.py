@@ -107,7 +107,7 @@ class SessionStatus(ImmutableResult):
     """Its mode, arming and battery; None before a vehicle is chosen."""
 
     message_age: float | None = None
-    """Time since the last message of the link, s; None before any."""
+    """Time since the last message of the followed vehicle, s; None before any."""
 
     is_over: bool = False
     """Whether the session has ended, so that the status is that of the whole flight."""

@@ -1,4 +1,4 @@
-"""Silences of a live link: how long no message has come, or no attitude and motor outputs of the vehicle."""
+"""Silences of a live link: how long no message of the vehicle has come, or none of its attitude and motor outputs."""
 
 from math import inf
 
@@ -7,18 +7,27 @@ from mavdem.facts.session import MissingMessages, RowsFact
 from mavdem.live import clock
 from mavdem.live.link import SILENCE_SECONDS
 
+SUCCESSION_SECONDS = 10.0
+"""Silence of the followed vehicle after which another one that sends is followed, s: a choice.
+
+An autopilot that reboots, or a radio that fades, is mostly back before.
+"""
+
 
 class SilenceMonitor:
     """Notes when messages, and samples of attitude or motors, came last, and how long they had not come before.
 
     Attributes:
-        message_time: when a message came last, s of the monotonic clock.
+        message_time: when a message of the followed vehicle came last, of any sender while none is followed, s of the
+            monotonic clock.
+        link_time: when a message of any sender came last, s of that clock.
         motion_time: when a sample of attitude or motors came last, s of that clock.
         attitude_time: when an attitude of any vehicle came last, followed or not, s of that clock.
     """
 
     def __init__(self) -> None:
         self.message_time = clock.monotonic()
+        self.link_time = self.message_time
         self.motion_time = -inf
         self.attitude_time = -inf
         self._sample_count = 0
@@ -27,7 +36,7 @@ class SilenceMonitor:
         self._has_received = False
 
     def note_messages(self, first_arrival: float, last_arrival: float) -> float:
-        """Records that some messages arrived together.
+        """Records that some messages arrived together, of the followed vehicle, or of anybody while none is followed.
 
         Args:
             first_arrival: when the first of them arrived, s of the monotonic clock.
@@ -39,10 +48,27 @@ class SilenceMonitor:
         silence_before = first_arrival - self.message_time if self._has_received else 0.0
         self._has_received = True
         self.message_time = last_arrival
+        self.link_time = last_arrival
         return silence_before
 
+    def note_other_messages(self, last_arrival: float) -> None:
+        """Records that messages arrived, and none of the followed vehicle.
+
+        Args:
+            last_arrival: when the last of them arrived, s of the monotonic clock.
+        """
+        self.link_time = last_arrival
+
+    def is_succeeded(self, arrival_time: float) -> bool:
+        """Returns whether the followed vehicle has been silent so long that another one that sends is to be followed.
+
+        Args:
+            arrival_time: arrival of messages of the other one, s of the monotonic clock.
+        """
+        return self._has_received and arrival_time - self.message_time >= SUCCESSION_SECONDS
+
     def message_age(self, now: float) -> float | None:
-        """Returns the time since the last message, s; None before any.
+        """Returns the time since the last message of the followed vehicle, s; None before any.
 
         Args:
             now: present time, s of the monotonic clock.
@@ -76,7 +102,7 @@ class SilenceMonitor:
         """
         if attitude_count != self._attitude_count:
             self._attitude_count = attitude_count
-            self.attitude_time = self.message_time
+            self.attitude_time = self.link_time
 
     def has_attitudes(self, now: float) -> bool:
         """Returns whether an attitude of any vehicle has come in the last ``SILENCE_SECONDS``.
@@ -111,6 +137,14 @@ class SilenceMonitor:
         if missing is None:
             return None
         return Fact(RowsFact.NOTHING_RECEIVED, subject=missing, duration=SILENCE_SECONDS)
+
+    def has_others(self, now: float) -> bool:
+        """Returns whether other senders than the followed vehicle were received in the last ``SILENCE_SECONDS``.
+
+        Args:
+            now: as for ``silence``.
+        """
+        return self.link_time > self.message_time and now - self.link_time <= SILENCE_SECONDS
 
 
 def resumption(missing: MissingMessages, silence: float) -> Fact | None:

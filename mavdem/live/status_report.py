@@ -93,17 +93,11 @@ class StatusReport:
         return status.with_predictions(self.learning.estimate)
 
     def _message_age(self) -> float | None:
-        """Returns the time since the last message came, analysed or not, s; None before any.
-
-        Where other vehicles send on the link too, it is that of the followed one.
-        """
+        """Returns the time since the last message of the followed vehicle came, analysed or not, s; None before any."""
         now = clock.monotonic()
-        latest_arrival = self.backlog.latest_arrival
+        latest_arrival = self.backlog.latest_arrival_from(self.stream.followed_vehicle)
         if latest_arrival is not None:
             return max(now - latest_arrival, 0.0)
-        vehicle = self.stream.followed_vehicle
-        if vehicle is not None and self.stream.other_vehicles:
-            return max(clock.unix_time() - vehicle.last_frame_time, 0.0)
         return self.silence.message_age(now)
 
     def _silence_obstacle(self, status: SessionStatus) -> Fact | None:
@@ -130,7 +124,18 @@ class StatusReport:
         """That the link is lost, or what has not come for ``SILENCE_SECONDS``; None while messages come."""
         if self.intake.is_lost:
             return Fact(LinkFact.CONNECTION_LOST, cause=None, reopening=False)
-        return self.silence.silence(self.backlog.analysed_until)
+        now = self.backlog.analysed_until
+        silence = self.silence.silence(now)
+        vehicle = self.stream.followed_vehicle
+        if (
+            silence is not None
+            and silence.subject == MissingMessages.MESSAGES
+            and vehicle is not None
+            and self.silence.has_others(now)
+        ):
+            # The link is not silent, and neither its address nor its router is to be checked.
+            return silence.replace(name=vehicle.name)
+        return silence
 
     def _learning_obstacle(self, *, is_flying: bool) -> Fact | None:
         """Returns the reason why there is no new model of a vehicle whose rows arrive.

@@ -119,6 +119,21 @@ class LiveStream:
         """The vehicle; None before it is known."""
         return self._vehicles.followed
 
+    def other_vehicle_among(self, frames: Sequence[Frame]) -> Component | None:
+        """Returns the vehicle besides the followed one that sent the first of some frames which is not the followed's.
+
+        Args:
+            frames: frames that were taken already.
+
+        Returns:
+            The vehicle; None if no other one that sends attitude sent any of them.
+        """
+        for frame in frames:
+            sender = self._vehicles.sender(frame)
+            if sender is not self.followed_vehicle and sender.name in self._vehicles.other_vehicles:
+                return sender
+        return None
+
     @property
     def row_format(self) -> RowFormat | None:
         """What the rows of the latest segment are; None before any."""

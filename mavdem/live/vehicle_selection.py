@@ -60,7 +60,6 @@ class Component:
         parameters: the latest PARAM_VALUE of each parameter, by name.
         parameters_version: increases whenever ``parameters`` is written: the same version means the same values.
         uncounted_gap_seconds: duration of the gaps in which its sequence numbers may have wrapped, s.
-        last_frame_time: when its last frame was received, on the clock of ``count_frame``, s.
     """
 
     def __init__(self, system: int, component: int) -> None:
@@ -82,7 +81,7 @@ class Component:
         self._uncounted_messages = 0
         self._last_sequence = 0
         # When the last frame was received, and the mean interval between frames so far, s.
-        self.last_frame_time = -inf
+        self._last_frame_time = -inf
         self._mean_interval = 1.0
 
     @property
@@ -132,6 +131,10 @@ class Component:
             return self.name
         return f"{self.name} ({self.vehicle_type}, {self.autopilot})"
 
+    def has_sent(self, frame: Frame) -> bool:
+        """Returns whether a frame has this component's ids."""
+        return (frame.system, frame.component) == (self.system, self.component)
+
     def count_frame(self, frame: Frame, now: float) -> bool:
         """Counts a frame of this component and the messages that are missing before it, unless it is a copy.
 
@@ -158,11 +161,11 @@ class Component:
             return False
         missing_in_gap = self._links.missing - missing_before
         # The first frame comes after an infinite gap, in which nothing is missing.
-        gap = max(now - self.last_frame_time, 0.0)
+        gap = max(now - self._last_frame_time, 0.0)
         if self._may_have_wrapped(gap, frame.sequence):
             self.uncounted_gap_seconds += gap
             self._uncounted_messages += missing_in_gap
-        self.last_frame_time = now
+        self._last_frame_time = now
         self._last_sequence = frame.sequence
         # The mean interval is an exponential moving average over about ``INTERVAL_MEMORY_FRAMES`` frames. A long gap
         # counts as ``MAX_COUNTED_GAP`` only, so that a single one does not spoil it.

@@ -17,7 +17,7 @@ from mavdem.facts.serve import RefusalReason
 from mavdem.facts.session import LinkFact, RowsFact, SessionFact, VehicleFact
 from mavdem.facts.watch import WatchFact
 from mavdem.live import LiveStream, clock
-from mavdem.live.link import Link
+from mavdem.live.link import Link, ReceivedPiece
 from mavdem.live.raw_recording import RawRecording
 from mavdem.live.session import LiveSession
 from mavdem.live.session_loop import run_session
@@ -40,6 +40,8 @@ REPORTED_CODES = frozenset(
         RowsFact.NOTHING_RECEIVED,
         RowsFact.MESSAGES_RESUMED,
         VehicleFact.FOLLOWING_VEHICLE,
+        VehicleFact.OTHER_VEHICLE,
+        VehicleFact.VEHICLE_SUCCEEDED,
         VehicleFact.VEHICLE_REBOOTED,
         SessionFact.FLIGHT_LEARNED,
         WatchFact.ALARM_OVER,
@@ -64,8 +66,9 @@ MODEL_AXIS = "roll"
 class LinkMonitor:
     """Runs live sessions on a link, one after the other, in a thread; nothing is sent to the vehicle unless asked for.
 
-    A session ends when its vehicle is silent for a minute, or when the server ends. After an error,
-    such as a full disk, no further session begins; what was recorded until then is kept.
+    A session ends when its vehicle is silent for a minute, or for ``SUCCESSION_SECONDS`` while another one sends, which
+    the next session follows; and when the server ends. After an error, such as a full disk, no further session begins;
+    what was recorded until then is kept.
 
     Attributes:
         problem: why no session runs any more; None while one does.
@@ -109,6 +112,10 @@ class LinkMonitor:
         self._report_event = report_event
         self._server_address = server_address
         self._request_rate = request_rate
+        # Name of the vehicle that the next session is to follow; None for the only one on the link.
+        self._next_vehicle: str | None = None
+        # What came of it while the vehicle before was silent.
+        self._next_pieces: list[ReceivedPiece] = []
         self._is_stopping = ThreadEvent()
         self._silent_pages = 0
         self._frames_at_last_page = 0
@@ -154,9 +161,10 @@ class LinkMonitor:
     def _run_one_session(self, executor: LearningProcess) -> None:
         """Runs one live session on the link, and adds its recording to the library unless nothing was received.
 
-        A session ends when the server ends, or after some time without anything received, for example when the
-        vehicle was switched off. However it ends, by an error too, what was recorded is kept. What still waits at the
-        end is recorded too, and what was lost since nobody read it in time is reported.
+        A session ends when the server ends, after some time without anything received, for example when the vehicle was
+        switched off, or when another vehicle is to be followed. However it ends, by an error too, what was recorded is
+        kept. What still waits at the end is recorded too, unless it is left for the session of another vehicle, and
+        what was lost since nobody read it in time is reported.
 
         Args:
             executor: the process in which models are learned.
@@ -170,7 +178,9 @@ class LinkMonitor:
         recording = RawRecording(path)
         session = LiveSession(
             self._link,
-            LiveStream(MODEL_AXIS, rates_requested=self._request_rate is not None),
+            LiveStream(
+                MODEL_AXIS, self._next_vehicle, rates_requested=self._request_rate is not None
+            ),
             Settings(),
             _ignore,
             _ignore,
@@ -180,16 +190,31 @@ class LinkMonitor:
             self._request_rate,
             # An empty name: the user finds the recording in the library when the session has ended.
             recording_name="",
+            first_pieces=self._next_pieces,
         )
         self._silent_pages = 0
         self._frames_at_last_page = 0
+        self._next_vehicle = None
+        self._next_pieces = []
         try:
             try:
                 self._update_page(session)
-                run_session(session, self._is_over, None, PAGE_SECONDS, self._update_page)
-                session.intake.record_rest()
+                run_session(
+                    session,
+                    lambda: self._is_over() or session.successor is not None,
+                    None,
+                    PAGE_SECONDS,
+                    self._update_page,
+                )
+                if session.successor is None:
+                    session.intake.record_rest()
+                else:
+                    self._next_vehicle = session.successor.name
             finally:
                 session.end()
+            vehicle = session.stream.followed_vehicle
+            if session.successor is not None and vehicle is not None:
+                self._next_pieces = recording.cut_after(vehicle.system, vehicle.component)
         finally:
             newly_lost = self._link.dropped_datagrams - self._lost_datagrams
             self._lost_datagrams += newly_lost

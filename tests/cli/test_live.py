@@ -23,6 +23,7 @@ from mavdem.dem.learning import MIN_SAMPLES
 from mavdem.dem.parallel import LearningProcess
 from mavdem.ingest import read_log
 from mavdem.live.session import LiveSession
+from mavdem.live.vehicle_selection import Component
 from sitl_scenarios.files import load
 from sitl_scenarios.mavlink.live import Ground, fly_live
 from sitl_scenarios.simulation import Simulation
@@ -86,6 +87,28 @@ def test_a_model_that_cannot_be_written_costs_nothing_else(tmp_path, capsys, mon
         "The model is lost" in said.err and "The page is lost" in said.err and told["html"] is None
     )
     assert "there is no folder" in said.err
+
+
+@mark.slow
+def test_the_vehicle_that_sends_after_the_followed_one_has_files_of_its_own(
+    here, capsys, monkeypatch
+):
+    wanted = []
+
+    def fly(session, is_end_requested, *_):
+        wanted.append(session.stream.status().obstacle.subject)
+        if len(wanted) == 1:
+            session.successor = Component(2, 1)
+        assert is_end_requested() == (len(wanted) == 1)
+
+    monkeypatch.setattr("mavdem.cli.live.run_session", fly)
+    (here / "f-2.html").touch()
+    assert (
+        run("live", f"udpin:127.0.0.1:{free_port()}", "--record", "f.tlog", "--html", "f.html") == 1
+    )
+    assert wanted == ["", "2:1"]
+    names = {path.name for path in here.iterdir()}
+    assert {"f.tlog", "f.html", "f-3.tlog", "f-3.html"} <= names and "f-2.tlog" not in names
 
 
 @mark.slow

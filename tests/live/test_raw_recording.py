@@ -3,7 +3,7 @@
 import shutil
 
 from mavlink_streams import flight, frame, heartbeat
-from pytest import mark
+from pytest import approx, mark
 from refusals import unreadable
 
 from mavdem.facts.session import LinkFact
@@ -83,3 +83,19 @@ def test_it_replaces_nothing(tmp_path):
         unreadable(RawRecording, tmp_path / "none" / "flight.tlog").code
         is LinkFact.STREAM_FILE_FAILED
     )
+
+
+def test_what_others_sent_after_the_last_frame_of_a_vehicle_is_cut_for_its_successor(tmp_path):
+    path = tmp_path / "flight.tlog"
+    recording = RawRecording(path)
+    other = [heartbeat(4), *flight([1.0, 1.01, 1.02], system=4)]
+    taken(recording, [*FRAMES, *other], 0.005)
+    recording.close()
+    begin = len(FRAMES)
+    pieces = recording.cut_after(1, 1)
+    assert [piece.data for piece in pieces] == other
+    assert [piece.arrival_time for piece in pieces] == approx(
+        [NOW + 0.005 * row for row in range(begin, begin + len(other))]
+    )
+    assert [frame for _, frame in recorded(path)] == FRAMES
+    assert recording.frame_count == len(FRAMES) and recording.cut_after(9, 1) == []

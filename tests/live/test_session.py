@@ -165,6 +165,34 @@ def test_motion_motors_and_battery_are_plotted_though_messages_are_too_slow_for_
     assert np.mean(np.diff(charts["Motors"].lines[0].y) != 0) > 0.5
 
 
+@mark.parametrize("keeps_vehicle", [False, True])
+def test_a_silent_vehicle_is_succeeded_by_the_one_that_sends(now, keeps_vehicle):
+    gone = Flight(attitude=10.0, motors=10.0).frames(end=9.0)
+    here = Flight(attitude=10.0, motors=10.0, system=4).frames(start=13.0, end=30.0)
+    one, _, said = session_of([], keeps_vehicle=keeps_vehicle)
+    start = now[0]
+    for time, frame in [*gone, *here]:
+        now[0] = start + time
+        one.link.script = [[(time, frame)]]
+        one.step(0.0)
+        if time == 15.0:
+            silent = one.status
+    assert silent.vehicle == "1:1" and silent.message_age == approx(6.0, abs=0.3)
+    assert silent.obstacle.sentence == (
+        "Nothing was received from 1:1 for 3 s and more, only from others."
+    )
+    codes = [fact.code for fact in said]
+    assert RowsFact.MESSAGES_RESUMED not in codes
+    if keeps_vehicle:
+        assert one.successor is None and one.status.message_age == approx(21.0, abs=0.3)
+        return
+    assert one.successor.name == "4:1" and codes.count(VehicleFact.VEHICLE_SUCCEEDED) == 1
+    assert said[-1].sentence == (
+        "Nothing came from 1:1 for 10 s: its session ends, and vehicle 4:1 (QUADROTOR, "
+        "ARDUPILOTMEGA) is followed."
+    )
+
+
 @mark.slow
 def test_what_is_learnt_from_is_the_flight_that_offline_reads():
     one, screen, _ = session_of(batches(12.0))

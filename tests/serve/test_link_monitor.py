@@ -23,6 +23,7 @@ from mavdem.ingest import read_log
 from mavdem.live.history import LiveHistory
 from mavdem.live.raw_recording import RawRecording
 from mavdem.live.session_status import SessionStatus
+from mavdem.live.vehicle_selection import Component
 from mavdem.report.live import moment_text
 from mavdem.report.pages.page import PageLink
 from mavdem.serve import link_monitor
@@ -221,3 +222,27 @@ def test_what_the_socket_holds_when_the_server_ends_is_recorded(tmp_path, monkey
     path = tmp_path / "sent.tlog"
     path.write_bytes(FRAMES)
     assert read_log(library.log_path(entry)).frames >= read_log(path).frames - 1
+
+
+def test_the_flight_of_a_silent_vehicle_is_saved_and_the_one_that_sends_is_followed(
+    idle, monkeypatch
+):
+    live, told = idle
+    wanted = []
+
+    def fly(session, is_over, *_):
+        wanted.append(session.stream.status().obstacle.subject)
+        assert not is_over()
+        if len(wanted) == 1:
+            session.intake.recording.add(1e9, session.stream.frame_reader.feed(FRAMES))
+            session.successor = Component(2, 1)
+            assert is_over()
+
+    monkeypatch.setattr(link_monitor, "live_page", Mock(return_value=""))
+    monkeypatch.setattr(link_monitor, "run_session", fly)
+    for _ in range(3):
+        live._run_one_session(None)
+    assert wanted == ["", "2:1", ""]
+    assert [event.fact.code for event in told] == [LinkFact.FLIGHT_SAVED]
+    _, count = live._library.find("1", [], 10)
+    assert count == 1
