@@ -349,6 +349,7 @@ def _identifiability_figures(
     relative_sd = dict(
         zip(PARAMETERS, (OmissionErrors.likelihood_factor * likelihood_sd).tolist(), strict=True)
     )
+    deviations = fit.theta[1 : fit.model.motors + 1]
     figures = IdentifiabilityFigures(
         wind_share=_wind_share(fit, windows),
         alias_share=_alias_share(fit, windows),
@@ -358,6 +359,8 @@ def _identifiability_figures(
         dt=windows.dt,
         unpredicted_share=windows.unpredicted_share,
         thrust_curve=fit.refinements.get(Refinement.THRUST_CURVE, 0.0),
+        motor_deviation=float(abs(deviations).max()),
+        motor_deviation_sd=fit.model.deviation_sd,
     )
     damping_sd = hypot(relative_sd["damping"], figures.thrust_curve_damping_error / damping)
     return figures._replace(sd=relative_sd | {"damping": damping_sd})

@@ -10,6 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from mavdem.confidence import SIGNIFICANT_SIGMAS
 from mavdem.facts import Fact, Level
 from mavdem.facts.identifiability import Status
 from mavdem.facts.model import ParameterDoubt
@@ -191,6 +192,12 @@ class IdentifiabilityFigures(NamedTuple):
     thrust_curve: float = 0.0
     """Relative change of the effect for one standard deviation of the inputs; 0 if the model has none."""
 
+    motor_deviation: float = 0.0
+    """Largest deviation of a motor's effect from the mixer's direction, relative to the mean effect."""
+
+    motor_deviation_sd: float = 1.0
+    """Prior standard deviation of that deviation, relative to the mean effect."""
+
     @property
     def lag_unresolved(self) -> bool:
         """Whether the motors are quicker than one step of samples that are fast enough (``MIN_RESOLVED_RATE``)."""
@@ -326,6 +333,13 @@ def _checks(name: str, figures: IdentifiabilityFigures) -> Iterator[_Check]:
     if name == "effect" and figures.lag_unresolved:
         filter_as_lag = Fact(ParameterDoubt.FILTER_TAKEN_FOR_LAG, bias=OmissionErrors.lag_bias)
         yield _Check(Status.BIASED, filter_as_lag)
+
+    # The prior of the motors' effects is the mixer. A flight that contradicts it has motors that do not answer their
+    # commands alike, so that neither single effects nor their errors are right.
+    if name == "effect":
+        is_contradicted = figures.motor_deviation > SIGNIFICANT_SIGMAS * figures.motor_deviation_sd
+        motors_differ = Fact(ParameterDoubt.MOTORS_DIFFER, share=figures.motor_deviation)
+        yield _Check(Status.BIASED if is_contradicted else Status.REPORTED, motors_differ)
 
     # A lag shorter than RESOLVED_LAG time steps cannot be distinguished from a delay.
     if name == "lag" and figures.lag < RESOLVED_LAG * figures.dt:

@@ -180,6 +180,17 @@ def test_an_effect_that_the_wind_biases_comes_out_low():
     assert found.status["effect"] == Status.BIASED and found.bias < 0
 
 
+def test_a_motor_that_does_not_do_what_it_is_commanded_is_no_right_effect():
+    """The mixer has four motors, of which one was stuck: its commands moved nothing."""
+    flight = in_closed_loop(0, steering=1.0)
+    inputs = flight.inputs.copy()
+    inputs[:, 1] = default_rng(1).permutation(inputs[:, 1])
+    found = physical(replace(flight, inputs=inputs, effect_directions=np.sign(MOTORS)))
+    assert found.status["effect"] == Status.BIASED
+    assert found.reasons["effect"].code is ParameterDoubt.MOTORS_DIFFER
+    assert "motor is stuck or weak" in found.reasons["effect"].sentence
+
+
 SDS = dict.fromkeys(PARAMETERS, 0.05)
 SPREADS = dict.fromkeys(PARAMETERS, 0.02)
 SOUND = limits.IdentifiabilityFigures(0.1, 0.01, SDS, SPREADS, lag=0.03, dt=0.01)
@@ -190,6 +201,7 @@ DOUBTS = {
     "spectrum_range": {ParameterDoubt.DEPENDS_ON_WIND_SPECTRUM},
     "wind_share": {ParameterDoubt.WIND_SHARE_HIGH},
     "alias_share": {ParameterDoubt.COMMANDS_TOO_FAST},
+    "motor_deviation": {ParameterDoubt.MOTORS_DIFFER},
     "lag": {
         ParameterDoubt.LAG_TOO_SHORT,
         ParameterDoubt.FILTER_TAKEN_FOR_LAG,
@@ -218,6 +230,7 @@ def edges():
         yield "alias_share", name, limits.MAX_ALIAS_SHARE, "reported", "not identifiable"
     yield "lag", "lag", limits.RESOLVED_LAG * SOUND.dt, "not identifiable", "biased"
     yield "lag", "effect", SOUND.dt, "biased", "reported"
+    yield "motor_deviation", "effect", 3 * SOUND.motor_deviation_sd, "reported", "biased"
 
 
 @mark.parametrize("figure, name, limit, below, above", list(edges()))
