@@ -7,7 +7,9 @@ from typing import Any, NamedTuple
 
 from mavdem.facts import Level
 from mavdem.facts.lights import Light
+from mavdem.facts.motors import MotorHealth
 from mavdem.facts.serve import Sharing, Stage
+from mavdem.fleet.workers import KEY_HASH_DIGITS
 from mavdem.report.numbers import listed
 from mavdem.serve.index import CONTENT_HASH_SQL
 
@@ -31,6 +33,24 @@ LEVEL_COLUMNS = {"level", *map(str, Light)}
 
 CHOICES = {"stage": tuple(map(str, Stage)), "sharing": tuple(map(str, Sharing))}
 """Values that columns can have, by their own names; those of levels are not among them."""
+
+
+def _has_health_sql(health: MotorHealth) -> str:
+    """Returns the SQL condition that the motors of an entry have a health, compared with other flights."""
+    return (
+        f"{CONTENT_HASH_SQL} || entries.vehicle in (select substr(log, 1, {KEY_HASH_DIGITS}) || vehicle from flights"
+        f" where file is not null and json_valid(brief) and json_extract(brief, '$.health') = '{health}')"
+    )
+
+
+MOTORS_LEVEL_SQL = (
+    f"iif(motors = '{Level.BAD}' or {_has_health_sql(MotorHealth.FAULT)}, '{Level.BAD}',"
+    f" iif({_has_health_sql(MotorHealth.DRIFT)}, '{Level.WATCH}', motors))"
+)
+"""SQL expression of the level of the motors as pages show it: the worse of two judgements, as ``motors_level`` has it.
+
+The column has the level by the log alone. A fault or a drift is known from the other flights of the vehicle.
+"""
 
 LEVELS = tuple(map(str, Level))
 """The levels."""
@@ -218,7 +238,8 @@ def _comparison(name: str, operator: str, value: str) -> SqlCondition | None:
         has_given_name = _text_comparison(VEHICLE_NAME_SQL, operator)
         return SqlCondition(f"(({is_named})or({has_given_name}))", (value, value))
     if column in TEXT_COLUMNS:
-        return SqlCondition(_text_comparison(column, operator), (value,))
+        expression = MOTORS_LEVEL_SQL if column == Light.MOTORS else column
+        return SqlCondition(_text_comparison(expression, operator), (value,))
     return None
 
 

@@ -1,10 +1,13 @@
 """The library: what is acknowledged stays, whatever ends a server, and several may share a folder."""
 
 import errno
+import json
 import os
 import shutil
+import sqlite3
 import threading
 from dataclasses import replace
+from hashlib import sha256
 from pathlib import Path
 from unittest.mock import Mock
 
@@ -26,11 +29,17 @@ from mavdem.facts.sources import SourceFact
 from mavdem.fleet.names import GivenNames
 from mavdem.fleet.row import FlightRow
 from mavdem.fleet.stored_rows import read_rows
-from mavdem.fleet.workers import Job, JobLimits, outcome_of
+from mavdem.fleet.workers import KEY_HASH_DIGITS, Job, JobLimits, outcome_of
 from mavdem.ingest import read_log
 from mavdem.report.pages.library_page import render_server_page
 from mavdem.results import PAGE_FILE, REPORT_FILE
-from mavdem.serve.index import SQL_ORDERS, LibraryEntry, entry_of_fleet_log
+from mavdem.serve.index import (
+    SQL_ORDERS,
+    LibraryEntry,
+    create_or_update_table,
+    entry_of_fleet_log,
+    insert_entry,
+)
 from mavdem.serve.library import Library
 from mavdem.serve.reading import read_for_library
 from mavdem.serve.reading_threads import ReadingThreads
@@ -52,6 +61,31 @@ def test_a_search_says_which_value_is_no_number_and_which_no_level():
     assert search_problems("MC_ROLL_P<x stage:done") == ["x is not a number"]
     (sharing,) = search_problems("sharing:mine")
     assert sharing == "mine is no sharing: these are private, link and public"
+
+
+def test_motors_are_searched_for_as_pages_show_them():
+    """The column has the level by the log alone; a fault or a drift is known from other flights of the vehicle."""
+    db = sqlite3.connect(":memory:")
+    db.row_factory = sqlite3.Row
+    create_or_update_table(db)
+    db.execute("create table flights (log, vehicle, file, brief)")
+    for name, level, health in (
+        ("own", "bad", "drift"),
+        ("fault", "good", "fault"),
+        ("drift", "unknown", "drift"),
+        ("sound", "good", "ok"),
+    ):
+        digest = sha256(name.encode()).hexdigest()
+        entry = LibraryEntry(name, name, digest, name, vehicle="quad", motors=level)
+        insert_entry(db, entry)
+        row = [f"{digest[:KEY_HASH_DIGITS]}-1", "quad", "a.bin", json.dumps({"health": health})]
+        db.execute("insert into flights values (?, ?, ?, ?)", row)
+    found = []
+    for search in ("motors:bad", "motors:watch", "motors:good"):
+        condition = search_condition(search)
+        query = f"select id from entries where {condition.expression} order by rowid"
+        found.append([row["id"] for row in db.execute(query, condition.values)])
+    assert found == [["own", "fault"], ["drift"], ["sound"]]
 
 
 def test_a_search_by_an_unknown_property_names_the_known_ones():

@@ -1,20 +1,27 @@
 #!/usr/bin/env python
-"""How often `mavdem diff` calls a change certain between two flights of a vehicle, with the same gains and with others.
+"""How often `mavdem diff` finds a change between two flights of a vehicle: where nothing changed, gains, or a motor.
 
-Each vehicle of loops.py flies three times, in other wind of the same kind: twice with its gains, and once with P, I and
-D of all rate controllers lowered by a third. "same" compares the first flight with the second, "gains" with the third.
-No model is learned, so that shares of motors and figures of loops are compared, and not physical parameters.
+Each vehicle of loops.py flies five times, in other wind of the same kind: twice as it is, once with P, I and D of all
+rate controllers lowered by a third ("gains"), once with a motor that has lost 15 % of its thrust ("motor"), and once
+with that motor and P of roll lowered by three tenths ("both"). "same" compares the first two flights, "gains" and
+"motor" the first with theirs, "both" the second with the last, and "roll" the fourth with the last. Without --models no
+model is learned, so that trims of motors and figures of loops are compared, and not physical parameters.
 
-The table counts, for each of the two comparisons: "pairs" of flights; pairs in which "any" quantity is called changed,
-where the threshold allows for how many are tested at once; pairs in which one would be called changed if it were tested
-"alone"; "tests", the quantities of all pairs; and, by kind of quantity, those that are called changed.
+The table counts, for each comparison: "pairs" of flights; pairs in which "any" quantity is called changed that does not
+follow from the gains; those in which one does ("told"); those that name the weak motor ("found") or another one
+("wrong"); pairs in which one would be called changed if it were tested "alone"; "tests", the tested quantities of all
+pairs; and, by kind of quantity, those that are called changed.
 
-Usage: tools/validation/difference.py [--half NAME] [--rate HZ of the messages] [--flights N vehicles] [--jobs N]
+Usage: tools/validation/difference.py [--half NAME] [--rate HZ of the messages] [--flights N vehicles] [--models]
+[--jobs N]
 """
 
 from collections import Counter
+from contextlib import suppress
 from functools import partial
+from itertools import filterfalse
 
+import click
 from flights import Values, command, evaluate_flights, print_table
 from later_flights import thinned_log_of_flight
 from loops import HALF, HALVES, drawn_flight
@@ -24,10 +31,12 @@ from mavdem.assessment.axis import Options
 from mavdem.experiments.paired_test import SIGNIFICANCE
 from mavdem.facts.fleet import QuantityOutcome
 from mavdem.fleet.difference import VehicleDifference, vehicle_difference
+from mavdem.fleet.parameter_changes import changed_parameters
 from mavdem.fleet.row import FlightRows
 from mavdem.fleet.rows_of_log import rows_of_assessment
 from mavdem.ingest.telemetry import Parameters
 from mavdem.loops.advice import GAIN_REDUCTION
+from sitl_scenarios.files import scenario_of
 from sitl_scenarios.scenario import Scenario
 
 RATE_GAINS = {
@@ -37,29 +46,52 @@ RATE_GAINS = {
 """Parameters of the rate controllers by autopilot."""
 
 
-def rows_of_flight(scenario: Scenario, gains: Parameters, number: int, rate: float) -> FlightRows:
+ROLL_GAINS = "ATC_RAT_RLL_P", "MC_ROLLRATE_P"
+"""P of the rate of roll by autopilot."""
+
+ROLL_GAIN_FACTOR = 0.7
+"""Factor of P of roll in the last flight."""
+
+REMAINING_THRUST = 0.85
+"""Thrust of the weak motor, as a share of that of a sound one."""
+
+COMPARISONS = {
+    "same": ("first", "second"),
+    "gains": ("first", "gains"),
+    "motor": ("first", "motor"),
+    "both": ("second", "both"),
+    "roll": ("motor", "both"),
+}
+"""The two flights of each comparison."""
+
+
+def rows_of_flight(
+    scenario: Scenario, gains: Parameters, number: int, options: Options, rate: float
+) -> FlightRows:
     """Returns the rows of the fleet's table for one flight of a vehicle.
 
     Args:
         scenario: the vehicle and its first flight.
         gains: gains to set, by the autopilot's names.
         number: number of the flight, which changes its wind.
+        options: whether a model is learned.
         rate: rate of the messages, Hz.
     """
     log = thinned_log_of_flight(scenario, gains, number, rate)
-    assessment = assess(log, options=Options(with_model=False)).with_axis("pitch")
+    assessment = assess(log, options=options).with_axis("pitch")
     return rows_of_assessment(assessment, f"{scenario.seed}-{number}.tlog")
 
 
-def evaluate_vehicle(seed: int, rate: float) -> list[Values]:
-    """Compares a flight of a vehicle with one with the same gains, and with one whose rate gains are lowered.
+def evaluate_vehicle(seed: int, rate: float, with_models: bool) -> list[Values]:
+    """Compares the flights of a vehicle.
 
     Args:
         seed: seed of its first flight.
         rate: rate of the messages, Hz.
+        with_models: whether a model is learned of each flight.
 
     Returns:
-        A row for each comparison, "same" and "gains"; none where the vehicle tumbles with lowered gains.
+        A row for each of the ``COMPARISONS``, without those of flights in which the vehicle tumbles.
     """
     scenario, _ = drawn_flight(seed)
     parameters = scenario.vehicle.parameters
@@ -69,41 +101,65 @@ def evaluate_vehicle(seed: int, rate: float) -> list[Values]:
         for name in names
         if name in parameters
     }
-    first = rows_of_flight(scenario, {}, 1, rate)
-    rows = []
-    for name, gains, number in (("same", {}, 2), ("gains", lowered, 3)):
-        try:
-            second = rows_of_flight(scenario, gains, number, rate)
-        except ValueError:
-            # The vehicle tumbles.
-            continue
-        rows.append({"compared": name} | counts(vehicle_difference(first, second)))
-    return rows
+    lowered_roll = {
+        name: ROLL_GAIN_FACTOR * parameters[name] for name in ROLL_GAINS if name in parameters
+    }
+    weak_motor = seed % 4 + 1
+    values = scenario.model_dump(mode="json")
+    values["vehicle"] |= {"weak_motor": weak_motor, "weak_thrust": REMAINING_THRUST}
+    weak = scenario_of(values)
+    flights = {
+        "first": (scenario, {}),
+        "second": (scenario, {}),
+        "gains": (scenario, lowered),
+        "motor": (weak, {}),
+        "both": (weak, lowered_roll),
+    }
+    rows_by_flight = {}
+    options = Options(with_model=with_models)
+    for number, (name, (flown, gains)) in enumerate(flights.items(), start=1):
+        # A vehicle may tumble.
+        with suppress(ValueError):
+            rows_by_flight[name] = rows_of_flight(flown, gains, number, options, rate)
+    table = []
+    for name, (before, after) in COMPARISONS.items():
+        if before in rows_by_flight and after in rows_by_flight:
+            changes = changed_parameters(parameters, parameters | flights[after][1])
+            difference = vehicle_difference(rows_by_flight[before], rows_by_flight[after], changes)
+            table.append({"compared": name} | counts(difference, weak_motor))
+    return table
 
 
-def counts(difference: VehicleDifference) -> Values:
+def counts(difference: VehicleDifference, weak_motor: int) -> Values:
     """Returns the row of one pair of flights: the counts that the module's docstring names, of which "pairs" is 1.
 
     Args:
         difference: comparison of the two flights.
+        weak_motor: number of the weak motor.
     """
     changes = difference.changes_with(QuantityOutcome.CHANGED)
-    by_kind = Counter(change.quantity.kind for change in changes)
-    alone = any(change.p <= SIGNIFICANCE for change in difference.changes)
+    by_gains = [*filter(difference.follows_from_gains, changes)]
+    tested_changes = [*filterfalse(difference.follows_from_gains, changes)]
+    motors = {change.quantity.motor for change in tested_changes if change.quantity.is_of_motor}
+    by_kind = Counter(change.quantity.kind for change in tested_changes)
     return {
         "pairs": 1,
-        "any": int(bool(changes)),
-        "alone": int(alone),
-        "tests": len(difference.changes),
+        "any": int(bool(tested_changes)),
+        "told": int(bool(by_gains)),
+        "found": int(weak_motor in motors),
+        "wrong": int(bool(motors - {weak_motor})),
+        "alone": int(any(change.p <= SIGNIFICANCE for change in difference.tested)),
+        "tests": len(difference.tested),
         **by_kind,
     }
 
 
 @command(__doc__, rate=100.0, flights=6)
+@click.option("--models", is_flag=True)
 @HALF
-def main(half: str, rate: float, flights: int, jobs: int) -> None:
-    """Prints a row for each of the two comparisons: the counts of all vehicles that the module's docstring names."""
-    evaluate = partial(evaluate_vehicle, rate=rate)
+def main(half: str, rate: float, flights: int, jobs: int, models: bool) -> None:
+    """Prints a row for each comparison: the counts of all vehicles that the module's docstring names."""
+    evaluate = partial(evaluate_vehicle, rate=rate, with_models=models)
     rows = evaluate_flights(evaluate, HALVES[half][:flights], jobs)
     table = rows.fillna(0).groupby("compared", sort=False).sum().astype(int).reset_index()
     print_table(f"Half {half}, {rate:g} Hz", table)

@@ -9,12 +9,14 @@ from mavdem.confidence import MIN_SAMPLES_FOR_STATISTICS
 from mavdem.dataset import flight_states
 from mavdem.dataset.attitude import TUNING_MESSAGE, Attitude, attitude_from_messages
 from mavdem.dataset.axes import TILT_AXES
+from mavdem.dataset.motor_outputs import MotorOutputs
 from mavdem.dataset.rate_advice import rate_advice
 from mavdem.dataset.signals import MIN_STREAM_RATE, Signals, rate_between_outages
+from mavdem.dataset.time_series import TimeSeries
 from mavdem.facts import Fact
 from mavdem.facts.log import LogLight, Simulator
 from mavdem.facts.sources import Flaw, Repair
-from mavdem.ingest.telemetry import Telemetry
+from mavdem.ingest.telemetry import Telemetry, rate_without_gaps
 
 MAX_GAP = 1.0
 """Time without attitude in flight, s, that is to be watched: longer than a fall from 5 m."""
@@ -53,9 +55,10 @@ def log_light(evidence: Evidence) -> Fact:
     A model predicts the attitude from the outputs of the motors. So these two streams are judged, in this order:
 
     1. If one of them is missing, the motion was not recorded.
-    2. If the slower one is below ``MIN_STREAM_RATE``, the log is too slow for a full model. The rate is that between
-       outages, Hz, so that pauses of the link do not reduce it. If the attitude was logged more slowly than the body
-       rates, it is computed from them in between. Then the rate of the body rates is used; the light states both.
+    2. If the slower one is below ``MIN_STREAM_RATE``, the log is too slow for a full model. The rate is that in flight
+       between outages, Hz, so that neither a logger that is slower on the ground nor pauses of the link reduce it. If
+       the attitude was logged more slowly than the body rates, it is computed from them in between. Then the rate of
+       the body rates is used; the light states both.
     3. If a gap of the attitude in flight is longer than ``MAX_GAP``, or the logger itself lost messages ("dropouts"),
        the log has gaps.
 
@@ -76,8 +79,8 @@ def log_light(evidence: Evidence) -> Fact:
     model_inputs = signals.model_inputs
     if attitude is None or model_inputs is None:
         return Fact(LogLight.MOTION_NOT_RECORDED, reason=evidence.learnability.reason)
-    rate = rate_between_outages(attitude)
-    motor_rate = rate_between_outages(model_inputs)
+    rate = _rate_in_flight(evidence, attitude)
+    motor_rate = _rate_in_flight(evidence, model_inputs)
     longest_gap = _longest_gap(evidence, attitude)
     telemetry = signals.telemetry
     code = LogLight.RECORDED_FAST
@@ -87,7 +90,7 @@ def log_light(evidence: Evidence) -> Fact:
         code = LogLight.RECORDED_WITH_GAPS
     return Fact(
         code,
-        attitude_rate=_recorded_attitude_rate(telemetry, attitude),
+        attitude_rate=_recorded_attitude_rate(evidence, attitude),
         rate=rate,
         motor_rate=motor_rate,
         longest_gap=longest_gap,
@@ -100,27 +103,28 @@ def log_light(evidence: Evidence) -> Fact:
     )
 
 
-def _recorded_attitude_rate(telemetry: Telemetry, attitude: Attitude) -> float:
+def _recorded_attitude_rate(evidence: Evidence, attitude: Attitude) -> float:
     """Returns the rate at which angles were logged, without those that were computed between them.
 
     If body rates were logged more often than angles, models use an angle at each stamp of the body rates. Between the
     logged angles it is interpolated (PX4), or integrated from the body rates (ArduPilot's PID_TUNING).
 
     Args:
-        telemetry: messages and repairs of the vehicle.
+        evidence: flights, messages and repairs of the vehicle.
         attitude: attitude of an axis, as models use it.
 
     Returns:
         The rate between outages, Hz.
     """
-    rates = [rate_between_outages(attitude)]
+    telemetry = evidence.signals.telemetry
+    rates = [_rate_in_flight(evidence, attitude)]
     # An attitude that was not integrated comes from the attitude messages, which need not be decoded a second time.
     if attitude.message == TUNING_MESSAGE:
         # Each attitude message has the angles of all axes, so any axis shows the rate of the messages.
         any_axis = TILT_AXES[0]
         logged_attitude = attitude_from_messages(telemetry, any_axis)
         if logged_attitude is not None:
-            rates.append(rate_between_outages(logged_attitude))
+            rates.append(_rate_in_flight(evidence, logged_attitude))
     for repair in telemetry.repairs:
         if repair.code is Repair.ATTITUDE_INTERPOLATED:
             logged_rate = repair.figures["attitude_rate"]
@@ -169,6 +173,19 @@ def _unread_bytes(repair: Fact) -> int:
     if repair.code is Repair.BYTES_SKIPPED and repair.figures["count"] > MAX_CUT_BYTES:
         return int(repair.figures["count"])
     return 0
+
+
+def _rate_in_flight(evidence: Evidence, stream: Attitude | MotorOutputs) -> float:
+    """Returns the mean rate of a stream in flight without outages, Hz; that of the whole log without flight.
+
+    Args:
+        evidence: the flights of the vehicle.
+        stream: samples of the vehicle.
+    """
+    series = TimeSeries(stream.time, stream.boot, stream.time)
+    steps = [np.diff(flight.time) for flight in evidence.in_flight(series)]
+    rate = rate_without_gaps(np.concatenate([np.zeros(0), *steps]))
+    return rate or rate_between_outages(stream)
 
 
 def _longest_gap(evidence: Evidence, attitude: Attitude) -> float:
