@@ -1,6 +1,7 @@
 """Recording of what a link receives, frame by frame, in a file that grows."""
 
 from collections.abc import Sequence
+from math import nan
 from pathlib import Path
 
 import numpy as np
@@ -28,6 +29,7 @@ class RawRecording:
 
     Attributes:
         frame_count: number of frames in it. Bytes that belong to no frame are not recorded.
+        first_stamp: time of the first of them, UNIX s; NaN before it.
     """
 
     def __init__(self, path: PathName) -> None:
@@ -54,6 +56,7 @@ class RawRecording:
         # Number of bytes of a .tlog so far, and of those until the last frame of each system and component.
         self._size = 0
         self._sizes_by_sender: dict[tuple[int, int], int] = {}
+        self.first_stamp = nan
         self._mcap = None
         self._channel = 0
         if Path(path).suffix.lower() == ".mcap":
@@ -76,6 +79,8 @@ class RawRecording:
         Raises:
             OSError: they cannot be written.
         """
+        if frames and self.frame_count == 0:
+            self.first_stamp = stamp
         for frame in frames:
             self._write(stamp, frame.content)
             self._size += STAMP_BYTES + len(frame.content)

@@ -173,8 +173,7 @@ class LinkMonitor:
             OSError: the recording cannot be written any more.
             Refusal: the library has no room.
         """
-        name = f"{datetime.now(UTC):%Y-%m-%d_%H-%M-%S}.tlog"
-        path = self._library.new_incoming_path(name)
+        path = self._library.new_incoming_path(_recording_name(datetime.now(UTC)))
         recording = RawRecording(path)
         session = LiveSession(
             self._link,
@@ -221,7 +220,9 @@ class LinkMonitor:
             if newly_lost > 0:
                 self._warn(Fact(LinkFact.DATAGRAMS_LOST, count=newly_lost))
             if recording.frame_count:
-                entry = self._library.add(path, name)
+                # The session may have waited for its vehicle for hours.
+                first_time = datetime.fromtimestamp(recording.first_stamp, UTC)
+                entry = self._library.add(path, _recording_name(first_time))
                 self._latest_flight = PageLink(f"Latest flight: {entry.name}", f"/f/{entry.id}")
                 self._log_added()
                 self._report_saved_flight(f"/f/{entry.id}")
@@ -291,6 +292,15 @@ class LinkMonitor:
                 return
             self._finished_page = ""
         self._page = _page_of(session, status, latest_flight=self._latest_flight)
+
+
+def _recording_name(first_time: datetime) -> str:
+    """Returns the name of the recording of a session, such as ``2026-11-28_09-15-00.tlog``.
+
+    Args:
+        first_time: time of its first frame, UTC.
+    """
+    return f"{first_time:%Y-%m-%d_%H-%M-%S}.tlog"
 
 
 def _awaits_vehicle(status: SessionStatus) -> bool:

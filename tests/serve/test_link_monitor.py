@@ -4,6 +4,7 @@ import errno
 import socket
 import time
 from dataclasses import replace
+from datetime import UTC, datetime
 from threading import Event
 from unittest.mock import Mock
 
@@ -86,7 +87,10 @@ def test_a_session_has_a_page_and_leaves_its_log(tmp_path, heard):
     until(lambda: "This flight is over." in live.page)
     assert f'<a href="/f/{entry.id}">' in live.page
     (telemetry,) = read_log(library.log_path(entry)).vehicles
-    assert entry.name.endswith(".tlog") and (telemetry.system, telemetry.component) == (1, 1)
+    assert (telemetry.system, telemetry.component) == (1, 1)
+    # The flight is named after its first frame, not after the time since when the server listened.
+    first_stamp = int.from_bytes(library.log_path(entry).read_bytes()[:8], "big") / 1e6
+    assert entry.name == f"{datetime.fromtimestamp(first_stamp, UTC):%Y-%m-%d_%H-%M-%S}.tlog"
     with serving(tmp_path / "other") as server:
         assert server.get("/live").status == 404 and "/live" not in server.get("/").text
 
