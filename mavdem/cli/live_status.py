@@ -102,7 +102,7 @@ class StatusLines:
         verdict = escape_unprintable(" ".join(verdict_lines(judgement)))
         obstacle = status.obstacle
         if obstacle is not None and judgement.headline == obstacle:
-            # The verdict states it, and mostly what to do about it.
+            # The headline in ``verdict`` states this reason already, and mostly its remedy.
             sentences.remove(escape_unprintable(obstacle.advised))
             remedy = escape_unprintable(obstacle.remedy)
             if remedy not in verdict:
@@ -145,12 +145,14 @@ class StatusLines:
     def _print_new(self, status: SessionStatus, sentences: list[str]) -> None:
         """Prints a line if the state has changed since the last line, or if that line was printed long ago.
 
-        The session itself reports alarms and obstacles to learning when they begin. So the line repeats them only as a
-        reminder, when the state has not changed for long; then it has the verdict with the next step, too.
+        A changed state is a short line on the vehicle and the learning, since the session itself reports alarms and
+        reasons for learning no model when they begin. A state that has not changed for ``UNCHANGED_STATE_PERIOD`` is
+        repeated as a reminder, with all problems, the headline and the next step.
 
         Args:
             status: The status.
-            sentences: The sentence about the vehicle, that about the learning, those about problems, and the verdict.
+            sentences: A sentence about the vehicle, one about the learning, those about problems, and at the end the
+                headline with the next step.
         """
         state = PrintedState(
             status.vehicle,
@@ -165,7 +167,7 @@ class StatusLines:
         self._printed_state = state
         self._print_time = now
         *first_sentences, verdict = sentences
-        # What the verdict says is not said twice.
+        # Sentences that the headline or the next step contains are not repeated.
         printed_sentences = [text for text in first_sentences if text not in verdict] + [verdict]
         if is_new:
             printed_sentences = sentences[:2]

@@ -155,9 +155,9 @@ def _print_tuning(tuning: Tuning, folder: Path | None, *, verbose: bool) -> None
     blocks = tune_blocks(tuning, is_full=verbose)
     if tuning.notch:
         blocks.append(Sentence(tuning.notch.advised, "Notch filter:"))
+    # A bad headline that is not about the loops, such as a broken motor, precedes the gains, since the vehicle must not
+    # fly. A headline about the loops is left out, because the report itself says the same.
     is_grounded = judgement.headline.is_bad and not is_of_loops(judgement.headline, judgement)
-    # A headline that forbids flying precedes the gains. Other headlines are about the loops, which are reported
-    # here anyway, or about something else.
     if is_grounded:
         blocks = [headline_sentence(headline(judgement.headline)), *blocks]
     if is_grounded or tuning.refusal or is_of_loops(judgement.next_step, judgement):

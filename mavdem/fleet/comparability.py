@@ -28,7 +28,7 @@ class MissingQuantity(NamedTuple):
     """Why it is not known in both states."""
 
 
-def comparison_obstacle(states: Sequence[Flights]) -> Fact | None:
+def incomparability_reason(states: Sequence[Flights]) -> Fact | None:
     """Returns the reason why two states of a vehicle cannot be compared, or only in part.
 
     A state is a vehicle in one flight or several, before or after a change. Figures of two states have the same meaning
@@ -95,7 +95,7 @@ def _inputs_of_model(row: FlightRow) -> str | None:
 def missing_quantities(
     states: Sequence[Flights],
     estimates: Sequence[Sequence[Iterable[Quantity]]],
-    obstacle: Fact | None,
+    incomparability: Fact | None,
 ) -> Iterator[MissingQuantity]:
     """Yields the quantities that a reader would expect to be compared but is not, each with the reason.
 
@@ -104,22 +104,23 @@ def missing_quantities(
     Args:
         states: the flights of both states.
         estimates: quantities that have an estimate, by state and flight.
-        obstacle: reason why nothing, or nothing that needs a model, can be compared; from :func:`comparison_obstacle`.
+        incomparability: reason why nothing, or nothing that needs a model, can be compared, from
+            :func:`incomparability_reason`; None if all figures can.
 
     Yields:
-        One entry for all quantities, or one for all of models, where there is an obstacle; otherwise one for each
-        quantity.
+        One entry for all quantities together if nothing can be compared. Otherwise one entry for each quantity and, if
+        nothing that needs a model can be compared, one for all quantities of models together.
     """
-    if obstacle is not None and obstacle.code is not Incomparable.OTHER_INPUTS:
-        yield MissingQuantity(Fact(ComparedSubject.EVERYTHING), obstacle)
+    if incomparability is not None and incomparability.code is not Incomparable.OTHER_INPUTS:
+        yield MissingQuantity(Fact(ComparedSubject.EVERYTHING), incomparability)
         return
     expected_quantities = [Quantity(SHARE)]
-    if obstacle is None:
+    if incomparability is None:
         expected_quantities.append(Quantity(EFFECT))
         for kind in (DAMPING, LAG):
             expected_quantities += [Quantity(kind, axis=axis) for axis in TILT_AXES]
     else:
-        yield MissingQuantity(Fact(ComparedSubject.OF_MODELS), obstacle)
+        yield MissingQuantity(Fact(ComparedSubject.OF_MODELS), incomparability)
     for quantity in expected_quantities:
         reasons = []
         for state_name, flights, state_estimates in zip(
@@ -134,16 +135,17 @@ def missing_quantities(
             yield MissingQuantity(quantity_name, Fact(Incomparable.NOT_IN_BOTH, reasons=reasons))
 
 
-def _has_estimate(quantity: Quantity, state_estimates: Sequence[Iterable[Quantity]]) -> bool:
+def _has_estimate(quantity: Quantity, estimated_quantities: Sequence[Iterable[Quantity]]) -> bool:
     """Returns whether any flight of a state estimates a quantity of this kind, and of this axis if it has one.
 
     Args:
-        quantity: the quantity; the number of its motor is not compared.
-        state_estimates: quantities that have an estimate, for each flight of the state.
+        quantity: the quantity. A quantity of motors has no axis (""); the number of its motor is not compared.
+        estimated_quantities: quantities that have an estimate, for each flight of the state.
     """
-    for flight in state_estimates:
-        for estimated in flight:
-            if estimated.kind == quantity.kind and quantity.axis in ("", estimated.axis):
+    for quantities_of_flight in estimated_quantities:
+        for estimated in quantities_of_flight:
+            has_same_axis = quantity.axis in ("", estimated.axis)
+            if estimated.kind == quantity.kind and has_same_axis:
                 return True
     return False
 

@@ -12,7 +12,7 @@ from mavdem.containers import Names
 from mavdem.experiments.paired_test import SIGNIFICANCE
 from mavdem.facts import Fact
 from mavdem.facts.fleet import Incomparable, QuantityOutcome
-from mavdem.fleet.comparability import MissingQuantity, comparison_obstacle, missing_quantities
+from mavdem.fleet.comparability import MissingQuantity, incomparability_reason, missing_quantities
 from mavdem.fleet.flight_conditions import Conditions, condition_allowance, mean_conditions
 from mavdem.fleet.flights import Flights, flights_of, log_row, vehicles_of
 from mavdem.fleet.parameter_changes import ParameterChange, axes_with_other_gains
@@ -127,8 +127,8 @@ def vehicle_difference(
     estimates_after = [flight_estimates(flight) for flight in flights_after]
 
     states = [flights_before, flights_after]
-    obstacle = comparison_obstacle(states)
-    comparable_kinds = _comparable_kinds(obstacle)
+    incomparability = incomparability_reason(states)
+    comparable_kinds = _comparable_kinds(incomparability)
     changes = []
     quantities = {quantity for flight in estimates_before for quantity in flight}
     for quantity in quantities:
@@ -143,7 +143,7 @@ def vehicle_difference(
     motors = next((row.motors for row in first_rows if row.motors), ())
     shared_names = {row.vehicle for row in first_rows if row.vehicle_basis == SYSTEM_ID_BASIS}
     axes = axes_with_other_gains(parameters)
-    missing = missing_quantities(states, [estimates_before, estimates_after], obstacle)
+    missing = missing_quantities(states, [estimates_before, estimates_after], incomparability)
     return VehicleDifference(
         vehicles=BeforeAfter(_vehicle_names(flights_before), _vehicle_names(flights_after)),
         shared=tuple(sorted(shared_names)),
@@ -156,20 +156,20 @@ def vehicle_difference(
     )
 
 
-def _comparable_kinds(obstacle: Fact | None) -> list[str]:
-    """Returns the kinds of quantities that can be compared in spite of an obstacle.
+def _comparable_kinds(incomparability: Fact | None) -> list[str]:
+    """Returns the kinds of quantities that can be compared.
 
     Args:
-        obstacle: reason why two states of a vehicle cannot be compared fully, from :func:`comparison_obstacle`; None if
-            there is none, and all kinds can be compared.
+        incomparability: reason why two states of a vehicle cannot be compared, or only in part, from
+            :func:`incomparability_reason`; None if all kinds can be compared.
     """
-    if obstacle is None:
+    if incomparability is None:
         return list(SD_BETWEEN_FLIGHTS)
-    if obstacle.code is Incomparable.OTHER_INPUTS:
+    if incomparability.code is Incomparable.OTHER_INPUTS:
         # The models of both states have different inputs, such as motors and demand, so that their parameters do not
         # mean the same. A motor's share of the output and figures of loops do not depend on the inputs of models.
         return [SHARE, *LOOP_KINDS]
-    # Any other obstacle, such as another number of motors, concerns every quantity.
+    # Any other reason, such as another number of motors, concerns every quantity.
     return []
 
 

@@ -151,6 +151,7 @@ def health_figures(row: FlightRow) -> HealthFigures:
             seconds=row.duration or 0.0,
         )
     if motors:
+        # The signatures follow from positions and spins alone: which channel drives which motor does not matter here.
         channels = tuple(range(len(motors)))
         geometry = MotorGeometry(channels, channels, row.positions or (), spins=row.spins or ())
         signatures = motor_signatures(geometry)

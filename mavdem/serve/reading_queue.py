@@ -122,9 +122,9 @@ def estimated_seconds(size: int, history: Sequence[ReadLogSize]) -> float:
     Returns:
         Estimated duration, s.
     """
-    # The neighbours are centred on the place of this size in the order, but stay within the list.
-    row = bisect(history, ReadLogSize(size, math.inf))
-    centred_first = max(row - (NEIGHBOURS + 1) // 2, 0)
+    # The neighbours are centred on the position of this size in the order, but stay within the list.
+    position = bisect(history, ReadLogSize(size, math.inf))
+    centred_first = max(position - (NEIGHBOURS + 1) // 2, 0)
     last_possible_first = max(len(history) - NEIGHBOURS, 0)
     first = min(centred_first, last_possible_first)
     neighbours = history[first : first + NEIGHBOURS]

@@ -267,8 +267,8 @@ def _numbered_events(
 ) -> list[PageEvent]:
     """Returns the events of a log as a page lists them; those with a time are numbered.
 
-    A remedy, and a sentence with the sensors that confirm an event, are on the page only once: an event carries the
-    texts that stand above it, and the template leaves them out.
+    Each remedy, and each sentence with the sensors that confirm an event, is shown only once on the page. So an event
+    gets, as ``repeated``, the texts that are shown above it already, which the template leaves out.
 
     Args:
         events: events of all boots of the autopilot.

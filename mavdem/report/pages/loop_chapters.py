@@ -190,7 +190,8 @@ def _margin_sentences(evidence: Evidence, decisions: DecisionsByAxis) -> list[Se
 
     Args:
         evidence: margins of each axis; for an unidentified loop, the fact that says why.
-        decisions: decisions on the loops, by axis. The page gives their reason elsewhere.
+        decisions: decisions on the loops, by axis. A decision is the judgement of an axis by all that was measured. The
+            page shows its reason above these sentences.
 
     Returns:
         The sentences.
@@ -205,7 +206,6 @@ def _margin_sentences(evidence: Evidence, decisions: DecisionsByAxis) -> list[Se
             if decision is None:
                 axes_and_facts.append((margin.axis, fact))
                 continue
-            # The reason of the decision is shown above these sentences already.
             is_repetition = fact.code is decision.reason.code
             if is_repetition:
                 continue

@@ -229,9 +229,10 @@ class Head(NamedTuple):
 
     @property
     def brief_events(self) -> Sequence[PageEvent]:
-        """The events that a page shows at first: all if they are few, otherwise the worst, each kind once.
+        """The events that a page shows before its reader unfolds the list of all.
 
-        Of a session that goes on they are the newest.
+        These are the newest events of a live session that goes on. Otherwise they are all events if they are few, or
+        else the worst, of which each kind is shown once, with the number of its events as ``total``.
         """
         if self.is_newest_first:
             return self.events[:MAX_NEWEST_EVENTS]

@@ -159,8 +159,9 @@ def _twin_chapter(tuning: Tuning, assessment: Assessment) -> Chapter:
 
     Args:
         tuning: the advice for each axis.
-        assessment: assessment of the log, of whose vehicle the twin is a simulation.
+        assessment: assessment of the log. The twin is a simulation of its vehicle, by the identified parameters.
     """
+    # Gains are advised only of a vehicle that was judged, and so has evidence.
     assert assessment.evidence is not None
     columns = dict[str, list[Panel]]()
     if tuning.parameters:
