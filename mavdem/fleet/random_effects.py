@@ -205,7 +205,7 @@ def quantity_change(
         )
     # The difference of logarithms is the logarithm of the ratio; its interval is linearized at the estimate.
     ratio = exp(difference)
-    # A motor's value is the ratio to the median motor; the mean effect is that of the vehicle.
+    # A motor's value is its ratio to the median motor, shown as its deviation from 1. The mean effect is shown itself.
     reference = 1.0 if quantity.is_of_motor else 0.0
     return QuantityChange(
         quantity,
@@ -241,11 +241,13 @@ def variance_between_flights(kind: str, states: Sequence[StateEstimates], freedo
 def with_outcomes(
     changes: Sequence[QuantityChange], axes_with_other_gains: Collection[str] = ()
 ) -> list[QuantityChange]:
-    """Decides which quantities changed: by :func:`_changed_quantities`, where it is not known from the gains.
+    """Decides which quantities changed.
 
-    The figures of a loop whose gains are known to differ differ too, so that there is no chance of a false alarm: its
-    own interval decides, and other quantities are tested without it. What did not change is called the same if its
-    interval lies within ``EQUIVALENCE_LIMITS``, and uncertain otherwise.
+    - The figures of a loop whose gains are known to differ are expected to differ too. Such a figure changed if its own
+      90 % interval does not contain 0.
+    - All other quantities are tested together (:func:`_changed_quantities`), which bounds the number of false alarms.
+    - A quantity that did not change is called the same if its interval lies within ``EQUIVALENCE_LIMITS``, and
+      uncertain otherwise.
 
     Args:
         changes: the differences with their p-values.

@@ -141,7 +141,10 @@ class ControlWatch:
         reports: Sequence[Fact],
         motion: RecentMotion | None,
     ) -> FlightEnd:
-        """Judges a flight that has just ended, by disarming for example: in the air, or where a lost vehicle fell.
+        """Judges a flight that has just ended, for example by disarming: where it ended, and how it was lost.
+
+        A vehicle whose motors stop in the air falls; one that lost its attitude may hit the ground with running motors.
+        In both cases the contact with the ground shows how the vehicle was lost.
 
         Args:
             vehicle: identity and parameters of the vehicle, without messages.
@@ -151,7 +154,8 @@ class ControlWatch:
             motion: motor outputs of the last seconds; None if they do not come.
 
         Returns:
-            Whether it ended in the air, and if so, how the vehicle was lost, as the review of its recording would find.
+            Whether the motors stopped in the air, whether the vehicle has sunk since, and how it was lost, as the
+            review of its recording would find; no loss before it has met the ground.
         """
         signals = self._signals(vehicle, motion)
         boot = self._recent.boot
@@ -159,7 +163,7 @@ class ControlWatch:
         take_off, _ = flight_interval
         attitude_loss = self._attitude_loss
         if attitude_loss is not None and attitude_loss.start_time < take_off:
-            # It was of an earlier flight.
+            # The attitude was lost in an earlier flight.
             attitude_loss = None
         error = attitude_error(signals, boot)
         is_falling = is_in_air and has_sunk_after(signals, boot, flight_interval)
@@ -174,7 +178,7 @@ class ControlWatch:
         return FlightEnd(is_in_air, is_falling, ending_of(signals, [*reports, *events]))
 
     def weighed_reports(self, vehicle: Telemetry, reports: Sequence[Fact]) -> list[Fact]:
-        """Lowers the level of a crash that the autopilot reports and the motion of the last seconds does not show.
+        """Lowers the level of a crash that the autopilot reports, if the motion of the last seconds does not show it.
 
         Args:
             vehicle: identity and parameters of the vehicle, without messages.

@@ -20,29 +20,29 @@ def lights_before_model(
     watch_facts: Mapping[str, Fact],
     wind_obstacle: Fact | None,
 ) -> dict[str, Fact]:
-    """Returns what each light says before a model is judged; a light that is judged without one replaces it.
+    """Returns the fact of each light before a model is judged.
 
-    A light is the judgement of one part of the vehicle, such as its motors. Without a model it says what is watched so
-    far, or why it is not judged.
+    A light is the judgement of one part of the vehicle, such as its motors. Without a model its fact says what is
+    watched so far, or why the light is not judged. The caller replaces the lights that are judged without a model.
 
     Args:
         reason: why there is no judgement of a model.
         rates: rates of attitude and motor messages, Hz, by message name.
         watch_facts: for each thing that is watched on the followed vehicle, by its name: since when, or why it is not.
-        wind_obstacle: why there is no estimate of the wind although the vehicle flies; None if there is no obstacle.
+        wind_obstacle: why there is no estimate of the wind although the vehicle flies; None if nothing prevents it.
 
     Returns:
         A fact for each light, by name, in the order in which they are shown.
     """
 
-    def obstacle(kind: WatchedQuantity) -> Fact | None:
+    def reason_not_watched(kind: WatchedQuantity) -> Fact | None:
         """Returns why something is not watched; None if it is."""
         fact = watch_facts.get(kind)
         if fact is None:
             # Just after the first messages it is not known what comes; before them nothing is watched at all.
             return Fact(RowsFact.RATES_BEING_MEASURED) if watch_facts else reason
-        reason_to_not_watch: Fact | None = fact.figures["reason"]
-        return reason_to_not_watch
+        stated_reason: Fact | None = fact.figures["reason"]
+        return stated_reason
 
     lights = dict(unjudged(reason).lights)
     for light, kind in (
@@ -51,21 +51,21 @@ def lights_before_model(
         (Light.ESTIMATOR, WatchedQuantity.ESTIMATOR),
         (Light.TRACKING, WatchedQuantity.TRACKING),
     ):
-        # What is watched and has no light yet is judged in settled flight.
-        reason_for_light = obstacle(kind) or Fact(SessionFact.NOT_SETTLED)
+        # A quantity that is watched will be judged in settled flight.
+        reason_for_light = reason_not_watched(kind) or Fact(SessionFact.NOT_SETTLED)
         lights[str(light)] = Fact(Unjudged.NOT_JUDGED, reason=reason_for_light)
     for light, kind, code in (
         (Light.MOTORS, WatchedQuantity.MOTOR_LIMITS, WatchFact.NO_MOTOR_AT_LIMIT),
         (Light.MARGINS, WatchedQuantity.OSCILLATION, WatchFact.NO_OSCILLATION),
     ):
-        watch_obstacle = obstacle(kind)
-        if watch_obstacle is not None:
-            lights[str(light)] = Fact(Unjudged.NOT_JUDGED, reason=watch_obstacle)
+        watch_reason = reason_not_watched(kind)
+        if watch_reason is not None:
+            lights[str(light)] = Fact(Unjudged.NOT_JUDGED, reason=watch_reason)
             continue
-        # Nothing has alarmed so far. The rest of the light is not judged: the balance of the motors for a reason of its
-        # own, and the margins for want of a model.
+        # There was no alarm so far. The rest of the light is not judged: for the motors that is their balance, which is
+        # watched by itself, and for the margins all that needs a model.
         if light is Light.MOTORS:
-            reason_for_rest = obstacle(WatchedQuantity.MOTORS)
+            reason_for_rest = reason_not_watched(WatchedQuantity.MOTORS)
         elif reason.code is RowsFact.LIVE_RATES_TOO_LOW:
             reason_for_rest = Fact(MarginsLight.MARGINS_UNKNOWN, reason=reason.figures["reason"])
         else:

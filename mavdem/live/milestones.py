@@ -89,7 +89,7 @@ class Milestones:
             self._log(Fact(SessionFact.PARAMETERS_KNOWN, axis=self._axis, **figures))
         if status.is_flying:
             self._unreported_end = None
-            # An autopilot that restarts after the landing has no wind any more.
+            # The mean wind is stored, since a restart of the autopilot after the landing resets that of the status.
             self._mean_wind = status.mean_wind
         elif self._was_flying:
             self._unreported_end = now

@@ -69,9 +69,10 @@ class ReportAlarms:
         """
         for report in reports:
             if report.code in self._reports:
-                # A state without an end lasts; a text has the time at which it came last.
-                lasts = report.end_time is None and "text" not in report.figures
-                time = now if lasts else report.end_time or report.start_time
+                # A report is the text of a message, whose end is the time at which it came last, or the interval of a
+                # state, which has no end while the state lasts.
+                is_lasting_state = report.end_time is None and "text" not in report.figures
+                time = now if is_lasting_state else report.end_time or report.start_time
                 self._report_times[report.code] = max(self._report_times[report.code], time)
         for code, report in list(self._reports.items()):
             if not report.is_bad and now - self._report_times[code] > REPEAT_SECONDS:
@@ -83,7 +84,11 @@ class ReportAlarms:
 
 
 def is_alarming(report: Fact) -> bool:
-    """Returns whether a report is an alarm in flight: it is bad, critical, or a state for which a failsafe begins."""
+    """Returns whether a report is an alarm in flight: it is bad, critical, or a state for which a failsafe begins.
+
+    Args:
+        report: a fact on what the autopilot reports, by the text of a message with a severity, or by a state without.
+    """
     if not report.warns:
         return False
     severity = report.figures.get("severity")

@@ -1,4 +1,4 @@
-"""What is wrong with a vehicle by its own messages, without a model, within seconds of take-off.
+"""Faults of a live vehicle by its own messages, without a model, as facts: findings with a code, a level and figures.
 
 It is the judgement of a log in small steps. What the autopilot reports, and the lights of vibration, power, estimator
 and tracking, are those of ``mavdem.assessment`` on the messages so far. A limit cycle is found in the last seconds by
@@ -310,14 +310,17 @@ class Watchdog:
         return events
 
     def _event_of_report(self, report: Fact, now: float) -> Fact:
-        """Makes a new report in flight the fact of its light and an alarm, where it warns, and returns what is said.
+        """Takes a new report of the autopilot in flight: a warning becomes the fact of its light, and maybe an alarm.
+
+        A light is the judgement of one part of the vehicle, such as its motors.
 
         Args:
             report: a new report of the autopilot, on anything.
             now: present time on the boot clock, s.
 
         Returns:
-            An alarm or the report. A crash that is reported after its own alarm is none.
+            What the user is told: an alarm, or the report itself. A reported crash is an alarm only if nothing else has
+            shown the loss before.
         """
         if report.code is SessionFact.ALARM:
             # A restart in flight, whose light is known.
@@ -401,6 +404,7 @@ class Watchdog:
         power = power_light(live_evidence(all_signals, condition, findings))
         review.facts[WatchedQuantity.BATTERY] = power
         self._battery_obstacle = _battery_obstacle(power)
+        # The estimator is judged by the last minute alone, since it may recover: earlier warnings must not last.
         recent_warnings = [
             warning
             for warning in self._warnings
@@ -510,8 +514,9 @@ class Watchdog:
             loss = end.loss
         elif end.is_falling and self.loss is None:
             loss = Fact(WatchFact.STOPPED_IN_AIR, Level.BAD, time=self._states[-1].time)
-        is_open = self.loss is None or self.loss.code in OPEN_LOSSES
-        if loss is not None and is_open:
+        # A loss in the air is replaced once it is known how the vehicle met the ground. Any other loss stays.
+        may_replace = self.loss is None or self.loss.code in OPEN_LOSSES
+        if loss is not None and may_replace:
             review.facts[WatchedQuantity.CONTROL] = loss
             self.loss = loss
             self._judge_motors_of_loss(loss)
@@ -529,11 +534,11 @@ class Watchdog:
         self._forget_good_motors()
 
     def _worsen_light(self, light: str, fact: Fact) -> None:
-        """Makes a fact that of its light in this flight, unless the light has one that is as bad.
+        """Replaces the fact of a light in this flight by a worse one.
 
         Args:
-            light: name of the light.
-            fact: what was found.
+            light: name of the light, the judgement of one part of the vehicle.
+            fact: what was found. It is not used if the light has a fact that is worse.
         """
         earlier = self.worst_lights.get(str(light), fact)
         self.worst_lights[str(light)] = worst_fact([fact, earlier])
@@ -671,6 +676,7 @@ class Watchdog:
         has_just_taken_off = review.now - review.phase_start < DECISION_SECONDS
         latest_count = int(np.count_nonzero(motors.time >= review.now - DECISION_SECONDS))
         if latest_count and len(at_upper) >= MIN_LIMIT_SAMPLES and not has_just_taken_off:
+            # The outputs of the last ``DECISION_SECONDS`` or, of a slow message, the last ``MIN_LIMIT_SAMPLES``.
             latest = slice(-max(latest_count, MIN_LIMIT_SAMPLES), None)
             limited_motor = _limited_motor(motors.geometry.names, at_upper[latest])
             outputs = motors.scale.fraction(motors.outputs[latest]).mean(axis=0)
@@ -686,17 +692,19 @@ class Watchdog:
     def _changed_alarms(self, review: _Review) -> list[Fact]:
         """Compares the facts of a review with the active alarms, updates these, and returns what changed.
 
-        An alarm begins, or is reported again, when a fact warns with another level or code than the active alarm;
-        other figures update it. It ends after the landing, or when its reason has not been found for ``CALM_SECONDS``,
-        so that a condition that comes and goes gives one alarm. That of a loss of control ends only if the vehicle
-        flies on for so long. On the ground it stays, and other alarms end without a word: a wreck is no sound vehicle.
-        So does the alarm of a battery at any landing, which charges no battery.
+        There is at most one alarm for each watched quantity, such as the vibration:
+
+        - It begins, or is reported again, when a fact warns with another level or code than the active alarm. Other
+          figures only update it.
+        - It ends after the landing, or when its reason has not been found for ``CALM_SECONDS``, so that a condition
+          that comes and goes gives one alarm. :meth:`_ended_alarms` has the exceptions.
 
         The worst fact of each light (motors, vibration, power, …) is kept for the judgement of the whole flight. Once
         its alarm is over, it says so.
 
         Args:
-            review: the review that ends, with all its facts. Those on what is past are dropped.
+            review: the review that ends, with all its facts. A fact that is about an event more than ``CALM_SECONDS``
+                ago, and has no active alarm, is dropped.
 
         Returns:
             Alarms, with the time of the review, and ends of alarms, with the time at which the reason was seen last;
@@ -711,10 +719,14 @@ class Watchdog:
         return [*self._begun_alarms(review), *self._ended_alarms(review)]
 
     def _begun_alarms(self, review: _Review) -> list[Fact]:
-        """Makes alarms of the warnings of a review that are not active, and returns them.
+        """Makes the warnings of a review active alarms, and returns those that are new or have become others.
 
         Args:
-            review: the review that ends, with all its facts.
+            review: the review that ends, with its facts by watched quantity. Where the reason of a warning was seen
+                last before the review, ``latest_times`` has that time, s of the boot clock.
+
+        Returns:
+            The alarms to report, with the time of the review.
         """
         alarms = []
         for kind, fact in review.facts.items():
@@ -725,21 +737,27 @@ class Watchdog:
             active = self.active.get(kind)
             self.active[kind] = fact
             is_same = active is not None and (active.level, active.code) == (fact.level, fact.code)
-            # What the autopilot itself reports of the estimator was said when it came.
-            is_said = kind is WatchedQuantity.ESTIMATOR and isinstance(fact.code, ReportedEvent)
-            if not is_same and not is_said:
+            # What the autopilot itself reports of the estimator was reported to the user when it came.
+            was_reported = kind is WatchedQuantity.ESTIMATOR and isinstance(
+                fact.code, ReportedEvent
+            )
+            if not is_same and not was_reported:
                 alarms.append(event_or_alarm(fact, review.now))
         return alarms
 
     def _ended_alarms(self, review: _Review) -> list[Fact]:
         """Removes the active alarms that are over, and returns their ends as facts.
 
+        An alarm is over on the ground, or when its reason has not been seen for ``CALM_SECONDS``. This time is doubled
+        with each end of the alarm in a flight, so that an alarm which comes and goes is reported less and less often.
+        The alarm of a loss of control stays on the ground. The light of the alarm then says that it is over.
+
         Args:
             review: the review that ends; its warnings are among the active alarms already.
 
         Returns:
-            The ends that are reported. After a loss of control there are none, since a wreck is no sound vehicle; nor
-            is that of a battery on the ground, where it stays as empty as it was.
+            The ends to report. After a loss of control no end is reported, since a wreck is no sound vehicle; nor is
+            that of a battery's alarm on the ground, since landing does not charge the battery.
         """
         is_lost = self.loss is not None and not review.is_flying
         ends = []
@@ -757,8 +775,12 @@ class Watchdog:
                     end = Fact(WatchFact.ALARM_OVER, time=last_seen, reason=ended_alarm)
                     ends.append(end)
                     light = str(LIGHTS[kind])
-                    shown = self.worst_lights.get(light)
-                    if shown is not None and shown.code is ended_alarm.code:
+                    worst_fact_of_light = self.worst_lights.get(light)
+                    is_of_alarm = (
+                        worst_fact_of_light is not None
+                        and worst_fact_of_light.code is ended_alarm.code
+                    )
+                    if is_of_alarm:
                         self.worst_lights[light] = end.replace(ended_alarm.level)
                 if kind is WatchedQuantity.CONTROL:
                     self.loss = None
@@ -876,7 +898,7 @@ def worst_of_lights(first: NamedFacts, second: NamedFacts) -> dict[str, Fact]:
     """Returns the worse of two facts of each light; a light that only one of them has is taken from that.
 
     Args:
-        first: facts by name of the light, which come first of two that are as bad.
+        first: facts by name of the light. Where both facts of a light are equally bad, this one is returned.
         second: other facts by name of the light.
     """
     return {
@@ -911,11 +933,14 @@ def _limited_motor(names: Names, at_upper_limit: Flags) -> Fact | None:
 
 
 def _with_earlier_motors(limited_motor: Fact, active: Fact | None) -> Fact:
-    """Adds to the motors at their limit those of the alarm that lasts: motors that take turns are one event.
+    """Adds the motors of the active alarm to those at their limit now, since motors that take turns are one event.
 
     Args:
-        limited_motor: the motors that are at their limit now.
-        active: the active alarm on motors at their limit; None without one.
+        limited_motor: fact on the motors that are at their limit now, with their names and share of the time.
+        active: the active alarm, the same fact on motors that were at their limit before; None without an alarm.
+
+    Returns:
+        The fact on all these motors, with the larger share.
     """
     if active is None:
         return limited_motor

@@ -88,10 +88,12 @@ def headline_of_comparison(
 ) -> list[Sentence]:
     """Returns the sentences that head a comparison on the terminal and on pages: what matters of all that differs.
 
-    That both are of two vehicles comes first, then lights that are bad on one side; then whether the compared figures
-    changed, with the change that goes with a bad margin, or else the surest; then the gains that a bad margin, or a
-    changed figure of a loop, depends on, with what follows from them. Where A and B are the same flight, only that is
-    said.
+    They come in this order; where A and B are the same flight, only that is said.
+
+    1. Whether the states are of two vehicles.
+    2. The lights (judgements of parts of the vehicle) that are bad on one side only.
+    3. Whether compared figures changed. One change is named: of a loop with a bad margin, or else the surest one.
+    4. The changed gains of loops with a bad margin or a changed figure, or else all changed gains, and their effects.
 
     Args:
         reviews: review documents of both logs, by side, "A" and "B"; of a fleet, empty.
@@ -265,7 +267,7 @@ def light_blocks(reviews: Mapping[str, Review]) -> Blocks:
     rows = []
     names_by_level = dict[str, list[str]]()
     for name in next(iter(lights_by_side.values())):
-        lights = {side: of_side.get(name) for side, of_side in lights_by_side.items()}
+        lights = {side: side_lights.get(name) for side, side_lights in lights_by_side.items()}
         levels = {light["level"] if light is not None else "" for light in lights.values()}
         if len(levels) == 1:
             names_by_level.setdefault(levels.pop(), []).append(name)
@@ -343,11 +345,14 @@ def _changes_by_relevance(
 
 
 def _conclusion(difference: VehicleDifference, changed: Sequence[QuantityChange]) -> list[Sentence]:
-    """Returns the sentence on all compared figures: what changed, or whether it is known that none did.
+    """Returns the sentence on all compared figures: what changed, what is doubtful, or whether none changed.
+
+    A figure is doubtful if its own interval shows a change, but not the test of all figures together.
 
     Args:
         difference: comparison of two groups of flights of a vehicle, quantity by quantity.
-        changed: the changed quantities that do not follow from other gains; the first is named.
+        changed: the changed quantities that do not follow from other gains. The sentence names the first one or, if
+            there is none, the doubtful figure with the lowest p-value.
     """
     tested_outcomes = Counter(change.outcome for change in difference.tested)
     doubtful = sorted(filter(_is_doubtful, difference.tested), key=lambda change: change.p)
@@ -412,7 +417,7 @@ def _change_sentences(difference: VehicleDifference) -> list[Sentence]:
         others=_are_two_vehicles(difference),
         has_trims=any(change.quantity.kind == SHARE for change in difference.changes),
         tested=tested,
-        # As if the figures were independent.
+        # Probability that at least one interval misses its true value, if the figures were independent.
         chance_of_any=1 - difference.level**tested,
     )
     same = [change for change in difference.tested if change.outcome is QuantityOutcome.SAME]
@@ -495,8 +500,9 @@ def next_blocks(
         reviews: review documents of both logs, by side, "A" and "B".
 
     Returns:
-        One sentence; of a change that is doubtful, to fly again. None without any, if new gains explain all changes, or
-        if the states are of two vehicles, whose differences are no faults.
+        One sentence. If no change needs an explanation but a figure is doubtful, the next step is to fly again. None if
+        nothing changed, if new gains explain all changes, or if the states are of two vehicles, whose differences are
+        no faults.
     """
     if difference.is_of_same_flight:
         return []

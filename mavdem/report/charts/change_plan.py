@@ -50,13 +50,14 @@ class DrawnChange(NamedTuple):
 
 
 def drawn_changes(difference: VehicleDifference) -> list[QuantityChange]:
-    """Returns the changes that are drawn: those that are not the same, or all of them where they are.
+    """Returns the changes that are drawn: all but the quantities that stayed the same, or these if all did.
 
     Args:
         difference: changes of a vehicle between two states.
 
     Returns:
-        The changes, those that changed first, then those that are not known, of which doubtful ones come first.
+        The changes: first the quantities that changed, then the uncertain ones, of which those whose interval does not
+        contain "no change" come first.
     """
     outcomes = list(OUTCOME_LEVELS)
     changes = [

@@ -179,12 +179,15 @@ def _chart_group(chart: Chart, caption: str = "") -> list[Group]:
 
 
 def _with_single_side(chart: Chart) -> Chart:
-    """Returns the chart of a quantity that one side alone has with that side in its title.
+    """Adds the name of the side to the title of a chart, if only one side has a line in it.
 
-    A chart of a single line has no legend, so nothing else would say whose line it is.
+    A chart with a single line has no legend, so that nothing else would show to which side the line belongs.
 
     Args:
-        chart: chart with a line for each side that has the quantity.
+        chart: chart with a line for each side (A and B) for which the quantity is known.
+
+    Returns:
+        The chart; with two lines it is unchanged.
     """
     if len(chart.lines) != 1:
         return chart
