@@ -51,8 +51,11 @@ class Backlog:
         self.longest_delay = 0.0
         self.suspends_learning = False
         self._batches: deque[FrameBatch] = deque()
-        # When the analysis was last too late, s of the monotonic clock; None while it keeps up.
+        # When the analysis was last too late, s of the monotonic clock; None while it keeps up. When that was reported
+        # last, s of that clock, and with which delay, s.
         self._behind_time: float | None = None
+        self._report_time = 0.0
+        self._reported_delay = 0.0
 
     def __len__(self) -> int:
         """The number of batches that wait."""
@@ -128,15 +131,16 @@ class Backlog:
     def update(self, dropped_datagrams: int) -> Fact | None:
         """Decides by the present delay of the analysis which tasks are postponed (``POSTPONING_DELAYS``).
 
-        Recovery is reported only after ``REPEAT_SECONDS`` without a long delay, so that a delay around the limit is not
-        reported all the time.
+        A delay that has doubled since its last report is reported again, at most once in ``REPEAT_SECONDS``: alarms
+        come so much later. Recovery is reported only after ``REPEAT_SECONDS`` without a long delay, so that a delay
+        around the limit is not reported all the time.
 
         Args:
             dropped_datagrams: number of datagrams lost so far, because they were not read in time.
 
         Returns:
-            The fact that the computer is too slow, once; the fact that it keeps up again, ``REPEAT_SECONDS`` after it
-            was last too slow; otherwise None.
+            The fact that the computer is too slow, once for each doubling of the delay; the fact that it keeps up
+            again, ``REPEAT_SECONDS`` after it was last too slow; otherwise None.
         """
         now = clock.monotonic()
         # ``self.analysed_until`` is the time of arrival up to which all frames are analysed.
@@ -145,8 +149,15 @@ class Backlog:
         self.longest_delay = max(self.longest_delay, delay)
         if delay >= BEHIND_DELAY:
             is_new = self._behind_time is None
+            has_doubled = (
+                delay >= 2 * self._reported_delay and now - self._report_time >= REPEAT_SECONDS
+            )
             self._behind_time = now
-            return Fact(SessionFact.COMPUTER_BEHIND, delay=delay) if is_new else None
+            if not (is_new or has_doubled):
+                return None
+            self._report_time = now
+            self._reported_delay = delay
+            return Fact(SessionFact.COMPUTER_BEHIND, delay=delay)
         if self._behind_time is not None and now - self._behind_time >= REPEAT_SECONDS:
             self._behind_time = None
             return Fact(

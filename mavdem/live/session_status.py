@@ -47,6 +47,9 @@ LINK_OBSTACLES = (
 )
 """The obstacles with which no followed vehicle is received: the link is lost or silent, or none is followed on it."""
 
+MAX_ALARM_DELAY = 3.0
+"""Delay of the alarms from which on a pilot must not rely on them, s: a choice; a vehicle may fall within it."""
+
 EMPTYING_BATTERY = (ReportedEvent.BATTERY_WARNED, PowerLight.BATTERY_LOW, PowerLight.CHARGE_LOW)
 """Lights of the power that advise a landing in flight, even if they are to be watched only."""
 
@@ -269,9 +272,10 @@ class SessionStatus(ImmutableResult):
            becomes the headline, unless the headline is bad already.
         2. What the reason advises for which the vehicle is not received; that reason becomes the headline.
         3. To land soon, if the battery is getting empty.
-        4. To fly on and do after the landing what the headline advises, if it warns.
-        5. To fly on, if a model was judged, or if the reason why there is none asks for nothing.
-        6. Otherwise the next step so far, which says what has to happen before a model can be learned.
+        4. To watch the vehicle itself, if alarms come later than ``MAX_ALARM_DELAY``.
+        5. To fly on and do after the landing what the headline advises, if it warns.
+        6. To fly on, if a model was judged, or if the reason why there is none asks for nothing.
+        7. Otherwise the next step so far, which says what has to happen before a model can be learned.
 
         Args:
             judgement: the judgement so far.
@@ -288,6 +292,9 @@ class SessionStatus(ImmutableResult):
             return replace(judgement, headline=self.obstacle, next_step=next_step)
         if judgement.lights[Light.POWER].code in EMPTYING_BATTERY:
             return replace(judgement, next_step=Fact(NextStep.LAND_SOON))
+        if self.analysis_delay >= MAX_ALARM_DELAY:
+            next_step = Fact(NextStep.FLY_BY_SIGHT, delay=self.analysis_delay)
+            return replace(judgement, next_step=next_step)
         if headline.warns:
             advice = next_step_of(headline, judgement.lights, None)
             return replace(judgement, next_step=Fact(NextStep.FLY_ON, reason=advice))

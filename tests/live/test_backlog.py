@@ -1,5 +1,6 @@
 """The queue of frames: what it puts off, and when the process that learns is stopped."""
 
+from mavdem.facts.session import SessionFact
 from mavdem.live.backlog import STEP_SECONDS, SUSPENSION_DELAY, Backlog
 from mavdem.live.intake import FrameBatch
 
@@ -22,3 +23,18 @@ def test_learning_is_suspended_until_the_analysis_has_caught_up(monkeypatch):
         backlog.pop_simultaneous()
     assert suspended == [False, True, True, False]
     assert not backlog.postponed
+
+
+def test_a_delay_that_doubles_is_reported_again(monkeypatch):
+    now = [100.0]
+    monkeypatch.setattr("mavdem.live.clock.monotonic", lambda: now[0])
+    backlog = Backlog()
+    backlog.add([FrameBatch(now[0], 0.0, [])])
+    reported = []
+    for _ in range(130):
+        now[0] += 1.0
+        fact = backlog.update(0)
+        if fact is not None:
+            assert fact.code is SessionFact.COMPUTER_BEHIND
+            reported.append(fact.figures["delay"])
+    assert reported == [1.0, 31.0, 62.0, 124.0]

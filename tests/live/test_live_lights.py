@@ -82,6 +82,18 @@ def test_the_next_step_fits_the_moment(slow):
     assert over.overall_judgement.next_step.code is NextStep.DO_AS_ADVISED
 
 
+def test_nobody_is_told_to_fly_on_by_alarms_that_come_late(slow):
+    learning = replace(slow, obstacle=None, analysis_delay=15.2)
+    assert learning.overall_judgement.next_step.sentence.startswith(
+        "Watch the vehicle itself: alarms come 15 s late."
+    )
+    weak = Fact(MotorsLight.MOTOR_LIMITED, Level.WATCH, subject="motor 1", share=0.9)
+    watched = replace(learning, worst_lights={Light.MOTORS: weak})
+    assert watched.overall_judgement.next_step.code is NextStep.FLY_BY_SIGHT
+    landed = replace(learning, is_flying=False)
+    assert landed.overall_judgement.next_step.code is not NextStep.FLY_BY_SIGHT
+
+
 @mark.parametrize(
     "silence",
     [
