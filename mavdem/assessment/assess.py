@@ -203,7 +203,7 @@ class _OtherAxes:
         return {axis: results.estimates for axis, results in self._results().items()}
 
     def loops(self) -> dict[str, Loop | Fact]:
-        """Returns the loops by axis, or the facts on why they are not known, once the process has computed them."""
+        """Returns the loops by axis, or the facts about why they are not known, once the process has computed them."""
         return {axis: results.loop for axis, results in self._results().items()}
 
 

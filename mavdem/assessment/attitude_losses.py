@@ -189,6 +189,7 @@ class _AttitudeLoss(NamedTuple):
         if knock is not None and knock.figures["side"] == Side.FOR:
             knock_time = knock.time
         code = self._kind(onset, height, knock_time)
+        # None is the usual level of the code.
         level = None
         is_caught = self._is_harmless(onset) or self._is_recovered()
         if is_caught:
@@ -348,6 +349,10 @@ class _AttitudeLoss(NamedTuple):
 
         Args:
             onset: time when the attitude began to leave its setpoint, s since boot.
+
+        Returns:
+            Statements that the attitude left its setpoint, on the rotation by the gyro, on a descent by the height
+            sensors, and that the vehicle rested afterwards or else that the log ended soon.
         """
         statements = [
             supporting_statement(

@@ -41,7 +41,7 @@ REPORTS_OF_LOSS = (ReportedEvent.CRASH_DETECTED, ReportedEvent.PARACHUTE_RELEASE
 def ending_of(
     signals: Signals, events: Sequence[Fact], collective: float | None = None
 ) -> Fact | None:
-    """Returns the fact on how the last lost flight was lost, with what failed first; None if no flight was lost.
+    """Returns the fact about how the last lost flight was lost, with what failed first; None if no flight was lost.
 
     Only bad events are used. The loss is the last event by which a vehicle may be lost. Reports of a loss by the
     autopilot are used only if the motion shows none. What failed first follows from the commands of the motors
@@ -53,7 +53,7 @@ def ending_of(
         collective: mean output of all motors in the hover, as a share of their range; None if it is not known.
 
     Returns:
-        A fact with the figures ``cause`` (the fact on what failed first, or None), ``word`` (what the autopilot
+        A fact with the figures ``cause`` (the fact about what failed first, or None), ``word`` (what the autopilot
         reported of a motor, if the cause does not contain it) and, without a cause, the flight ``mode`` in which it
         happened. Its subject is the motor, if cause and report agree on one.
     """
@@ -179,10 +179,13 @@ def _has_measurements(signals: Signals, report: Fact) -> bool:
 def _signs_of_crash(signals: Signals, report: Fact, losses: Sequence[Fact]) -> Facts:
     """Collects the statements of the sensors around a report of a crash.
 
+    If the motion shows that the vehicle was lost at that time, these are the witnesses of that loss. Otherwise the
+    accelerometer, the gyro, the height sensors and the pose at rest are examined one by one.
+
     Args:
         signals: signals of the vehicle.
         report: the report.
-        losses: events of the motion that lose a vehicle.
+        losses: events in which the vehicle was lost, as its motion shows.
 
     Returns:
         The statements as witnesses of the crash; empty if no sensor shows one.
@@ -192,8 +195,8 @@ def _signs_of_crash(signals: Signals, report: Fact, losses: Sequence[Fact]) -> F
     earliest, latest = interval
     for loss in losses:
         if loss.figures["boot"] == boot and earliest <= loss.start_time <= latest:
-            # The report itself may be among them, which the caller has counted already.
             witnesses = loss.figures.get("witnesses", ())
+            # The report itself may be among them, but the caller has counted it already.
             return tuple(
                 fact for fact in witnesses if fact.code is not SensorStatement.AUTOPILOT_REPORTED
             )

@@ -97,7 +97,7 @@ class _LossCommands:
 
 
 def failure_by_commands(signals: Signals, boot: int, loss_context: LossContext) -> Fact | None:
-    """Returns the fact on what failed first, by the commands of the motors; None if they show no failure.
+    """Returns the fact about what failed first, by the commands of the motors; None if they show no failure.
 
     The commands in the time before the loss are compared with the usual ones before. The first of these failures that
     they show is returned:
@@ -179,15 +179,18 @@ def _commands_around(signals: Signals, boot: int, interval: TimeInterval) -> _Lo
 
 
 def _all_off(commands: _LossCommands) -> Fact | None:
-    """Returns the fact that all motors were switched off, with the time; None if they were not.
+    """Returns the fact that all motors were switched off before the vehicle was lost, with the time; None if not.
+
+    A motor is off below ``OFF_RATIO`` of its usual command. The time is that of the first sample at which all are.
 
     Args:
-        commands: commands around the loss.
+        commands: commands of the motors while the vehicle was lost, just before, and as usual in the flight.
     """
-    # Each motor must have been off on average over the time before the loss.
-    if not (commands.during.mean(axis=0) < OFF_RATIO * commands.usual).all():
+    off_commands = OFF_RATIO * commands.usual
+    # Each motor must have been off on average: a manoeuvre may stop one for a moment.
+    if not (commands.during.mean(axis=0) < off_commands).all():
         return None
-    off_times = commands.time[(commands.during < OFF_RATIO * commands.usual).all(axis=1)]
+    off_times = commands.time[(commands.during < off_commands).all(axis=1)]
     time = off_times[0] if len(off_times) else commands.time[0]
     return Fact(FailedFirst.ALL_OFF_FIRST, time=time)
 
@@ -199,8 +202,8 @@ def _thrust_spent(commands: _LossCommands, loss_context: LossContext) -> Fact | 
     judged.
 
     Args:
-        commands: commands around the loss.
-        loss_context: time before the loss, and its kind.
+        commands: commands of the motors while the vehicle was lost, just before, and as usual in the flight.
+        loss_context: the time in which the vehicle was lost, and whether it lost its attitude or hit something.
 
     Returns:
         The fact, with the time since when all thrust was in use, and the mean command since then as ``share`` of the
@@ -225,9 +228,9 @@ def _failure_of_motor(
     """Returns the fact that one motor failed: it was at its limit, or the opposite one at idle to make up for it.
 
     Args:
-        commands: commands around the loss.
-        loss_context: time before the loss, and its kind. Without a side to which the vehicle fell, an earlier limit of
-            this motor alone must confirm it.
+        commands: commands of the motors while the vehicle was lost, just before, and as usual in the flight.
+        loss_context: the time in which the vehicle was lost, and whether it lost its attitude or hit something. Without
+            a side to which the vehicle fell, an earlier limit of this motor alone must confirm it.
         weak: the motor and its opposite one.
 
     Returns:
@@ -340,7 +343,8 @@ def _frozen_output(signals: Signals, commands: _LossCommands) -> Fact | None:
 
     Args:
         signals: signals of the vehicle.
-        commands: commands around the loss, of which there must be at least ``MIN_FROZEN_SAMPLES``.
+        commands: commands of the motors while the vehicle was lost, of which there must be at least
+            ``MIN_FROZEN_SAMPLES``, just before, and as usual in the flight.
 
     Returns:
         The fact, with the name of the motor and, as ``settings``, parameters that were changed so that its output no

@@ -65,7 +65,7 @@ DIVERGENCE_SECONDS = 10.0
 def first_failure(
     signals: Signals, events: Sequence[Fact], loss: Fact, collective: float | None
 ) -> Fact | None:
-    """Returns the fact on what failed first before a vehicle was lost; None if the log does not show it.
+    """Returns the fact about what failed first before a vehicle was lost; None if the log does not show it.
 
     The cause is a motor that was off or stood still when the loss began, or a setpoint that turned the vehicle over.
     Otherwise the commands of the motors are examined over a short interval (:func:`_context_of_impact`,
@@ -178,7 +178,8 @@ def _standing_motor(events: Sequence[Fact], boot: int, onset: float) -> Fact | N
         onset: time when the loss began, s since boot. Telemetry of controllers may be ``MAX_SETPOINT_DELAY`` later.
 
     Returns:
-        The event of the motor; None if none stood still, or no second witness confirms it.
+        The event of the motor; None if none stood still. An event that no second sensor confirms is not bad, and is
+        skipped.
     """
     for event in _events_at(events, MotionEvent.MOTOR_STOOD_STILL, boot, onset, MAX_SETPOINT_DELAY):
         if event.is_bad:

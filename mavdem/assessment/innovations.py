@@ -83,12 +83,12 @@ class Rejection:
     """For how long, s, ArduCopter's failsafe would have counted without a break."""
 
     @property
-    def is_doubted(self) -> bool:
-        """Whether the innovation exceeded its limit for ``FAILSAFE_SECONDS``."""
+    def is_rejected_long(self) -> bool:
+        """Whether the filter rejected the measurement for ``FAILSAFE_SECONDS`` or longer."""
         return self.duration >= FAILSAFE_SECONDS
 
     @property
-    def is_bad(self) -> bool:
+    def triggers_failsafe(self) -> bool:
         """Whether ArduCopter's failsafe would have acted."""
         return self.failsafe_duration >= FAILSAFE_SECONDS
 

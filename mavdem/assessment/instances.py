@@ -150,7 +150,7 @@ def _carried_intervals(evidence: Evidence, boot: int) -> Intervals:
 
 
 def _measured_state(values: Array) -> Fact:
-    """Returns the fact on whether an instance of a sensor measured anything: then its value is not constant.
+    """Returns the fact about whether an instance of a sensor measured anything: then its value is not constant.
 
     Args:
         values: (N,) samples.
@@ -255,10 +255,11 @@ def _estimator_state(evidence: Evidence, samples: TimeSeries, used_share: float)
     for flight in evidence.in_flight(samples):
         ratios = flight.values[:, : len(INNOVATIONS)]
         rejections.append(rejection_in(flight.time, ratios, failsafe_limit))
-    if not any(rejection.is_doubted for rejection in rejections):
+    if not any(rejection.is_rejected_long for rejection in rejections):
         return Fact(InstanceState.MEASURED)
-    is_bad = any(rejection.is_bad for rejection in rejections)
-    return Fact(InstanceState.REJECTED, Level.BAD if is_bad and used_share else None)
+    triggers_failsafe = any(rejection.triggers_failsafe for rejection in rejections)
+    is_bad = triggers_failsafe and used_share > 0
+    return Fact(InstanceState.REJECTED, Level.BAD if is_bad else None)
 
 
 def _receivers(evidence: Evidence) -> Iterator[Instance]:

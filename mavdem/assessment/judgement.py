@@ -401,8 +401,8 @@ def _with_weak_motor(event: Fact, motors: Fact) -> Fact:
         motors: the fact of the light "motors", which judges the flight until it was lost.
 
     Returns:
-        The event, with the fact on the motor as ``weak_motor``. It is unchanged if it is no loss of a flight, no single
-        motor was found weak, or the event names this motor already.
+        The event, with the fact about the motor as ``weak_motor``. It is unchanged if it is no loss of a flight, no
+        single motor was found weak, or the event names this motor already.
     """
     is_weak = motors.is_bad or motors.code in TRIMS_OF_WEAK_MOTOR
     if event.code not in Ending or motors.code in Ending or not motors.subject or not is_weak:

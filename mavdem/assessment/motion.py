@@ -69,44 +69,61 @@ def motion_events(signals: Signals, reports: Sequence[Fact] = ()) -> Facts:
             events.append(not_flown)
         else:
             events += _events_of_boot(signals, boot, reports)
-    return tuple(in_time_order(_with_errors_in_swings(events)))
+    return tuple(in_time_order(_with_causes_of_swings(events)))
 
 
-def _with_errors_in_swings(events: Sequence[Fact]) -> Iterator[Fact]:
-    """Adds to the events of a swinging attitude whether it followed its setpoint, and which motors had no reserve.
+def _with_causes_of_swings(events: Sequence[Fact]) -> list[Fact]:
+    """Adds to each event of a swinging attitude what other events of its time show of the cause (:func:`_with_causes`).
+
+    Args:
+        events: events of all boots.
+
+    Returns:
+        All events, in the same order.
+    """
+    completed_events = []
+    for event in events:
+        if event.code is MotionEvent.ATTITUDE_SWUNG:
+            concurrent_events = [other for other in events if _overlap(event, other)]
+            event = _with_causes(event, concurrent_events)
+        completed_events.append(event)
+    return completed_events
+
+
+def _with_causes(swing: Fact, concurrent_events: Sequence[Fact]) -> Fact:
+    """Adds to a swinging attitude how far it was from its setpoint, and which motors had no reserve.
 
     If the attitude was far from its setpoint, the gains of the position controller are not the first to look at. In an
     autonomous mode that also means that the autopilot does not control the vehicle, so that the swing is bad even if
     the vehicle recovered.
 
     Args:
-        events: events of all boots.
+        swing: the event that the attitude swung.
+        concurrent_events: events of its time, among them losses of attitude and motors at their upper limit.
 
-    Yields:
-        All events. A swing gets the largest ``angle_error``, rad, of the losses of attitude in its time whose setpoint
-        is known, and the ``names`` of the motors that were at their upper limit without full throttle.
+    Returns:
+        The event. It is bad and has the largest error of roll or pitch as ``angle_error``, rad, if there was a loss of
+        attitude whose setpoint is known. It has the ``names`` of the motors that were at their upper limit while the
+        pilot did not give full throttle.
     """
-    for event in events:
-        if event.code is not MotionEvent.ATTITUDE_SWUNG:
-            yield event
-            continue
-        errors = []
-        limited_motors: list[str] = []
-        for other in events:
-            if not _overlap(event, other):
-                continue
+    errors = []
+    limited_motors: list[str] = []
+    for event in concurrent_events:
+        if event.code is MotionEvent.ATTITUDE_CAUGHT:
             # Without a setpoint the event has the figure ``is_lean``: its angle is the whole lean, and no error.
-            if other.code is MotionEvent.ATTITUDE_CAUGHT and "is_lean" not in other.figures:
-                errors.append(other.figures["angle"])
-            elif other.code is MotionEvent.MOTOR_AT_ITS_STOP:
-                has_full_throttle = "is_full_throttle" in other.figures
-                if not has_full_throttle and other.subject not in limited_motors:
-                    limited_motors.append(other.subject)
-        if errors:
-            event = event.replace(Level.BAD, angle_error=max(errors))
-        if limited_motors:
-            event = event.replace(names=tuple(limited_motors))
-        yield event
+            has_setpoint = "is_lean" not in event.figures
+            if has_setpoint:
+                errors.append(event.figures["angle"])
+        elif event.code is MotionEvent.MOTOR_AT_ITS_STOP:
+            # With full throttle some motor is at its limit in any case.
+            has_full_throttle = "is_full_throttle" in event.figures
+            if not has_full_throttle and event.subject not in limited_motors:
+                limited_motors.append(event.subject)
+    if errors:
+        swing = swing.replace(Level.BAD, angle_error=max(errors))
+    if limited_motors:
+        swing = swing.replace(names=tuple(limited_motors))
+    return swing
 
 
 def _overlap(event: Fact, other: Fact) -> bool:

@@ -21,7 +21,7 @@ LINE_CODES = {
     LineKind.ALIAS: NoiseFact.ALIASED_LINE,
     LineKind.UNNAMED: NoiseFact.UNNAMED_LINE,
 }
-"""Codes of the facts on spectral lines, by the kind of the line."""
+"""Codes of the facts about spectral lines, by the kind of the line."""
 
 GYRO = "gyro"
 """Name of the spectrum of the gyro after its filters."""
@@ -47,7 +47,7 @@ class MeasuredNoise(NamedTuple):
 
     @property
     def facts(self) -> Facts:
-        """The facts on the noise of the gyro, or the one fact that there is no spectrum of it.
+        """The facts about the noise of the gyro, or the one fact that there is no spectrum of it.
 
         They are on the spectrum, its lines, the share of each motor line that the filters remove, and the notch filter
         to set. The spectrum before the filters is preferred, since it shows all lines. The removed shares are known

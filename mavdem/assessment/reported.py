@@ -162,7 +162,7 @@ def _faults_of_boot(
     Args:
         signals: signals of the vehicle.
         recorded_part: the recorded part of the boot.
-        problems: facts on what texts and error codes report, of all boots.
+        problems: facts about what texts and error codes report, of all boots.
         fault_states: messages that report a fault for as long as it lasts, of all boots.
 
     Returns:
@@ -179,7 +179,7 @@ def _faults_of_boot(
         *problems_of_boot,
     ]
     if any(restart.figures.get("watchdog") for restart in restarts_of_boot):
-        # The fact on the restart names the watchdog as its cause already.
+        # The fact about the restart names the watchdog as its cause already.
         return [fault for fault in faults if not _is_watchdog_report(fault)]
     return faults
 

@@ -231,7 +231,7 @@ def _saturation_loss(
     height = sensors.height_at(start)
     if height is not None and height < MAX_GROUND_HEIGHT:
         return None
-    excess = _outstanding_excess(signals, motors, event, (start, end))
+    excess = _conspicuous_excess(signals, motors, event, (start, end))
     if excess is None:
         return None
     sink_rate = sensors.sink_rate((start, end)) or 0.0
@@ -250,7 +250,7 @@ def _saturation_loss(
     )
 
 
-def _outstanding_excess(
+def _conspicuous_excess(
     signals: Signals, motors: MotorOutputs, event: Fact, interval: TimeInterval
 ) -> float | None:
     """Returns the excess of a limited motor's command over the mean of the other motors, if it is conspicuous.

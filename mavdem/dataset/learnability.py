@@ -17,7 +17,7 @@ from mavdem.dataset.segment_learnability import (
     MIN_SEGMENT_DURATION,
     Learnability,
     SegmentJudge,
-    best_segment,
+    first_learnable,
     impossible_attitude,
 )
 from mavdem.dataset.segments import settled_segments
@@ -98,7 +98,7 @@ def segment_learnabilities(
     if not candidates:
         # All segments are too short. The longest one is judged nevertheless, since its refusal states its duration.
         candidates = [segments[0]]
-    best = best_segment(judge, candidates[:MAX_JUDGED_SEGMENTS])
+    best = first_learnable(judge, candidates[:MAX_JUDGED_SEGMENTS])
     yield best
     if best.learnable and best.flight is not None:
         for segment in candidates:

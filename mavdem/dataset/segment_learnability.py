@@ -98,7 +98,7 @@ class Learnability:
 
 
 def segment_cautions(signals: Signals, quality: QualityFigures) -> Iterator[Fact]:
-    """Yields cautions: facts on what makes a model of a segment less reliable.
+    """Yields cautions: facts about what makes a model of a segment less reliable.
 
     Args:
         signals: Signals of the vehicle for an axis.
@@ -448,23 +448,23 @@ class SegmentJudge:
         return None
 
 
-def best_segment(judge: SegmentJudge, segments: Sequence[Segment]) -> Learnability:
-    """Judges segments in turn until one can be learned from.
+def first_learnable(judge: SegmentJudge, segments: Sequence[Segment]) -> Learnability:
+    """Tries several segments in turn, and returns the learnability of the first that a model can be learned from.
 
     Args:
         judge: judges single segments.
         segments: at least one segment, the preferred first.
 
     Returns:
-        The result for that segment or, if none can be learned from, for the first.
+        The learnability of that segment or, if none can be learned from, of the first one tried.
     """
-    refused_segments = []
+    refusals = []
     for segment in segments:
         learnability = judge.learnability(segment)
         if learnability.learnable:
             return learnability
-        refused_segments.append(learnability)
-    return refused_segments[0]
+        refusals.append(learnability)
+    return refusals[0]
 
 
 def impossible_attitude(signals: Signals, code: NotLearnableReason | Caution) -> Fact:

@@ -304,7 +304,7 @@ def _drift(
     change_probability: float,
     comparison: JsonValues,
 ) -> Fact:
-    """Returns the fact on a flight that differs from the healthy ones, without a single motor being at fault.
+    """Returns the fact about a flight that differs from the healthy ones, without a single motor being at fault.
 
     The balance (torque in roll, pitch and yaw relative to the thrust) and the effort (mean output times voltage) may
     have changed; the more probable change is reported. For a changed balance the likeliest cause is given, with the
@@ -348,7 +348,7 @@ def _balance_change(
     change_probability: float,
     figures: JsonValues,
 ) -> Fact:
-    """Returns the fact on a changed balance, with its likeliest cause.
+    """Returns the fact about a changed balance, with its likeliest cause.
 
     Args:
         flight: The flight.

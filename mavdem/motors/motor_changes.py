@@ -96,7 +96,7 @@ def event_or_alarm(fact: Fact, time: float) -> Fact:
     """Converts a fact to an event in flight: an alarm if its level is bad.
 
     Args:
-        fact: The fact on a motor.
+        fact: The fact about a motor.
         time: Time when it was detected, s on the boot clock.
 
     Returns:
@@ -192,7 +192,7 @@ def alarm_figures(changes: Sequence[MotorAlarm]) -> JsonValues:
 
     Returns:
         By the keys of documents: "alarms" (a motor lost thrust), "recoveries" and "torque_changes", each a list of
-        changes, and "false_alarms_per_hour" with the bound and the fact on which it is based.
+        changes, and "false_alarms_per_hour" with the bound and the fact about which it is based.
     """
     codes = {
         "alarms": MotorWatchFact.MOTOR_LOST_THRUST,

@@ -162,7 +162,7 @@ def _uneven_trim(
     geometry: MotorGeometry,
     figures: JsonValues,
 ) -> Fact:
-    """Returns the fact on the most probable pattern of an uneven trim.
+    """Returns the fact about the most probable pattern of an uneven trim.
 
     A single motor must have a probability of at least ``MIN_NAMED_PROBABILITY``; yaw, or the centre of gravity, one of
     at least ``MIN_REPORTED_PROBABILITY``. Otherwise the trim may have several causes; motors of which one is the most

@@ -116,7 +116,7 @@ def findings_of(
         condition: condition of the vehicle.
         alarms: lasting changes of the motors' balance.
         consistency: share of the angle's changes that the recorded rates explain, 0 to 1.
-        trim: fact on the deviations of the motors' commands from their mean.
+        trim: fact about the deviations of the motors' commands from their mean.
 
     Returns:
         The overrides, which make the flight doubtful; the grades; and the warnings, both empty without a model.

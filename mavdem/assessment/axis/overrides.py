@@ -64,7 +64,7 @@ def flight_overrides(
         condition: condition of the vehicle, with its limit cycle and its hover; None if it is not known.
         alarms: lasting changes of the motors' balance.
         consistency: share of the angle's changes that the recorded rates explain (R²); None if it is not known.
-        trim: fact on the deviations of the motors' commands from their mean; None if they are not known.
+        trim: fact about the deviations of the motors' commands from their mean; None if they are not known.
 
     Returns:
         The facts, the worst first; empty for a sound flight.

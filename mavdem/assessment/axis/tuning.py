@@ -122,7 +122,7 @@ def tuned(
     judgement = assessment.judgement
     vehicle_doubts = _doubts_on_vehicle(evidence, judgement)
     notch = assessment.noise.notch if filters and not vehicle_doubts else None
-    # The fact on the notch filter contains the parameters to set, or says why there is no filter.
+    # The fact about the notch filter contains the parameters to set, or says why there is no filter.
     notch_parameters = dict(notch.figures.get("settings", ())) if notch else {}
     advice_by_axis = _advice_on_axes(
         assessment,

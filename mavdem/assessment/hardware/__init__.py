@@ -15,7 +15,7 @@ __all__ = ["hardware_facts"]
 
 
 def hardware_facts(evidence: Evidence, lights: NamedFacts) -> NamedFacts:
-    """Returns a fact on each part of the hardware that the log shows, by the name of the part.
+    """Returns a fact about each part of the hardware that the log shows, by the name of the part.
 
     A fact whose level is unknown is not judged: no documentation has a limit for it.
 

@@ -68,13 +68,14 @@ class CalibratedSensor(NamedTuple):
 
 
 def calibration_fact(telemetry: Telemetry) -> Fact | None:
-    """Returns the fact on the calibration of the sensors; it warns if a used one is not calibrated.
+    """Returns the fact about the calibration of the sensors; it warns if a used one is not calibrated.
 
     Args:
         telemetry: telemetry of the vehicle.
 
     Returns:
-        The fact; None if no sensor is used.
+        A fact with the ``names`` of the calibrated sensors in use, and of those ``missing`` a calibration; None if no
+        sensor is used.
     """
     used_sensors = [sensor for sensor in sensors_of(telemetry) if sensor.is_used]
     if not used_sensors:

@@ -23,7 +23,7 @@ MIN_SWITCH_CHANGE = 100.0
 
 
 def command_facts(evidence: Evidence) -> NamedFacts:
-    """Returns facts on position setpoints and pilot sticks in flight.
+    """Returns facts about position setpoints and pilot sticks in flight.
 
     Neither is judged: how near a vehicle should keep to its position depends on gusts and on the flown course.
 
@@ -41,7 +41,7 @@ def command_facts(evidence: Evidence) -> NamedFacts:
 
 
 def _targets_fact(evidence: Evidence) -> Fact | None:
-    """Returns the fact on how far the position was from its setpoint in flight.
+    """Returns the fact about how far the position was from its setpoint in flight.
 
     Args:
         evidence: signals, events and measurements of the vehicle.

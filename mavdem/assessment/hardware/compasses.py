@@ -29,7 +29,7 @@ in twenty by more than 0.63."""
 
 
 def field_fact(evidence: Evidence) -> Fact | None:
-    """Returns the fact on the magnetic field at the compass whose field changed most in flight, of those in use.
+    """Returns the fact about the magnetic field at the compass whose field changed most in flight, of those in use.
 
     Its level is by the change from the ground to the flight, and "unknown" if the ground was not recorded.
 

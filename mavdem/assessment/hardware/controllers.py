@@ -12,7 +12,7 @@ from mavdem.facts.hardware import HardwareFact
 
 
 def controllers_fact(evidence: Evidence) -> Fact | None:
-    """Returns the fact on the speed controllers' measurements in flight: speeds, currents, temperatures and errors.
+    """Returns the fact about the speed controllers' measurements in flight: speeds, currents, temperatures and errors.
 
     The level is "unknown" unless all of them count errors. Then it is "watch" if one of them counted more than
     ``MAX_ERROR_RATE`` errors per second in a flight, and "good" otherwise.

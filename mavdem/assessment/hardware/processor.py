@@ -27,7 +27,7 @@ LOOP_COUNT_FIELDS = ("NL", "NLoop")
 
 
 def processor_fact(evidence: Evidence) -> Fact | None:
-    """Returns the fact on load and memory of the autopilot's processor in flight.
+    """Returns the fact about load and memory of the autopilot's processor in flight.
 
     The load is the largest mean over 2 s, the time that PX4 waits before it warns. The level is "watch" if load or
     memory reach the limit of the autopilot, which is a parameter of PX4, or the full load of ArduPilot's main loop.

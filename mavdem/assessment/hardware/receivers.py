@@ -32,7 +32,7 @@ MAX_ACCURACY_ARDUPILOT = 5.0
 
 
 def receiver_fact(evidence: Evidence) -> Fact | None:
-    """Returns the fact on the measurements of the first satellite receiver in flight.
+    """Returns the fact about the measurements of the first satellite receiver in flight.
 
     The level is "watch" if the median number of satellites or the median accuracy does not meet the requirement of the
     autopilot's filter, or if the jamming indicator was at the limit of PX4's guide for a twentieth of the flight.

@@ -12,7 +12,7 @@ from mavdem.facts.sources import Repair
 
 
 def recording_fact(evidence: Evidence) -> Fact | None:
-    """Returns the fact on how evenly the attitude was recorded in flight.
+    """Returns the fact about how evenly the attitude was recorded in flight.
 
     As for the light "log", the level is "watch" after a gap above ``MAX_GAP``, or if the logger lost messages.
 

@@ -7,7 +7,7 @@ from mavdem.facts.hardware import HardwareFact
 
 
 def temperatures_fact(evidence: Evidence) -> Fact | None:
-    """Returns the fact on the lowest and highest temperature of each sensor in flight.
+    """Returns the fact about the lowest and highest temperature of each sensor in flight.
 
     Args:
         evidence: signals, events and measurements of the vehicle.

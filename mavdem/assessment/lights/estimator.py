@@ -1,7 +1,6 @@
 """Status light of the estimator, judged by facts (coded findings): its innovations in flight, GPS fixes, compass."""
 
 from collections.abc import Iterator
-from typing import Any
 
 import numpy as np
 
@@ -84,7 +83,7 @@ ESTIMATOR_EVENTS: set[Code] = {
 
 
 def estimator_light(evidence: Evidence) -> Fact:
-    """Judges the state estimator in flight by the worst fact on it; unknown if the log has no measurements of it.
+    """Judges the state estimator in flight by the worst fact about it; unknown if the log has no measurements of it.
 
     Judged are the innovations of its filter, poor GPS fixes, a disturbed compass, an accelerometer that is wrong at
     rest, reports of the autopilot, a height or position that was lost, and a barometer that drifted.
@@ -159,7 +158,7 @@ def _filter_facts(evidence: Evidence) -> Iterator[Fact]:
 
 
 def _filter_fact(telemetry: Telemetry, flight: TimeSeries) -> Fact:
-    """Returns the fact on the innovations of the estimator in one flight, with the figures of :func:`_filter_facts`.
+    """Returns the fact about the innovations of the estimator in one flight, with the figures of :func:`_filter_facts`.
 
     Args:
         telemetry: autopilot, parameters and messages of the vehicle.
@@ -167,38 +166,40 @@ def _filter_fact(telemetry: Telemetry, flight: TimeSeries) -> Fact:
     """
     failsafe_limit = failsafe_limit_of(telemetry)
     instances = telemetry.messages.get(INSTANCES_MESSAGE, {})
+    # A log without the primary instance has the innovations of another one, which does not fly the vehicle.
     is_spare = bool(instances) and not instances["is_primary"].any()
     rejection = rejection_in(flight.time, flight.values[:, : len(INNOVATIONS)], failsafe_limit)
-    is_doubted = rejection.is_doubted or rejection.is_bad
+    code = EstimatorLight.FILTER_AGREED
+    if rejection.is_rejected_long or rejection.triggers_failsafe:
+        code = EstimatorLight.FILTER_DOUBTED
+    # None is the usual level of the code.
     level = None
-    if rejection.is_bad and not is_spare:
+    if rejection.triggers_failsafe and not is_spare:
         level = Level.BAD
     elif rejection.ratio >= WATCHED_RATIO:
         level = Level.WATCH
-    # Figures that only some facts have.
-    further_figures: dict[str, Any] = {}
-    duration = rejection.duration
-    if rejection.is_bad and not rejection.is_doubted:
-        duration = rejection.failsafe_duration
-        further_figures["failsafe_limit"] = failsafe_limit
-    elif round(rejection.total_duration) > round(rejection.duration):
-        further_figures["total_duration"] = rejection.total_duration
-    if rejection.name is EstimatorRatio.HEIGHT and telemetry.autopilot != "PX4":
-        further_figures["is_unchecked"] = True
-    if is_spare:
-        further_figures["is_spare"] = True
-    if is_low_passed(telemetry, rejection.name):
-        further_figures["is_filtered"] = True
-    return Fact(
-        EstimatorLight.FILTER_DOUBTED if is_doubted else EstimatorLight.FILTER_AGREED,
+    fact = Fact(
+        code,
         level,
         time=rejection.time,
         subject=_instance_in_flight(telemetry, flight) if instances else "",
         name=rejection.name,
         ratio=rejection.ratio,
-        duration=duration,
-        **further_figures,
+        duration=rejection.duration,
     )
+    if rejection.triggers_failsafe and not rejection.is_rejected_long:
+        # Only the failsafe, whose limit is lower, doubts the filter.
+        fact = fact.replace(duration=rejection.failsafe_duration, failsafe_limit=failsafe_limit)
+    elif round(rejection.total_duration) > round(rejection.duration):
+        fact = fact.replace(total_duration=rejection.total_duration)
+    is_unchecked = rejection.name is EstimatorRatio.HEIGHT and telemetry.autopilot != "PX4"
+    flags = {
+        "is_unchecked": is_unchecked,
+        "is_spare": is_spare,
+        "is_filtered": is_low_passed(telemetry, rejection.name),
+    }
+    # A fact has only those of these figures that are true.
+    return fact.replace(**{name: True for name, is_true in flags.items() if is_true})
 
 
 def _instance_in_flight(telemetry: Telemetry, flight: TimeSeries) -> str:
@@ -245,7 +246,7 @@ def _spare_instances(evidence: Evidence) -> Iterator[Fact]:
         ratios = np.nan_to_num(float_columns(columns, INNOVATIONS))
         for flight in evidence.in_flight(clean_series(columns, ratios, is_spare)):
             rejection = rejection_in(flight.time, flight.values, failsafe_limit)
-            if rejection.is_doubted:
+            if rejection.is_rejected_long:
                 yield Fact(
                     EstimatorLight.SPARE_DOUBTED,
                     time=rejection.time,
@@ -268,7 +269,7 @@ def _glitches(evidence: Evidence) -> Iterator[Fact]:
 
     Yields:
         Facts with the time of the largest jump or the first flag, s since boot, and as ``duration`` the longest time,
-        s, for which the flag was set without a break. The fact on a jump has its ``distance``, m.
+        s, for which the flag was set without a break. The fact about a jump has its ``distance``, m.
     """
     telemetry = evidence.signals.telemetry
     jumps = position_jumps(telemetry)

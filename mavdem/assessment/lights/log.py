@@ -134,7 +134,7 @@ def _recorded_attitude_rate(evidence: Evidence, attitude: Attitude) -> float:
 
 
 def _damage(telemetry: Telemetry) -> Fact | None:
-    """Returns the fact on how much of a damaged log could not be read; None if it is sound, or merely cut at its end.
+    """Returns the fact about how much of a damaged log could not be read; None if it is sound, or only cut at its end.
 
     Args:
         telemetry: repairs of the file that the vehicle was read from.

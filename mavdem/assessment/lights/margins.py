@@ -16,7 +16,7 @@ def margins_light(evidence: Evidence) -> Fact:
     The first of these cases applies:
 
     1. In a limit cycle there is no margin: the light is that fact.
-    2. The worst fact on any axis warns: the light is that fact.
+    2. The worst fact about any axis warns: the light is that fact.
     3. The margins of roll or pitch are good, and so is the light; those of yaw alone do not suffice.
     4. The margins are unknown.
 
@@ -50,7 +50,7 @@ def margins_light(evidence: Evidence) -> Fact:
 
 
 def _facts_by_margin(evidence: Evidence) -> list[Fact]:
-    """Collects the facts on the margins of all axes, the smallest margin first.
+    """Collects the facts about the margins of all axes, the smallest margin first.
 
     In this order the light names the axis with the smallest margin if several facts have the same level. The figure
     ``share`` of a fact is the margin over the required one; a fact without it, such as that of a resonance, comes last.

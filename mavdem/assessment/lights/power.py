@@ -180,8 +180,8 @@ def batteries_in_flight(evidence: Evidence) -> list[Battery]:
     parameters = evidence.signals.telemetry.parameters
     batteries = []
     for battery in batteries_worst_first(evidence.signals):
-        has_flown = len(evidence.averages_in_flight(battery.voltage)) > 0
-        if has_flown and is_measured(parameters, battery):
+        is_recorded_in_flight = len(evidence.averages_in_flight(battery.voltage)) > 0
+        if is_recorded_in_flight and is_measured(parameters, battery):
             batteries.append(battery)
     return batteries
 
@@ -216,7 +216,7 @@ def battery_voltage(evidence: Evidence, battery: Battery) -> Fact:
     lasting_voltage = averages[min(lasting_samples, len(averages) - 1)]
     levels = voltage_levels(parameters, battery.number, cells or 0)
     load = _battery_load([*evidence.in_flight(battery.load)])
-    # If no limit is known, the voltage cannot be judged.
+    # If no limit is known, the voltage cannot be judged. The level None is the usual one of the code.
     code = PowerLight.CELLS_UNKNOWN
     level = None
     voltage_limit = levels.watch
@@ -317,6 +317,7 @@ def _board_voltage(evidence: Evidence) -> Iterator[Fact]:
     lowest_voltage = averages.min()
     usual_voltage = np.median(averages)
     code = PowerLight.SUPPLY_HELD
+    # None is the usual level of the code.
     level = None
     voltage_limit = BOARD_VOLTAGE_LIMITS.watch
     if lowest_voltage < BOARD_VOLTAGE_LIMITS.watch:
