@@ -192,14 +192,14 @@ def _filter_fact(telemetry: Telemetry, flight: TimeSeries) -> Fact:
         fact = fact.replace(duration=rejection.failsafe_duration, failsafe_limit=failsafe_limit)
     elif round(rejection.total_duration) > round(rejection.duration):
         fact = fact.replace(total_duration=rejection.total_duration)
-    is_unchecked = rejection.name is EstimatorRatio.HEIGHT and telemetry.autopilot != "PX4"
-    flags = {
-        "is_unchecked": is_unchecked,
-        "is_spare": is_spare,
-        "is_filtered": is_low_passed(telemetry, rejection.name),
-    }
-    # A fact has only those of these figures that are true.
-    return fact.replace(**{name: True for name, is_true in flags.items() if is_true})
+    # The failsafe of ArduPilot does not check the height.
+    if rejection.name is EstimatorRatio.HEIGHT and telemetry.autopilot != "PX4":
+        fact = fact.replace(is_unchecked=True)
+    if is_spare:
+        fact = fact.replace(is_spare=True)
+    if is_low_passed(telemetry, rejection.name):
+        fact = fact.replace(is_filtered=True)
+    return fact
 
 
 def _instance_in_flight(telemetry: Telemetry, flight: TimeSeries) -> str:
