@@ -125,7 +125,7 @@ def _condition(scenario: Scenario, time: float) -> Damage:
             METRES_PER_MILLIMETRE * load.right,
         )
     return Damage(
-        # A scenario gives the remaining thrust of a weak motor. Thrust goes with the square of the speed.
+        # A scenario gives the remaining thrust of a weak motor. It is proportional to the squared speed.
         speed=_factors_by_rotor(weak_motor, sqrt(vehicle.weak_thrust), rotors),
         thrust=_factors_by_rotor(chipped_motor, propeller.thrust, rotors),
         torque=_factors_by_rotor(chipped_motor, propeller.torque, rotors),

@@ -133,7 +133,7 @@ class Gyro:
             rates: Body rates (3,) before the filters, rad/s.
 
         Returns:
-            Body rates (3,) behind the filters, rad/s.
+            Body rates (3,) after the filters, rad/s.
         """
         p, q, r = rates
         # The section's a0 is 1.

@@ -281,6 +281,9 @@ def compared_dynamics(physical: Physical, truth: Truth) -> Iterator[ComparedPara
         physical: the estimated parameters, with the half widths of their 90 % intervals. The status of a parameter says
             whether its value may be reported: reported, biased (by closed-loop control), or not identifiable.
         truth: the values with which the flight was simulated.
+
+    Yields:
+        Estimate with half width, and truth, of each of the three parameters.
     """
     _, damping_half_width, lag_half_width, delay_half_width = physical.interval()
     lag_status = physical.status["lag"]

@@ -134,9 +134,10 @@ def looks_like_log(path: AnyPath) -> bool:
     except Unreadable as error:
         refusal = error.fact
         if refusal.code is SourceFact.ARCHIVE_WITHOUT_ONE_LOG:
+            # An archive of several logs counts as a log, one without any does not.
             return bool(refusal.figures["count"])
         return refusal.code is SourceFact.ARCHIVE_DAMAGED and name.lower().endswith(ZIP_ENDING)
-    # The names of most logs say enough: then nothing of MAVLink is imported.
+    # For most logs the name suffices, so that the modules of MAVLink need not be imported. They take time.
     from mavdem.ingest.mavlink.framing import MARKERS
     from mavdem.ingest.tlog import STAMP_BYTES
 

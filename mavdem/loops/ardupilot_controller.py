@@ -77,7 +77,7 @@ class _RateParameters:
     """Beginning of the parameters of the rate controller."""
     names: dict[str, str]
     """Name of the parameter by the field of :class:`mavdem.loops.controllers.Controller` that it sets."""
-    before_34: bool
+    is_before_3_4: bool
     """Whether these are the names and units of before ArduCopter 3.4."""
 
 
@@ -102,7 +102,7 @@ def ardupilot_controller(
     gain_values = required_parameters(parameters, *rate.names.values())
     gains = dict(zip(rate.names, gain_values, strict=True))
     has_mixer = len(motor_weights) != 1
-    if rate.before_34:
+    if rate.is_before_3_4:
         scale = GAIN_SCALE_BEFORE_34
         if has_mixer and parameters.get("FRAME") in X_FRAMES_BEFORE_34:
             scale = X_GAIN_SCALE_BEFORE_34
@@ -129,7 +129,7 @@ def ardupilot_controller(
         "mixer": (1.0,),
     }
     if has_mixer:
-        spin_min, spin_max = _spin_range(parameters, before_34=rate.before_34)
+        spin_min, spin_max = _spin_range(parameters, is_before_3_4=rate.is_before_3_4)
         if len(motor_weights) != MOTOR_COUNT or not any(motor_weights) or not spin_min < spin_max:
             raise _unknown_mixer(parameters)
         # AP_MotorsMatrix normalises the largest factor of an axis to a half.
@@ -155,8 +155,8 @@ def _rate_parameters(parameters: Parameters, axis: str) -> _RateParameters:
     abbreviation = AXIS_ABBREVIATIONS[axis]
     prefix = f"ATC_RAT_{abbreviation}_"
     angle_gain = f"ATC_ANG_{abbreviation}_P"
-    before_34 = f"{prefix}P" not in parameters and f"RATE_{abbreviation}_P" in parameters
-    if before_34:
+    is_before_3_4 = f"{prefix}P" not in parameters and f"RATE_{abbreviation}_P" in parameters
+    if is_before_3_4:
         prefix = f"RATE_{abbreviation}_"
         angle_gain = f"STB_{abbreviation}_P"
         filters = {"error_filter": "FILT_HZ"}
@@ -169,15 +169,15 @@ def _rate_parameters(parameters: Parameters, axis: str) -> _RateParameters:
     for field, ending in filters.items():
         names[field] = prefix + ending
     names["thrust_expo"] = "MOT_THST_EXPO"
-    return _RateParameters(prefix, names, before_34)
+    return _RateParameters(prefix, names, is_before_3_4)
 
 
-def _spin_range(parameters: Parameters, *, before_34: bool) -> tuple[float, float]:
+def _spin_range(parameters: Parameters, *, is_before_3_4: bool) -> tuple[float, float]:
     """Returns the range of the motor outputs in which the propellers give thrust.
 
     Args:
         parameters: parameters of the log, by name.
-        before_34: whether the parameters are those of a firmware before ArduCopter 3.4.
+        is_before_3_4: whether the parameters are those of a firmware before ArduCopter 3.4.
 
     Returns:
         Beginning and end of thrust, as fractions of the range of the output.
@@ -185,7 +185,7 @@ def _spin_range(parameters: Parameters, *, before_34: bool) -> tuple[float, floa
     Raises:
         NotLearnable: a parameter is missing, or the frame is not a quadrotor.
     """
-    if before_34:
+    if is_before_3_4:
         # This firmware had no FRAME_CLASS: there was a separate build for quadrotors. THR_MIN is in thousandths.
         throttle_min, spin_max = required_parameters(parameters, "THR_MIN", "MOT_THST_MAX")
         return throttle_min / 1000, spin_max

@@ -210,19 +210,25 @@ def detect_starting_limit_cycle(
 
 
 def _is_unsteered(angle: TimeSeries, setpoint: TimeSeries, segment: Segment) -> bool:
-    """Returns whether an angle moves although its setpoint was received and hardly moves (``STEERED_SHARE``).
+    """Returns whether an angle moves without being steered: much more than its setpoint.
+
+    A slow oscillation of the angle may be commanded by the pilot. Then the setpoint moves as well.
 
     Args:
         angle: angle of the axis, rad.
         setpoint: its setpoint, rad.
-        segment: the segment to compare.
+        segment: the segment in which both are compared.
+
+    Returns:
+        Whether the standard deviation of the setpoint is less than ``STEERED_SHARE`` of that of the angle; False if too
+        few setpoints were received to know.
     """
-    is_sent = in_segments(setpoint, segment)
+    is_received = in_segments(setpoint, segment)
     is_measured = in_segments(angle, segment)
-    if np.count_nonzero(is_sent) < MIN_PERIODS:
+    if np.count_nonzero(is_received) < MIN_PERIODS:
         return False
-    movement = angle.values[is_measured].std()
-    return bool(setpoint.values[is_sent].std() < STEERED_SHARE * movement)
+    angle_sd = angle.values[is_measured].std()
+    return bool(setpoint.values[is_received].std() < STEERED_SHARE * angle_sd)
 
 
 def _cycles_at_limits(
@@ -240,6 +246,9 @@ def _cycles_at_limits(
         segment: the segment.
         window_seconds: length of the windows of the spectra, s.
         min_duration: duration that the windows of a limit cycle must cover together, s.
+
+    Returns:
+        The limit cycles of all axes.
     """
     cycles = list[Oscillation]()
     for axis, tilt in tilts.items():

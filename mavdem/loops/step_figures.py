@@ -129,6 +129,9 @@ def with_interval(values: Array) -> IntervalEstimate:
 
     Args:
         values: values (N,), that of the estimate first, then those of draws.
+
+    Returns:
+        The value, and the lower and upper end of its interval.
     """
     low, high = np.quantile(values[DRAWS], INTERVAL_QUANTILES).tolist()
     value = values[ESTIMATE]

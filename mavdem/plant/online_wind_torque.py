@@ -302,7 +302,7 @@ class OnlineWindTorque:
         self._upcoming.clear()
         self._inputs.clear()
 
-    def add(self, block: MemoryBlock, fits: bool = True) -> None:
+    def add(self, block: MemoryBlock, may_start_fit: bool = True) -> None:
         """Adds a complete block of samples, and updates the estimates.
 
         The result of a fit that has ended meanwhile is adopted, another fit is started if it is due, and the wind
@@ -310,7 +310,7 @@ class OnlineWindTorque:
 
         Args:
             block: the block of samples that the memory has just completed.
-            fits: whether a new fit may start.
+            may_start_fit: whether a new fit of the physical parameters may start.
         """
         follows_gap = False
         if self._blocks:
@@ -325,7 +325,7 @@ class OnlineWindTorque:
             pending = self._pending
             self._pending = None
             self._adopt(pending.result)
-        if self._pending is None and fits and self._sample_count >= self._next_fit:
+        if self._pending is None and may_start_fit and self._sample_count >= self._next_fit:
             self._start_fit()
         self._smooth_latest()
 

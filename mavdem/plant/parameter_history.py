@@ -53,6 +53,9 @@ def _flight_parts(flights: Flights) -> Iterator[Flight]:
 
     Args:
         flights: segments of one flight, in order of time.
+
+    Yields:
+        Parts of the flight in the order of time.
     """
     total_seconds = sum(len(flight.time) * flight.dt for flight in flights)
     part_seconds = max(PART_SECONDS, total_seconds / MAX_PARTS)

@@ -402,6 +402,9 @@ def log_prior_of_force(scaled_parameters: Array, speeds: Array) -> Array:
     Args:
         scaled_parameters: (N, 10) N sets of scaled parameters.
         speeds: (N,) air speeds, m/s, at which their drag causes the mean force (:func:`mean_air_speed`).
+
+    Returns:
+        Log density (N,), nats.
     """
     linear, quadratic = np.exp(scaled_parameters[:, [LOG_LINEAR, LOG_QUADRATIC]]).T
     force_slopes = linear + 2 * quadratic * speeds

@@ -80,6 +80,9 @@ MAX_REMAINING_DRAG_SD = 0.8
 DIRECTION_DRAWS = 50
 """Number of random errors of the mean wind for each of its posterior samples: a choice."""
 
+NOISE_SEED = 2
+"""Seed of these random errors, so that a flight always has the same intervals."""
+
 MIN_SPEED = 1e-9
 """Least speed, m/s, or square of a speed, in a denominator: it only avoids a division by 0."""
 
@@ -372,7 +375,7 @@ def _gust_interval(winds: Array, variances: Array, steps: int, gust: float) -> I
     """
     gusts = _largest_running_mean(np.hypot(winds[..., 0], winds[..., 1]), steps)
     noise_sd = np.sqrt(variances.mean(axis=(0, 2)))
-    noise = default_rng(2).standard_normal((DIRECTION_DRAWS, len(gusts)))
+    noise = default_rng(NOISE_SEED).standard_normal((DIRECTION_DRAWS, len(gusts)))
     low, high = np.quantile(gusts + noise * noise_sd, INTERVAL_QUANTILES).tolist()
     return max(min(low, gust), 0.0), max(high, gust)
 
@@ -488,7 +491,7 @@ def _mean_wind(winds: Array, variances: Array, step: float) -> _MeanWind:
     independent_steps = max(len(winds) * step / INDEPENDENT_SECONDS, 1.0)
     # The error by noise of a mean over that many independent values. Normal draws of it are added to the N means.
     noise_sd = np.sqrt(variances.mean(axis=0) / independent_steps)
-    noise = default_rng(2).standard_normal((DIRECTION_DRAWS, len(means), 2))
+    noise = default_rng(NOISE_SEED).standard_normal((DIRECTION_DRAWS, len(means), 2))
     samples = (means + noise * noise_sd).reshape(-1, 2)
     speeds = np.hypot(*samples.T)
     low, high = np.quantile(speeds, INTERVAL_QUANTILES).tolist()

@@ -63,6 +63,9 @@ TEMPERATURE = 35.0
 NEW_MEASUREMENTS = 0x1A3F
 """HIGHRES_IMU.fields_updated: accelerometer, gyro, both pressures, and temperature: bits 0 to 5, 9, 11 and 12."""
 
+HORIZONTAL_VIBRATION = (0.8, 0.7)
+"""Levels of ArduPilot's vibration along x and y, as shares of that along z: choices."""
+
 HORIZONTAL_DILUTION = 0.8
 """Horizontal dilution of precision (HDOP) with a fix; a choice, as under an open sky."""
 
@@ -209,8 +212,7 @@ def _satellite_fields(motion: InstrumentedMotion) -> Fields:
 def _vibration_fields(motion: InstrumentedMotion, autopilot: Autopilot) -> Arrays:
     """Returns the fields of VIBRATION except its time: levels and clipped samples since boot.
 
-    PX4 has one level for all axes, in the field of z. ArduPilot has levels in m/s² for each axis; that the horizontal
-    ones are a little lower than the vertical one is a choice.
+    PX4 has one level for all axes, in the field of z. ArduPilot has levels in m/s² for each axis.
 
     Args:
         motion: N samples of the flight, with its vibration.
@@ -223,8 +225,8 @@ def _vibration_fields(motion: InstrumentedMotion, autopilot: Autopilot) -> Array
     if autopilot.name == "px4":
         return {"vibration_z": PX4_VIBRATION_SCALE * motion.vibration, **clips}
     return {
-        "vibration_x": 0.8 * motion.vibration,
-        "vibration_y": 0.7 * motion.vibration,
+        "vibration_x": HORIZONTAL_VIBRATION[0] * motion.vibration,
+        "vibration_y": HORIZONTAL_VIBRATION[1] * motion.vibration,
         "vibration_z": motion.vibration,
         **clips,
     }

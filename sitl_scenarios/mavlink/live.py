@@ -130,6 +130,10 @@ def fly_live(
         speed: Simulated seconds per second of wall-clock time.
         progress: Function that is called with the seconds that have been flown.
 
+    Returns:
+        Simulated and wall-clock time, numbers of frames sent and of commands accepted, and whether the user stopped the
+        flight.
+
     Raises:
         ValueError: The scenario has rates of a message that is not sent, or the vehicle tumbles.
     """

@@ -397,6 +397,9 @@ class Transmitter:
         Args:
             motion: N rows of the flight.
             clock: Times (N,) of the rows on the boot clock, s.
+
+        Yields:
+            Messages with the row in which each is sent.
         """
         if isinstance(motion, InstrumentedMotion):
             for row in np.flatnonzero(motion.text != "").tolist():

@@ -60,5 +60,5 @@ def remaining_thrust_history(
 
 
 def remaining_speed(thrust: float) -> float:
-    """Returns the share of a rotor's speed that gives a share of its ``thrust``, which goes with the square of it."""
+    """Returns the share of a rotor's speed that gives a share of its ``thrust``, proportional to its square."""
     return sqrt(thrust)

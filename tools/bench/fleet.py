@@ -114,6 +114,9 @@ def generated_logs(rows: FlightRows, count: int) -> Iterator[GeneratedLog]:
     Args:
         rows: rows of real logs.
         count: number of logs.
+
+    Yields:
+        The source of each log, and the rows that reading it would have given.
     """
     chance = random.Random(SEED)
     real_logs = list(group_by(rows, lambda row: row.key or row.file).values())
@@ -148,6 +151,9 @@ def _jittered_row(
         scale: factor of each jittered column, which all rows of a log share.
         chance: the random numbers by which entries of lists differ beyond that.
         columns: further columns, such as those that name the log.
+
+    Returns:
+        The row with the scaled figures and the further columns.
     """
     for name, factor in scale.items():
         value = getattr(row, name)

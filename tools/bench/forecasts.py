@@ -49,6 +49,9 @@ def table_by_flight(comparison: Comparison) -> Table:
 
     Args:
         comparison: errors of all methods on all windows.
+
+    Returns:
+        The table with ``COLUMNS``; the error ratios are without unit, shares are from 0 to 1.
     """
     rows = []
     for flight in comparison.flights:

@@ -96,6 +96,10 @@ def flight_figures(window: Window) -> FlightFigures:
     Args:
         window: the window.
 
+    Returns:
+        Free energies, nats, log densities per held-out sample, nats, and ratios of squared errors to those of a
+        reference method.
+
     Raises:
         ValueError: the closed loop cannot be learned.
     """
@@ -151,6 +155,9 @@ def _errors(model: Forecaster, kind: ForecastKind, window: Window) -> dict[int, 
         model: the model.
         kind: kind of forecast, by the data that it may use.
         window: the window.
+
+    Returns:
+        Mean squared error of the forecasts over that of the constant mean, by number of steps.
     """
     method = Method("", learn, predicts=True)
     scores, _ = evaluate_model(method, window, model)
@@ -194,6 +201,9 @@ def forecast_table(figures: list[FlightFigures]) -> Table:
 
     Args:
         figures: figures of each flight. A cell has the geometric mean of their error ratios.
+
+    Returns:
+        The table; in a cell below 1 the model has smaller errors than the joint VAR.
     """
     columns = ["model", "flights"]
     for kind, steps in STEPS.items():

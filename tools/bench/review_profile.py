@@ -144,6 +144,9 @@ def stage_seconds(log: Path, checkout: Path) -> dict[str, float]:
         log: the log to review.
         checkout: the checkout of the repository whose code is measured.
 
+    Returns:
+        Processor time, s, by the name of the stage.
+
     Raises:
         subprocess.CalledProcessError: the review failed.
     """

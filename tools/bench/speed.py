@@ -153,6 +153,10 @@ def reading_costs(path: Path) -> list[str]:
 
     Args:
         path: path of the log.
+
+    Returns:
+        Cells of the row: name; size, MB; rates of mavdem and of the library, MB/s, and their ratio; messages of the
+        library; and memory over size.
     """
     library = READERS[path.suffix.lower()]
     seconds_of_readers: dict[str, list[float]] = {"mavdem": [], "library": []}
@@ -326,6 +330,9 @@ def review_cost(log: Path, checkout: Path) -> ReviewCost:
     Args:
         log: the log to review.
         checkout: the checkout of the repository whose code is measured.
+
+    Returns:
+        Processor time, s, until the first line, until the last line before the path of the page, and in all.
     """
     with TemporaryDirectory() as folder:
         # Only a terminal gets the first lines before the rest.

@@ -188,6 +188,9 @@ def figures_of(log: Log) -> Figures:
 
     Args:
         log: the log; all its messages are decoded.
+
+    Returns:
+        The number, and the time, s.
     """
     boots = 0
     duration = 0.0

@@ -71,6 +71,9 @@ def advised_gains(loop: Loop, margins: str) -> Iterator[Parameters]:
     Args:
         loop: identified loop of the axis, which stands for the loops that later flights would identify.
         margins: name of the stability margins that are the goal, a key of ``MARGIN_TARGETS``.
+
+    Yields:
+        All parameters that have been changed so far, by name, after each flight.
     """
     gains: Parameters = {}
     for _ in range(MAX_FLIGHTS):
@@ -128,6 +131,9 @@ def evaluate_loop(loop: Loop, plant: AxisPlant, margins: str) -> list[Values]:
         loop: identified loop of the axis, from which mavdem advises gains.
         plant: the true plant, which the autopilot's tuners fly and which judges all gains.
         margins: name of the stability margins that are the goal, a key of ``MARGIN_TARGETS``.
+
+    Returns:
+        One row for each tuner.
     """
     target = MARGIN_TARGETS[margins]
     flown_loop = replace(true_loop(loop, plant), grid=TUNER_GRID)

@@ -81,6 +81,9 @@ def scenario(kind: str, number: int, rate: float) -> Scenario:
         kind: kind of the flight, a key of ``KINDS``.
         number: number of the flight within its kind.
         rate: rate of the motors' messages, Hz.
+
+    Returns:
+        The validated scenario.
     """
     # Kind and number seed the random numbers, so that a flight is the same in every run.
     kind_number = list(KINDS).index(kind)
@@ -157,6 +160,9 @@ def alarm_statistics(flights: pd.DataFrame) -> pd.Series:
 
     Args:
         flights: rows of :func:`evaluate_flight`. The delay of a fault that was not found is infinite.
+
+    Returns:
+        Values by the headers of the table; delays are in s.
     """
     delays = flights["delay"]
     finite = delays[np.isfinite(delays)]

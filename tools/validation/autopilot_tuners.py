@@ -103,6 +103,9 @@ def quicktune(loop: Loop) -> Parameters:
 
     Args:
         loop: the loops of the true plant, with the gains before.
+
+    Returns:
+        The new gains by the autopilot's parameter names.
     """
     logged = _logged_gains(loop)
     gains = logged
@@ -142,6 +145,9 @@ def autotune(loop: Loop) -> Parameters:
 
     Args:
         loop: the loops of the true plant, with the gains before.
+
+    Returns:
+        The new gains by the autopilot's parameter names.
     """
     gains = _logged_gains(loop)
     if gains.d:
@@ -190,6 +196,9 @@ def _tuned_derivative(loop: Loop, gains: TunedGains) -> TunedGains:
     Args:
         loop: the loops of the true plant.
         gains: gains to begin with.
+
+    Returns:
+        The gains with the tuned P and D; the others are unchanged.
     """
     for is_raised in (True, False):
         for _ in range(MAX_TWITCHES):

@@ -83,6 +83,9 @@ def scenario(kind: str, number: int) -> Scenario:
     Args:
         kind: what goes wrong, a key of ``KINDS``; "sound" for nothing.
         number: number of the flight within its kind, which seeds its random numbers.
+
+    Returns:
+        The validated scenario.
     """
     rng = default_rng([sorted(KINDS).index(kind), number])
     values = draw_values(TABLES["flight"], rng) | {"seed": number}
@@ -156,6 +159,9 @@ def statements(review: Assessment) -> Iterator[Statement]:
 
     Args:
         review: the review. A fact among the figures of the headline is a cause.
+
+    Yields:
+        Each statement with the place at which the review makes it.
     """
     headline = review.headline
     yield Statement(headline, "headline")
@@ -307,6 +313,9 @@ def summary(rows: pd.DataFrame) -> list[Values]:
 
     Args:
         rows: rows of :func:`review_row`.
+
+    Returns:
+        Lines in the order in which kinds and halves come first in the rows.
     """
     lines = []
     for (kind, half), flights in rows.groupby(["kind", "half"], sort=False):
@@ -320,6 +329,9 @@ def totals(rows: pd.DataFrame) -> list[Values]:
 
     Args:
         rows: rows of :func:`review_row`.
+
+    Returns:
+        Lines of the table; shares are texts in percent.
     """
     lines = []
     for half, flights in rows.groupby("half"):

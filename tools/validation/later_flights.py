@@ -74,6 +74,9 @@ def thinned_log_of_flight(scenario: Scenario, gains: Parameters, number: int, ra
         number: number of the flight, which changes its seed.
         rate: rate of the messages, Hz.
 
+    Returns:
+        The log, with the exact times of the autopilot's cycles as stamps.
+
     Raises:
         ValueError: the vehicle tumbles.
     """

@@ -144,6 +144,9 @@ def random_scenario(seed: int, rng: Generator) -> Scenario:
     Args:
         seed: seed of the flight, by which autopilots, filters and steering take turns.
         rng: source of the random numbers.
+
+    Returns:
+        The scenario, with its gains as parameters of the autopilot.
     """
     while True:
         values = _random_values(seed, rng)
@@ -243,6 +246,9 @@ def true_plant(
         axis: the axis.
         motor_effect: angular acceleration per output of each motor (4,), rad/s² per µs of pulse width.
         outputs: output of each motor (4,), as a fraction of its range.
+
+    Returns:
+        Effect of a demand, rad/s², damping, 1/s, lag, s, and delay, s.
     """
     outputs_per_demand = axis_controller(scenario, axis).outputs_per_demand(outputs)
     effect = PULSE_RANGE * motor_effect @ outputs_per_demand
@@ -387,6 +393,9 @@ def exact_log(path: Path) -> Log:
 
     Args:
         path: path of a telemetry log of one vehicle, whose autopilot runs at ``LOOP_RATE``.
+
+    Returns:
+        The log with these times.
     """
     log = read_log(path)
     messages = {}
@@ -487,6 +496,9 @@ def true_figures_of_recording(log: Log, file_name: str) -> FiguresByAxis:
     Args:
         log: the log, with the parameters of the autopilot.
         file_name: name of its file.
+
+    Returns:
+        Figures by axis and name, as :func:`loop_figures` returns them.
     """
     figures = {}
     for recording in TABLES["recorded"]:

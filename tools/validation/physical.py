@@ -123,6 +123,9 @@ def cases(seed: int, every: int) -> Iterator[Case]:
     Args:
         seed: seed by which the part, and what varies, is drawn.
         every: number of flights of which one is drawn; 1 for all.
+
+    Yields:
+        The flights: pairs of vehicle and wind in random order, each with every steering in turn.
     """
     rng = default_rng(seed)
     vehicles_and_winds = list(product(TABLES["scales"]["wind"], CONDITIONS["winds"]))

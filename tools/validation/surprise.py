@@ -110,6 +110,9 @@ def flight_plan(kind: str, number: int) -> FlightPlan:
     Args:
         kind: kind of the flight, a key of ``KINDS``.
         number: number of the flight among those of its kind. Kind and number seed the draw.
+
+    Returns:
+        The scenario, and the time since boot at which the disturbance begins, s; None for a flight without one.
     """
     # The last entry of the seed keeps these flights apart from those of other tools.
     rng = default_rng([list(KINDS).index(kind), number, 70])
@@ -163,6 +166,9 @@ def event_starts(flight: Flight, disturbance_start: float | None) -> list[float]
     Args:
         flight: the segment.
         disturbance_start: when the disturbance begins, s; None of a flight of manoeuvres.
+
+    Returns:
+        Times on the clock of the segment, s, ascending.
     """
     if disturbance_start is not None:
         return [disturbance_start]

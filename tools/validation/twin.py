@@ -151,6 +151,9 @@ def simulated_oscillation(scenario: Scenario) -> Oscillation:
 
     Args:
         scenario: the scenario, whose vehicle and gains are used.
+
+    Returns:
+        Frequency, Hz, and standard deviation, °/s.
     """
     hovering = in_hover(scenario, GAIN_FACTOR)
     motion = fly(hovering)
@@ -164,6 +167,9 @@ def recorded_oscillation(path: str) -> Oscillation:
 
     Args:
         path: path of the log.
+
+    Returns:
+        Frequency, Hz, and standard deviation, °/s.
     """
     attitude = choose_vehicle(read_log(path).vehicles).messages["ATTITUDE"]
     time, first = np.unique(attitude["time"], return_index=True)
@@ -200,6 +206,9 @@ def evaluate_vehicle(number: int, seed: int) -> list[Values]:
     Args:
         number: number of the vehicle.
         seed: seed of all vehicles.
+
+    Returns:
+        One row, as :func:`comparison_row` returns it.
     """
     scenario = random_scenario(seed, number)
     lag = 1e3 * (scenario.vehicle.lag_up or 0.0)

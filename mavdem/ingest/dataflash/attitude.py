@@ -4,7 +4,7 @@ RATE has the rates that MAVLink's ATTITUDE sends, filtered and without the gyro 
 the bias still, and is used only where RATE was logged slower than both it and the angles, or not at all.
 
 ArduCopter before 3.4 logged RATE's rates in centidegrees/s for a time, the demands as -4500 to 4500, and AOut as 0 to
-1000. Repairs say where that was found.
+1000. Repairs report where that was found.
 """
 
 from typing import NamedTuple
@@ -86,7 +86,7 @@ class NamedMessage(NamedTuple):
 def rate_unit(tables: Tables) -> tuple[float, Facts]:
     """Finds out whether RATE logged body rates in degrees/s or in centidegrees/s, by comparison with the gyro.
 
-    The log does not say the unit. The magnitude of RATE's body rate, taken for degrees/s, is divided by that of the
+    The log does not state the unit. The magnitude of RATE's body rate, taken for degrees/s, is divided by that of the
     gyro at the same stamps while the vehicle turns. The median of this ratio is near 1 or near 100.
 
     Args:

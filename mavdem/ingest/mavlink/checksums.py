@@ -145,6 +145,9 @@ class BlockChecksums:
         Args:
             first: Offset of the first byte of each piece (N,).
             end: Offset after its last byte (N,), at most ``ROW_BYTES`` later.
+
+        Returns:
+            CRC-16/MCRF4XX of each piece (N,), 16 bits.
         """
         # The kept registers were computed from the beginning of the row, not of the piece. The CRC is linear: if two
         # registers differ, they differ after the same bytes by this difference, shifted by as many zero bytes. So the

@@ -164,6 +164,9 @@ def _telemetry(
         record: Messages of the vehicle's component.
         records: Messages of all components, since another one may have stored the vehicle's parameters.
         stream_repairs: Repairs of the stream, which concern all its vehicles.
+
+    Returns:
+        Messages, parameters and repairs of the vehicle; and whether its recording ended on purpose.
     """
     component = record.component
     sender = FrameSender(component.system, component.component)

@@ -288,6 +288,9 @@ def _message_index(channel: int, entries: StructuredArray) -> bytes:
     Args:
         channel: Number of the channel.
         entries: An entry for each of its messages, of the type ``INDEX_ENTRY``.
+
+    Returns:
+        Bytes of the record.
     """
     content = struct.pack("<HI", channel, entries.nbytes) + entries.tobytes()
     return RECORD_HEAD.pack(Opcode.MESSAGE_INDEX, len(content)) + content

@@ -328,7 +328,7 @@ class DensityModel:
         """Returns the components of the densities of all sources except the synchronous steps.
 
         They are: the part of the reference that does not come in synchronous steps; noise of the angle, which acts like
-        a reference; gyro noise before and behind the filters; a share of the density of the output, for the part of the
+        a reference; gyro noise before and after the filters; a share of the density of the output, for the part of the
         output that does not follow the control law; and wind torque, which consists of a floor in proportion to the
         motors' torque, slow drift, quick eddies, and smooth gusts.
 
@@ -457,10 +457,13 @@ class DensityModel:
         return self._reference_noise_gain * parameters.angle_noise**2
 
     def _step_responses(self, alias_shares: ComplexArray, response: ComplexArray) -> ComplexArray:
-        """Sums the responses to synchronous steps over all aliases with their phases (coherently).
+        """Sums the responses to synchronous steps over all aliases, with their phases.
+
+        Such steps of the reference come at the same time relative to every message. So their aliases have fixed phases,
+        and add as complex amplitudes, and not in power like those of other sources.
 
         Args:
-            alias_shares: n sets of complex shares of each alias in the sampled steps (n, J, F).
+            alias_shares: n sets of complex amplitudes of each alias, relative to the sampled steps (n, J, F).
             response: response of each quantity to the reference (C, J, F).
 
         Returns:

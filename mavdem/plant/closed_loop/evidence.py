@@ -407,7 +407,7 @@ def fit_closed_loop(posterior: LoopPosterior) -> QuadraticExpansion:
             continue
         first_ascents.append(trace[-1])
     if not first_ascents:
-        raise LinAlgError("no closed loop has a likelihood")
+        raise LinAlgError("no starting plant has a stable closed loop")
     best = max(first_ascents, key=lambda ascent: ascent.value)
     trace, _ = gauss_newton(posterior, best, damping, MAX_ASCENT_STEPS)
     return trace[-1]
