@@ -7,7 +7,7 @@ import numpy as np
 import scipy
 
 from mavdem.arrays import Array, Flags
-from mavdem.dataset.axes import PITCH, TILT_COLUMNS
+from mavdem.dataset.axes import PITCH, ROLL
 from mavdem.dataset.grounded import MAX_SETPOINT_DELAY
 from mavdem.dataset.intervals import TimeInterval, in_intervals
 from mavdem.dataset.phases import MAX_TILT
@@ -100,28 +100,49 @@ def attitude_error(signals: Signals, boot: int) -> AttitudeError | None:
         return None
     # Number of samples in the time within which the vehicle must follow a setpoint.
     window = max(1, round(MAX_SETPOINT_DELAY * rate_without_gaps(np.diff(tracking.time))))
-    # Lowest and highest setpoint in the window that ends with each sample. SciPy centres its windows, so that they are
-    # shifted by half of their length.
-    shift = (window - 1) // 2
-    is_unknown = np.isnan(tracking.setpoints)
-    setpoints = np.where(is_unknown, 0.0, tracking.setpoints)
-    lowest = scipy.ndimage.minimum_filter1d(setpoints, window, axis=0, origin=shift)
-    highest = scipy.ndimage.maximum_filter1d(setpoints, window, axis=0, origin=shift)
-    tilts = tracking.angles[:, TILT_COLUMNS]
-    error_without_setpoint = np.where(
-        tracking.is_rate_controlled, 0.0, WITHOUT_SETPOINT_SHARE * tilts
+    roll_error, pitch_error = (
+        _angle_error(
+            tracking.angles[:, column],
+            tracking.setpoints[:, column],
+            tracking.is_rate_controlled[:, column],
+            window,
+        )
+        for column in (ROLL, PITCH)
     )
-    error_with_setpoint = tilts - np.clip(tilts, lowest, highest)
-    errors = np.where(is_unknown, error_without_setpoint, error_with_setpoint)
-    roll_error, pitch_error = wrapped_angle(errors).T
-    pitch = tilts[:, PITCH]
+    roll, pitch = tracking.angles[:, ROLL], tracking.angles[:, PITCH]
     # The lean as a complex number: forward is real, right is imaginary. Positive pitch is nose up and leans the vehicle
     # backward. The more the vehicle is pitched, the less does roll lean it sideways.
-    lean = 1j * roll_error * np.cos(pitch) - pitch_error
+    lean = np.asarray(1j * roll_error * np.cos(pitch) - pitch_error, np.complex128)
     return AttitudeError(
         time=tracking.time,
         lean=lean,
-        magnitude=abs(lean),
-        is_toppled=np.cos(tilts).prod(axis=1) < np.cos(MAX_TILT),
-        has_setpoint=~is_unknown[:, PITCH],
+        magnitude=np.abs(lean),
+        is_toppled=np.cos(roll) * np.cos(pitch) < np.cos(MAX_TILT),
+        has_setpoint=~np.isnan(tracking.setpoints[:, PITCH]),
     )
+
+
+def _angle_error(angle: Array, setpoint: Array, is_rate_controlled: Flags, window: int) -> Array:
+    """Computes the error of roll or pitch as :func:`attitude_error` defines it.
+
+    Each angle has a call of its own, since the temporary arrays of both would take much memory in hours of flight.
+
+    Args:
+        angle: (N,) rad.
+        setpoint: (N,) setpoint of the angle, rad; NaN where there is none.
+        is_rate_controlled: (N,) whether the rate of the angle had a setpoint.
+        window: number of samples in the time within which the vehicle must follow a setpoint.
+
+    Returns:
+        The error (N,), rad.
+    """
+    is_unknown = np.isnan(setpoint)
+    known_setpoint = np.where(is_unknown, 0.0, setpoint)
+    # Lowest and highest setpoint in the window that ends with each sample. SciPy centres its windows, so that they are
+    # shifted by half of their length.
+    shift = (window - 1) // 2
+    lowest = scipy.ndimage.minimum_filter1d(known_setpoint, window, origin=shift)
+    highest = scipy.ndimage.maximum_filter1d(known_setpoint, window, origin=shift)
+    error_without_setpoint = np.where(is_rate_controlled, 0.0, WITHOUT_SETPOINT_SHARE * angle)
+    error_with_setpoint = angle - np.clip(angle, lowest, highest)
+    return wrapped_angle(np.where(is_unknown, error_without_setpoint, error_with_setpoint))

@@ -22,7 +22,7 @@ from mavdem.dataset.motor_outputs import MotorOutputs
 from mavdem.dataset.phases import MIN_CLIMB_SPEED
 from mavdem.dataset.quality import STOP_MARGIN, samples_at_limits
 from mavdem.dataset.signals import Signals
-from mavdem.dataset.time_series import TimeSeries, series_of_boot
+from mavdem.dataset.time_series import TimeSeries, rows_of_boot, series_of_boot
 from mavdem.facts import Fact, Level
 from mavdem.facts.ending import MotionEvent
 from mavdem.witnesses.height import trusted_height
@@ -320,7 +320,7 @@ def _is_off(signals: Signals, motors: MotorOutputs, boot: int, commands: Array) 
     is_ardupilot = signals.telemetry.autopilot == "ARDUPILOTMEGA"
     off_command = 0.0 if is_ardupilot else -STOP_MARGIN
     # An output of 0 means "no pulses" where pulses begin at a larger number.
-    has_no_pulses = (motors.outputs[motors.boot == boot] == 0) & (motors.scale.low > 0)
+    has_no_pulses = (motors.outputs[rows_of_boot(motors.boot, boot)] == 0) & (motors.scale.low > 0)
     is_off = (commands <= off_command) | has_no_pulses
     motor_count = commands.shape[1]
     mean_of_others = (commands.sum(axis=1, keepdims=True) - commands) / max(motor_count - 1, 1)
