@@ -40,9 +40,10 @@ UNEXPLAINED_GAIN_DEVIATION = 0.2
 
 Output that the logged controller does not explain counts as noise that is independent of all signals. But mixers that
 leave out what the motors cannot do, and limits, depend on them, and may add to the gain or take from it. Chosen on half
-of 24 simulated flights with strong doublets and high hover at 50 to 200 Hz: of the other half, 14 of 17 intervals (90 %)
-of the crossover held the truth, without it 6 of 19. ``tools/validation/loops.py --strong`` prints what other values do
-(docs/evidence/loops.md): of 55 loops of other flights at 100 Hz, 32 intervals hold without it, 49 with half, 52 with it.
+of 24 simulated flights with strong doublets and high hover at 50 to 200 Hz. Of the other half, 14 of 17 intervals
+(90 %) of the crossover held the truth, without it 6 of 19. ``tools/validation/loops.py --strong`` prints what other
+values do (docs/evidence/loops.md). Of 55 loops of other flights at 100 Hz, 32 intervals hold the truth without it, 49
+with half of it, 52 with it.
 """
 LAG_DELAY_DEVIATION = 1 / 24
 """Standard deviation by which the lag is too long and the delay too short, relative to the surplus interval.
