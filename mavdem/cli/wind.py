@@ -5,6 +5,7 @@ from pathlib import Path
 import click
 
 from mavdem.assessment.assess import with_wind
+from mavdem.assessment.identity import identity_of
 from mavdem.cli.options import (
     file_option,
     json_option,
@@ -17,11 +18,13 @@ from mavdem.cli.output_files import check_output_folder, replaced_files
 from mavdem.cli.sources import assess_without_model
 from mavdem.documents.wind import Wind
 from mavdem.errors import NotLearnable
-from mavdem.fleet.priors import earlier_drag
-from mavdem.report.blocks import Sentence
+from mavdem.facts.vehicle import Basis
+from mavdem.fleet.priors import earlier_drag, vehicle_of_drag
+from mavdem.report.blocks import Blocks, Sentence, caution
 from mavdem.report.condition import WIND_LIGHTS, drag_table, wind_blocks, wind_tables
 from mavdem.report.pages.wind_page import wind_page
 from mavdem.report.screen import warnings_of_lights
+from mavdem.report.templates import render_section
 from mavdem.wind_velocity.from_log import drag_settings, wind_of_signals
 
 PAGE_FILE = "wind.html"
@@ -68,18 +71,28 @@ def wind_command(
     assert wind is not None
     signals = evidence.signals
     wind_evidence = evidence.wind
+    identity = identity_of(signals)
+    cautions: Blocks = []
     if prior is not None:
         # The estimate is made anew with the earlier drag as its prior. A hover in one place does not show the drag that
         # relates tilt to wind speed; an earlier flight may.
         wind = wind_of_signals(signals, earlier_drag(prior, wind.speed))
         wind_evidence = wind_evidence._replace(estimate=wind)
         assessment = with_wind(assessment, wind_evidence)
+        vehicle_of_prior = vehicle_of_drag(prior)
+        is_named = identity.basis is not Basis.SYSTEM_ID
+        if is_named and vehicle_of_prior not in ("", identity.name):
+            doubts = render_section("wind_prior", earlier=vehicle_of_prior, name=identity.name)
+            cautions = [caution(doubt.text) for doubt in doubts]
     parameters_to_set = drag_settings(wind.drag, signals.telemetry)
     document = Wind.from_results(
-        assessment.judgement, wind.identified_figures, parameters=parameters_to_set
+        assessment.judgement,
+        wind.identified_figures,
+        parameters=parameters_to_set,
+        identity=identity,
     )
     if out:
-        page = wind_page(Path(source).name, wind_evidence, assessment, parameters_to_set)
+        page = wind_page(Path(source).name, wind_evidence, assessment, parameters_to_set, cautions)
         with replaced_files(out, [PAGE_FILE, DOCUMENT_FILE]) as (page_path, document_path):
             document_path.write_text(json_text(document), "utf-8")
             # The page may contain the name of a file, which need not be valid Unicode.
@@ -96,6 +109,7 @@ def wind_command(
         details=[],
         conclusion=[
             *wind_blocks(wind_evidence, tables),
+            *cautions,
             *warnings_of_lights(assessment.judgement, WIND_LIGHTS),
             *([Sentence(str(out / PAGE_FILE), "Page:")] if out else []),
         ],

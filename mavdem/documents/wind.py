@@ -9,6 +9,7 @@ from mavdem.arrays import Array
 from mavdem.assessment import Assessment
 from mavdem.containers import JsonValues
 from mavdem.documents.document import Document, Judged, ModelField, SentenceText
+from mavdem.documents.vehicle import Identity
 from mavdem.facts.model import ModelName
 from mavdem.units import (
     Degrees,
@@ -136,6 +137,8 @@ class WindVelocity(Document):
 class Wind(Judged, WindVelocity):
     """`--json` of wind."""
 
+    identity: Identity
+    """which vehicle it is"""
     parameters: dict[str, list[ParameterValue]]
     """drag parameters of the autopilot: value to set, and ends of its 90 % interval"""
 

@@ -6,6 +6,7 @@ from pathlib import Path
 from mavdem.dem import Learned
 from mavdem.errors import Unreadable
 from mavdem.facts.fleet import NoPrior
+from mavdem.fleet.row import SYSTEM_ID_BASIS
 from mavdem.fleet.rows_of_log import MODEL, REPORT, file_text
 from mavdem.wind_velocity.vehicle_drag import Drag
 
@@ -53,12 +54,7 @@ def earlier_drag(path: Path, wind_speed: float | None = None) -> Drag:
     Raises:
         Unreadable: the document cannot be read, contains no drag, or is of the same flight.
     """
-    if path.is_dir():
-        file = path / REPORT
-    elif path.name == MODEL:
-        file = path.with_name(REPORT)
-    else:
-        file = path
+    file = _report_path(path)
     try:
         document = json.loads(file_text(file))
         # In a report the wind is one part; the document of `mavdem wind` is the wind itself.
@@ -70,3 +66,23 @@ def earlier_drag(path: Path, wind_speed: float | None = None) -> Drag:
     if wind_speed is not None and wind.get("speed") == wind_speed:
         raise Unreadable(NoPrior.DRAG_OF_THIS_FLIGHT, path=file)
     return drag
+
+
+def vehicle_of_drag(path: Path) -> str:
+    """Returns the name of the vehicle whose drag a document has; empty where its log does not name the vehicle.
+
+    A name by the MAVLink system id, which many vehicles share, is no name.
+
+    Args:
+        path: document with a drag, as for :func:`earlier_drag`, which can be read.
+    """
+    document = json.loads(file_text(_report_path(path)))
+    identity = document.get("identity") or {}
+    return "" if identity.get("basis") == SYSTEM_ID_BASIS else str(identity.get("name", ""))
+
+
+def _report_path(path: Path) -> Path:
+    """Returns the path of the document with the drag: for a folder, or a ``model.json``, the report beside it."""
+    if path.is_dir():
+        return path / REPORT
+    return path.with_name(REPORT) if path.name == MODEL else path

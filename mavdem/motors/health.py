@@ -104,6 +104,10 @@ def assess_motor_health(
         if is_in_sequence:
             latest_evidence[flight.geometry_key] = evidence
         assessment = _assessment(flight, evidence, comparison)
+        if assessment.health is MotorHealth.OK and len(comparable_flights) < MIN_HEALTHY_FLIGHTS:
+            # One flight shows a fault, but not by how much healthy flights differ, and so not that there is none.
+            reason = _too_few_healthy_flights(flight, candidate_flights, comparison)
+            assessment = HealthAssessment(MotorHealth.UNKNOWN, reason)
         if assessment.health is MotorHealth.FAULT and flight in healthy:
             faulty_healthy_flights[evidence.change.fault_probability] = flight
         assessments[number] = assessment
@@ -152,14 +156,27 @@ def _unknown_reason(
     """
     if flight.missing is not None:
         return flight.missing
-    needed = MIN_BASELINE_FLIGHTS if comparison["are_chosen"] else MIN_HEALTHY_FLIGHTS
-    if len(comparable_flights) >= needed:
+    least = MIN_BASELINE_FLIGHTS if comparison["are_chosen"] else MIN_HEALTHY_FLIGHTS
+    if len(comparable_flights) >= least:
         return None
+    return _too_few_healthy_flights(flight, candidate_flights, comparison)
+
+
+def _too_few_healthy_flights(
+    flight: HealthFigures, candidate_flights: HealthFlights, comparison: JsonValues
+) -> Fact:
+    """Returns the fact that there are too few healthy flights.
+
+    Args:
+        flight: The flight.
+        candidate_flights: All flights from which the healthy ones were chosen.
+        comparison: Values that every fact contains: the number of healthy flights, and whether the user chose them.
+    """
     return Fact(
         HealthUnknown.HEALTHY_FLIGHTS_FEW,
         **comparison,
         total=len([other for other in candidate_flights if other is not flight]),
-        needed=needed,
+        needed=MIN_HEALTHY_FLIGHTS,
     )
 
 

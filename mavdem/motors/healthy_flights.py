@@ -19,7 +19,10 @@ MIN_HEALTHY_FLIGHTS = 2
 """Number of healthy flights that a comparison needs: a single one does not show how much they differ."""
 
 MIN_BASELINE_FLIGHTS = 1
-"""The same where somebody named the healthy flights: how much flights differ is then the prior alone, if need be."""
+"""Number of healthy flights that somebody named from which on a fault or a drift is found.
+
+How much flights differ is then the prior alone, if need be, which does not show that nothing changed.
+"""
 
 DEFAULT_HEALTHY_FLIGHTS = 3
 """Number of first flights that are taken for healthy ones where none are named; a choice."""

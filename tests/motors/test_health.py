@@ -205,12 +205,11 @@ def test_more_effort_is_a_drift_and_no_fault():
     assert judged(replace(heavy[-1], voltage=None), baseline).health == "ok"
 
 
-def test_one_flight_that_somebody_named_as_healthy_is_enough():
+def test_one_flight_that_somebody_named_as_healthy_shows_a_fault_but_excludes_none():
     """How much flights differ is then the prior alone."""
     assert judged_vehicles(weak(2, 0.25), healthy=1, vehicles=1)[0].suspect_motor == 2
     healths = [one.health for one in judged_vehicles(0.0, healthy=1)]
-    assert "fault" not in healths and healths.count("drift") <= 2
-    assert judged(MadeUpVehicle(1).flight(), []).fact.figures["needed"] == 1
+    assert {*healths} <= {"unknown", "drift"} and healths.count("drift") <= 2
 
 
 def test_it_takes_two_healthy_flights_of_the_same_motors_that_are_not_one():

@@ -1,11 +1,12 @@
 """The page of ``mavdem wind``: the wind over time, on the map and by height, the airspeed, and the drag."""
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 from mavdem.assessment import Assessment
 from mavdem.assessment.time_history import wind_history
 from mavdem.facts.lights import Light
-from mavdem.report.blocks import Blocks, Sentence, headline_sentence
+from mavdem.report.blocks import Block, Blocks, Sentence, headline_sentence
 from mavdem.report.charts.chart import Chart, Group, Line, over_time
 from mavdem.report.charts.flown_path import flown_path
 from mavdem.report.charts.plans import rose_of_wind
@@ -27,6 +28,7 @@ def wind_page(
     wind_evidence: WindEvidence,
     assessment: Assessment,
     parameters: dict[str, ParameterValue],
+    cautions: Sequence[Block] = (),
 ) -> str:
     """Renders the page of ``mavdem wind``.
 
@@ -36,6 +38,7 @@ def wind_page(
             must be an estimate; the command refuses a log without one.
         assessment: assessment of the log, which gives the history of the flight and the warnings.
         parameters: parameters of the autopilot's drag model to set, with their intervals.
+        cautions: sentences that limit what is shown, such as that the drag is of another vehicle.
 
     Returns:
         The page as HTML.
@@ -48,6 +51,7 @@ def wind_page(
     summary: Blocks = [
         headline_sentence(f"{estimate_sentence.lead} {estimate_sentence.text}"),
         *limitations,
+        *cautions,
         *warnings_of_lights(assessment.judgement, WIND_LIGHTS),
     ]
     timeline = _wind_timeline(wind_evidence, assessment)
