@@ -1,4 +1,4 @@
-"""The base class of all JSON documents, and the types of fields that hold the sentence of a fact, or the fact itself.
+"""The base class of all JSON documents, and fields for a fact (a finding with a code and figures) and its sentence.
 
 The other modules of this package have the models of the documents: their keys with types, units and meanings, of which
 the published JSON schemas are made. A field is filled with the attribute of the same name of a result, where an array

@@ -103,13 +103,13 @@ class Cluster:
 
         client = self._connected_client()
         try:
-            # A worker whose machine has no process to spare raises an error, after which another worker tries.
+            # A worker that cannot start another process on its machine raises an error. Another worker then tries.
             future = client.submit(read_on_worker, job, limits, read, pure=False, retries=ATTEMPTS)
             return future.result()
         except KilledWorker:
             return failed(job, "died", Fact(ReadingFact.CLUSTER_WORKERS_DIED))
         except Exception as error:
-            # The cluster itself has failed, so that the connection is of no use for the other logs either.
+            # The cluster itself has failed, and could not read the other logs either: the connection is closed.
             self.stop()
             raise self._refusal(ReadingFact.CLUSTER_CANNOT_READ, reason=str(error)) from None
 

@@ -1,4 +1,4 @@
-"""Learning in a live session: the online learner of the vehicle's rows, and the models that are kept of a flight."""
+"""Learning in a live session from rows (motor outputs and motion at one time), and the models kept of a flight."""
 
 from collections import deque
 from collections.abc import Callable

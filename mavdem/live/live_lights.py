@@ -1,4 +1,4 @@
-"""The lights of a live flight before a model of it is judged: what is watched already, or each light's own reason."""
+"""The lights (judgements by level) of a live flight before a model of it is judged: what is watched, or why not."""
 
 from collections.abc import Mapping
 from typing import NamedTuple

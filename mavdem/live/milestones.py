@@ -1,4 +1,4 @@
-"""Milestones of a live flight, reported once each: first model, physical parameters, and what a flight has shown.
+"""Milestones of a live flight, reported as facts (coded findings): first model, parameters, what a flight has shown.
 
 The first estimate of the wind is reported by ``mavdem.live.wind``.
 """

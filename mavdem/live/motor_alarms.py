@@ -41,8 +41,8 @@ class MotorAlarms:
         self.active = ()
         self.change_time = nan
 
-    def obstacle(self, now: float, *, is_flying: bool) -> Fact | None:
-        """Returns the reason why a motor that weakens would not be detected now.
+    def reason_not_watched(self, now: float, *, is_flying: bool) -> Fact | None:
+        """Returns the reason why a motor that loses thrust would not be detected now.
 
         The test needs settled flight without a long gap, motor outputs that are fast enough, and a reference of
         ``REFERENCE_SECONDS`` to compare with.
@@ -52,7 +52,7 @@ class MotorAlarms:
             is_flying: whether the vehicle is airborne.
 
         Returns:
-            The reason, as a fact; None if it would.
+            The reason, as a fact (a coded finding); None if a loss of thrust would be detected.
         """
         if not is_flying:
             return Fact(WatchFact.ON_GROUND_NOW)

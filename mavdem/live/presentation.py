@@ -1,4 +1,4 @@
-"""What the user of a live session is shown: rows and events on a display, their history, and facts in sentences."""
+"""What the user of a live session is shown: rows and events on a display, their history, facts (coded findings)."""
 
 from collections.abc import Callable
 from math import nan

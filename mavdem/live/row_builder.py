@@ -395,7 +395,7 @@ class RowBuilder:
         )
         row = AlignedRow(
             time,
-            # The outputs of the motion are those of the latest review.
+            # The outputs in ``motion`` are older: they were selected in the latest review.
             np.array(outputs),
             np.array([attitude.angle[-1], attitude.rate[-1]]),
             self._grid.segment,

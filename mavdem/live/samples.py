@@ -57,14 +57,14 @@ class SampleStream:
         return max(self._gap_end, self.time[0]) if self.time else inf
 
     def add(self, time: float, values: Numbers) -> bool:
-        """Adds a sample in the order of its stamp, also one that was overtaken by others on the network.
+        """Adds a sample at its place in the order of stamps, since samples may overtake each other on the network.
 
-        It also notes whether the sample follows a gap, and drops old samples once in a while. A sample for a time that
-        is complete already, or from before the last gap, is late: rows that were handed out cannot change any more.
+        It also notes whether the sample follows a gap, and drops old samples once in a while. A sample is late, and not
+        added, if its time is complete already (the rows up to that time were made) or before the last gap.
 
         Args:
             time: stamp, s of the boot clock.
-            values: values of the sample, as many as of the others.
+            values: values of the sample; all samples of the stream have the same number of values.
 
         Returns:
             Whether the sample was added. It is dropped if its stamp is there already, if it is too late, or if it is
@@ -73,7 +73,7 @@ class SampleStream:
         if not all(map(isfinite, values)):
             return False
         stamps = self.time
-        # Nearly always the sample is the latest one. Else this is its place among the others.
+        # The place of the sample in the order of stamps: nearly always the end.
         row = bisect_left(stamps, time)
         is_last = row == len(stamps)
         if not is_last:

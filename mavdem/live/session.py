@@ -347,7 +347,7 @@ class LiveSession:
         if row.is_free and is_postponed:
             self._postponed_rows += 1
         elif row.is_free:
-            # While a motor is weak, the torque that the others balance is not the wind's.
+            # While a motor is weak, the other motors balance its missing thrust, and that torque is not the wind's.
             estimate = learning.learn_row(row, self.stream.motor_alarms.weak_since)
         self._latencies.add(clock.monotonic() - arrival_time)
         learning.count_row(estimate)

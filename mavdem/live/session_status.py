@@ -1,4 +1,4 @@
-"""The status of a live session at one moment: link, vehicle, alarms, model and wind."""
+"""The status of a live session at one moment, by facts (findings with code and level): link, alarms, model, wind."""
 
 from __future__ import annotations
 

@@ -215,15 +215,15 @@ class LiveStream:
     def _watch_other_vehicle(self, name: str, frame: Frame) -> None:
         """Analyses a frame of a vehicle that is not followed, and reports alarms of that vehicle.
 
-        A pilot of several vehicles must not miss a failure of one of them. Each other vehicle has a stream of its own,
-        of whose reports only alarms and warnings are passed on.
+        A pilot of several vehicles must not miss a failure of one of them. A separate stream analyses each other
+        vehicle. Of its reports only alarms and warnings are passed on.
 
         Args:
             name: "system:component" of the vehicle, the subject of the reported facts.
             frame: frame that it sent.
         """
         if name not in self.other_vehicles:
-            # This stream requests nothing from it, so facts must not advise rates: hence ``rates_requested``.
+            # Nothing is requested from this vehicle. With ``rates_requested`` no fact advises the user to do so.
             self.other_vehicles[name] = LiveStream(self.axis, name, rates_requested=True)
         stream = self.other_vehicles[name]
         stream.take_without_rows(self._stamp, [frame])
@@ -313,8 +313,8 @@ class LiveStream:
         """What is monitored on each vehicle of the link, such as vibration or battery: one fact for each.
 
         A fact states since when something is monitored, s on that vehicle's boot clock, or why it is not, for example
-        because a message is missing. The followed vehicle comes first. Each other vehicle has a stream of its own,
-        whose facts get the vehicle's name here, since the user sees all of them in one list.
+        because a message is missing. The followed vehicle comes first. The facts of other vehicles, each of which has a
+        separate stream, get the name of the vehicle here, since the user sees all of them in one list.
         """
         facts = list(self._review.watchdog.watch_facts.values())
         for name, stream in self.other_vehicles.items():

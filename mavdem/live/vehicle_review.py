@@ -328,7 +328,7 @@ class VehicleReview:
         for fact in self.watchdog.finish_review(self._motion, self.phase.takeoff_time):
             self._report(fact)
         now = self._review_time
-        balance_obstacle = self._motor_alarms.obstacle(now, is_flying=self.phase.is_flying)
-        self.watchdog.set_watched(WatchedQuantity.MOTORS, balance_obstacle, now)
-        if balance_obstacle is None:
+        reason = self._motor_alarms.reason_not_watched(now, is_flying=self.phase.is_flying)
+        self.watchdog.set_watched(WatchedQuantity.MOTORS, reason, now)
+        if reason is None:
             self.watchdog.note_motors_watched(now)

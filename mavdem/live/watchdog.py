@@ -392,8 +392,8 @@ class Watchdog:
     def review_lights(self) -> None:
         """Judges battery, estimator and, in settled flight, vibration, by the functions that judge a log.
 
-        The battery is judged by all messages of the boot and the autopilot's reports on it, the others by those of the
-        last minute. The review must have begun, and be thorough; what is found is added to its facts.
+        The battery is judged by all messages and warnings of the boot, estimator and vibration by those of the last
+        minute. The review must have begun, and be thorough; the results are added to its facts.
         """
         review = self._review
         assert review is not None

@@ -193,10 +193,10 @@ def wind_blocks(evidence: WindEvidence, tables: Sequence[Table] = ()) -> Blocks:
 
 
 def _turned_wind(wind: WindVelocity) -> dict[str, float] | None:
-    """Returns how the wind turned in a flight, if it turned so far that its speed is not that of its mean vector.
+    """Returns how the wind turned in a flight, if it turned so far that its mean vector misleads.
 
-    The speed of a mean vector is never above the mean of the speeds. Where it is below that of every minute, it alone
-    would be read as a wind that never blew.
+    Where the direction changes, the length of the mean wind vector is less than the mean of the speeds. If it is less
+    than the speed of every minute, no wind of that speed ever blew, and a report must say so.
 
     Args:
         wind: estimated wind of a flight.

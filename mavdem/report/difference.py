@@ -203,8 +203,8 @@ class _DifferingLight(NamedTuple):
 def _lights_bad_on_one_side(reviews: Mapping[str, Review]) -> list[_DifferingLight]:
     """Returns the lights that are bad on one side, and known not to be on the other.
 
-    A light is the judgement of one part of the vehicle, such as its motors, with a level. That it turned bad is more
-    than that a figure changed. Where the other side is unknown, nothing is known to differ.
+    A light is the judgement of one part of the vehicle, such as its motors, with a level. A light that turned bad
+    matters more than a figure that changed. If the light of the other side is unknown, it is not listed.
 
     Args:
         reviews: review documents of both logs, by side; one without lights, as of a fleet, is compared with nothing.
@@ -557,8 +557,8 @@ def _motor_name(change: QuantityChange, difference: VehicleDifference) -> str:
 def change_text(change: QuantityChange, difference: VehicleDifference) -> str:
     """Returns a change as text, such as "motor 3's relative trim −18 % ± 6 %" or "Ms on roll 1.4 → 1.6 (+0.2 ± 0.1)".
 
-    Of shares and effects of motors only the change is shown. For the other quantities both values are shown, and
-    then the change with the half width of its 90 % interval; that of quantities compared as ratios is in percent.
+    For shares and effects of motors only the change is shown, and for all other quantities both values before it. The
+    change has the half width of its 90 % interval. Quantities that are compared as ratios change by percent.
 
     Args:
         change: change of one quantity.

@@ -200,8 +200,8 @@ def badge_level(flights: Flights) -> Level:
 def urgency(flights: Flights) -> Urgency:
     """Returns the key by which the vehicles of a fleet are sorted: the worst first, and the latest flown of equal ones.
 
-    The rank is the position of the motors' health in ``HEALTHS``, which begins with the worst. A vehicle whose latest
-    flight has a bad headline ranks at least directly after one whose motors drift.
+    The rank is the position of the motors' health in ``HEALTHS``, which begins with the worst. If the headline of its
+    latest flight is bad, a vehicle ranks directly after vehicles with drifting motors, unless its health ranks higher.
 
     Args:
         flights: flights of the vehicle in order of date, at least one.

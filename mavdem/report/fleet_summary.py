@@ -84,15 +84,15 @@ def fleet_blocks(
 def _bad_unnamed_flights(
     summaries: Sequence[VehicleSummary], vehicles: Mapping[str, VehicleFlights]
 ) -> int:
-    """Counts the bad flights whose vehicle is not known, without those that the headline counts as a vehicle.
+    """Counts the bad flights of unknown vehicles, except flights that the headline counts as a vehicle already.
 
     Under a shared name, such as a system id, each flight may be of another vehicle, so that a later good one does not
     make up for a bad one.
 
     Args:
         summaries: summary of the flights under each name.
-        vehicles: what is known of each vehicle of which the page has a part, by its name. If the last flight under a
-            shared name is bad, the headline counts it as that vehicle.
+        vehicles: summary of the flights of each vehicle that has a part of the page, by its name. The headline counts a
+            shared name as one vehicle if the last flight under it is bad.
 
     Returns:
         Number of flights.

@@ -146,8 +146,8 @@ def _cautions(advice: AdviceByAxis) -> list[Sentence]:
 def _advised_gain_sets(advice: AdviceByAxis) -> Iterator[_GainSet]:
     """Yields the advised gains of each stage of tuning as one set, in the order in which they are flown.
 
-    Rate loops are tuned before the attitude loops around them: the gains of a stage are flown before those of the next
-    one are loaded. With several stages, each set has a suffix for the name of its file.
+    Rate loops are tuned before the attitude loops around them. So the gains of the first stage are flown before the
+    gains of the second are loaded. With several stages, each set has a suffix for the name of its file.
 
     Args:
         advice: advice by axis, or the fact why there is none.

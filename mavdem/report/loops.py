@@ -116,8 +116,8 @@ def _sentence_on_axes(tuning: Tuning, axes: Sequence[str], stated_remedies: set[
     Args:
         tuning: advice for each axis, or the fact that says why there is none.
         axes: the axes, which have the same advice (:func:`_axes_reported_together`).
-        stated_remedies: texts that the report has stated so far, which are not repeated; those of this sentence are
-            added.
+        stated_remedies: texts that the report has stated so far, and that are not repeated. The remedies of this
+            sentence are added to them.
     """
     axis = axes[0]
     advice = tuning.axes[axis]
@@ -161,8 +161,8 @@ def _unchecked_effects(tuning: Tuning) -> list[Sentence]:
 def _axes_reported_together(tuning: Tuning) -> list[list[str]]:
     """Groups the axes of a tuning whose reports say the same, so that they are reported together.
 
-    An axis with an identified loop has a table of its own and is alone. Axes without one are together if the reason and
-    the remedies are the same.
+    An axis with an identified loop has its own table, and is a group by itself. Axes without an identified loop form a
+    group if the reason and the remedies are the same.
 
     Args:
         tuning: advice on the gains of each axis, or the fact why there is none.

@@ -55,8 +55,9 @@ def review_screen(assessment: Assessment, columns: int = SCREEN_COLUMNS) -> str:
 def first_lines(findings: FirstFindings, columns: int = SCREEN_COLUMNS) -> str:
     """Returns the first lines of the review that are known before the control loops: its title, and some lights.
 
-    The lights have one order everywhere, so that those behind the first one that needs the loops wait for it. With the
-    lines of :func:`further_lines` they are those of :func:`review_screen`.
+    A light is the judgement of one part of the vehicle. Lights have the same order everywhere. So only those are shown
+    that come before the first light which needs the control loops. :func:`further_lines` returns the rest. Both
+    together are the lines of :func:`review_screen`.
 
     Args:
         findings: findings on the flight so far.

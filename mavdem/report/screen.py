@@ -473,8 +473,8 @@ def vehicle_blocks(axes: Mapping[str, AxisEstimates], *, is_doubtful: bool) -> B
 def _axis_header(axes: Mapping[str, AxisEstimates]) -> list[str]:
     """Returns the header of the table of physical parameters, which has a row for each axis.
 
-    Control effectiveness is an angular acceleration per unit of the model's inputs. All rows share this header, so its
-    unit is that of the first axis with a flight.
+    Control effectiveness is an angular acceleration per unit of the model's inputs. All rows share this header, so that
+    the first axis with a flight decides the unit.
 
     Args:
         axes: figures by axis; an axis whose data could not be used has no flights.

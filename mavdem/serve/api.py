@@ -465,8 +465,8 @@ class Api:
     def _progress_of(self, entry: LibraryEntry, places: Mapping[str, QueuePlace]) -> Progress:
         """Returns the progress of a flight: its index entry, its place in the queue, and what its worker has reported.
 
-        While a log is read, its process reports in a file, and the index is updated only at the end. So values in the
-        file for columns of the index, such as the stage, replace those of the entry.
+        While a log is read, its process reports into a file, and the index is updated only at the end. So where the
+        file has a value for a column of the index, such as the stage, it replaces the value of the entry.
 
         Args:
             entry: index entry of the flight.
@@ -487,7 +487,7 @@ class Api:
             if reading_start is not None:
                 reading_progress["seconds"] = round(time.time() - reading_start)
         stage_in_words = interface_words()["stages"][entry.stage]
-        # The document has fields of the same names as those of the entry, the place and the reported progress.
+        # The fields of the document have the same names as those of the entry, the queue place and the progress file.
         return Progress.from_results(
             entry, words=stage_in_words, **queue_place._asdict(), **reading_progress
         )

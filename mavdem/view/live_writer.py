@@ -456,10 +456,10 @@ class LiveWriter:
             self._draw_with_band(f"parameters/{number}_band", line, values[number], trace.scale)
 
     def _draw_wind_torque(self, estimates: Sequence[tuple[DisplayRow, Estimate]]) -> None:
-        """Draws the estimated wind torque with its 90 % band, at the time that it acted.
+        """Draws the estimated wind torque with its 90 % band, at the time at which it acted.
 
-        The torque is estimated with a delay, so that its time is earlier than that of the row. The samples are kept: if
-        a motor fails, the torque of the last seconds turns out to be the motor's; see :meth:`mark_motor_torque`.
+        The torque is estimated with a delay, so that it acted before the time of the row. The samples are stored,
+        because the torque of the last seconds may turn out to be caused by a failed motor (:meth:`mark_motor_torque`).
 
         Args:
             estimates: rows with their estimates, whose torques are divided by the moment of inertia: angular

@@ -117,7 +117,7 @@ def step_charts(
 def _response_charts(
     title: str, response: LoopResponse, measured: StepResponse, advised_step: Array | None
 ) -> Iterator[Chart]:
-    """Yields the chart of a step response and, for a rate loop, that of its gain |T| over frequency.
+    """Yields the chart of a step response and, for a rate loop, a chart of its gain |T| over frequency.
 
     T is the closed-loop frequency response from setpoint to rate or angle. Each chart has up to three lines: the
     measured response with its 90 % band, the prediction of the identified loop, dashed, and, for steps, the prediction
@@ -126,11 +126,12 @@ def _response_charts(
     Args:
         title: axis and loop, such as "Roll rate".
         response: the response with its prediction, if the loop is identified.
-        measured: the measured response, ``response.measured``, in the case that it is not a reason why there is none.
+        measured: the measured response, which is ``response.measured``. The caller has checked that it is a response,
+            and not the reason why there is none.
         advised_step: (N,) predicted response to a step with the advised gains, at the times of the measured one; None
             if the gains are kept.
     """
-    # If the messages are too slow to measure a step, the step is that of the identified loop.
+    # If the messages are too slow to measure a step, the response of the identified loop takes its place.
     step_name = "identified" if measured.is_identified else "measured"
     steps = [Line.with_band(step_name, MEASURED, measured.time, measured.step, measured.step_half)]
     # On the logarithmic axis the lower end of the band must stay above zero.

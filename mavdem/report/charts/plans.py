@@ -107,8 +107,9 @@ def frame_plan(
 def motor_levels(light: Fact, imbalance: Array) -> list[Level]:
     """Returns the level in whose colour each motor is drawn, so that the drawing agrees with the light.
 
-    Under a light that warns, the motor that it names has its level. If it names none, the motors whose trim deviates as
-    much as after a fault have it or, if there are none, all motors.
+    A light that does not warn colours all motors. A light that warns colours the motor that it names. If it names none,
+    it colours the motors whose trim deviates as much as after a fault or, if there are none, all motors. Motors that it
+    does not colour are drawn as good.
 
     Args:
         light: the judgement of the motors: a fact with its level, and the motor that it names as its subject.

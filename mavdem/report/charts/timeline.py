@@ -92,7 +92,7 @@ class Timeline(NamedTuple):
         """The ``overview`` with roll and pitch first, where their setpoints were recorded."""
         tilt_charts: list[Chart] = []
         for axis in TILT_AXES:
-            # The first chart of an axis is that of its angle.
+            # The first chart of an axis shows its angle.
             for chart in self.axis_charts.get(axis, ())[:1]:
                 if len(chart.lines) > 1:
                     tilt_charts.append(chart)
@@ -131,8 +131,8 @@ class Timeline(NamedTuple):
                 return 0
             return 1 if event.is_alarm else 2
 
-        # Where labels have no room beside each other, a page draws those of the first marks. The sort is stable, so
-        # that of events of one rank the latest comes first: what a flight ended with comes after what led to it.
+        # Where labels would overlap, a page draws only the label of the first mark in this order. The sort is stable:
+        # the latest event of a rank comes first, since the end of a flight matters more than what led to it.
         labelled_events.reverse()
         labelled_events.sort(key=rank)
         event_marks = []

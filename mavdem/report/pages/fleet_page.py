@@ -327,9 +327,9 @@ def _vehicle_parts(
 
 
 def _name_remark(name: str, names: GivenNames, *, is_shared: bool) -> str:
-    """Returns the remark beside a vehicle's label: its serial number, or that it has no name of its own.
+    """Returns the remark that follows a vehicle's label: its serial number, or that only its system id is known.
 
-    The remark is empty if the label is the name in the logs.
+    The remark is empty if the label is the name in the logs, and this is no serial number.
 
     Args:
         name: what its logs call the vehicle.

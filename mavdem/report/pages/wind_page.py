@@ -106,11 +106,12 @@ def _wind_timeline(wind_evidence: WindEvidence, assessment: Assessment) -> Timel
 def _airspeed_chart(wind: WindVelocity) -> Chart:
     """Returns the chart of the speed through the air along the body.
 
-    The airspeed of VFR_HUD is not drawn beside it: without a sensor, ArduPilot sends the ground speed in its place.
+    The airspeed in the message VFR_HUD is not drawn for comparison: without an airspeed sensor, ArduPilot sends the
+    ground speed in its place.
 
     Args:
-        wind: the estimated wind, with the velocity of the vehicle relative to it. The wind of each moment counts, not
-            the mean: for a vehicle that hovers in gusts the speed through the air is that of the gusts.
+        wind: the estimated wind, with the velocity of the vehicle relative to the air, m/s. It is relative to the wind
+            of each moment, not to the mean wind, so that the chart of a hover shows the gusts.
     """
     forward, right = wind.air_velocity.T
     lines = [
