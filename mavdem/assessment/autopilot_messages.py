@@ -377,7 +377,7 @@ def _is_repetition(earlier: Fact, later: Fact) -> bool:
     """Returns whether a ``later`` fact of the same code reports the ``earlier`` one again.
 
     It does if it follows within ``REPEAT_SECONDS`` and is about the same subject, such as "motor 2". A report that
-    names no subject may be about that of the other one.
+    names no subject may be about the subject of the other report.
 
     Args:
         earlier: the first report.

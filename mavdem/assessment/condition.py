@@ -320,8 +320,8 @@ def _battery_figures(battery: Battery, segments: Segments) -> BatteryFigures | N
         segments: parts of the flight to evaluate; the first and the last may be in different boots.
 
     Returns:
-        Voltages in V and currents in A, the latter None if no current was measured; None if the voltage was not
-        recorded in these segments.
+        Voltages in V and currents in A. The currents are None if no current was measured. The result is None if the
+        voltage was not recorded in these segments.
     """
     voltage = battery.voltage
     is_in_segment = in_segments(voltage, *segments, slack=0)

@@ -337,7 +337,7 @@ def _largest_difference(evidence: Evidence, altitude: TimeSeries, reference: Tim
     Args:
         evidence: signals, events and measurements of the vehicle.
         altitude: (N,) altitude of one barometer, m.
-        reference: (M,) altitude of the other one, m, with which it is compared.
+        reference: (M,) altitude of another barometer, m, with which it is compared.
 
     Returns:
         The largest difference of all flights, m; 0 without a flight in which both were recorded.

@@ -380,8 +380,8 @@ def _worst_event(bad_events: Sequence[Fact]) -> Fact:
         bad_events: at least one, the most important kind first.
 
     Returns:
-        The largest event of the first kind. If that is a critical battery, and a battery was spent too, which is worse,
-        the latter.
+        The largest event of the first kind. A spent battery is worse than a critical one: if the first kind is a
+        critical battery, and a battery was spent too, the event of the spent one.
     """
     worst = _largest_of_first_kind(bad_events)
     if worst.code is ReportedEvent.BATTERY_ALARMED:

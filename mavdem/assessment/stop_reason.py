@@ -109,8 +109,8 @@ def _reports_failsafe(alarm: Fact) -> bool:
 def _battery_was_low(signals: Signals, boot: int, time: float) -> bool:
     """Returns whether a battery was low before a time, by its median voltage over ``RECOVERY_SECONDS``.
 
-    The limit is the voltage of a low battery, and not of a critical one, since most logs do not contain the latter,
-    which may be anywhere below.
+    The limit is the voltage of a low battery. The voltage of a critical one is not used, since most logs do not contain
+    it, and it may be anywhere below.
 
     Args:
         signals: signals of the vehicle.

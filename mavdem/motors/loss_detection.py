@@ -408,7 +408,7 @@ class MotorLossDetector:
         A weak motor needs a higher command for the same thrust. Its rise is the relative increase of its command since
         it was sound. So the rise before this change and that by the change multiply:
         1 + rise = (1 + rise before) (1 + rise by the change). A recovered motor is recorded as sound, with size 0, if
-        several recover together or if the rise that remains is within the error of the former one. Of any other motor,
+        several recover together or if the rise that remains is within the error of the rise before. Of any other motor,
         the rise and the interval of the lost thrust are recorded.
 
         Args:

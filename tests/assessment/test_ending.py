@@ -30,69 +30,75 @@ RIGHT = (0.0, 1.0)
 ASIDE = (0.3, 1.0)
 
 
-def stamps(made, message):
-    return made.messages[message]["time"]
+def stamps(telemetry, message):
+    return telemetry.messages[message]["time"]
 
 
 def flight(rate=10.0):
     """A hover at 10 m whose setpoints, heights and clips are recorded."""
-    made = Hover(sway=0.0).telemetry(rate, rate, parameters=X_QUAD_PARAMETERS)
-    time = stamps(made, "ATTITUDE")
+    telemetry = Hover(sway=0.0).telemetry(rate, rate, parameters=X_QUAD_PARAMETERS)
+    time = stamps(telemetry, "ATTITUDE")
     level = quaternion(*3 * [0 * time])
-    made = changed(made, "ATTITUDE_TARGET", **columns(time, **attitude_target(level)))
-    place = made.messages["LOCAL_POSITION_NED"]
+    telemetry = changed(telemetry, "ATTITUDE_TARGET", **columns(time, **attitude_target(level)))
+    place = telemetry.messages["LOCAL_POSITION_NED"]
     z = np.cumsum(place["vz"]) * 0.1
-    made = changed(made, "LOCAL_POSITION_NED", x=0.0, y=0.0, vx=0.0, vy=0.0, z=z)
+    telemetry = changed(telemetry, "LOCAL_POSITION_NED", x=0.0, y=0.0, vx=0.0, vy=0.0, z=z)
     return changed(
-        made, "VIBRATION", **columns(place["time"], **dict.fromkeys(CLIPPING_FIELDS, 0.0))
+        telemetry, "VIBRATION", **columns(place["time"], **dict.fromkeys(CLIPPING_FIELDS, 0.0))
     )
 
 
-def leaning(made, towards, angle, seconds):
+def leaning(telemetry, towards, angle, seconds):
     """The attitude leaves at ``FAILS`` in the direction ``towards`` (2,), forward and right, by so many degrees."""
-    columns = made.messages["ATTITUDE"]
-    since = columns["time"] - FAILS
-    lean = np.radians(angle) * np.clip(since / 0.3, 0, 1) * (since < seconds + 0.3)
+    columns = telemetry.messages["ATTITUDE"]
+    seconds_since_failure = columns["time"] - FAILS
+    lean = (
+        np.radians(angle)
+        * np.clip(seconds_since_failure / 0.3, 0, 1)
+        * (seconds_since_failure < seconds + 0.3)
+    )
     roll, pitch = lean * towards[1], -lean * towards[0]
     rates = {
         "rollspeed": np.gradient(roll, columns["time"]),
         "pitchspeed": np.gradient(pitch, columns["time"]),
     }
-    return changed(made, "ATTITUDE", roll=roll, pitch=pitch, **rates)
+    return changed(telemetry, "ATTITUDE", roll=roll, pitch=pitch, **rates)
 
 
-def falling(made, speed=9.0, braked=9.0):
+def falling(telemetry, speed=9.0, braked=9.0):
     """It falls from ``FAILS`` on, at so many m/s, in the end at no more than it ``braked`` to, and stops."""
-    columns = made.messages["LOCAL_POSITION_NED"]
-    since = columns["time"] - FAILS
-    vz = np.interp(since, [0, 1.8, 2, 2.01], [0, 0.9 * speed, min(speed, braked), 0])
-    return changed(made, "LOCAL_POSITION_NED", vz=vz, z=columns["z"] + np.cumsum(vz) * 0.1)
+    columns = telemetry.messages["LOCAL_POSITION_NED"]
+    seconds_since_failure = columns["time"] - FAILS
+    vz = np.interp(
+        seconds_since_failure, [0, 1.8, 2, 2.01], [0, 0.9 * speed, min(speed, braked), 0]
+    )
+    return changed(telemetry, "LOCAL_POSITION_NED", vz=vz, z=columns["z"] + np.cumsum(vz) * 0.1)
 
 
-def until(made, seconds):
+def ended_after(telemetry, seconds):
     """The log ends so many seconds after ``FAILS``."""
-    return only(made, lambda time: time < FAILS + seconds)
+    return only(telemetry, lambda time: time < FAILS + seconds)
 
 
-def driven(made, motor, output, since=FAILS):
-    """The outputs of a motor, from 0, or of several are this from ``since`` on."""
-    outputs = pulses(made)
-    sent = outputs[motor]
-    is_driven = (stamps(made, "SERVO_OUTPUT_RAW") >= since) & (sent > 1000)
-    outputs[motor] = np.where(is_driven, output, sent)
-    return with_pulses(made, outputs)
+def driven(telemetry, motor, output, start_time=FAILS):
+    """The outputs of a motor, from 0, or of several are this from ``start_time`` on."""
+    outputs = pulses(telemetry)
+    recorded = outputs[motor]
+    is_driven = (stamps(telemetry, "SERVO_OUTPUT_RAW") >= start_time) & (recorded > 1000)
+    outputs[motor] = np.where(is_driven, output, recorded)
+    return with_pulses(telemetry, outputs)
 
 
 def lost(motor, rate=10.0):
     """Motor ``motor``, from 0, loses its thrust in flight, and its autopilot fights; what lies there drives another."""
-    made = falling(leaning(flight(rate), QUAD[motor], 120.0, 100.0))
-    made = driven(driven(made, motor, 2000.0), OPPOSITE[motor], 1100.0)
-    return driven(made, OPPOSITE[motor], 2000.0, FAILS + 3.0)
+    telemetry = falling(leaning(flight(rate), QUAD[motor], 120.0, 100.0))
+    telemetry = driven(driven(telemetry, motor, 2000.0), OPPOSITE[motor], 1100.0)
+    return driven(telemetry, OPPOSITE[motor], 2000.0, FAILS + 3.0)
 
 
-def judged(made, *reported):
+def judged(telemetry, *reported):
     """The last event of each code, and the ending."""
-    signals = Signals(made, inputs="motors")
+    signals = Signals(telemetry, inputs="motors")
     events = *motion_events(signals), *reported
     assert all(event.sentence for event in events)
     return {event.code: event for event in events}, ending_of(signals, events, 0.14)
@@ -146,34 +152,36 @@ def test_a_boot_without_motor_outputs_has_no_events_of_motors():
 
 
 def test_names_motors_without_output():
-    made = falling(leaning(flight(), QUAD[2], 120.0, 100.0))
-    made = replace(made, initial_parameters={"SERVO3_FUNCTION": 35.0, "SERVO9_FUNCTION": 0.0})
-    events, ending = judged(driven(made, 2, 1000.0))
+    telemetry = falling(leaning(flight(), QUAD[2], 120.0, 100.0))
+    telemetry = replace(
+        telemetry, initial_parameters={"SERVO3_FUNCTION": 35.0, "SERVO9_FUNCTION": 0.0}
+    )
+    events, ending = judged(driven(telemetry, 2, 1000.0))
     assert events[MotionEvent.MOTOR_OFF].subject == ending.subject == NAMES[2]
     assert ending.figures["cause"].code is FailedFirst.MOTOR_OFF_FIRST
     assert "SERVO3_FUNCTION was set" in str(ending) and "propeller" not in ending.remedy
-    _, ending = judged(driven(made, [2, 3], 1000.0))
+    _, ending = judged(driven(telemetry, [2, 3], 1000.0))
     assert ending.subject == ""
     assert ending.figures["cause"].figures["names"] == NAMES[2:]
 
 
 def test_a_motor_is_off_where_the_others_carry_the_vehicle_on_little_of_their_range():
     """PX4's range begins at the idle in the air: this vehicle hovers at a sixth of it."""
-    made = driven(falling(leaning(flight(), QUAD[2], 120.0, 100.0)), 2, 1000.0)
+    telemetry = driven(falling(leaning(flight(), QUAD[2], 120.0, 100.0)), 2, 1000.0)
     parameters = {"PWM_MAIN_MIN": 1400.0, "PWM_MAIN_MAX": 2000.0}
     time = np.arange(0.0, 40.0, 0.2)
     state = np.where(time < 6.0, ON_GROUND, IN_AIR)
-    made = changed(made, "EXTENDED_SYS_STATE", **columns(time, landed_state=state))
-    events, _ = judged(replace(made, autopilot="PX4", parameters=parameters))
+    telemetry = changed(telemetry, "EXTENDED_SYS_STATE", **columns(time, landed_state=state))
+    events, _ = judged(replace(telemetry, autopilot="PX4", parameters=parameters))
     assert events[MotionEvent.MOTOR_OFF].subject.startswith("motor 3")
 
 
 def test_an_output_that_stands_still_is_no_weak_motor_on_the_other_side():
     """The output of motor 1 freezes a little below its mean in hover: too high, once the vehicle leans away from it."""
-    made = falling(leaning(flight(50.0), QUAD[1], 120.0, 100.0))
-    swings = 200.0 * np.sin(40.0 * stamps(made, "SERVO_OUTPUT_RAW"))
-    made = with_pulses(made, pulses(made) + swings)
-    _, ending = judged(driven(driven(made, 1, 2000.0), 0, 1590.0))
+    telemetry = falling(leaning(flight(50.0), QUAD[1], 120.0, 100.0))
+    swings = 200.0 * np.sin(40.0 * stamps(telemetry, "SERVO_OUTPUT_RAW"))
+    telemetry = with_pulses(telemetry, pulses(telemetry) + swings)
+    _, ending = judged(driven(driven(telemetry, 1, 2000.0), 0, 1590.0))
     assert ending.figures["cause"].code is FailedFirst.OUTPUT_FROZE_FIRST
     assert ending.subject == NAMES[0]
 
@@ -192,14 +200,14 @@ def test_an_output_that_stands_still_in_flight_has_frozen(
     seconds, pulse, are_channels_known, is_frozen
 ):
     """The vehicle flies on, and the other outputs swing."""
-    made = flight(10.0)
-    time = stamps(made, "SERVO_OUTPUT_RAW")
-    outputs = pulses(made) + 100.0 * np.sin(7.0 * time)
+    telemetry = flight(10.0)
+    time = stamps(telemetry, "SERVO_OUTPUT_RAW")
+    outputs = pulses(telemetry) + 100.0 * np.sin(7.0 * time)
     outputs[2] = np.where((time > FAILS) & (time < FAILS + seconds), pulse, outputs[2])
-    made = with_pulses(made, outputs)
+    telemetry = with_pulses(telemetry, outputs)
     if not are_channels_known:
-        made = replace(made, parameters={}, initial_parameters={})
-    events, ending = judged(made)
+        telemetry = replace(telemetry, parameters={}, initial_parameters={})
+    events, ending = judged(telemetry)
     assert ending is None and (MotionEvent.OUTPUT_FROZE in events) == is_frozen
     if is_frozen:
         frozen = events[MotionEvent.OUTPUT_FROZE]
@@ -208,30 +216,30 @@ def test_an_output_that_stands_still_in_flight_has_frozen(
 
 
 def test_names_a_motor_whose_output_stands_still():
-    made = falling(leaning(flight(50.0), QUAD[0], 120.0, 100.0))
-    swings = 100.0 * np.sin(40.0 * stamps(made, "SERVO_OUTPUT_RAW"))
-    made = with_pulses(made, pulses(made) + swings)
-    made = replace(made, initial_parameters={"SERVO1_FUNCTION": 33.0})
-    _, ending = judged(driven(made, 0, 1500.0))
+    telemetry = falling(leaning(flight(50.0), QUAD[0], 120.0, 100.0))
+    swings = 100.0 * np.sin(40.0 * stamps(telemetry, "SERVO_OUTPUT_RAW"))
+    telemetry = with_pulses(telemetry, pulses(telemetry) + swings)
+    telemetry = replace(telemetry, initial_parameters={"SERVO1_FUNCTION": 33.0})
+    _, ending = judged(driven(telemetry, 0, 1500.0))
     assert ending.figures["cause"].code is FailedFirst.OUTPUT_FROZE_FIRST
     assert ending.subject == NAMES[0]
     assert "SERVO1_FUNCTION was set" in str(ending) and "propeller" not in ending.remedy
 
 
 @mark.parametrize(
-    "output, since, code",
+    "output, start_time, code",
     [
         (1100.0, FAILS, FailedFirst.ALL_OFF_FIRST),
         (1910.0, FAILS - 3.0, FailedFirst.THRUST_SPENT_FIRST),
     ],
 )
-def test_all_motors_together_name_none(output, since, code):
-    made = falling(leaning(flight(), ASIDE, 120.0, 100.0))
-    events, ending = judged(driven(made, ALL, output, since))
+def test_all_motors_together_name_none(output, start_time, code):
+    telemetry = falling(leaning(flight(), ASIDE, 120.0, 100.0))
+    events, ending = judged(driven(telemetry, ALL, output, start_time))
     cause = ending.figures["cause"]
     assert cause.code is code and MotionEvent.LOG_ENDED_IN_AIR not in events
     assert ending.subject == "" and cause.figures.get("share", 1.0) > 0.9
-    assert cause.time == approx(since, abs=0.15)
+    assert cause.time == approx(start_time, abs=0.15)
 
 
 def test_an_attitude_is_lost_beyond_30_degrees_for_three_tenths_of_a_second():
@@ -245,23 +253,23 @@ def test_an_attitude_is_lost_beyond_30_degrees_for_three_tenths_of_a_second():
 
 
 def test_a_setpoint_that_is_followed_is_no_loss():
-    made = flight()
-    time = stamps(made, "ATTITUDE")
+    telemetry = flight()
+    time = stamps(telemetry, "ATTITUDE")
     turns = np.clip((time - FAILS) / 2.0, 0, 1)
     roll = np.angle(np.exp(2j * np.pi * turns))
-    made = changed(made, "ATTITUDE_TARGET", q=quaternion(roll, 0 * time, 0 * time))
-    assert not judged(changed(made, "ATTITUDE", roll=np.roll(roll, 3)))[0]
+    telemetry = changed(telemetry, "ATTITUDE_TARGET", q=quaternion(roll, 0 * time, 0 * time))
+    assert not judged(changed(telemetry, "ATTITUDE", roll=np.roll(roll, 3)))[0]
 
 
 def overturned(lead):
     """A flip whose setpoint is so many samples before the vehicle, which falls and hits the ground."""
-    made = falling(flight())
-    time = stamps(made, "ATTITUDE")
+    telemetry = falling(flight())
+    time = stamps(telemetry, "ATTITUDE")
     angle = np.radians(200.0) * np.clip((time - FAILS - 1.0) / 0.8, 0, 1)
     roll = np.angle(np.exp(1j * angle))
     setpoint = quaternion(np.roll(roll, -lead), 0 * time, 0 * time)
-    made = changed(made, "ATTITUDE_TARGET", q=setpoint)
-    return changed(made, "ATTITUDE", roll=roll, rollspeed=np.gradient(angle, time))
+    telemetry = changed(telemetry, "ATTITUDE_TARGET", q=setpoint)
+    return changed(telemetry, "ATTITUDE", roll=roll, rollspeed=np.gradient(angle, time))
 
 
 @mark.parametrize("lead, is_commanded", [(1, True), (-1, False)])
@@ -279,15 +287,15 @@ def test_a_setpoint_that_turns_the_vehicle_over_is_what_failed_first(lead, is_co
 
 
 def test_where_only_rates_are_asked_for_no_attitude_is_lost():
-    made = leaning(flight(), RIGHT, 120.0, 100.0)
-    rates = attitude_target(np.zeros((len(stamps(made, "ATTITUDE")), 3)))
-    assert not judged(changed(made, "ATTITUDE_TARGET", **rates))[0]
+    telemetry = leaning(flight(), RIGHT, 120.0, 100.0)
+    rates = attitude_target(np.zeros((len(stamps(telemetry, "ATTITUDE")), 3)))
+    assert not judged(changed(telemetry, "ATTITUDE_TARGET", **rates))[0]
 
 
 def test_without_setpoints_only_a_flight_that_ends_so_is_lost():
-    made = only(lost(1), lambda time: time < 0.0, "ATTITUDE_TARGET")
-    assert judged(made)[1].code is Ending.CONTROL_LOST
-    caught = leaning(made, RIGHT, 70.0, 1.0)
+    telemetry = only(lost(1), lambda time: time < 0.0, "ATTITUDE_TARGET")
+    assert judged(telemetry)[1].code is Ending.CONTROL_LOST
+    caught = leaning(telemetry, RIGHT, 70.0, 1.0)
     caught = changed(caught, "LOCAL_POSITION_NED", **flight().messages["LOCAL_POSITION_NED"])
     events, ending = judged(with_pulses(caught, pulses(flight())))
     assert events[MotionEvent.ATTITUDE_CAUGHT].level is Level.UNKNOWN
@@ -296,10 +304,10 @@ def test_without_setpoints_only_a_flight_that_ends_so_is_lost():
 
 @mark.parametrize("highest, code", [(0.9, Ending.TIPPED_OVER), (1.1, Ending.CRASHED)])
 def test_what_never_rose_tipped_over_at_take_off_and_names_none(highest, code):
-    made = lost(1)
-    at = stamps(made, "LOCAL_POSITION_NED")
+    telemetry = lost(1)
+    at = stamps(telemetry, "LOCAL_POSITION_NED")
     z = -highest * ((at > 20.0) & (at < 25.0))
-    events, ending = judged(changed(made, "LOCAL_POSITION_NED", z=z))
+    events, ending = judged(changed(telemetry, "LOCAL_POSITION_NED", z=z))
     assert (ending.code, ending.subject) == (code, "")
     if code is Ending.TIPPED_OVER:
         assert MotionEvent.TIPPED in events
@@ -310,12 +318,12 @@ def test_what_never_rose_tipped_over_at_take_off_and_names_none(highest, code):
 
 @mark.parametrize("height", [0.9, 2.5])
 def test_what_topples_in_a_landing_falls_no_further(height):
-    made = lost(1)
-    at = stamps(made, "LOCAL_POSITION_NED")
+    telemetry = lost(1)
+    at = stamps(telemetry, "LOCAL_POSITION_NED")
     z = np.select([at < 20.0, at < FAILS - 1.0], [0.0, -3.0], -height)
     vz = 8.0 * (at > FAILS + 1.0)
     z += np.cumsum(vz) * 0.1
-    events, ending = judged(changed(made, "LOCAL_POSITION_NED", z=z, vz=vz))
+    events, ending = judged(changed(telemetry, "LOCAL_POSITION_NED", z=z, vz=vz))
     if height < 2.0:
         assert ending.code is Ending.TOPPLED_AT_LANDING
         assert MotionEvent.FELL not in events
@@ -356,8 +364,8 @@ def test_faster_than_five_metres_a_second_it_falls(speed):
 
 @mark.parametrize("seconds, caught", [(4.0, False), (6.0, True)])
 def test_an_attitude_is_caught_by_five_seconds_of_flight(seconds, caught):
-    made = leaning(flight(50.0), RIGHT, 70.0, 1.0)
-    _, ending = judged(until(made, 1.3 + seconds))
+    telemetry = leaning(flight(50.0), RIGHT, 70.0, 1.0)
+    _, ending = judged(ended_after(telemetry, 1.3 + seconds))
     if caught:
         assert ending is None
     else:
@@ -365,49 +373,49 @@ def test_an_attitude_is_caught_by_five_seconds_of_flight(seconds, caught):
 
 
 def test_a_fall_that_stops_at_once_is_a_crash_only_by_a_second_witness():
-    made = until(falling(flight()), 4.0)
-    events, ending = judged(made)
+    telemetry = ended_after(falling(flight()), 4.0)
+    events, ending = judged(telemetry)
     assert events[MotionEvent.HIT].time == approx(FAILS + 2.0, abs=0.4)
     assert events[MotionEvent.HIT].level is Level.WATCH
     assert ending is None
-    _, ending = judged(felt(made, FAILS + 2.0))
+    _, ending = judged(felt(telemetry, FAILS + 2.0))
     assert ending.code is Ending.CRASHED
     assert ending.time == approx(FAILS + 2.0, abs=0.4)
     assert ending.figures["speed"] == approx(9.0, abs=1.5)
-    assert MotionEvent.HIT not in judged(until(falling(flight(), 3.6, 2.8), 4.0))[0]
+    assert MotionEvent.HIT not in judged(ended_after(falling(flight(), 3.6, 2.8), 4.0))[0]
 
 
 def test_a_dive_that_the_motors_end_is_no_impact():
-    made = felt(until(falling(flight()), 4.0), FAILS + 2.0, most=20.0)
-    assert MotionEvent.HIT not in judged(made)[0]
+    telemetry = felt(ended_after(falling(flight()), 4.0), FAILS + 2.0, most=20.0)
+    assert MotionEvent.HIT not in judged(telemetry)[0]
 
 
 def test_a_landing_that_was_only_assumed_is_what_came_first():
-    made = driven(falling(leaning(flight(), ASIDE, 120.0, 100.0)), ALL, 1100.0)
+    telemetry = driven(falling(leaning(flight(), ASIDE, 120.0, 100.0)), ALL, 1100.0)
     time = np.arange(0.0, 40.0, 0.2)
     state = np.where((time < 6.0) | (abs(time - FAILS + 0.3) < 0.15), ON_GROUND, IN_AIR)
-    made = changed(made, "EXTENDED_SYS_STATE", **columns(time, landed_state=state))
+    telemetry = changed(telemetry, "EXTENDED_SYS_STATE", **columns(time, landed_state=state))
     parameters = {"MPC_THR_HOVER": 0.35, "MPC_THR_MIN": 0.12, "MPC_USE_HTE": 1.0}
-    _, ending = judged(replace(made, parameters=parameters))
+    _, ending = judged(replace(telemetry, parameters=parameters))
     assert ending.figures["cause"].code is FailedFirst.LANDING_ASSUMED_FIRST
     assert "now MPC_THR_MIN 0.12 and MPC_THR_HOVER 0.35. Set MPC_THR_MIN to 0.05" in ending.remedy
     assert "MPC_THR_HOVER to 0.14, at which it hovers (that counts only until" in ending.remedy
 
 
-def felt(made, time, most=100.0):
+def felt(telemetry, time, most=100.0):
     """Its accelerometers feel so much, m/s², at that time, and the weight at others."""
-    at = np.arange(0.0, stamps(made, "ATTITUDE")[-1], 0.04)
+    at = np.arange(0.0, stamps(telemetry, "ATTITUDE")[-1], 0.04)
     force = np.where(abs(at - time) < 0.03, most, 9.8)
-    return changed(made, "HIGHRES_IMU", **columns(at, xacc=0.0, yacc=0.0, zacc=-force))
+    return changed(telemetry, "HIGHRES_IMU", **columns(at, xacc=0.0, yacc=0.0, zacc=-force))
 
 
 @mark.parametrize("speed, is_stopped", [(6.0, True), (0.0, False)])
 def test_what_hits_something_first_is_not_said_to_have_lost_a_motor(speed, is_stopped):
     """A knock that takes the speed is an obstacle; one of a vehicle that hovers may be a propeller that breaks."""
-    made = felt(lost(1), FAILS - 0.2)
-    flies_on = stamps(made, "LOCAL_POSITION_NED") < FAILS - 0.2
-    made = changed(made, "LOCAL_POSITION_NED", vx=np.where(flies_on, speed, 0.0))
-    _, ending = judged(made)
+    telemetry = felt(lost(1), FAILS - 0.2)
+    flies_on = stamps(telemetry, "LOCAL_POSITION_NED") < FAILS - 0.2
+    telemetry = changed(telemetry, "LOCAL_POSITION_NED", vx=np.where(flies_on, speed, 0.0))
+    _, ending = judged(telemetry)
     assert ending.code is (Ending.CRASHED if is_stopped else Ending.CONTROL_LOST)
     assert ending.time == approx(FAILS - 0.2, abs=0.05)
     assert ending.subject == ("" if is_stopped else NAMES[1])
@@ -440,27 +448,31 @@ def test_a_crash_that_only_the_autopilot_reports_is_an_ending():
 
 
 def test_a_log_that_ends_in_the_air_and_clips_are_events_and_no_ending():
-    made = until(flight(), 0.0)
-    time = stamps(made, "VIBRATION")
+    telemetry = ended_after(flight(), 0.0)
+    time = stamps(telemetry, "VIBRATION")
     counts = 3.0 * (time > 20.0) + 4.0 * (time > 22.0)
-    clipped = changed(made, "VIBRATION", **dict.fromkeys((*LEVEL_FIELDS, *CLIPPING_FIELDS), counts))
+    clipped = changed(
+        telemetry, "VIBRATION", **dict.fromkeys((*LEVEL_FIELDS, *CLIPPING_FIELDS), counts)
+    )
     events, ending = judged(clipped)
     assert ending is None
     assert events[MotionEvent.LOG_ENDED_IN_AIR].figures["height"] == approx(10.0, abs=0.5)
     assert " 7 times " in str(events[MotionEvent.CLIPPED])
     assert "a crash that it does not show" in events[MotionEvent.LOG_ENDED_IN_AIR].remedy
-    ended = replace(made, is_ended_on_purpose=True)
+    ended = replace(telemetry, is_ended_on_purpose=True)
     assert MotionEvent.LOG_ENDED_IN_AIR not in judged(ended)[0]
-    restarted = changed(made, "ATTITUDE", boot=1 * (stamps(made, "ATTITUDE") > 29.8))
+    restarted = changed(telemetry, "ATTITUDE", boot=1 * (stamps(telemetry, "ATTITUDE") > 29.8))
     assert MotionEvent.LOG_ENDED_IN_AIR not in judged(restarted)[0]
 
 
 @mark.parametrize("landed_at, words", [(39.0, "came back"), (FAILS + 1.0, "at the landing")])
 def test_what_lies_askew_after_its_landing_did_not_come_back(landed_at, words):
-    made = leaning(flight(), RIGHT, 35.0, 2.0)
+    telemetry = leaning(flight(), RIGHT, 35.0, 2.0)
     time = np.arange(0.0, 40.0, 0.2)
     state = np.where((time < 6.0) | (time > landed_at), ON_GROUND, IN_AIR)
-    events, _ = judged(changed(made, "EXTENDED_SYS_STATE", **columns(time, landed_state=state)))
+    events, _ = judged(
+        changed(telemetry, "EXTENDED_SYS_STATE", **columns(time, landed_state=state))
+    )
     assert words in str(events[MotionEvent.ATTITUDE_CAUGHT])
 
 
@@ -471,16 +483,16 @@ def test_heights_above_a_take_off_before_the_log_are_no_witnesses():
 
 
 def test_a_log_that_ends_after_the_loss_shows_why():
-    events, ending = judged(until(lost(1), 1.0))
+    events, ending = judged(ended_after(lost(1), 1.0))
     assert ending.code is Ending.CONTROL_LOST
     assert str(events[MotionEvent.LOG_ENDED_IN_AIR]).endswith(", after control was lost.")
     assert events[MotionEvent.LOG_ENDED_IN_AIR].remedy == ""
 
 
 def test_a_loss_is_stated_without_its_cause_where_nothing_else_is_computed():
-    made = lost(1)
-    _, ending = judged(made)
-    loss = loss_of_flight(Signals(made))
+    telemetry = lost(1)
+    _, ending = judged(telemetry)
+    loss = loss_of_flight(Signals(telemetry))
     assert (loss.code, loss.time) == (ending.code, ending.time)
     assert str(ending).startswith(str(loss).rstrip(".")) and "motor" not in str(loss)
     assert loss_of_flight(Signals(flight())) is None
@@ -500,10 +512,10 @@ def test_every_witness_says_when_and_agrees_with_its_event():
 @mark.parametrize("at_end", [True, False])
 def test_what_falls_on_its_back_is_lost_whatever_is_asked(at_end):
     """Its setpoint follows it, as in rate modes."""
-    made = falling(leaning(flight(), RIGHT, 120.0, 100.0 if at_end else 1.0))
-    roll = made.messages["ATTITUDE"]["roll"]
-    made = changed(made, "ATTITUDE_TARGET", q=quaternion(roll, 0 * roll, 0 * roll))
-    events, ending = judged(made)
+    telemetry = falling(leaning(flight(), RIGHT, 120.0, 100.0 if at_end else 1.0))
+    roll = telemetry.messages["ATTITUDE"]["roll"]
+    telemetry = changed(telemetry, "ATTITUDE_TARGET", q=quaternion(roll, 0 * roll, 0 * roll))
+    events, ending = judged(telemetry)
     if at_end:
         assert MotionEvent.ATTITUDE_LOST in events
         assert ending.code is Ending.CONTROL_LOST
@@ -513,11 +525,11 @@ def test_what_falls_on_its_back_is_lost_whatever_is_asked(at_end):
 
 
 def test_an_estimate_that_runs_away_gives_no_speed():
-    made = lost(1)  # at 9 m/s in the end
-    place = made.messages["LOCAL_POSITION_NED"]
+    telemetry = lost(1)  # at 9 m/s in the end
+    place = telemetry.messages["LOCAL_POSITION_NED"]
     away = place["time"] > FAILS + 1.5
     ran = {name: np.where(away, most, place[name]) for name, most in (("vz", 20.0), ("z", 50.0))}
-    events, _ = judged(changed(made, "LOCAL_POSITION_NED", **ran))
+    events, _ = judged(changed(telemetry, "LOCAL_POSITION_NED", **ran))
     fell = events[MotionEvent.FELL].figures
     assert fell["speed"] < 8.0
     assert fell["speed"] in [witness.figures["speed"] for witness in fell["witnesses"]]

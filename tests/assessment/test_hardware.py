@@ -26,8 +26,10 @@ HALF = np.arange(len(TIME)) < len(TIME) / 2
 
 def evidence_with(message, parameters=None, autopilot="ARDUPILOTMEGA", **fields):
     """The evidence of a hover with one message replaced."""
-    made = changed(TELEMETRY, message, **columns(TIME, **fields))
-    return evidence_of(Signals(replace(made, parameters=parameters or {}, autopilot=autopilot)))
+    telemetry = changed(TELEMETRY, message, **columns(TIME, **fields))
+    return evidence_of(
+        Signals(replace(telemetry, parameters=parameters or {}, autopilot=autopilot))
+    )
 
 
 def test_controllers_are_judged_by_the_errors_that_they_count_alone():
@@ -68,10 +70,12 @@ def test_a_field_is_judged_by_its_change_from_the_ground_to_the_flight(change, l
     # The throttle goes up and down, slowly against the averages of 2 s.
     swing = 50 * np.sin(2 * np.pi * motors["time"] / 20)
     pulses = {f"servo{n}_raw": motors[f"servo{n}_raw"] + swing for n in range(1, 5)}
-    made = changed(TELEMETRY, "SERVO_OUTPUT_RAW", **pulses)
+    telemetry = changed(TELEMETRY, "SERVO_OUTPUT_RAW", **pulses)
     field = 500 * (1 + change * (command + swing - 1000) / 600) + np.cos(3 * motors["time"])
-    made = changed(made, "SCALED_IMU", **columns(motors["time"], xmag=field, ymag=0.0, zmag=0.0))
-    fact = field_fact(evidence_of(Signals(made)))
+    telemetry = changed(
+        telemetry, "SCALED_IMU", **columns(motors["time"], xmag=field, ymag=0.0, zmag=0.0)
+    )
+    fact = field_fact(evidence_of(Signals(telemetry)))
     assert fact.level == level
     assert fact.figures["change"] == approx(change, abs=0.08)
     if change:
@@ -173,9 +177,9 @@ def test_errors_of_the_position_are_those_at_its_setpoints():
     time = TELEMETRY.messages["LOCAL_POSITION_NED"]["time"]
     place = {"x": np.sin(time), "y": np.cos(time), "z": -0.1 * time}
     target = place | {"x": place["x"] + 3.0, "y": place["y"] + 4.0}
-    made = changed(TELEMETRY, "LOCAL_POSITION_NED", **place)
-    made = changed(made, "POSITION_TARGET_LOCAL_NED", **columns(time, **target))
-    fact = command_facts(evidence_of(Signals(made)))["position and velocity"]
+    telemetry = changed(TELEMETRY, "LOCAL_POSITION_NED", **place)
+    telemetry = changed(telemetry, "POSITION_TARGET_LOCAL_NED", **columns(time, **target))
+    fact = command_facts(evidence_of(Signals(telemetry)))["position and velocity"]
     assert fact.figures["horizontal"] == approx(5.0)
     assert fact.figures["vertical"] == approx(0.0, abs=1e-9)
 

@@ -42,9 +42,9 @@ from mavdem.witnesses.statements import (
 GRAVITY = 9.8
 
 
-def judged(made):
+def judged(telemetry):
     """The last event of each code, and the ending."""
-    signals = Signals(made, inputs="motors")
+    signals = Signals(telemetry, inputs="motors")
     reports = reported_events(signals)
     events = weighed_reports(signals, [*reports, *motion_events(signals, reports)])
     assert all(event.sentence for event in events)
@@ -55,9 +55,9 @@ def witnesses(event, side):
     return {fact.code for fact in event.figures["witnesses"] if fact.figures["side"] == side}
 
 
-def falling(since):
-    """Climb of a fall, m/s, at times since it began."""
-    return -GRAVITY * since
+def falling(elapsed):
+    """Climb rate of a fall, m/s, at so many seconds after it began."""
+    return -GRAVITY * elapsed
 
 
 def test_a_sound_flight_has_no_event_of_motion():
@@ -68,9 +68,9 @@ def test_a_sound_flight_has_no_event_of_motion():
 
 def height_runaway(mode="Alt hold"):
     """The estimate falls at 3 m/s while the vehicle climbs at 2 m/s for 5 s, with the motors at their limit."""
-    made = moving(instrumented(mode), lambda since: 2.0 * (since < 5.0))
-    made = estimating(made, lambda since: -3.0 * (since < 5.0))
-    return driven(made, 2000.0, EVENT + 1.0, EVENT + 5.0)
+    telemetry = moving(instrumented(mode), lambda elapsed: 2.0 * (elapsed < 5.0))
+    telemetry = estimating(telemetry, lambda elapsed: -3.0 * (elapsed < 5.0))
+    return driven(telemetry, 2000.0, EVENT + 1.0, EVENT + 5.0)
 
 
 def test_an_estimate_that_falls_while_the_barometer_rises_has_diverged():
@@ -90,9 +90,9 @@ def test_an_estimate_that_falls_while_the_barometer_rises_has_diverged():
 
 
 def test_full_throttle_does_not_confirm_an_estimate_that_rises_while_the_vehicle_sinks():
-    made = moving(instrumented("Alt hold"), lambda since: -1.5 * (since < 5.0))
-    made = estimating(made, lambda since: 2.0 * (since < 5.0))
-    diverged = judged(driven(made, 2000.0, EVENT + 1.0, EVENT + 5.0))[0][
+    telemetry = moving(instrumented("Alt hold"), lambda elapsed: -1.5 * (elapsed < 5.0))
+    telemetry = estimating(telemetry, lambda elapsed: 2.0 * (elapsed < 5.0))
+    diverged = judged(driven(telemetry, 2000.0, EVENT + 1.0, EVENT + 5.0))[0][
         MotionEvent.HEIGHT_DIVERGED
     ]
     assert SensorStatement.SANK in witnesses(diverged, Side.FOR)
@@ -100,18 +100,18 @@ def test_full_throttle_does_not_confirm_an_estimate_that_rises_while_the_vehicle
 
 
 def test_the_accelerometer_is_the_cause_of_a_height_that_diverges():
-    made = changed(height_runaway(), "HIGHRES_IMU", zacc=-8.0)
-    cause = judged(made)[0][MotionEvent.HEIGHT_DIVERGED].figures["cause"]
+    telemetry = changed(height_runaway(), "HIGHRES_IMU", zacc=-8.0)
+    cause = judged(telemetry)[0][MotionEvent.HEIGHT_DIVERGED].figures["cause"]
     assert (cause.code, cause.figures["part"]) == (SensorStatement.GRAVITY_WRONG, "at rest")
     assert cause.figures["acceleration"] == approx(8.0)
 
 
 def test_vibration_is_the_cause_where_the_error_at_rest_does_not_explain_that_in_flight():
-    made = height_runaway()
-    time = stamps(made, "HIGHRES_IMU")
+    telemetry = height_runaway()
+    time = stamps(telemetry, "HIGHRES_IMU")
     is_shaken = (time > EVENT - 5.0) & (time < EVENT + 5.0)
-    made = changed(made, "HIGHRES_IMU", zacc=np.where(is_shaken, -2.0, -8.8))
-    cause = judged(made)[0][MotionEvent.HEIGHT_DIVERGED].figures["cause"]
+    telemetry = changed(telemetry, "HIGHRES_IMU", zacc=np.where(is_shaken, -2.0, -8.8))
+    cause = judged(telemetry)[0][MotionEvent.HEIGHT_DIVERGED].figures["cause"]
     assert cause.figures["part"] == "in flight"
     assert cause.figures["acceleration"] == approx(2.0, abs=1.0)
     assert "from 8.8 m/s² at rest" in cause.sentence
@@ -119,30 +119,32 @@ def test_vibration_is_the_cause_where_the_error_at_rest_does_not_explain_that_in
 
 @mark.parametrize("autopilot, is_cause", [("PX4", True), ("ARDUPILOTMEGA", False)])
 def test_vibration_is_a_cause_beyond_the_limit_of_the_autopilot(autopilot, is_cause):
-    made = replace(height_runaway(), autopilot=autopilot)
-    time = stamps(made, "LOCAL_POSITION_NED")
+    telemetry = replace(height_runaway(), autopilot=autopilot)
+    time = stamps(telemetry, "LOCAL_POSITION_NED")
     levels = {f"vibration_{axis}": 15.0 for axis in "xyz"}
     clips = {f"clipping_{imu}": 0.0 for imu in range(3)}
-    made = changed(made, "VIBRATION", **columns(time, **levels, **clips))
-    diverged = judged(made)[0][MotionEvent.HEIGHT_DIVERGED]
+    telemetry = changed(telemetry, "VIBRATION", **columns(time, **levels, **clips))
+    diverged = judged(telemetry)[0][MotionEvent.HEIGHT_DIVERGED]
     assert (SensorStatement.VIBRATED in witnesses(diverged, Side.FOR)) is is_cause
 
 
 def test_a_throttle_closed_after_a_divergence_is_named_beside_it():
     """It rises to 20 m by a false height; in Stabilize the pilot closes the throttle, and it falls."""
     fell = EVENT + 6.5
-    made = height_runaway()
-    made = moving(
-        made, lambda since: np.where(since < 5.0, 2.0, -GRAVITY * np.maximum(since - 6.5, 0))
+    telemetry = height_runaway()
+    telemetry = moving(
+        telemetry,
+        lambda elapsed: np.where(elapsed < 5.0, 2.0, -GRAVITY * np.maximum(elapsed - 6.5, 0)),
     )
-    made = estimating(
-        made, lambda since: np.where(since < 5.0, -3.0, -GRAVITY * np.maximum(since - 6.5, 0))
+    telemetry = estimating(
+        telemetry,
+        lambda elapsed: np.where(elapsed < 5.0, -3.0, -GRAVITY * np.maximum(elapsed - 6.5, 0)),
     )
-    made = in_mode(
-        stick(driven(made, 1000.0, fell), STICK_CLOSED, fell), (EVENT + 5.5, "Stabilize")
+    telemetry = in_mode(
+        stick(driven(telemetry, 1000.0, fell), STICK_CLOSED, fell), (EVENT + 5.5, "Stabilize")
     )
-    made = rolled(knocked(made, fell + 1.9, 150.0), 120.0, fell + 0.5)
-    cause = judged(made)[1].figures["cause"]
+    telemetry = rolled(knocked(telemetry, fell + 1.9, 150.0), 120.0, fell + 0.5)
+    cause = judged(telemetry)[1].figures["cause"]
     assert cause.code is FailedFirst.HEIGHT_DIVERGED_FIRST
     assert cause.figures["later_cause"].time == approx(fell, abs=0.1)
     assert "; then the pilot closed the throttle at 36.5 s" in cause.sentence
@@ -154,18 +156,18 @@ def test_where_the_stick_is_the_thrust_no_height_is_followed(mode):
 
 
 def test_a_climb_that_the_pilot_asks_for_is_no_divergence():
-    made = stick(height_runaway(), 1900)
-    assert MotionEvent.HEIGHT_DIVERGED not in judged(made)[0]
+    telemetry = stick(height_runaway(), 1900)
+    assert MotionEvent.HEIGHT_DIVERGED not in judged(telemetry)[0]
 
 
 def landing_that_topples():
     """It descends to 0.5 m, and there the pilot closes the throttle: it touches down and rolls over."""
-    made = moving(
-        instrumented("Stabilize"), lambda since: -1.0 * (since < 9.5) - 2.0 * (since > 9.5)
+    telemetry = moving(
+        instrumented("Stabilize"), lambda elapsed: -1.0 * (elapsed < 9.5) - 2.0 * (elapsed > 9.5)
     )
     touch_down = EVENT + 9.8
-    made = driven(stick(made, STICK_CLOSED, touch_down - 0.3), 1000.0, touch_down - 0.3)
-    return rolled(knocked(made, touch_down + 0.1, 40.0), 95.0, touch_down)
+    telemetry = driven(stick(telemetry, STICK_CLOSED, touch_down - 0.3), 1000.0, touch_down - 0.3)
+    return rolled(knocked(telemetry, touch_down + 0.1, 40.0), 95.0, touch_down)
 
 
 def test_a_vehicle_that_topples_as_the_throttle_closes_has_landed():
@@ -181,23 +183,23 @@ def test_a_vehicle_that_topples_as_the_throttle_closes_has_landed():
 
 
 def test_a_vehicle_may_topple_between_two_reports_of_its_landed_state():
-    made = moving(instrumented("Stabilize"), lambda since: -1.0 * (since < 9.8))
+    telemetry = moving(instrumented("Stabilize"), lambda elapsed: -1.0 * (elapsed < 9.8))
     touch_down = EVENT + 10.2
-    made = driven(stick(made, STICK_CLOSED, touch_down - 0.3), 1000.0, touch_down - 0.3)
-    made = rolled(made, 95.0, touch_down)
+    telemetry = driven(stick(telemetry, STICK_CLOSED, touch_down - 0.3), 1000.0, touch_down - 0.3)
+    telemetry = rolled(telemetry, 95.0, touch_down)
     time = np.arange(0.3, 76.0, 1.0)
     state = np.where((time > 6.0) & (time < touch_down - 1.0), 2, 1)
-    reported = changed(made, "EXTENDED_SYS_STATE", **columns(time, landed_state=state))
+    reported = changed(telemetry, "EXTENDED_SYS_STATE", **columns(time, landed_state=state))
     assert MotionEvent.TOPPLED in judged(reported)[0]
 
 
 def failsafe_in_the_air():
     """A radio failsafe stops the motors at 10 m; the vehicle rolls over as it falls."""
-    made = moving(instrumented(), falling)
-    made = driven(made, 1000.0)
-    made = rolled(made, 110.0, EVENT + 0.3, 1.0)
-    made = knocked(made, EVENT + 1.43, 150.0)
-    return saying(made, EVENT - 0.05, "Radio Failsafe - Disarming")
+    telemetry = moving(instrumented(), falling)
+    telemetry = driven(telemetry, 1000.0)
+    telemetry = rolled(telemetry, 110.0, EVENT + 0.3, 1.0)
+    telemetry = knocked(telemetry, EVENT + 1.43, 150.0)
+    return saying(telemetry, EVENT - 0.05, "Radio Failsafe - Disarming")
 
 
 def test_a_failsafe_that_stops_the_motors_in_the_air_is_the_cause():
@@ -209,48 +211,48 @@ def test_a_failsafe_that_stops_the_motors_in_the_air_is_the_cause():
 
 
 def test_a_radio_that_was_lost_until_the_motors_stopped_is_the_reason():
-    made = changed(failsafe_in_the_air(), "STATUSTEXT", text=np.array(["Hello"]))
+    telemetry = changed(failsafe_in_the_air(), "STATUSTEXT", text=np.array(["Hello"]))
     time = np.arange(0.0, 76.0, 0.1)
     is_lost = (time > EVENT - 3.0) & (time < EVENT + 5.0)
     pulse = np.where(is_lost, 900.0, STICK_MIDDLE)
-    made = changed(
-        made, "RC_CHANNELS", **columns(time, chan3_raw=pulse, rssi=np.where(is_lost, 0, 200))
+    telemetry = changed(
+        telemetry, "RC_CHANNELS", **columns(time, chan3_raw=pulse, rssi=np.where(is_lost, 0, 200))
     )
     lost = columns(time, onboard_control_sensors_health=np.where(is_lost, 0, 1 << 16))
     known = dict.fromkeys(
         ("onboard_control_sensors_present", "onboard_control_sensors_enabled"), 1 << 16
     )
-    _, ending = judged(changed(made, "SYS_STATUS", **lost, **known))
+    _, ending = judged(changed(telemetry, "SYS_STATUS", **lost, **known))
     cause = ending.figures["cause"]
     assert cause.code is FailedFirst.FAILSAFE_FIRST
     assert cause.figures["cause"].code is ReportedEvent.RADIO_LOST
 
 
 def test_a_throttle_that_the_pilot_closes_in_the_air_is_the_cause():
-    made = changed(failsafe_in_the_air(), "STATUSTEXT", text=np.array(["Hello"]))
-    _, ending = judged(stick(made, STICK_CLOSED))
+    telemetry = changed(failsafe_in_the_air(), "STATUSTEXT", text=np.array(["Hello"]))
+    _, ending = judged(stick(telemetry, STICK_CLOSED))
     assert ending.figures["cause"].code is FailedFirst.THROTTLE_CLOSED_FIRST
 
 
 @mark.parametrize("text", ["Hello", "Battery 1 low voltage"])
 def test_a_throttle_closed_after_the_motors_stopped_is_no_cause(text):
-    made = stick(saying(failsafe_in_the_air(), EVENT, text), STICK_CLOSED, EVENT + 1.2)
-    _, ending = judged(made)
+    telemetry = stick(saying(failsafe_in_the_air(), EVENT, text), STICK_CLOSED, EVENT + 1.2)
+    _, ending = judged(telemetry)
     assert ending.figures["cause"].code is not FailedFirst.THROTTLE_CLOSED_FIRST
 
 
 def test_a_warning_of_a_low_battery_does_not_outrank_the_closed_throttle():
-    made = saying(failsafe_in_the_air(), EVENT, "Battery 1 low voltage")
-    _, ending = judged(stick(made, STICK_CLOSED))
+    telemetry = saying(failsafe_in_the_air(), EVENT, "Battery 1 low voltage")
+    _, ending = judged(stick(telemetry, STICK_CLOSED))
     assert ending.figures["cause"].code is FailedFirst.THROTTLE_CLOSED_FIRST
 
 
 def test_a_pilot_who_closes_the_throttle_once_it_topples_is_no_cause():
-    made = moving(instrumented("Stabilize"), lambda since: -1.0 * (since < 9.8))
+    telemetry = moving(instrumented("Stabilize"), lambda elapsed: -1.0 * (elapsed < 9.8))
     touch_down = EVENT + 9.8
-    made = driven(stick(made, STICK_CLOSED, touch_down + 1.0), 1000.0, touch_down + 1.0)
-    made = rolled(knocked(made, touch_down + 0.1, 40.0), 95.0, touch_down)
-    _, ending = judged(made)
+    telemetry = driven(stick(telemetry, STICK_CLOSED, touch_down + 1.0), 1000.0, touch_down + 1.0)
+    telemetry = rolled(knocked(telemetry, touch_down + 0.1, 40.0), 95.0, touch_down)
+    _, ending = judged(telemetry)
     assert (ending.code, ending.figures["cause"]) == (Ending.TOPPLED_AT_LANDING, None)
 
 
@@ -259,36 +261,36 @@ def test_a_throttle_closed_after_the_contact_does_not_loosen_the_limits_of_a_lan
     touch_down = EVENT + 8.5
     codes = []
     for closing in (-0.5, 1.0):
-        made = moving(
+        telemetry = moving(
             instrumented("Stabilize"),
-            lambda since: np.select([since < 8, since < 8.5], [-1.0, -4.0]),
+            lambda elapsed: np.select([elapsed < 8, elapsed < 8.5], [-1.0, -4.0]),
         )
-        made = driven(stick(made, STICK_CLOSED, touch_down + closing), 1000.0, touch_down)
-        made = rolled(knocked(made, touch_down + 0.1, 40.0), 95.0, touch_down)
-        codes.append(judged(made)[1].code)
+        telemetry = driven(stick(telemetry, STICK_CLOSED, touch_down + closing), 1000.0, touch_down)
+        telemetry = rolled(knocked(telemetry, touch_down + 0.1, 40.0), 95.0, touch_down)
+        codes.append(judged(telemetry)[1].code)
     assert codes == [Ending.TOPPLED_AT_LANDING, Ending.CRASHED]
 
 
 @mark.parametrize("volts, is_cause", [(14.0, False), (11.0, True)])
 def test_an_alarm_of_the_battery_explains_a_stop_only_with_an_empty_battery(volts, is_cause):
-    made = changed(failsafe_in_the_air(), "STATUSTEXT", text=np.array(["Hello"]))
-    made = only(made, lambda time: time < 0, "RC_CHANNELS")
+    telemetry = changed(failsafe_in_the_air(), "STATUSTEXT", text=np.array(["Hello"]))
+    telemetry = only(telemetry, lambda time: time < 0, "RC_CHANNELS")
     time = np.arange(0.0, 60.0, 0.5)
     voltage = np.where(time < EVENT - 10.0, 16.6, volts)
     charge = np.where(time < EVENT, 1, 3)
     battery = columns(time, voltage_battery=1000 * voltage, charge_state=charge)
-    cause = judged(changed(made, "SYS_STATUS", **battery))[1].figures["cause"]
+    cause = judged(changed(telemetry, "SYS_STATUS", **battery))[1].figures["cause"]
     code = FailedFirst.FAILSAFE_FIRST if is_cause else FailedFirst.ALL_OFF_FIRST
     assert cause.code is code
 
 
 def dive():
     """With the throttle closed it falls for 0.8 s, and the motors stop it within as long."""
-    made = moving(
+    telemetry = moving(
         instrumented("Stabilize"),
-        lambda since: -GRAVITY * np.interp(since, [0.0, 0.8, 1.6], [0.0, 0.8, 0.0]),
+        lambda elapsed: -GRAVITY * np.interp(elapsed, [0.0, 0.8, 1.6], [0.0, 0.8, 0.0]),
     )
-    return driven(stick(made, STICK_CLOSED, EVENT, EVENT + 0.8), 1000.0, EVENT, EVENT + 0.8)
+    return driven(stick(telemetry, STICK_CLOSED, EVENT, EVENT + 0.8), 1000.0, EVENT, EVENT + 0.8)
 
 
 def test_a_dive_that_the_pilot_ends_is_no_crash():
@@ -317,8 +319,8 @@ def test_a_pose_by_the_attitude_is_no_second_witness_of_the_attitude():
 def impact(speed=6.0):
     """It sinks so fast, m/s, until it hits the ground upright, and lies there."""
     seconds = 10.0 / speed
-    made = moving(instrumented("Stabilize"), lambda since: -speed * (since < seconds))
-    return driven(knocked(made, EVENT + seconds), 1000.0, EVENT + seconds)
+    telemetry = moving(instrumented("Stabilize"), lambda elapsed: -speed * (elapsed < seconds))
+    return driven(knocked(telemetry, EVENT + seconds), 1000.0, EVENT + seconds)
 
 
 def test_an_impact_has_a_knock_a_descent_and_rest_as_witnesses():
@@ -335,12 +337,14 @@ def test_an_impact_has_a_knock_a_descent_and_rest_as_witnesses():
 
 def test_the_speed_of_an_impact_is_the_one_at_its_end_and_not_of_the_fall_before():
     """It falls at 7 m/s, and the pilot brakes it to 3.5 m/s before the ground."""
-    made = moving(
+    telemetry = moving(
         instrumented("Stabilize"),
-        lambda since: np.interp(since, [0.0, 0.2, 0.4, 1.0, 1.6, 1.61], [0, -5, -7, -7, -3.5, 0]),
+        lambda elapsed: np.interp(
+            elapsed, [0.0, 0.2, 0.4, 1.0, 1.6, 1.61], [0, -5, -7, -7, -3.5, 0]
+        ),
     )
-    made = driven(knocked(made, EVENT + 1.6, 60.0), 1000.0, EVENT + 1.6)
-    events, ending = judged(made)
+    telemetry = driven(knocked(telemetry, EVENT + 1.6, 60.0), 1000.0, EVENT + 1.6)
+    events, ending = judged(telemetry)
     assert events[MotionEvent.HIT].figures["speed"] == approx(4.5, abs=1.1)
     assert ending.figures["speed"] == events[MotionEvent.HIT].figures["speed"]
 
@@ -352,10 +356,10 @@ def test_the_speed_of_an_impact_is_the_one_at_its_end_and_not_of_the_fall_before
 def test_a_throttle_lowered_before_an_impact_is_its_cause(mode, pulse, is_cause):
     """It falls at 6 m/s after the pilot lowered the throttle for a second, and opened it again."""
     ground = EVENT + 10.0 / 6.0
-    made = moving(instrumented(mode), lambda since: -6.0 * (since < 10.0 / 6.0))
-    made = stick(made, pulse, EVENT - 0.5, EVENT + 0.5)
-    made = driven(knocked(made, ground), 1000.0, ground)
-    _, ending = judged(made)
+    telemetry = moving(instrumented(mode), lambda elapsed: -6.0 * (elapsed < 10.0 / 6.0))
+    telemetry = stick(telemetry, pulse, EVENT - 0.5, EVENT + 0.5)
+    telemetry = driven(knocked(telemetry, ground), 1000.0, ground)
+    _, ending = judged(telemetry)
     assert ending.code is Ending.CRASHED
     cause = ending.figures["cause"]
     if is_cause:
@@ -372,14 +376,14 @@ def test_a_throttle_lowered_before_an_impact_is_its_cause(mode, pulse, is_cause)
 def test_an_impact_is_at_the_first_knock_and_its_event_and_ending_agree():
     """At 2.5 m it begins to tumble, hits the ground 0.6 s later, and harder once more after that."""
     tumble = EVENT + 7.5
-    made = moving(
+    telemetry = moving(
         instrumented("Stabilize"),
-        lambda since: np.interp(since, [0.0, 7.5, 7.51, 8.1], [-1.0, -1.0, -1.0, -7.0]),
+        lambda elapsed: np.interp(elapsed, [0.0, 7.5, 7.51, 8.1], [-1.0, -1.0, -1.0, -7.0]),
     )
-    made = stick(driven(made, 1000.0, tumble + 0.6), 1800)
-    made = rolled(made, 170.0, tumble, 0.8)
-    made = knocked(knocked(made, tumble + 0.6, 50.0), tumble + 0.9, 90.0)
-    events, ending = judged(made)
+    telemetry = stick(driven(telemetry, 1000.0, tumble + 0.6), 1800)
+    telemetry = rolled(telemetry, 170.0, tumble, 0.8)
+    telemetry = knocked(knocked(telemetry, tumble + 0.6, 50.0), tumble + 0.9, 90.0)
+    events, ending = judged(telemetry)
     hit = events[MotionEvent.HIT]
     assert hit.time == ending.time == approx(tumble + 0.6, abs=0.05)
     assert ending.figures["onset"] == approx(tumble, abs=0.3)
@@ -389,13 +393,13 @@ def test_an_impact_is_at_the_first_knock_and_its_event_and_ending_agree():
 
 def test_the_slope_of_a_barometer_does_not_contradict_a_short_fall():
     """It falls freely for 1.4 s from 10 m, and its estimate goes on falling."""
-    made = moving(instrumented(), falling)
-    made = rolled(driven(made, 1000.0), 110.0, EVENT + 0.3, 1.0)
-    made = knocked(made, EVENT + 1.43, 150.0)
-    place = made.messages["LOCAL_POSITION_NED"]
+    telemetry = moving(instrumented(), falling)
+    telemetry = rolled(driven(telemetry, 1000.0), 110.0, EVENT + 0.3, 1.0)
+    telemetry = knocked(telemetry, EVENT + 1.43, 150.0)
+    place = telemetry.messages["LOCAL_POSITION_NED"]
     goes_on = place["time"] > EVENT + 1.43
-    made = changed(made, "LOCAL_POSITION_NED", vz=np.where(goes_on, 12.0, place["vz"]))
-    events, _ = judged(made)
+    telemetry = changed(telemetry, "LOCAL_POSITION_NED", vz=np.where(goes_on, 12.0, place["vz"]))
+    events, _ = judged(telemetry)
     for code in (MotionEvent.HIT, MotionEvent.FELL):
         assert events[code].figures["speed"] == approx(13.5, abs=1.0)
 
@@ -405,15 +409,15 @@ def test_a_vehicle_that_sinks_at_full_throttle_with_a_motor_at_its_limit_lacks_t
     pulse, is_spent
 ):
     ground = EVENT + 10.0 / 4.0
-    made = moving(instrumented("Stabilize"), lambda since: -4.0 * (since < 2.5))
-    outputs = pulses(made)
-    is_sinking = (stamps(made, "SERVO_OUTPUT_RAW") > EVENT) & (
-        stamps(made, "SERVO_OUTPUT_RAW") < ground
+    telemetry = moving(instrumented("Stabilize"), lambda elapsed: -4.0 * (elapsed < 2.5))
+    outputs = pulses(telemetry)
+    is_sinking = (stamps(telemetry, "SERVO_OUTPUT_RAW") > EVENT) & (
+        stamps(telemetry, "SERVO_OUTPUT_RAW") < ground
     )
     outputs[1] = np.where(is_sinking, 2000.0, outputs[1])
-    made = stick(with_pulses(made, outputs), pulse, EVENT, ground)
-    made = driven(knocked(made, ground), 1000.0, ground)
-    _, ending = judged(made)
+    telemetry = stick(with_pulses(telemetry, outputs), pulse, EVENT, ground)
+    telemetry = driven(knocked(telemetry, ground), 1000.0, ground)
+    _, ending = judged(telemetry)
     cause = ending.figures["cause"]
     assert (cause is not None and "sank at full throttle" in cause.sentence) is is_spent
 
@@ -425,22 +429,22 @@ def test_a_vehicle_that_sinks_at_full_throttle_with_a_motor_at_its_limit_lacks_t
 def test_a_motor_at_its_limit_at_full_throttle_is_to_be_watched_only_without_a_climb(
     pulse, climb, level, is_full
 ):
-    made = moving(instrumented("Stabilize"), lambda since: climb * (since < 2.0))
-    outputs = pulses(made)
-    time = stamps(made, "SERVO_OUTPUT_RAW")
+    telemetry = moving(instrumented("Stabilize"), lambda elapsed: climb * (elapsed < 2.0))
+    outputs = pulses(telemetry)
+    time = stamps(telemetry, "SERVO_OUTPUT_RAW")
     outputs[1] = np.where((time > EVENT) & (time < EVENT + 2.0), 2000.0, outputs[1])
-    made = stick(with_pulses(made, outputs), pulse, EVENT, EVENT + 2.0)
-    limit = judged(made)[0][MotionEvent.MOTOR_AT_ITS_STOP]
+    telemetry = stick(with_pulses(telemetry, outputs), pulse, EVENT, EVENT + 2.0)
+    limit = judged(telemetry)[0][MotionEvent.MOTOR_AT_ITS_STOP]
     assert (limit.level, "at full throttle" in limit.sentence) == (level, is_full)
     assert ("motor 2" in limit.remedy) is not is_full
 
 
 def test_a_descent_faster_than_a_free_fall_from_that_height_is_no_witness():
-    made = impact()
-    place = made.messages["LOCAL_POSITION_NED"]
+    telemetry = impact()
+    place = telemetry.messages["LOCAL_POSITION_NED"]
     runs_away = (place["time"] > EVENT + 1.2) & (place["time"] < EVENT + 2.5)
-    made = changed(made, "LOCAL_POSITION_NED", vz=np.where(runs_away, 41.0, place["vz"]))
-    hit = judged(made)[0][MotionEvent.HIT]
+    telemetry = changed(telemetry, "LOCAL_POSITION_NED", vz=np.where(runs_away, 41.0, place["vz"]))
+    hit = judged(telemetry)[0][MotionEvent.HIT]
     sources = [
         fact.figures["source"]
         for fact in hit.figures["witnesses"]
@@ -460,13 +464,13 @@ def test_a_descent_faster_than_a_free_fall_from_that_height_is_no_witness():
     ],
 )
 def test_a_vehicle_that_an_automatic_mode_leans_to_and_fro_swings(mode, angle, period, swings):
-    made = instrumented(mode)
-    since = stamps(made, "ATTITUDE") - EVENT
-    is_swinging = (since > 0) & (since < 4 * period)
-    lean = np.radians(angle) * np.sin(2 * np.pi * since / period) * is_swinging
-    made = changed(made, "ATTITUDE", pitch=lean, pitchspeed=np.gradient(lean, since))
-    made = changed(made, "ATTITUDE_TARGET", q=quaternion(0 * lean, lean, 0 * lean))
-    events, ending = judged(made)
+    telemetry = instrumented(mode)
+    elapsed = stamps(telemetry, "ATTITUDE") - EVENT
+    is_swinging = (elapsed > 0) & (elapsed < 4 * period)
+    lean = np.radians(angle) * np.sin(2 * np.pi * elapsed / period) * is_swinging
+    telemetry = changed(telemetry, "ATTITUDE", pitch=lean, pitchspeed=np.gradient(lean, elapsed))
+    telemetry = changed(telemetry, "ATTITUDE_TARGET", q=quaternion(0 * lean, lean, 0 * lean))
+    events, ending = judged(telemetry)
     assert ending is None
     assert (MotionEvent.ATTITUDE_SWUNG in events) is swings
     if swings:
@@ -480,12 +484,12 @@ def test_a_vehicle_that_an_automatic_mode_leans_to_and_fro_swings(mode, angle, p
 
 def test_a_swing_far_from_the_setpoint_is_no_matter_of_the_position_controller():
     """The setpoint stays level, while the vehicle leans by 50° to both sides: that is bad, though it came back."""
-    made = instrumented("Auto")
-    since = stamps(made, "ATTITUDE") - EVENT
-    is_swinging = (since > 0) & (since < 9.6)
-    lean = np.radians(50.0) * np.sin(2 * np.pi * since / 2.4) * is_swinging
-    made = changed(made, "ATTITUDE", pitch=lean, pitchspeed=np.gradient(lean, since))
-    swung = judged(made)[0][MotionEvent.ATTITUDE_SWUNG]
+    telemetry = instrumented("Auto")
+    elapsed = stamps(telemetry, "ATTITUDE") - EVENT
+    is_swinging = (elapsed > 0) & (elapsed < 9.6)
+    lean = np.radians(50.0) * np.sin(2 * np.pi * elapsed / 2.4) * is_swinging
+    telemetry = changed(telemetry, "ATTITUDE", pitch=lean, pitchspeed=np.gradient(lean, elapsed))
+    swung = judged(telemetry)[0][MotionEvent.ATTITUDE_SWUNG]
     assert np.degrees(swung.figures["angle_error"]) == approx(50.0, abs=1.0)
     assert swung.is_bad
     assert "up to 50° beyond its setpoints of the second before" in swung.sentence
@@ -496,12 +500,14 @@ def test_a_swing_far_from_the_setpoint_is_no_matter_of_the_position_controller()
 @mark.parametrize("speed, code", [(0.0, Ending.CONTROL_LOST), (6.0, Ending.CRASHED)])
 def test_a_knock_in_the_air_is_a_contact_only_where_it_takes_the_speed(speed, code):
     """At 10 m a propeller breaks with a knock, or the vehicle flies at 6 m/s against a tree; then it falls."""
-    made = moving(instrumented(), lambda since: falling(np.maximum(since - 0.5, 0)))
-    place = made.messages["LOCAL_POSITION_NED"]
-    made = changed(made, "LOCAL_POSITION_NED", vx=np.where(place["time"] < EVENT + 0.1, speed, 0.0))
-    made = rolled(driven(made, 1000.0, EVENT + 0.6), 110.0, EVENT + 0.1, 0.8)
-    made = knocked(knocked(made, EVENT + 0.1, 90.0), EVENT + 1.93, 60.0)
-    _, ending = judged(made)
+    telemetry = moving(instrumented(), lambda elapsed: falling(np.maximum(elapsed - 0.5, 0)))
+    place = telemetry.messages["LOCAL_POSITION_NED"]
+    telemetry = changed(
+        telemetry, "LOCAL_POSITION_NED", vx=np.where(place["time"] < EVENT + 0.1, speed, 0.0)
+    )
+    telemetry = rolled(driven(telemetry, 1000.0, EVENT + 0.6), 110.0, EVENT + 0.1, 0.8)
+    telemetry = knocked(knocked(telemetry, EVENT + 0.1, 90.0), EVENT + 1.93, 60.0)
+    _, ending = judged(telemetry)
     assert ending.code is code
     assert ending.time == approx(EVENT + 0.1, abs=0.4)
 
@@ -516,12 +522,14 @@ def test_a_hard_landing_upright_is_to_be_watched():
 
 def test_a_setpoint_that_nothing_follows_is_no_tumble():
     """The attitude is 60° from its setpoint, but neither gyro nor height moves."""
-    made = instrumented("Stabilize")
-    targets = made.messages["ATTITUDE_TARGET"]["q"].copy()
-    is_away = stamps(made, "ATTITUDE_TARGET") > EVENT
+    telemetry = instrumented("Stabilize")
+    targets = telemetry.messages["ATTITUDE_TARGET"]["q"].copy()
+    is_away = stamps(telemetry, "ATTITUDE_TARGET") > EVENT
     targets[is_away] = [np.cos(0.5), np.sin(0.5), 0.0, 0.0]
-    made = only(changed(made, "ATTITUDE_TARGET", q=targets), lambda time: time < EVENT + 4.0)
-    events, ending = judged(made)
+    telemetry = only(
+        changed(telemetry, "ATTITUDE_TARGET", q=targets), lambda time: time < EVENT + 4.0
+    )
+    events, ending = judged(telemetry)
     assert ending is None
     lost = events[MotionEvent.ATTITUDE_LOST]
     assert lost.level is Level.WATCH
@@ -529,16 +537,16 @@ def test_a_setpoint_that_nothing_follows_is_no_tumble():
     assert SensorStatement.DID_NOT_ROTATE in witnesses(lost, Side.AGAINST)
 
 
-def without_position(made, seconds):
+def without_position(telemetry, seconds):
     """The estimator has no position for so many seconds."""
-    time = stamps(made, "LOCAL_POSITION_NED")
+    time = stamps(telemetry, "LOCAL_POSITION_NED")
     is_valid = (time < EVENT) | (time > EVENT + seconds)
-    return changed(made, "LOCAL_POSITION_NED", valid=is_valid)
+    return changed(telemetry, "LOCAL_POSITION_NED", valid=is_valid)
 
 
 def test_a_position_that_is_lost_for_long_and_a_blind_land_is_bad():
-    made = in_mode(without_position(instrumented(), 18.0), (EVENT + 1.0, "Land"))
-    lost = judged(made)[0][MotionEvent.POSITION_LOST]
+    telemetry = in_mode(without_position(instrumented(), 18.0), (EVENT + 1.0, "Land"))
+    lost = judged(telemetry)[0][MotionEvent.POSITION_LOST]
     assert lost.level is Level.BAD
     assert (lost.time, lost.figures["duration"]) == approx((EVENT, 18.0), abs=0.3)
     assert SensorStatement.MODE_CHANGED in witnesses(lost, Side.FOR)
@@ -553,22 +561,24 @@ def test_a_position_that_is_lost_for_five_seconds_is_an_event(seconds, is_lost):
 
 
 def test_flags_that_flicker_before_a_loss_do_not_hide_it():
-    made = without_position(instrumented(), 18.0)
-    is_valid = made.messages["LOCAL_POSITION_NED"]["valid"].copy()
-    is_valid[abs(stamps(made, "LOCAL_POSITION_NED") - (EVENT - 2.0)) < 0.5] = False
-    lost = judged(changed(made, "LOCAL_POSITION_NED", valid=is_valid))[0][MotionEvent.POSITION_LOST]
+    telemetry = without_position(instrumented(), 18.0)
+    is_valid = telemetry.messages["LOCAL_POSITION_NED"]["valid"].copy()
+    is_valid[abs(stamps(telemetry, "LOCAL_POSITION_NED") - (EVENT - 2.0)) < 0.5] = False
+    lost = judged(changed(telemetry, "LOCAL_POSITION_NED", valid=is_valid))[0][
+        MotionEvent.POSITION_LOST
+    ]
     assert (lost.time, lost.figures["duration"]) == approx((EVENT, 18.0), abs=0.3)
 
 
 def without_fix(*receivers):
     """The receivers of these messages have no fix for 10 s; no message says what the estimator had."""
-    made = instrumented()
-    time = stamps(made, "LOCAL_POSITION_NED")
+    telemetry = instrumented()
+    time = stamps(telemetry, "LOCAL_POSITION_NED")
     is_lost = (time > EVENT) & (time < EVENT + 10.0)
     for message in ("GPS_RAW_INT", "GPS2_RAW"):
         fix_type = np.where(is_lost & (message in receivers), 1, 3)
-        made = changed(made, message, **columns(time, fix_type=fix_type))
-    return made
+        telemetry = changed(telemetry, message, **columns(time, fix_type=fix_type))
+    return telemetry
 
 
 def test_receivers_without_a_fix_alone_do_not_speak_for_the_estimator():
@@ -582,8 +592,8 @@ def test_a_second_receiver_with_a_fix_holds_the_position():
 
 
 def test_a_crash_that_only_the_autopilot_reports_is_to_be_watched():
-    made = saying(instrumented(), EVENT, "Crash: Disarming")
-    events, ending = judged(made)
+    telemetry = saying(instrumented(), EVENT, "Crash: Disarming")
+    events, ending = judged(telemetry)
     assert ending is None
     assert events[ReportedEvent.CRASH_DETECTED].level is Level.WATCH
     _, ending = judged(saying(impact(), EVENT + 3.0, "Crash: Disarming"))
@@ -592,22 +602,22 @@ def test_a_crash_that_only_the_autopilot_reports_is_to_be_watched():
 
 def test_a_reported_crash_that_no_sensor_could_show_counts():
     sensors = ("ATTITUDE", "LOCAL_POSITION_NED", "SCALED_PRESSURE", "HIGHRES_IMU")
-    made = only(instrumented(), lambda time: time < EVENT - 11.0, *sensors)
-    events, _ = judged(saying(made, EVENT, "Crash: Disarming"))
+    telemetry = only(instrumented(), lambda time: time < EVENT - 11.0, *sensors)
+    events, _ = judged(saying(telemetry, EVENT, "Crash: Disarming"))
     assert events[ReportedEvent.CRASH_DETECTED].level is Level.BAD
 
 
 def bench():
     """Motors run on a bench: nothing rises, nothing turns."""
-    made = instrumented()
-    time = stamps(made, "LOCAL_POSITION_NED")
-    made = changed(made, "LOCAL_POSITION_NED", vz=0.0, z=-0.1 * np.sin(time))
-    return changed(made, "SCALED_PRESSURE", altitude=120.0 + 0.1 * np.sin(time))
+    telemetry = instrumented()
+    time = stamps(telemetry, "LOCAL_POSITION_NED")
+    telemetry = changed(telemetry, "LOCAL_POSITION_NED", vz=0.0, z=-0.1 * np.sin(time))
+    return changed(telemetry, "SCALED_PRESSURE", altitude=120.0 + 0.1 * np.sin(time))
 
 
 def test_what_never_flew_has_no_other_event():
-    made = knocked(bench(), EVENT)
-    events, ending = judged(made)
+    telemetry = knocked(bench(), EVENT)
+    events, ending = judged(telemetry)
     assert ending is None
     assert [code for code in events if isinstance(code, MotionEvent)] == [MotionEvent.NOT_FLOWN]
     assert "barometer stayed within" in events[MotionEvent.NOT_FLOWN].sentence
@@ -633,14 +643,14 @@ def test_an_error_without_a_setpoint_is_stated_as_the_lean():
 
 
 def test_a_lean_that_was_caught_is_stated_whole_where_no_setpoint_was_logged():
-    made = instrumented("Stabilize")
-    since = stamps(made, "ATTITUDE") - EVENT
-    lean = np.radians(70.0) * ((since > 0) & (since < 1.5))
-    made = changed(made, "ATTITUDE", pitch=lean, pitchspeed=np.gradient(lean, since))
+    telemetry = instrumented("Stabilize")
+    elapsed = stamps(telemetry, "ATTITUDE") - EVENT
+    lean = np.radians(70.0) * ((elapsed > 0) & (elapsed < 1.5))
+    telemetry = changed(telemetry, "ATTITUDE", pitch=lean, pitchspeed=np.gradient(lean, elapsed))
     without_setpoint = {
-        name: table for name, table in made.messages.items() if name != "ATTITUDE_TARGET"
+        name: table for name, table in telemetry.messages.items() if name != "ATTITUDE_TARGET"
     }
-    events, _ = judged(replace(made, messages=without_setpoint))
+    events, _ = judged(replace(telemetry, messages=without_setpoint))
     caught = events[MotionEvent.ATTITUDE_CAUGHT]
     assert np.degrees(caught.figures["angle"]) == approx(70.0)
     assert caught.sentence.startswith("The vehicle leant from")

@@ -22,29 +22,29 @@ MOTOR = 1
 """Index of the motor that fails: motor 2, rear left."""
 
 
-def with_speeds(made, speed_of_failing=0.0, rate=10.0):
+def with_speeds(telemetry, speed_of_failing=0.0, rate=10.0):
     """Four controllers measure 5000 1/min in flight; that of motor 2 another speed from ``EVENT`` on."""
-    time = np.arange(0.0, made.messages["ATTITUDE"]["time"][-1], 1 / rate)
-    outputs = made.messages["SERVO_OUTPUT_RAW"]
+    time = np.arange(0.0, telemetry.messages["ATTITUDE"]["time"][-1], 1 / rate)
+    outputs = telemetry.messages["SERVO_OUTPUT_RAW"]
     is_flying = np.interp(time, outputs["time"], outputs["servo1_raw"]) > 1100
     speeds = np.where(is_flying, 5000.0 + np.sin(time), 0.0)[:, None] * np.ones(4)
     failed = (time > EVENT) & is_flying
     speeds[failed, MOTOR] = speed_of_failing
-    return changed(made, "ESC_STATUS", **columns(time, index=0, rpm=speeds))
+    return changed(telemetry, "ESC_STATUS", **columns(time, index=0, rpm=speeds))
 
 
 def lost_motor():
     """The motor stops in a hover; its command rises to the limit, and the vehicle rolls over to its side and falls."""
-    made = moving(instrumented(), lambda since: -GRAVITY * since)
-    outputs = pulses(made)
-    is_lost = made.messages["SERVO_OUTPUT_RAW"]["time"] > EVENT + 0.2
+    telemetry = moving(instrumented(), lambda since: -GRAVITY * since)
+    outputs = pulses(telemetry)
+    is_lost = telemetry.messages["SERVO_OUTPUT_RAW"]["time"] > EVENT + 0.2
     outputs[MOTOR, is_lost] = 1950.0
-    made = rolled(with_pulses(made, outputs), -120.0, EVENT + 0.2, 0.8)
-    return knocked(made, EVENT + 1.43, 150.0)
+    telemetry = rolled(with_pulses(telemetry, outputs), -120.0, EVENT + 0.2, 0.8)
+    return knocked(telemetry, EVENT + 1.43, 150.0)
 
 
-def judged(made):
-    signals = Signals(made, inputs="motors")
+def judged(telemetry):
+    signals = Signals(telemetry, inputs="motors")
     events = motion_events(signals)
     assert all(event.sentence for event in events)
     return {event.code: event for event in events}, ending_of(signals, events)
@@ -110,10 +110,10 @@ def test_a_loss_of_thrust_has_the_speed_of_its_motor_for_or_against_it(speed, co
 
 
 def test_a_motor_that_its_command_slowed_did_not_slow_by_itself():
-    made = with_speeds(instrumented(), 1000.0)
-    outputs = pulses(made)
-    outputs[MOTOR, made.messages["SERVO_OUTPUT_RAW"]["time"] > EVENT] = 1000.0
-    signals = Signals(with_pulses(made, outputs), inputs="motors")
+    telemetry = with_speeds(instrumented(), 1000.0)
+    outputs = pulses(telemetry)
+    outputs[MOTOR, telemetry.messages["SERVO_OUTPUT_RAW"]["time"] > EVENT] = 1000.0
+    signals = Signals(with_pulses(telemetry, outputs), inputs="motors")
     off = Fact(MotionEvent.MOTOR_OFF, time=EVENT, subject="motor 2 (rear left)", boot=0)
     assert not speed_statements(signals, off)
 

@@ -28,43 +28,52 @@ SATURATES = 40.0
 
 def flight(height=10.0):
     """A hover at 10 m, or on a stand that the barometer sees at another height, with setpoints of the attitude."""
-    made = HOVER.telemetry(10.0, 10.0, parameters=X_QUAD_PARAMETERS)
-    time = made.messages["ATTITUDE"]["time"]
+    telemetry = HOVER.telemetry(10.0, 10.0, parameters=X_QUAD_PARAMETERS)
+    time = telemetry.messages["ATTITUDE"]["time"]
     level = quaternion(*3 * [0 * time])
-    made = changed(made, "ATTITUDE_TARGET", **columns(time, **attitude_target(level)))
-    position = made.messages["LOCAL_POSITION_NED"]
+    telemetry = changed(telemetry, "ATTITUDE_TARGET", **columns(time, **attitude_target(level)))
+    position = telemetry.messages["LOCAL_POSITION_NED"]
     share = height / 10.0
     z = share * np.cumsum(position["vz"]) * 0.1
     return changed(
-        made, "LOCAL_POSITION_NED", x=0.0, y=0.0, vx=0.0, vy=0.0, vz=share * position["vz"], z=z
+        telemetry,
+        "LOCAL_POSITION_NED",
+        x=0.0,
+        y=0.0,
+        vx=0.0,
+        vy=0.0,
+        vz=share * position["vz"],
+        z=z,
     )
 
 
-def drifting(made, motor, seconds, highest=2000.0, end_time=np.inf):
+def drifting(telemetry, motor, seconds, highest=2000.0, end_time=np.inf):
     """The output of a motor, from 0, rises over so many seconds to ``SATURATES``, and stays there."""
-    time = made.messages["SERVO_OUTPUT_RAW"]["time"]
-    outputs = pulses(made)
+    time = telemetry.messages["SERVO_OUTPUT_RAW"]["time"]
+    outputs = pulses(telemetry)
     rise = np.clip((time - SATURATES) / seconds + 1, 0, 1) * (time < end_time)
     outputs[motor] = np.where(outputs[motor] > 1000, outputs[motor] + rise * (highest - 1600), 1000)
-    return with_pulses(made, np.minimum(outputs, 2000.0))
+    return with_pulses(telemetry, np.minimum(outputs, 2000.0))
 
 
-def leaning(made, towards, degrees):
+def leaning(telemetry, towards, degrees):
     """The attitude leans from ``SATURATES`` on in the direction ``towards`` (2,), forward and right."""
-    attitude = made.messages["ATTITUDE"]
+    attitude = telemetry.messages["ATTITUDE"]
     lean = np.radians(degrees) * (attitude["time"] > SATURATES)
-    return changed(made, "ATTITUDE", roll=lean * towards[1], pitch=-lean * towards[0])
+    return changed(telemetry, "ATTITUDE", roll=lean * towards[1], pitch=-lean * towards[0])
 
 
-def sinking(made, speed):
+def sinking(telemetry, speed):
     """The vehicle sinks from ``SATURATES`` on."""
-    position = made.messages["LOCAL_POSITION_NED"]
+    position = telemetry.messages["LOCAL_POSITION_NED"]
     vz = np.where(position["time"] > SATURATES, speed, position["vz"])
-    return changed(made, "LOCAL_POSITION_NED", vz=vz, z=position["z"] + np.cumsum(vz > 0) * 0.1)
+    return changed(
+        telemetry, "LOCAL_POSITION_NED", vz=vz, z=position["z"] + np.cumsum(vz > 0) * 0.1
+    )
 
 
-def losses(made, ending=None):
-    signals = Signals(made, inputs="motors")
+def losses(telemetry, ending=None):
+    signals = Signals(telemetry, inputs="motors")
     return saturation_losses(signals, motion_events(signals), ending)
 
 
@@ -79,19 +88,19 @@ def test_a_motor_at_its_limit_to_whose_side_the_vehicle_leans_is_named(motor, se
 
 
 def test_a_loss_over_40_s_is_named_before_the_fall():
-    made = drifting(flight(), 2, 30.0, 2100.0)
-    position = made.messages["LOCAL_POSITION_NED"]
+    telemetry = drifting(flight(), 2, 30.0, 2100.0)
+    position = telemetry.messages["LOCAL_POSITION_NED"]
     vz = np.where(position["time"] > SATURATES, 1.5, position["vz"])
-    [loss] = losses(changed(made, "LOCAL_POSITION_NED", vz=vz))
+    [loss] = losses(changed(telemetry, "LOCAL_POSITION_NED", vz=vz))
     assert loss.subject == NAMES[2]
 
 
 def test_a_limit_that_holds_the_vehicle_is_no_loss():
-    made = drifting(flight(), 1, 2.0, 2100.0)
+    telemetry = drifting(flight(), 1, 2.0, 2100.0)
     assert any(
-        event.code is MotionEvent.MOTOR_AT_ITS_STOP for event in motion_events(Signals(made))
+        event.code is MotionEvent.MOTOR_AT_ITS_STOP for event in motion_events(Signals(telemetry))
     )
-    assert not losses(made)
+    assert not losses(telemetry)
 
 
 def test_a_lean_to_another_side_is_no_loss_of_that_motor():
@@ -99,33 +108,33 @@ def test_a_lean_to_another_side_is_no_loss_of_that_motor():
 
 
 def test_a_limit_just_before_an_impact_is_no_loss():
-    made = leaning(drifting(flight(), 1, 2.0, 2100.0), QUAD[1], 15.0)
+    telemetry = leaning(drifting(flight(), 1, 2.0, 2100.0), QUAD[1], 15.0)
     impact = Fact(Ending.CRASHED, time=SATURATES + 0.5, boot=0)
-    assert not losses(made, impact)
-    assert losses(made, impact.replace(time=SATURATES + 5.0))
+    assert not losses(telemetry, impact)
+    assert losses(telemetry, impact.replace(time=SATURATES + 5.0))
 
 
 def test_a_short_limit_is_no_loss():
-    made = drifting(flight(), 1, 0.5, 2100.0, end_time=SATURATES + 2.0)
-    assert not losses(leaning(made, QUAD[1], 15.0))
+    telemetry = drifting(flight(), 1, 0.5, 2100.0, end_time=SATURATES + 2.0)
+    assert not losses(leaning(telemetry, QUAD[1], 15.0))
 
 
 def test_all_motors_at_their_limit_are_no_loss_of_one():
-    made = flight()
+    telemetry = flight()
     for motor in range(4):
-        made = drifting(made, motor, 2.0, 2100.0)
-    assert not losses(leaning(made, QUAD[1], 15.0))
+        telemetry = drifting(telemetry, motor, 2.0, 2100.0)
+    assert not losses(leaning(telemetry, QUAD[1], 15.0))
 
 
 def test_a_limit_on_a_stand_is_none():
-    made = drifting(flight(height=0.3), 1, 2.0, 2100.0)
-    codes = [event.code for event in motion_events(Signals(made))]
+    telemetry = drifting(flight(height=0.3), 1, 2.0, 2100.0)
+    codes = [event.code for event in motion_events(Signals(telemetry))]
     assert MotionEvent.MOTOR_AT_ITS_STOP not in codes
 
 
 def test_a_diverged_height_explains_every_limit():
-    made = leaning(drifting(flight(), 1, 2.0, 2100.0), QUAD[1], 15.0)
-    signals = Signals(made, inputs="motors")
+    telemetry = leaning(drifting(flight(), 1, 2.0, 2100.0), QUAD[1], 15.0)
+    signals = Signals(telemetry, inputs="motors")
     diverged = Fact(MotionEvent.HEIGHT_DIVERGED, time=30.0, boot=0)
     assert not saturation_losses(signals, [diverged, *motion_events(signals)], None)
 
@@ -151,11 +160,13 @@ def test_a_motor_was_not_at_its_limit_first_after_another_one():
     assert str(ending.figures["cause"]) == f"{NAMES[1].capitalize()} did not hold the vehicle."
 
 
-@mark.parametrize("since, is_named", [(35.0, True), (39.5, False)])
-def test_a_motor_at_its_limit_long_before_all_thrust_was_used_up_is_named(since, is_named):
+@mark.parametrize("limit_time, is_named", [(35.0, True), (39.5, False)])
+def test_a_motor_at_its_limit_long_before_all_thrust_was_used_up_is_named(limit_time, is_named):
     spent = Fact(FailedFirst.THRUST_SPENT_FIRST, time=40.0, share=0.93)
     crashed = Fact(Ending.CRASHED, time=42.0, subject="", cause=spent, word=None, boot=0)
-    limit = Fact(MotionEvent.MOTOR_AT_ITS_STOP, time=since, end_time=41.0, subject=NAMES[0], boot=0)
+    limit = Fact(
+        MotionEvent.MOTOR_AT_ITS_STOP, time=limit_time, end_time=41.0, subject=NAMES[0], boot=0
+    )
     over = limit.replace(subject=NAMES[1], end_time=36.0)
     other_boot = limit.replace(subject=NAMES[2], boot=1)
     ending = with_motors_limited_before(crashed, [limit, over, other_boot])
@@ -177,12 +188,14 @@ def test_a_known_cause_and_an_impact_stay():
 
 
 def test_a_limit_that_began_before_the_record_has_a_duration_but_no_start_in_words():
-    made = flight()
-    outputs = pulses(made)
-    time = made.messages["SERVO_OUTPUT_RAW"]["time"]
+    telemetry = flight()
+    outputs = pulses(telemetry)
+    time = telemetry.messages["SERVO_OUTPUT_RAW"]["time"]
     outputs[1] = np.where(time < 20.0, 2000.0, outputs[1])
     event = next(
-        motor_events(Signals(with_pulses(made, outputs), inputs="motors"), 0, [(-np.inf, np.inf)])
+        motor_events(
+            Signals(with_pulses(telemetry, outputs), inputs="motors"), 0, [(-np.inf, np.inf)]
+        )
     )
     assert event.code is MotionEvent.MOTOR_AT_ITS_STOP and event.start_time == -np.inf
     assert event.figures["duration"] == approx(event.latest_time - time[0])

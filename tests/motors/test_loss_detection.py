@@ -179,12 +179,12 @@ def test_a_change_that_shows_at_an_earlier_heading_names_no_motor(earlier_share,
 def test_no_motor_is_named_before_ten_seconds_were_steady():
     time, commands = flight(1, 60.0, 0.005)
     weak = commands + after(time, 0.12 * np.eye(4)[0])
-    for until in (112.0, 115.0):
-        unknown = np.where(time < until, np.nan, 0.0)
-        turning = np.minimum(time, until)
+    for end_time in (112.0, 115.0):
+        unknown = np.where(time < end_time, np.nan, 0.0)
+        turning = np.minimum(time, end_time)
         for heading in (dict(zip(time, one, strict=True)) for one in (unknown, turning)):
             [alarm] = changes(time, weak, heading.get)
-            assert alarm.time == approx(max(until + 10.0, 122.0), abs=0.6)
+            assert alarm.time == approx(max(end_time + 10.0, 122.0), abs=0.6)
 
 
 @mark.parametrize(

@@ -22,19 +22,19 @@ def flight(drift, satellite_change=0.0, north=0.0, fix_type=3, noise=0.1):
 
     Its altitude changes by ``satellite_change``, m, and it lands ``north`` metres north of the take-off.
     """
-    made = instrumented()
-    time = stamps(made, "SCALED_PRESSURE")
+    telemetry = instrumented()
+    time = stamps(telemetry, "SCALED_PRESSURE")
     share = np.clip((time - 30.0) / 10.0, 0.0, 1.0)
     random = np.random.default_rng(4)
-    true_altitude = made.messages["SCALED_PRESSURE"]["altitude"]
+    true_altitude = telemetry.messages["SCALED_PRESSURE"]["altitude"]
     altitude = true_altitude + drift * share + noise * random.standard_normal(len(time))
-    made = changed(made, "SCALED_PRESSURE", altitude=altitude)
+    telemetry = changed(telemetry, "SCALED_PRESSURE", altitude=altitude)
     satellites = (
         true_altitude + satellite_change * share + noise * random.standard_normal(len(time))
     )
     latitude, longitude = PLACE
     return changed(
-        made,
+        telemetry,
         "GPS_RAW_INT",
         **columns(
             time,
@@ -47,8 +47,8 @@ def flight(drift, satellite_change=0.0, north=0.0, fix_type=3, noise=0.1):
     )
 
 
-def drifts(made):
-    events = motion_events(Signals(made, inputs="motors"))
+def drifts(telemetry):
+    events = motion_events(Signals(telemetry, inputs="motors"))
     return [event for event in events if event.code is MotionEvent.BAROMETER_DRIFTED]
 
 
@@ -61,11 +61,11 @@ def test_a_barometer_that_drifts_in_flight_is_to_be_watched(drift):
 
 
 def test_a_barometer_that_freezes_in_flight_is_not_said_to_drift():
-    made = flight(0.0)
-    time = stamps(made, "SCALED_PRESSURE")
-    altitude = made.messages["SCALED_PRESSURE"]["altitude"]
+    telemetry = flight(0.0)
+    time = stamps(telemetry, "SCALED_PRESSURE")
+    altitude = telemetry.messages["SCALED_PRESSURE"]["altitude"]
     altitude = np.where(time < 40.0, altitude, altitude[np.searchsorted(time, 40.0)])
-    (event,) = drifts(changed(made, "SCALED_PRESSURE", altitude=altitude))
+    (event,) = drifts(changed(telemetry, "SCALED_PRESSURE", altitude=altitude))
     assert event.time == event.figures["frozen_since"] == approx(40.0, abs=1.0)
     assert "has read the same since 40.0 s" in event.sentence
     assert "connection" in event.remedy

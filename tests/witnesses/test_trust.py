@@ -19,45 +19,49 @@ GROUND_PRESSURE = 1000.0
 TAKE_OFF = 6.0
 
 
-def stamps(made, message):
-    return made.messages[message]["time"]
+def stamps(telemetry, message):
+    return telemetry.messages[message]["time"]
 
 
-def height(made):
+def height(telemetry):
     """The height of the hover, m, at the stamps of its position."""
-    place = made.messages["LOCAL_POSITION_NED"]
+    place = telemetry.messages["LOCAL_POSITION_NED"]
     return np.cumsum(-place["vz"]) * 0.1
 
 
 def flight(noise=0.1, true_height=None):
     """A hover at 10 m with barometer, accelerometer and position fix, whose estimates are all true."""
-    made = Hover(sway=0.2).telemetry(20.0, 20.0)
-    time = stamps(made, "LOCAL_POSITION_NED")
+    telemetry = Hover(sway=0.2).telemetry(20.0, 20.0)
+    time = stamps(telemetry, "LOCAL_POSITION_NED")
     random = np.random.default_rng(1)
-    true_height = height(made) if true_height is None else true_height
+    true_height = height(telemetry) if true_height is None else true_height
     altitude = 120.0 + true_height + noise * random.standard_normal(len(time))
-    made = changed(made, "LOCAL_POSITION_NED", x=0.0, y=0.0, vx=0.0, vy=0.0, z=-height(made))
-    made = changed(made, "SCALED_PRESSURE", **columns(time, altitude=altitude))
-    fast = stamps(made, "ATTITUDE")
-    made = changed(made, "HIGHRES_IMU", **columns(fast, xacc=0.0, yacc=0.0, zacc=-9.8))
+    telemetry = changed(
+        telemetry, "LOCAL_POSITION_NED", x=0.0, y=0.0, vx=0.0, vy=0.0, z=-height(telemetry)
+    )
+    telemetry = changed(telemetry, "SCALED_PRESSURE", **columns(time, altitude=altitude))
+    fast = stamps(telemetry, "ATTITUDE")
+    telemetry = changed(telemetry, "HIGHRES_IMU", **columns(fast, xacc=0.0, yacc=0.0, zacc=-9.8))
     # The vehicle sways in the air only.
-    rolls = made.messages["ATTITUDE"]
+    rolls = telemetry.messages["ATTITUDE"]
     in_air = fast > TAKE_OFF
     roll, rate = rolls["roll"] * in_air, rolls["rollspeed"] * in_air
-    made = changed(made, "ATTITUDE", roll=roll, rollspeed=rate)
-    return changed(made, "GPS_RAW_INT", **columns(time, fix_type=3))
+    telemetry = changed(telemetry, "ATTITUDE", roll=roll, rollspeed=rate)
+    return changed(telemetry, "GPS_RAW_INT", **columns(time, fix_type=3))
 
 
-def trust(made):
-    return sensor_trust(Signals(made, inputs="motors"), 0)
+def trust(telemetry):
+    return sensor_trust(Signals(telemetry, inputs="motors"), 0)
 
 
-def bench(made):
+def bench(telemetry):
     """The same log of a vehicle that somebody bolted down: nothing rises, nothing rotates."""
-    time = stamps(made, "LOCAL_POSITION_NED")
+    time = stamps(telemetry, "LOCAL_POSITION_NED")
     random = np.random.default_rng(2)
-    made = changed(made, "SCALED_PRESSURE", altitude=120 + 0.1 * random.standard_normal(len(time)))
-    return changed(made, "ATTITUDE", roll=0.0, rollspeed=0.0)
+    telemetry = changed(
+        telemetry, "SCALED_PRESSURE", altitude=120 + 0.1 * random.standard_normal(len(time))
+    )
+    return changed(telemetry, "ATTITUDE", roll=0.0, rollspeed=0.0)
 
 
 def test_all_sensors_of_a_sound_flight_are_trusted():
@@ -75,33 +79,33 @@ def test_a_barometer_that_jumps_is_not_usable():
 
 
 def test_without_a_barometer_nothing_is_known_of_it():
-    made = flight()
-    made = changed(made, "SCALED_PRESSURE", altitude=0.0)
-    unknown = trust(made)
+    telemetry = flight()
+    telemetry = changed(telemetry, "SCALED_PRESSURE", altitude=0.0)
+    unknown = trust(telemetry)
     assert unknown.is_barometer_usable is None
     assert unknown.is_climb_estimate_sound is None
 
 
 @mark.parametrize("speed, contradicts", [(2.0, False), (3.0, True)])
 def test_an_estimate_that_falls_beside_the_barometer_contradicts_it(speed, contradicts):
-    made = flight()
-    place = made.messages["LOCAL_POSITION_NED"]
+    telemetry = flight()
+    place = telemetry.messages["LOCAL_POSITION_NED"]
     runs_away = (place["time"] > 30.0) & (place["time"] < 34.0)
-    made = changed(made, "LOCAL_POSITION_NED", vz=place["vz"] + speed * runs_away)
-    found = trust(made).height.contradictions
+    telemetry = changed(telemetry, "LOCAL_POSITION_NED", vz=place["vz"] + speed * runs_away)
+    found = trust(telemetry).height.contradictions
     assert len(found) == contradicts
     if contradicts:
         assert found[0] == approx((30.4, 33.6), abs=0.8)
 
 
 def test_a_contradiction_is_dated_to_its_beginning_under_power():
-    made = flight()
-    place = made.messages["LOCAL_POSITION_NED"]
+    telemetry = flight()
+    place = telemetry.messages["LOCAL_POSITION_NED"]
     before_take_off = place["time"] < 4.0
     in_flight = (place["time"] > 30.0) & (place["time"] < 38.0)
     runs_away = before_take_off | in_flight
-    made = changed(made, "LOCAL_POSITION_NED", vz=place["vz"] + 4.0 * runs_away)
-    sensors = trust(made)
+    telemetry = changed(telemetry, "LOCAL_POSITION_NED", vz=place["vz"] + 4.0 * runs_away)
+    sensors = trust(telemetry)
     assert sensors.height.contradictions[0][0] < 4.0
     (check,) = [check for check in sensors.checks if check.code is TrustCheck.BAROMETER]
     assert check.level == "watch"
@@ -109,13 +113,13 @@ def test_a_contradiction_is_dated_to_its_beginning_under_power():
 
 
 def test_a_height_that_ran_away_gives_way_to_the_barometer():
-    made = flight()
-    z = np.where(stamps(made, "LOCAL_POSITION_NED") > 30.0, 3000.0, -height(made))
-    signals = Signals(changed(made, "LOCAL_POSITION_NED", z=z), inputs="motors")
+    telemetry = flight()
+    z = np.where(stamps(telemetry, "LOCAL_POSITION_NED") > 30.0, 3000.0, -height(telemetry))
+    signals = Signals(changed(telemetry, "LOCAL_POSITION_NED", z=z), inputs="motors")
     trusted = trusted_height(signals, 0, TAKE_OFF)
     assert trusted.source == "barometer"
     assert trusted.series.values.max() == approx(10.0, abs=0.5)
-    sound = trusted_height(Signals(made, inputs="motors"), 0, TAKE_OFF)
+    sound = trusted_height(Signals(telemetry, inputs="motors"), 0, TAKE_OFF)
     assert sound.source == "estimate"
 
 
@@ -129,25 +133,25 @@ def test_heights_above_each_of_many_take_offs_take_no_memory():
 
 @mark.parametrize("gravity, is_sound", [(9.4, True), (8.2, False)])
 def test_an_accelerometer_must_measure_gravity_at_rest(gravity, is_sound):
-    made = changed(flight(), "HIGHRES_IMU", zacc=-gravity)
-    assert trust(made).accelerometer.gravity_at_rest == approx(gravity)
-    assert trust(made).is_accelerometer_sound is is_sound
+    telemetry = changed(flight(), "HIGHRES_IMU", zacc=-gravity)
+    assert trust(telemetry).accelerometer.gravity_at_rest == approx(gravity)
+    assert trust(telemetry).is_accelerometer_sound is is_sound
 
 
 def test_a_receiver_without_satellites_gives_no_position():
-    made = changed(flight(), "GPS_RAW_INT", fix_type=1)
-    assert trust(made).has_position_fix is False
-    assert trust(made).position.fix_share == 0
+    telemetry = changed(flight(), "GPS_RAW_INT", fix_type=1)
+    assert trust(telemetry).has_position_fix is False
+    assert trust(telemetry).position.fix_share == 0
 
 
 @mark.parametrize("gain, answers", [(0.9, True), (0.0, False)])
 def test_roll_answers_its_setpoint_or_not(gain, answers):
-    made = flight()
-    time = stamps(made, "ATTITUDE")
+    telemetry = flight()
+    time = stamps(telemetry, "ATTITUDE")
     wanted = 0.3 * np.sin(0.7 * time)
-    made = asking(made, time, 7, None, wanted)
-    made = changed(made, "ATTITUDE", roll=gain * 0.3 * np.sin(0.7 * (time - 0.2)))
-    assert trust(made).attitude_follows_setpoint is answers
+    telemetry = asking(telemetry, time, 7, None, wanted)
+    telemetry = changed(telemetry, "ATTITUDE", roll=gain * 0.3 * np.sin(0.7 * (time - 0.2)))
+    assert trust(telemetry).attitude_follows_setpoint is answers
 
 
 def test_two_witnesses_against_a_flight_make_a_bench_run():
@@ -159,9 +163,11 @@ def test_two_witnesses_against_a_flight_make_a_bench_run():
 
 
 def test_one_witness_against_a_flight_leaves_it_undecided():
-    made = flight()
-    made = changed(made, "SCALED_PRESSURE", **bench(made).messages["SCALED_PRESSURE"])
-    undecided = trust(made)
+    telemetry = flight()
+    telemetry = changed(
+        telemetry, "SCALED_PRESSURE", **bench(telemetry).messages["SCALED_PRESSURE"]
+    )
+    undecided = trust(telemetry)
     assert undecided.flew is None
     # The flight is judged as one, so that the table calls it assumed.
     name, answer, reason = trust_table([undecided]).rows[0]
@@ -170,33 +176,33 @@ def test_one_witness_against_a_flight_leaves_it_undecided():
 
 
 def test_an_estimate_that_rises_on_a_bench_is_outvoted():
-    made = bench(flight())
-    time = stamps(made, "ATTITUDE")
-    made = asking(made, time, 7, None, 0.3 * np.sin(0.7 * time))
-    made = changed(made, "SCALED_PRESSURE", altitude=0.0)
-    assert trust(made).flew is False
+    telemetry = bench(flight())
+    time = stamps(telemetry, "ATTITUDE")
+    telemetry = asking(telemetry, time, 7, None, 0.3 * np.sin(0.7 * time))
+    telemetry = changed(telemetry, "SCALED_PRESSURE", altitude=0.0)
+    assert trust(telemetry).flew is False
 
 
 def test_a_still_hover_that_rose_was_flown():
-    made = flight()
-    made = changed(made, "ATTITUDE", roll=0.0, rollspeed=0.0)
-    assert trust(made).flew
+    telemetry = flight()
+    telemetry = changed(telemetry, "ATTITUDE", roll=0.0, rollspeed=0.0)
+    assert trust(telemetry).flew
 
 
 def test_motors_that_never_ran_decide_nothing():
-    made = flight()
-    idle = np.full((4, len(stamps(made, "SERVO_OUTPUT_RAW"))), 1000.0)
-    never_ran = trust(with_pulses(made, idle))
+    telemetry = flight()
+    idle = np.full((4, len(stamps(telemetry, "SERVO_OUTPUT_RAW"))), 1000.0)
+    never_ran = trust(with_pulses(telemetry, idle))
     assert never_ran.flew is None
     assert trust_table([never_ran]).rows[0][1] == "not known"
 
 
 def test_pressure_becomes_altitude_by_the_standard_atmosphere():
-    made = flight()
-    time = stamps(made, "LOCAL_POSITION_NED")
+    telemetry = flight()
+    time = stamps(telemetry, "LOCAL_POSITION_NED")
     pressure = np.linspace(GROUND_PRESSURE, 0.99 * GROUND_PRESSURE, len(time))
-    messages = {**made.messages, "SCALED_PRESSURE": columns(time, press_abs=pressure)}
-    altitude = barometer_altitude(Signals(type(made)(1, 1, "QUADROTOR", "PX4", messages)))
+    messages = {**telemetry.messages, "SCALED_PRESSURE": columns(time, press_abs=pressure)}
+    altitude = barometer_altitude(Signals(type(telemetry)(1, 1, "QUADROTOR", "PX4", messages)))
     assert np.ptp(altitude.values) == approx(84.0, abs=1.0)
 
 
@@ -210,24 +216,27 @@ def test_pressure_becomes_altitude_by_the_standard_atmosphere():
     ],
 )
 def test_the_stick_is_the_travel_of_its_channel(parameters, stick):
-    made = Hover().telemetry(20.0, 20.0, parameters=parameters)
-    time = stamps(made, "ATTITUDE")
-    made = changed(made, "RC_CHANNELS", **columns(time, chan1_raw=1200, chan3_raw=1600))
-    assert throttle_stick(Signals(made)).values == approx(stick)
+    telemetry = Hover().telemetry(20.0, 20.0, parameters=parameters)
+    time = stamps(telemetry, "ATTITUDE")
+    telemetry = changed(telemetry, "RC_CHANNELS", **columns(time, chan1_raw=1200, chan3_raw=1600))
+    assert throttle_stick(Signals(telemetry)).values == approx(stick)
 
 
 def test_a_receiver_without_signal_has_no_stick():
-    made = Hover().telemetry(20.0, 20.0)
-    time = stamps(made, "ATTITUDE")
+    telemetry = Hover().telemetry(20.0, 20.0)
+    time = stamps(telemetry, "ATTITUDE")
     assert (
-        throttle_stick(Signals(changed(made, "RC_CHANNELS", **columns(time, chan3_raw=0)))) is None
+        throttle_stick(Signals(changed(telemetry, "RC_CHANNELS", **columns(time, chan3_raw=0))))
+        is None
     )
 
 
 def test_the_stick_of_manual_control_counts_in_thousandths():
-    made = Hover().telemetry(20.0, 20.0)
-    made = changed(made, "MANUAL_CONTROL", **columns(stamps(made, "ATTITUDE"), z=250))
-    assert throttle_stick(Signals(made)).values == approx(0.25)
+    telemetry = Hover().telemetry(20.0, 20.0)
+    telemetry = changed(
+        telemetry, "MANUAL_CONTROL", **columns(stamps(telemetry, "ATTITUDE"), z=250)
+    )
+    assert throttle_stick(Signals(telemetry)).values == approx(0.25)
 
 
 def test_the_checks_of_a_sound_flight_answer_yes_or_that_too_little_was_asked():
@@ -258,22 +267,22 @@ def test_a_bench_run_has_no_flight_and_each_boot_rows_of_its_own():
 
 
 def test_nothing_recorded_is_not_known():
-    made = Hover().telemetry(20.0, 20.0, without=("LOCAL_POSITION_NED", "SERVO_OUTPUT_RAW"))
-    levels = [check.level for check in trust(made).checks]
+    telemetry = Hover().telemetry(20.0, 20.0, without=("LOCAL_POSITION_NED", "SERVO_OUTPUT_RAW"))
+    levels = [check.level for check in trust(telemetry).checks]
     assert levels == 7 * ["unknown"]
-    assert all(check.sentence for check in trust(made).checks)
+    assert all(check.sentence for check in trust(telemetry).checks)
 
 
 def test_rates_that_are_sampled_too_slowly_confirm_and_contradict_nothing():
-    made = flight()
-    time = stamps(made, "ATTITUDE")
+    telemetry = flight()
+    time = stamps(telemetry, "ATTITUDE")
     fast_turns = 0.3 * np.sin(2 * np.pi * 9.3 * time)
     rates = 0.3 * 2 * np.pi * 9.3 * np.cos(2 * np.pi * 9.3 * time)
-    made = changed(made, "ATTITUDE", roll=fast_turns, rollspeed=rates)
-    assert trust(made).gyro_agrees is None
+    telemetry = changed(telemetry, "ATTITUDE", roll=fast_turns, rollspeed=rates)
+    assert trust(telemetry).gyro_agrees is None
 
 
 def test_a_gyro_that_turns_the_other_way_disagrees():
-    made = flight()
-    rate = made.messages["ATTITUDE"]["rollspeed"]
-    assert trust(changed(made, "ATTITUDE", rollspeed=-rate)).gyro_agrees is False
+    telemetry = flight()
+    rate = telemetry.messages["ATTITUDE"]["rollspeed"]
+    assert trust(changed(telemetry, "ATTITUDE", rollspeed=-rate)).gyro_agrees is False

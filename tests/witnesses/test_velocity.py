@@ -13,8 +13,10 @@ def stopped_within(seconds, rate):
     """Whether a loss of 2 m/s within so many seconds is a stop, in a stream of this rate, Hz."""
     time = np.arange(0.0, 60.0, 1 / rate)
     north = np.interp(time, [EVENT - seconds / 2, EVENT + seconds / 2], [2.0, 0.0])
-    made = changed(instrumented(), "LOCAL_POSITION_NED", **columns(time, vx=north, vy=0.0, vz=0.0))
-    return stopped_at(Signals(made, inputs="motors"), 0, EVENT)
+    telemetry = changed(
+        instrumented(), "LOCAL_POSITION_NED", **columns(time, vx=north, vy=0.0, vz=0.0)
+    )
+    return stopped_at(Signals(telemetry, inputs="motors"), 0, EVENT)
 
 
 @mark.parametrize("seconds, has_stopped", [(0.2, True), (1.0, False)])
