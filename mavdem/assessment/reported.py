@@ -34,12 +34,16 @@ from mavdem.facts import Fact, Facts, Level
 from mavdem.facts.events import ReportedEvent
 from mavdem.ingest.motors import POSSIBLE_MULTIROTORS
 from mavdem.ingest.vocabulary import OFF_GROUND
+from mavdem.physical_constants import GRAVITY
 from mavdem.witnesses.boot_sensors import BootSensors
 from mavdem.witnesses.height import trusted_height_at
 
 MAX_TOUCH_DOWN_DROP = 3.0
 """Height, m, by which a vehicle that has landed may still seem to sink: a choice, beyond the barometer's error in the
 downwash over the ground. One that sinks farther had its motors stopped in the air."""
+
+MAX_SINK_RATE = 15.0
+"""Speed downward, m/s, beyond which no multirotor descends before its motors stop: racing quadrotors dive as fast."""
 
 FAILSAFE_TRIGGERS = (
     ReportedEvent.BATTERY_WARNED,
@@ -419,8 +423,11 @@ def has_sunk_after(signals: Signals, boot: int, flight_interval: TimeInterval) -
         return False
     end_height = np.interp(end, height.time, height.values)
     is_after = in_intervals(height.time, [(end, end + RECOVERY_SECONDS)])
-    lowest_height = height.values[is_after].min(initial=end_height)
-    return bool(end_height - lowest_height > MAX_TOUCH_DOWN_DROP)
+    seconds = height.time[is_after] - end
+    drops = end_height - height.values[is_after]
+    # A height from which nothing can have fallen so soon is no measurement.
+    is_possible = drops <= MAX_SINK_RATE * seconds + GRAVITY / 2 * seconds**2 + MAX_TOUCH_DOWN_DROP
+    return bool(drops[is_possible].max(initial=0.0) > MAX_TOUCH_DOWN_DROP)
 
 
 def _mode_changes(signals: Signals, recorded_part: Segment) -> Iterator[Fact]:

@@ -59,7 +59,7 @@ MIN_FALL_TILT = np.deg2rad(60)
 MAX_LATE_TAKE_OFF = 3.0
 """Time from the beginning, s, within which motors that run were never stopped: a choice; arming takes longer."""
 
-_WATCHDOG_TEXT = re.compile(r"^WDG\b|watchdog reset", re.IGNORECASE)
+_WATCHDOG_TEXT = re.compile(r"^WDG: T-?\d|watchdog reset", re.IGNORECASE)
 """Texts that report a watchdog reset in words."""
 
 _INTERNAL_ERROR_TEXT = re.compile(r"internal errors?\W+0x([0-9a-f]+)\b", re.IGNORECASE)

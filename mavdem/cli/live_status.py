@@ -101,12 +101,15 @@ class StatusLines:
         vehicle_line = escape_unprintable(vehicle_text(status))
         verdict = escape_unprintable(" ".join(verdict_lines(judgement)))
         obstacle = status.obstacle
-        if obstacle is not None and judgement.headline == obstacle:
-            # The headline in ``verdict`` states this reason already, and mostly its remedy.
-            sentences.remove(escape_unprintable(obstacle.advised))
+        if obstacle is not None:
+            # What the verdict states, and what to do about it, is not said twice.
+            advised = escape_unprintable(obstacle.advised)
             remedy = escape_unprintable(obstacle.remedy)
-            if remedy not in verdict:
-                sentences.append(remedy)
+            if judgement.headline == obstacle:
+                sentences[sentences.index(advised)] = "" if remedy in verdict else remedy
+            elif remedy in verdict:
+                sentences[sentences.index(advised)] = escape_unprintable(obstacle.sentence)
+        sentences = [text for text in sentences if text and text not in verdict]
         if self._terminal_text is None:
             self._print_new(status, [vehicle_line, *sentences, verdict])
             return
@@ -166,9 +169,13 @@ class StatusLines:
             return
         self._printed_state = state
         self._print_time = now
+        # Why learning waits was said when that began.
+        told = (
+            () if status.obstacle is None else (status.obstacle.sentence, status.obstacle.advised)
+        )
+        told_texts = {escape_unprintable(text) for text in told}
         *first_sentences, verdict = sentences
-        # Sentences that the headline or the next step contains are not repeated.
-        printed_sentences = [text for text in first_sentences if text not in verdict] + [verdict]
+        printed_sentences = [text for text in first_sentences if text not in told_texts] + [verdict]
         if is_new:
             printed_sentences = sentences[:2]
             if status.delay_fact is not None:

@@ -251,9 +251,11 @@ class SessionStatus(ImmutableResult):
                 return _headed_by(bad_lights[0], lights)
             return Judgement(headline, next_step, lights)
         has_judged_light = any(name in lights_without_model for name in VEHICLE_LIGHTS)
-        if self.model_judgement is None and has_judged_light and self._is_received:
+        # Once the session is over, that nothing comes any more says nothing of the flight.
+        is_shown = self._is_received or self.is_over
+        if self.model_judgement is None and has_judged_light and is_shown:
             headline = headline_by_lights(lights)
-            if headline.warns:
+            if headline.warns or not self._is_received:
                 return _headed_by(headline, lights)
             # The next step stays, since it says what has to happen before a model can be learned.
             return Judgement(headline, next_step, lights)

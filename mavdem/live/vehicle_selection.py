@@ -1,7 +1,7 @@
 """The MAVLink components on a link, which of them are vehicles, and which vehicle is followed.
 
-Once a vehicle is selected, it stays. The latest HEARTBEAT of a component decides what it is. What is kept of each
-component is bounded.
+Once a vehicle is selected, it stays. The latest HEARTBEAT of a component says what it is, but a multirotor stays one.
+What is kept of each component is bounded.
 """
 
 from collections import Counter
@@ -52,7 +52,7 @@ class Component:
         system: its system id.
         component: its component id.
         name: both, "system:component".
-        vehicle_type: name of the MAV_TYPE in its latest HEARTBEAT.
+        vehicle_type: name of the MAV_TYPE in its latest HEARTBEAT, or in the latest one of a multirotor.
         autopilot: name of the MAV_AUTOPILOT in its latest HEARTBEAT.
         attitude_count: number of its messages of attitude.
         frame_count: number of its frames, undecoded ones and copies included.
@@ -205,7 +205,10 @@ class Component:
                 self.parameters_version += 1
         elif message.name == "HEARTBEAT":
             self._heartbeat_count += 1
-            self.vehicle_type = enum_name("MAV_TYPE", message.values[0])
+            vehicle_type = enum_name("MAV_TYPE", message.values[0])
+            # What has said that it is a multirotor stays one: a HEARTBEAT of another type is damaged or not its own.
+            if self.vehicle_type not in MULTIROTORS or vehicle_type in MULTIROTORS:
+                self.vehicle_type = vehicle_type
             self.autopilot = enum_name("MAV_AUTOPILOT", message.values[1])
 
 

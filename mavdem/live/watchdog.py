@@ -71,6 +71,14 @@ LIGHTS = {
 }
 """The light that shows what is wrong with each thing that is watched."""
 
+PRESENT_FAULTS = (
+    WatchedQuantity.OSCILLATION,
+    WatchedQuantity.MOTOR_LIMITS,
+    WatchedQuantity.VIBRATION,
+    WatchedQuantity.TRACKING,
+)
+"""Faults of the moment: once one is over in flight, its light says so. Other facts state when they were."""
+
 OPEN_LOSSES = (Ending.CONTROL_LOST, WatchFact.STOPPED_IN_AIR)
 """Losses in the air, of which it is not known yet how the vehicle met the ground."""
 
@@ -780,7 +788,7 @@ class Watchdog:
                         worst_fact_of_light is not None
                         and worst_fact_of_light.code is ended_alarm.code
                     )
-                    if is_of_alarm:
+                    if is_of_alarm and review.is_flying and kind in PRESENT_FAULTS:
                         self.worst_lights[light] = end.replace(ended_alarm.level)
                 if kind is WatchedQuantity.CONTROL:
                     self.loss = None

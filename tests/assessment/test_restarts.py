@@ -75,6 +75,13 @@ def test_a_watchdog_reset_on_the_ground_is_none_in_flight():
     assert not restart_events(with_texts(still, b"PreArm: Internal errors (0x2)"))
 
 
+def test_other_words_on_a_watchdog_are_no_reset():
+    fallen = with_texts(falling(20.0, tumbling=False), b"wdg ok, no reset")
+    assert not restart_events(fallen)
+    codes = {event.code for event in reported_events(Signals(fallen))}
+    assert ReportedEvent.AUTOPILOT_ERROR not in codes
+
+
 def test_words_that_look_like_hexadecimal_numbers_are_no_reset():
     fallen = falling(20.0, tumbling=False)
     assert not restart_events(with_texts(fallen, b"Internal error: feed failed"))

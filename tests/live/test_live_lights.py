@@ -6,9 +6,10 @@ from pytest import fixture, mark
 
 from mavdem.dataset.segment_learnability import slow_streams
 from mavdem.facts import Fact, Level
-from mavdem.facts.assessment import NextStep
+from mavdem.facts.assessment import Headline, NextStep
 from mavdem.facts.lights import Light, Unjudged
 from mavdem.facts.motors import MotorsLight
+from mavdem.facts.power import PowerLight
 from mavdem.facts.session import LinkFact, MissingMessages, RowsFact, SessionFact
 from mavdem.facts.watch import WatchedQuantity, WatchFact
 from mavdem.live.session_status import SessionStatus
@@ -106,6 +107,15 @@ def test_in_flight_a_silent_link_is_what_to_look_after(slow, silence):
     silent = replace(slow, obstacle=silence, model_judgement=judged).overall_judgement
     assert silent.headline == silence
     assert silent.next_step.figures["reason"] == silence
+
+
+def test_once_the_session_is_over_a_silent_link_is_not_what_the_flight_showed(slow):
+    silence = Fact(RowsFact.NOTHING_RECEIVED, subject=MissingMessages.MESSAGES, duration=3.0)
+    power = {Light.POWER: Fact(PowerLight.BATTERY_HELD, Level.GOOD)}
+    over = replace(slow, obstacle=silence, is_flying=False, is_over=True, worst_lights=power)
+    judgement = over.overall_judgement
+    assert judgement.headline.code is Headline.NOTHING_WRONG
+    assert judgement.next_step.figures.get("reason") != silence
 
 
 def test_the_first_line_says_mode_arming_battery_and_the_age_of_the_last_message(slow):

@@ -39,6 +39,12 @@ def test_parameters_are_decoded_again_only_when_another_comes():
     assert stream.parameters == {"A": 2.0, "B": 3.0}
 
 
+def test_a_multirotor_stays_one_whatever_a_later_heartbeat_says():
+    stream = replay(only_heartbeats()).stream
+    replay([(13.0, heartbeat(kind=1))], stream)
+    assert stream.followed_vehicle.vehicle_type == "QUADROTOR"
+
+
 @mark.slow
 def test_the_only_one_is_followed_beside_ground_station_gimbal_and_plane():
     others = [

@@ -44,6 +44,9 @@ MIN_VOLTAGE_STEP = 1e-3
 MAX_SAG = 0.5
 """Share of a battery's voltage that its resistance takes at most: beyond it, more than half of the power heats it."""
 
+PX4_LOW_CHARGE = 0.15
+"""Share of the full charge below which PX4 warns: the default of BAT_LOW_THR."""
+
 BATTERY_REPORTS = {
     ReportedEvent.BATTERY_WARNED,
     ReportedEvent.BATTERY_ALARMED,
@@ -269,7 +272,8 @@ def _battery_charges(evidence: Evidence, batteries: Sequence[Battery]) -> Iterat
     """Yields a fact for each battery whose charge fell below PX4's parameter BAT_LOW_THR in flight.
 
     The autopilot estimates the remaining charge in percent. It is averaged over 2 s, and compared with the parameter as
-    a share of the full charge. Vehicles without that parameter are not judged by their charge.
+    a share of the full charge, or with its default. Other autopilots have no such parameter and are not judged by their
+    charge.
 
     Args:
         evidence: signals, events and measurements of the vehicle.
@@ -278,7 +282,9 @@ def _battery_charges(evidence: Evidence, batteries: Sequence[Battery]) -> Iterat
     Yields:
         Facts with the lowest charge as ``share`` of the full one, and the parameter as ``share_limit``.
     """
-    low_share = evidence.signals.telemetry.parameters.get("BAT_LOW_THR", 0.0)
+    telemetry = evidence.signals.telemetry
+    default_share = PX4_LOW_CHARGE if telemetry.autopilot == "PX4" else 0.0
+    low_share = telemetry.parameters.get("BAT_LOW_THR", default_share)
     has_several = len(evidence.signals.batteries) > 1
     for battery in batteries:
         percent = evidence.averages_in_flight(battery.charge)

@@ -650,7 +650,6 @@ def live_page(
         judgement.lights,
         page_events,
         timeline,
-        vehicle=status.vehicle or "",
         light_anchors=_live_anchors(timeline, chapters),
         timeline_title="What happened" if status.is_over else "What happens, the newest first",
         has_log=False,
@@ -661,6 +660,8 @@ def live_page(
     flight_conclusion = conclusion(judgement)
     summary = [flight_conclusion.headline, flight_conclusion.next_step]
     subtitle = f"What {axis} did, learned and predicted while it flew."
+    if status.vehicle is not None:
+        subtitle = f"Vehicle {status.vehicle}. {subtitle}"
     if not status.is_over:
         subtitle = f"{vehicle_text(status)} As of {strftime('%H:%M:%S')}."
         if status.delay_fact is not None:

@@ -180,7 +180,7 @@ class PageEvent(NamedTuple):
 
 
 class Head(NamedTuple):
-    """The top of a flight's page: level, lights, events, timeline and vehicle."""
+    """The top of a flight's page: level, lights, events and timeline."""
 
     level: Level
     """Level of the headline, by which the page colours it."""
@@ -196,9 +196,6 @@ class Head(NamedTuple):
 
     analysis: LogAnalysis | None = None
     """Analysis whose vehicle, date and duration are shown; None where the log holds no flight, or of a live one."""
-
-    vehicle: str = ""
-    """Name of the vehicle, where there is no analysis."""
 
     light_anchors: Mapping[str, str] = MappingProxyType({})
     """Name of the part of the page on each light, by the light; a light without a part is left out."""
