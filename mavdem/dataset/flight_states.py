@@ -37,31 +37,12 @@ MANUAL_THROTTLE_MODES = frozenset(
 """Modes of ArduPilot and PX4 in which the stick is the thrust, so that no estimate of the height is followed."""
 
 POSITION_CONTROL_MODES = frozenset(
-    {
-        "Auto",
-        "Auto rtl",
-        "Avoid adsb",
-        "Brake",
-        "Circle",
-        "Follow",
-        "Guided",
-        "Land",
-        "Loiter",
-        "Poshold",
-        "RTL",
-    }
-    | {
-        "Smart rtl",
-        "Zigzag",
-        "Position",
-        "Position slow",
-        "Mission",
-        "Hold",
-        "Return",
-        "Takeoff",
-        "Descend",
-    }
-    | {"Precision landing", "Orbit", "Follow target", "Offboard"}
+    # ArduPilot
+    ("Auto", "Auto rtl", "Avoid adsb", "Brake", "Circle", "Follow", "Guided", "Land", "Loiter")
+    + ("Poshold", "RTL", "Smart rtl", "Zigzag")
+    # PX4
+    + ("Descend", "Follow target", "Hold", "Land", "Mission", "Offboard", "Orbit", "Position")
+    + ("Position slow", "Precision landing", "Return", "Takeoff")
 )
 """Modes of ArduPilot and PX4 in which a controller of position or velocity determines how the vehicle leans.
 
