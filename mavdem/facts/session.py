@@ -143,6 +143,8 @@ class SessionFact(Code):
     COMPUTER_KEEPS_UP = "computer_keeps_up"
     ESTIMATES_LATE = "estimates_late"
     COMPUTER_TOO_SLOW = "computer_too_slow"
+    SETTLED_TOO_SHORT = "settled_too_short"
+    FIT_UNFINISHED = "fit_unfinished"
     SECONDS_SPENT = "seconds_spent"
     WIND_KNOWN = "wind_known"
     WIND_SPEED = "wind_speed"

@@ -42,6 +42,9 @@ class Milestones:
         self.margins_follow = False
         self._has_model = False
         self._has_parameters = False
+        # Whether the vehicle has flown since a flight was reported last, and why there was no wind in that flight.
+        self._has_flown = False
+        self._wind_obstacle: Fact | None = None
         # Whether the vehicle flew at the latest update; when the flight ended that is not reported yet, s of the boot
         # clock; how many rows had been learned from at the last report of a flight; and the mean wind of the flight.
         self._was_flying = False
@@ -74,7 +77,7 @@ class Milestones:
         """Reports two milestones as they are reached; it is called once in a status period.
 
         The first is that physical parameters with an identifiable control effectiveness are known. The second, at each
-        landing, is what the flight has shown, provided that rows were learned from since the last such report. A
+        landing, is what the flight has shown, or why it has shown nothing. A
         vehicle whose motors were stopped in the air has not landed: what it showed is reported once it is lost.
 
         Args:
@@ -89,6 +92,8 @@ class Milestones:
             self._log(Fact(SessionFact.PARAMETERS_KNOWN, axis=self._axis, **figures))
         if status.is_flying:
             self._unreported_end = None
+            self._has_flown = True
+            self._wind_obstacle = status.wind_obstacle
             # The mean wind is stored, since a restart of the autopilot after the landing resets that of the status.
             self._mean_wind = status.mean_wind
         elif self._was_flying:
@@ -125,7 +130,7 @@ class Milestones:
     ) -> None:
         """Reports what the flight has shown: physical parameters, margins, wind, and how late estimates came.
 
-        Nothing is reported if no row has been learned from since the last report.
+        Nothing is reported if the vehicle has not flown, and no row has been learned from, since the last report.
 
         Args:
             learning: counts the rows that were learned from, and has the unit of the inputs.
@@ -133,8 +138,9 @@ class Milestones:
             now: present time on the boot clock, s.
             physical: the latest physical parameters; None without any.
         """
-        if learning.learned_rows <= self._reported_rows:
+        if learning.learned_rows <= self._reported_rows and not self._has_flown:
             return
+        self._has_flown = False
         self._reported_rows = learning.learned_rows
         margins = status.overall_judgement.lights.get(Light.MARGINS)
         wind = status.mean_wind or self._mean_wind
@@ -150,6 +156,8 @@ class Milestones:
                 margins_follow=self.margins_follow,
                 **_margin_figures(margins),
                 reason=() if wind is None else wind.facts,
+                shortfall=None if physical is not None else status.shortfall,
+                wind_obstacle=None if wind is not None else self._wind_obstacle,
                 delay=delay if isfinite(delay) else None,
                 **_parameter_figures(learning, physical),
             )

@@ -6,6 +6,7 @@ view's own queue. What is received is recorded first, and waits for its analysis
 
 from collections.abc import Callable, Hashable, Sequence
 from concurrent.futures import Executor
+from dataclasses import replace
 from math import inf
 
 from mavdem.dem import Estimate, Learned, Settings
@@ -45,6 +46,7 @@ from mavdem.live.status_report import StatusReport
 from mavdem.live.stream import LiveStream
 from mavdem.live.time_account import TimeAccount
 from mavdem.live.vehicle_selection import Component
+from mavdem.plant.online_wind_torque import FIRST_FIT_SECONDS
 
 OBSTACLES_TO_ROWS = (
     RowsFact.NO_LIVE_ATTITUDE,
@@ -415,7 +417,7 @@ class LiveSession:
     @property
     def status(self) -> SessionStatus:
         """The status as of now."""
-        return self._report.status
+        return replace(self._report.status, shortfall=self._shortfall())
 
     def time_account(self) -> dict[TimeUse, float]:
         """Returns the seconds of the session by what they were spent on; their sum is its age."""
@@ -439,15 +441,43 @@ class LiveSession:
         try:
             return self._learning.final_model(self.stream.parameters)
         except NotLearnable as refusal:
-            if self._postponed_rows <= self._learning.learned_rows:
+            if not self._is_computer_too_slow:
                 raise
-            raise NotLearnable(
-                Fact(
-                    SessionFact.COMPUTER_TOO_SLOW,
-                    count=self._postponed_rows,
-                    samples=self._postponed_rows + self._learning.learned_rows,
-                )
-            ) from refusal
+            raise NotLearnable(self._too_slow_fact) from refusal
+
+    @property
+    def _is_computer_too_slow(self) -> bool:
+        """Whether this computer had no time to learn from most rows of free flight."""
+        return self._postponed_rows > self._learning.learned_rows
+
+    @property
+    def _too_slow_fact(self) -> Fact:
+        """That this computer had no time to learn from so many rows."""
+        return Fact(
+            SessionFact.COMPUTER_TOO_SLOW,
+            count=self._postponed_rows,
+            samples=self._postponed_rows + self._learning.learned_rows,
+        )
+
+    def _shortfall(self) -> Fact | None:
+        """Returns why there are no physical parameters of the flight so far; None if there are, or without a row."""
+        learning = self._learning
+        if learning.learner is None:
+            return self._rows_obstacle
+        if learning.estimate is not None and learning.estimate.physical is not None:
+            return None
+        if self._is_computer_too_slow:
+            return self._too_slow_fact
+        if learning.row_format is None or not learning.learned_rows:
+            return None
+        learned_seconds = learning.learned_rows * learning.row_format.dt
+        if learned_seconds < FIRST_FIT_SECONDS:
+            return Fact(
+                SessionFact.SETTLED_TOO_SHORT,
+                least_duration=FIRST_FIT_SECONDS,
+                settled=learned_seconds,
+            )
+        return Fact(SessionFact.FIT_UNFINISHED)
 
     def judge_final_model(self, model: Learned | None) -> Learned | None:
         """Judges the model at the end, if there is one, and returns the model to show."""

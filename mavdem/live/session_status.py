@@ -121,6 +121,9 @@ class SessionStatus(ImmutableResult):
     unlearned_rows: int = 0
     """Number of rows that were shown, but not used by the learner."""
 
+    shortfall: Fact | None = None
+    """Why less was learned of the latest flight than could be; None where nothing is known to be missing."""
+
     latency: Latency = Latency()
     """Delay from a packet's arrival to its estimate."""
 

@@ -205,6 +205,8 @@ class LinkMonitor:
                     PAGE_SECONDS,
                     self._update_page,
                 )
+                # A flight whose landing was reported is not reported again.
+                session.report_end(session.status, None)
                 if session.successor is None:
                     session.intake.record_rest()
                 else:

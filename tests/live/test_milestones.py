@@ -13,11 +13,12 @@ from mavdem.dem.settings import Settings
 from mavdem.facts import Fact
 from mavdem.facts.ending import Ending
 from mavdem.facts.identifiability import Status
-from mavdem.facts.session import SessionFact
+from mavdem.facts.session import RowsFact, SessionFact
 from mavdem.live.learning import FlightLearning
 from mavdem.live.milestones import Milestones
 from mavdem.live.session_status import Latency, SessionStatus
 from mavdem.plant.parameters import Physical
+from mavdem.report.templates import as_clause
 
 PHYSICAL = partial_record(
     Physical,
@@ -69,6 +70,24 @@ def test_a_landing_reports_what_the_flight_has_shown():
     assert "margins 66° (60 to 72) and 14.9 dB (13.0 to 17.0). Mean wind" in known
 
 
+def test_a_landing_says_why_nothing_is_known():
+    facts = []
+    milestones = Milestones("roll", facts.append)
+    learning = learning_with()
+    learning.learned_rows = 0
+    no_time = Fact(SessionFact.FIT_UNFINISHED)
+    still = Fact(RowsFact.NO_LIVE_MOTORS)
+    for is_flying in (True, False, False):
+        status = SessionStatus(is_flying=is_flying, shortfall=no_time, wind_obstacle=still)
+        milestones.update(learning, status, 40.0)
+    assert [str(fact) for fact in facts] == [
+        "Landed at 40 s. Roll: control effectiveness, rate damping and margins not known (the flight "
+        f"left no time to fit physical parameters). Mean wind not known ({as_clause(still)})."
+    ]
+    milestones.report_end(learning, status, 41.0, None)
+    assert len(facts) == 1, "a flight is reported once"
+
+
 def test_a_flight_that_ends_in_the_air_is_no_landing():
     facts = []
     milestones = Milestones("roll", facts.append)
@@ -85,7 +104,7 @@ def test_a_flight_that_ends_in_the_air_is_no_landing():
 @mark.parametrize(
     "model, effectiveness",
     [
-        (None, "control effectiveness not known, rate damping not known"),
+        (None, "control effectiveness, rate damping and margins not known. Mean wind not known"),
         (partial_record(Learned, physical=PHYSICAL), "control effectiveness 2.86"),
     ],
 )

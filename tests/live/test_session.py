@@ -233,6 +233,23 @@ def test_why_there_is_no_model_at_the_end_is_a_fact(error, code):
     assert refused(one.final_model).code is code
 
 
+def test_why_too_little_was_learned_of_a_flight_is_the_true_reason():
+    one, _, _ = session_of([])
+    assert one.status.shortfall is None
+    one._rows_obstacle = Fact(RowsFact.NO_LIVE_MOTORS)
+    assert one.status.shortfall == one._rows_obstacle
+    one._learning.learner = Mock(obstacle=None)
+    one._learning._row_format = Mock(dt=0.01)
+    reasons = []
+    for one._learning.learned_rows, one._postponed_rows in ((500, 0), (2000, 0), (500, 900)):
+        reasons.append(one._shortfall().code)
+    assert reasons == [
+        SessionFact.SETTLED_TOO_SHORT,
+        SessionFact.FIT_UNFINISHED,
+        SessionFact.COMPUTER_TOO_SLOW,
+    ]
+
+
 def test_an_obstacle_with_another_reason_is_news_and_why_there_is_no_model_at_the_end(monkeypatch):
     one, _, told = session_of([])
     reasons = [Fact(RowsFact.NO_LIVE_MOTORS), Fact(RowsFact.NO_LIVE_ATTITUDE, can_ask=False)]

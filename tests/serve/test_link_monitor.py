@@ -240,6 +240,9 @@ def test_the_flight_of_a_silent_vehicle_is_saved_and_the_one_that_sends_is_follo
         if len(wanted) == 1:
             session.intake.recording.add(1e9, session.stream.frame_reader.feed(FRAMES))
             session.successor = Component(2, 1)
+            session._milestone_reporter.update(
+                session._learning, SessionStatus(is_flying=True), 5.0
+            )
             assert is_over()
 
     monkeypatch.setattr(link_monitor, "live_page", Mock(return_value=""))
@@ -247,6 +250,9 @@ def test_the_flight_of_a_silent_vehicle_is_saved_and_the_one_that_sends_is_follo
     for _ in range(3):
         live._run_one_session(None)
     assert wanted == ["", "2:1", ""]
-    assert [event.fact.code for event in told] == [LinkFact.FLIGHT_SAVED]
+    assert [event.fact.code for event in told] == [
+        SessionFact.FLIGHT_LEARNED,
+        LinkFact.FLIGHT_SAVED,
+    ]
     _, count = live._library.find("1", [], 10)
     assert count == 1
