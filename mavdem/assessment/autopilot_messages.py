@@ -1,4 +1,4 @@
-"""Texts, error codes and event codes with which the autopilot itself reports that something went wrong, as facts.
+"""What the autopilot itself reports as a problem, as facts (coded findings): its texts, error codes and event codes.
 
 Texts are MAVLink's STATUSTEXT, DataFlash's MSG and ULog's logged messages; error and event codes are DataFlash's ERR
 and EV. ``message_patterns.toml`` has the meaning of each.

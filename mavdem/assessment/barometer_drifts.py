@@ -1,4 +1,4 @@
-"""Barometers that drift or freeze in flight: on the ground they read another height than before, unlike satellites."""
+"""Barometers that drift or freeze in flight, as facts (coded findings): on the ground they read another height."""
 
 from collections.abc import Iterator
 from math import isfinite

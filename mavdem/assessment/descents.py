@@ -1,4 +1,4 @@
-"""Descents faster than a landing: a fall, or a dive with the throttle closed from which the vehicle flew on."""
+"""Descents faster than a landing, as facts (coded findings): a fall, or a dive from which the vehicle flew on."""
 
 from collections.abc import Iterator
 

@@ -1,4 +1,4 @@
-"""Every instance of a vehicle's batteries, estimators, sensors and outputs: which is used, its range, and its state."""
+"""Instances of the batteries, estimators, sensors and outputs, with facts (coded findings) about their state."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass

@@ -1,4 +1,4 @@
-"""What the speeds that controllers (ESCs) measure show of motors: one that stands still, or turns as it is commanded.
+"""Motors that stand still, by the speeds that their controllers (ESCs) measure, as facts (coded findings).
 
 A motor that is commanded to turn and does not turn is lost. But a controller that no longer reports may send a speed of
 0, so that the motor counts as lost only with a second witness: the vehicle leans, the command rises to compensate, or

@@ -1,4 +1,4 @@
-"""Witnesses (statements for or against) of the loss of a motor: its command and speed, attitude, height, and reports.
+"""Witnesses of the loss of a motor, facts (coded findings) for or against it: command, attitude, height and reports.
 
 The loss itself is found by the commands of all motors; these statements show what else of the flight agrees with it.
 """

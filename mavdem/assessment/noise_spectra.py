@@ -1,4 +1,4 @@
-"""Noise of a flight: spectra of gyro and accelerometer, the lines in them, the effect of the filters, and the notch."""
+"""Noise of a flight: spectra of gyro and accelerometer, and facts (coded findings) about lines, filters and notch."""
 
 from collections.abc import Iterator, Mapping
 from typing import NamedTuple

@@ -1,4 +1,4 @@
-"""Losses of the horizontal position in flight: the estimator had one, and then had none for long.
+"""Losses of the horizontal position in flight, as facts (coded findings): the estimator had one, then none for long.
 
 Without a position an autopilot can only descend where the wind carries it. What its estimator reports of itself counts:
 PX4's validity flags of vehicle_local_position, or the flags of the estimator status of both autopilots.

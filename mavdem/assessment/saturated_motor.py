@@ -1,4 +1,4 @@
-"""Motors that lost thrust, suddenly or slowly: they saturate in flight, and the vehicle still leans or sinks.
+"""Motors that lost thrust, as facts (coded findings): they saturate in flight, and the vehicle still leans or sinks.
 
 A controller gives a motor that lost thrust a higher command. At its limit that is no longer enough: the vehicle leans
 to the side of that motor, or sinks, while the other motors have thrust left. A loss that takes a minute hides in the

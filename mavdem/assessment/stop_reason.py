@@ -1,4 +1,4 @@
-"""Why all motors of a vehicle went to idle in the air: a reported failsafe or switch, or the pilot's throttle."""
+"""Why all motors of a vehicle went to idle in the air, as a fact (a coded finding): failsafe, switch, or the pilot."""
 
 from collections.abc import Sequence
 

@@ -1,4 +1,4 @@
-"""Learnability: whether a model of one axis can be learned from a log, or why not, and what makes it less reliable."""
+"""Learnability: whether a model of one axis can be learned from a log, or the fact (a coded finding) why it cannot."""
 
 from collections.abc import Iterator, Sequence
 

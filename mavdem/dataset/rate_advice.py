@@ -1,4 +1,4 @@
-"""Advice on how to obtain attitude and motor outputs at higher rates from an autopilot, by the settings in its log."""
+"""Advice on higher rates of attitude and motor outputs, as facts (coded findings), by the settings in the log."""
 
 import re
 from collections.abc import Sequence

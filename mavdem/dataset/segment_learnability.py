@@ -1,4 +1,4 @@
-"""Whether a model can be learned from one segment of a log: checks of its quality, and what makes it less reliable."""
+"""Whether a model can be learned from one segment of a log: checks whose results are facts (coded findings)."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field

@@ -1,4 +1,4 @@
-"""Health of a vehicle's motors between flights: which motor works too hard, by how much, and how probable that is.
+"""Health of a vehicle's motors between flights, with facts (coded findings): which motor works too hard.
 
 Each flight is compared with healthy flights of the same vehicle, by the balance of its motors and by their effort.
 The method: docs/motors.md.

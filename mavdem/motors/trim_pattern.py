@@ -1,4 +1,4 @@
-"""Trim of one flight: the pattern by which its motors work unevenly, and the probability of this pattern.
+"""Trim of one flight, as a fact (a coded finding): the pattern by which its motors work unevenly.
 
 The yaw controller alone balances a twisted arm or motor; roll and pitch balance a centre of gravity off the middle;
 a weak motor has its own signature, all three in the ratio of its position. Steady wind leans the vehicle and asks for

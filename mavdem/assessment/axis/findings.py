@@ -1,4 +1,4 @@
-"""Findings on a flight: what makes it doubtful, what its model is good for, and what to do next about the model.
+"""Findings on a flight and its model: a grade for each purpose, with the fact (a coded finding) that is its reason.
 
 Estimates are graded by their status and by the half width of their 90 % interval, forecasts by windows that no model
 was trained on; docs/report.md has the scale. What makes the flight itself doubtful overrides all grades

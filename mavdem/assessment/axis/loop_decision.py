@@ -1,4 +1,4 @@
-"""The decision on the control loops of an axis: what is wrong with them, and what to change.
+"""The decision on the control loops of an axis, by facts (coded findings): what is wrong with them, what to change.
 
 It is made once, from limit cycles, margins, the measured response, tracking, and what speaks against the vehicle.
 Lights, screen, pages, dashboards, `mavdem tune`, live sessions, fleets and documents show this decision, and no other

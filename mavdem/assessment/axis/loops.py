@@ -1,4 +1,4 @@
-"""Control loops of a log: the plant identified in its settled flight, with the controller of its parameters."""
+"""Control loops of a log: the plant identified in flight with its controller, or the fact (a coded finding) why not."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace

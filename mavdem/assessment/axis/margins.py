@@ -1,4 +1,4 @@
-"""Stability margins of an axis: those of its identified loop, or else resonances that the log shows."""
+"""Stability margins of an axis, judged by facts (coded findings): its identified loop, or resonances in the log."""
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass

@@ -1,4 +1,4 @@
-"""How an axis follows its setpoint in settled flight: the error without the delay, the delay, and the overshoot.
+"""How an axis follows its setpoint in settled flight, as a fact (a coded finding): error, delay and overshoot.
 
 The overshoot is that of the measured step response. If the flight shows none, a response that is larger than its
 setpoint at some frequency is called what it is, and not an overshoot.

@@ -1,4 +1,4 @@
-"""Tuning of an assessed vehicle: gains to set for each axis, a notch filter, and what to do with them."""
+"""Tuning of an assessed vehicle: gains to set for each axis, or the facts (coded findings) why none, and a notch."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace

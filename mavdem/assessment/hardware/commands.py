@@ -1,4 +1,4 @@
-"""What commanded the vehicle: how it followed the setpoints of its position, and which sticks and switches moved."""
+"""What commanded the vehicle, as facts (coded findings): setpoints of its position, sticks and switches that moved."""
 
 import numpy as np
 

@@ -1,4 +1,4 @@
-"""Status light of the log: rates and gaps of attitude and motors, what to set for more, and signs of a simulation."""
+"""Status light of the log, judged by facts (coded findings): rates and gaps of its streams, signs of a simulation."""
 
 from math import inf
 

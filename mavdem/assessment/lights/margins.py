@@ -1,4 +1,4 @@
-"""Status light of the stability margins: a limit cycle, or the worst of the axes; or why they are not known."""
+"""Status light of the stability margins, a fact (a coded finding): a limit cycle, the worst of the axes, or unknown."""
 
 from math import inf
 

@@ -1,4 +1,4 @@
-"""Status light of power: voltage and charge of the batteries, and the supply voltage of the board, in flight."""
+"""Status light of power, judged by facts (coded findings): voltage and charge of batteries, supply of the board."""
 
 from collections.abc import Iterator, Sequence
 from typing import NamedTuple

@@ -1,4 +1,4 @@
-"""Status light of the wind: its speed, if it is known, and the share of the vehicle's largest lean that it needs."""
+"""Status light of the wind, a fact (a coded finding): its speed, and the share of the largest lean that it needs."""
 
 from math import hypot, radians
 from typing import Any
