@@ -309,6 +309,9 @@ def _cautions(fit: Fit, record: Record) -> Iterator[Fact]:
     Args:
         fit: The fit.
         record: The training data.
+
+    Yields:
+        One fact for each of these that holds, with the numbers of its sentence.
     """
     # The regulated prior assumes that one output is the rate of another, so that their units must agree.
     unit_error = suspected_unit_error(record.outputs, record.dt)

@@ -114,6 +114,9 @@ def _map_on_executor(
         jobs: Arguments of the calls; they may be endless, since each is taken only when fewer than ``JOBS_AHEAD`` are
             with the executor.
 
+    Yields:
+        The results, in the order of the jobs.
+
     Raises:
         concurrent.futures.BrokenExecutor: A worker died.
     """

@@ -105,6 +105,9 @@ class Comparison:
 
         Args:
             flight: name of the flight.
+
+        Returns:
+            The comparison with the windows of the flight only.
         """
         windows = []
         outcomes = []

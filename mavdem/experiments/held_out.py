@@ -170,7 +170,7 @@ class HeldOut(ImmutableResult):
 
     @property
     def coverage(self) -> float:
-        """Share of the samples inside the 90 % band of the forecast: 0.9 if the model knows the size of its errors.
+        """Share of the samples inside the 90 % band of the forecast: 0.9 if the widths of the bands are right.
 
         All windows and outputs count. Samples without a forecast are left out; those of a forecast that overflowed are
         outside. The share is 0 if nothing was forecast.

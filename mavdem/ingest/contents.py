@@ -329,6 +329,9 @@ def _only_log(archive: zipfile.ZipFile, path: Path) -> zipfile.ZipInfo:
         archive: The archive.
         path: Its file, for errors.
 
+    Returns:
+        The entry of the log.
+
     Raises:
         Unreadable: There are several logs, or none, or the log needs a password.
     """

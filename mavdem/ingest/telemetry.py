@@ -129,6 +129,9 @@ def firmware_version(telemetry: Telemetry) -> tuple[int, int] | None:
 
     Args:
         telemetry: autopilot and firmware of the vehicle.
+
+    Returns:
+        (major, minor), or None.
     """
     letter = "v" if telemetry.autopilot == "PX4" else "V"
     version = re.search(letter + r"(\d+)\.(\d+)", telemetry.firmware)

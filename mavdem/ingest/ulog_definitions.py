@@ -438,6 +438,7 @@ class RecordDefinitions:
         try:
             size = self._size(name)
         except RecursionError:
+            # The message contains itself.
             return None
         # Even a short definition may announce very many numbers, since messages contain arrays of other messages.
         if name not in self._formats or size is None or size.numbers > MAX_FIELDS:
@@ -469,6 +470,9 @@ class RecordDefinitions:
         Args:
             kind: The message's name, or the type of a number.
 
+        Returns:
+            Number of values, number of bytes, and whether no field name occurs twice; or None.
+
         Raises:
             RecursionError: The message contains itself.
         """
@@ -485,6 +489,9 @@ class RecordDefinitions:
 
         Args:
             fields: Fields of a message, which may be arrays or nested messages.
+
+        Returns:
+            Number of values, number of bytes, and whether no field name occurs twice; or None.
 
         Raises:
             RecursionError: A nested message contains itself.

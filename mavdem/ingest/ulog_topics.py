@@ -108,6 +108,9 @@ def _fields_to_read(topic: str, fields: Sequence[NumberField]) -> Sequence[Numbe
     Args:
         topic: Name of the topic.
         fields: All fields of the topic.
+
+    Returns:
+        Some of the fields, in the same order.
     """
     # An array is "q[4]" in the table, with its length, and "q[0]", "q[1]", … in the file.
     names = {"timestamp", *(name.partition("[")[0] for name in TOPIC_FIELDS[topic])}

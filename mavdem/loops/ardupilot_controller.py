@@ -230,6 +230,9 @@ def _gyro_notches(parameters: Parameters, prefix: str) -> Iterator[Notch]:
     Args:
         parameters: parameters of the log, by name.
         prefix: beginning of the names of the filter's parameters, one of ``GYRO_NOTCH_PREFIXES``.
+
+    Yields:
+        Each harmonic as often as the filter has sources; nothing if the filter is disabled.
     """
     if not parameters.get(f"{prefix}ENABLE"):
         return
@@ -298,6 +301,9 @@ def _pid_notches(parameters: Parameters, name: str) -> Iterator[Notch]:
     Args:
         parameters: parameters of the log, by name.
         name: name of the parameter with the number, such as ``ATC_RAT_RLL_NEF``, which is 0 for no filter.
+
+    Yields:
+        One notch for each harmonic.
     """
     number = int(parameters.get(name, 0.0))
     prefix = f"FILT{number}_"

@@ -360,6 +360,9 @@ class GainSearch:
 
         They are spread around the autopilot's default, and extended to the logged ratio if that is outside. If the log
         or the default has no D, the only ratio is the logged one.
+
+        Returns:
+            Ratios, in ascending order and evenly spaced by their logarithms.
         """
         usual = self.defaults.ratios.derivative
         logged = self.logged_gains.get("d", 0.0) / self.logged_gains["p"]

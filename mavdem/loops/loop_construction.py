@@ -195,6 +195,9 @@ def _crossover_too_fast(loop: Loop, highest_frequency: float) -> NotLearnable:
     Args:
         loop: the loop, with the interval of its crossover.
         highest_frequency: that frequency, Hz.
+
+    Returns:
+        The error, to be raised by the caller.
     """
     crossover = loop.rate.crossover
     _, highest_crossover = loop.rate.crossover_interval

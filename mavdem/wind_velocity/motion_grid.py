@@ -389,7 +389,7 @@ def validated_motion(time: Array, attitude: Array, velocity: Array) -> MotionSam
 
 
 def _require_velocity_follows_tilt(samples: MotionSamples) -> None:
-    """Checks by comparing it with the tilt that the velocity is that of a vehicle in free flight.
+    """Checks that the vehicle flies freely, by comparing the changes of its velocity with its tilt.
 
     A multirotor accelerates by about g times its tilt. So the changes of its acceleration are regressed on those of g
     times the tilt. The slope is about 1 in free flight, and about 0 if the vehicle is carried or held. At a low

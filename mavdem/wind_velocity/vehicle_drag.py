@@ -313,6 +313,9 @@ class Drag(ImmutableResult):
         from flight to flight, as by the accelerometers' bias (``LEAN_CHANGE_SD``). So its mean is multiplied by the
         constant share a of the variance, and its variance P becomes a² P + (1 − a²) times the square of ``LEAN_SD``.
         This is a step of a first-order autoregression whose stationary variance is that of the population.
+
+        Returns:
+            The prior, whose source is an earlier flight if this drag was identified in one.
         """
         constant_share = 1 - (LEAN_CHANGE_SD / LEAN_SD) ** 2
         scale = np.ones(DRAG_PARAMETERS)

@@ -274,6 +274,9 @@ class Transmitter:
         """Yields the faults of the scenario that change clock, schedule or rates of its autopilot, in any order.
 
         An event has its time, s after arming, and a function of the time on the motion's clock that triggers it.
+
+        Yields:
+            The events; those of the second ground station are repeated until the end of the scenario.
         """
         faults = self._scenario.faults
         if faults.mavproxy_rate:

@@ -71,6 +71,9 @@ class StageClock:
         Args:
             stage: name of the stage.
             function: the function to measure.
+
+        Returns:
+            The measuring function.
         """
 
         @functools.wraps(function)

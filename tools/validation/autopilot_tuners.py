@@ -224,6 +224,9 @@ def _tuned_proportional(loop: Loop, gains: TunedGains) -> TunedGains:
     Args:
         loop: the loops of the true plant.
         gains: gains to begin with.
+
+    Returns:
+        The gains with the last P and D.
     """
     for _ in range(MAX_TWITCHES):
         twitch = _rate_twitch(loop, gains)

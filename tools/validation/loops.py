@@ -304,6 +304,9 @@ def flight_folder(seed: int, cache: Path) -> Path:
     Args:
         seed: seed of the flight.
         cache: folder of all flights.
+
+    Returns:
+        The folder, a subfolder of ``cache``.
     """
     folder = cache / str(seed)
     if (folder / "truth.json").exists():

@@ -143,6 +143,9 @@ def document(reports: Sequence[ItemReport], seconds: float) -> JsonValues:
     Args:
         reports: one for each claim whose experiment ran.
         seconds: duration of all experiments, s.
+
+    Returns:
+        Values by key.
     """
     return {
         "paper": TITLE,

@@ -402,6 +402,9 @@ class _MessageScan:
         Args:
             message_id: The id.
             starts: Offsets (N,) of all messages with this id.
+
+        Yields:
+            Definition, and offsets of the messages that have it.
         """
         if message_id not in self.sharing_definitions:
             yield self.definitions[message_id], starts

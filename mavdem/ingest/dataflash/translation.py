@@ -417,6 +417,9 @@ def satellite_utc(weeks: NDArray[Any], milliseconds: NDArray[Any]) -> Array:
     Args:
         weeks: Weeks (n,) since GPS time began.
         milliseconds: Milliseconds (n,) of the week.
+
+    Returns:
+        Times (n,), UNIX s.
     """
     return GPS_EPOCH + WEEK * weeks.astype(np.float64) + milliseconds / 1e3 - LEAP_SECONDS
 

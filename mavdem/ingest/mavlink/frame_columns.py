@@ -86,7 +86,8 @@ class FrameColumns(Mapping[str, NDArray[Any]]):
             starts: Offset (n,) of the frame of each message.
             definition: Definition of the message.
             boot_times: Time when each was sent, on the boot clock.
-            decoded: The columns of all messages that were decoded; own ones unless given.
+            decoded: The decoded columns of all messages of the recording, to be shared by them. Unless given, these
+                messages have a store of their own.
         """
         self._data = data
         self._starts = starts

@@ -146,6 +146,9 @@ class McapRecording:
         Records are followed from one to the next by the lengths in their heads. After damage, the next place at which a
         record probably begins is searched. The last record of a complete file is a footer; a file without it was cut
         off.
+
+        Yields:
+            Opcode and place of each record, in the order of the file.
         """
         file_end = len(self.content)
         offset = 0
@@ -183,6 +186,9 @@ class McapRecording:
 
         Args:
             locations: The records outside of chunks, and the chunks, in the order of the file.
+
+        Yields:
+            The decoded records in the order of the file, and None for each damaged one.
         """
         has_chunks = any(location.opcode == Opcode.CHUNK for location in locations)
         for location in locations:
@@ -346,6 +352,9 @@ def _json_body(frame: Frame, definition: MessageDefinition) -> JsonValues:
     Args:
         frame: The frame of the message.
         definition: Its definition.
+
+    Returns:
+        The object.
     """
     header_values = (frame.system, frame.component, frame.sequence, frame.message_id)
     fields: JsonValues = {"type": definition.name}

@@ -302,6 +302,9 @@ def _summary(groups: Mapping[Opcode, Sequence[McapRecord]], offset: int) -> byte
     Args:
         groups: Records by their kind.
         offset: Offset of the summary in the file.
+
+    Returns:
+        Bytes of the summary, to be written at that offset.
     """
     summary = b""
     summary_offsets = b""

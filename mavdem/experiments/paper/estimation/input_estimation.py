@@ -307,15 +307,13 @@ def run(runner: Runner) -> ExperimentResult:
         for smoothness in SIMULATED_SMOOTHNESS.values()
     ]
     recorded_windows = flight_windows(runner.recorded_flights, INPUT_SAMPLES, count=1)
+    # All windows are one batch of jobs, so that the processes work on both kinds at once.
     errors = runner.map_jobs(input_errors, [*simulated_windows, *recorded_windows])
-    simulated_errors = dict(
-        zip(SIMULATED_SMOOTHNESS, errors[: len(simulated_windows)], strict=True)
-    )
-    recorded_errors = {}
-    for window, errors_of_window in zip(
-        recorded_windows, errors[len(simulated_windows) :], strict=True
-    ):
-        recorded_errors[window.flight] = errors_of_window
+    errors_of_simulations = errors[: len(simulated_windows)]
+    errors_of_recordings = errors[len(simulated_windows) :]
+    simulated_errors = dict(zip(SIMULATED_SMOOTHNESS, errors_of_simulations, strict=True))
+    recorded_names = [window.flight for window in recorded_windows]
+    recorded_errors = dict(zip(recorded_names, errors_of_recordings, strict=True))
     checks = []
     tables: tuple[Block, ...] = ()
     remarks = []
