@@ -104,8 +104,8 @@ def evaluate_gains(
         Values by name. "met before": whether the loop meets the target with the logged gains. The names of ``EFFECTS``:
         whether it does so with the final gains if the plant's effect is multiplied by that factor. "flights": number of
         flights until it first does so, if it did not before. "refused": whether the tuner refused to tune, and then
-        "met before" is the only other value. "bandwidth" and "lean": those with the final gains over those with the logged
-        ones. "Ms": maximum sensitivity with the final gains.
+        "met before" is the only other value. "bandwidth" and "lean": those with the final gains over those with the
+        logged ones. "Ms": maximum sensitivity with the final gains.
     """
     before = true_loop(loop, plant)
     row: Values = {"met before": meets(before, target), "refused": True}
