@@ -209,17 +209,23 @@ def _thrust_spent(commands: _LossCommands, loss_context: LossContext) -> Fact | 
         The fact, with the time since when all thrust was in use, and the mean command since then as ``share`` of the
         highest one; None if some thrust was left.
     """
-    start, end = loss_context.interval
-    stop = commands.motors.scale.stop
+    loss_start, loss_end = loss_context.interval
+    highest_command = commands.motors.scale.stop
     is_attitude_lost = loss_context.fall_direction is not None
-    judged_commands = commands.just_before if is_attitude_lost else commands.during
-    if judged_commands.mean() / stop <= SPENT_THRUST_SHARE:
+    if is_attitude_lost:
+        judged_commands = commands.just_before
+        judged_end = loss_start
+    else:
+        judged_commands = commands.during
+        judged_end = loss_end
+    if judged_commands.mean() / highest_command <= SPENT_THRUST_SHARE:
         return None
-    spent_since = _spent_since(commands.recorded, commands.time[0], stop)
-    judged_end = start if is_attitude_lost else end
-    is_spent = in_intervals(commands.recorded.time, [(spent_since, max(judged_end, spent_since))])
-    share = commands.recorded.values[is_spent].mean() / stop
-    return Fact(FailedFirst.THRUST_SPENT_FIRST, time=spent_since, share=share)
+    spent_time = _start_of_spent_thrust(commands.recorded, commands.time[0], highest_command)
+    # The thrust may be spent only from the first sample of the loss on: then that sample alone is averaged.
+    spent_interval = (spent_time, max(judged_end, spent_time))
+    is_spent = in_intervals(commands.recorded.time, [spent_interval])
+    share = commands.recorded.values[is_spent].mean() / highest_command
+    return Fact(FailedFirst.THRUST_SPENT_FIRST, time=spent_time, share=share)
 
 
 def _failure_of_motor(
@@ -259,15 +265,15 @@ def _failure_of_motor(
     )
 
 
-def _spent_since(commands: TimeSeries, time: float, stop: float) -> float:
-    """Returns since when, s since boot, the motors have together used up their thrust, up to a given time.
+def _start_of_spent_thrust(commands: TimeSeries, time: float, highest_command: float) -> float:
+    """Returns the time, s since boot, from which on the motors together used up their thrust, up to a given time.
 
     Args:
         commands: (N, k) of k motors, as shares of their range.
         time: time of one of the samples, s, which is returned if the thrust was not used up at that sample.
-        stop: the highest command.
+        highest_command: upper limit of a command, as a share of the range.
     """
-    has_reserve = commands.values.mean(axis=1) <= SPENT_THRUST_SHARE * stop
+    has_reserve = commands.values.mean(axis=1) <= SPENT_THRUST_SHARE * highest_command
     rows_with_reserve = np.flatnonzero(has_reserve & (commands.time <= time))
     # The sample after the last one with a reserve, which may be after the given time or after the record.
     first_row = rows_with_reserve[-1] + 1 if len(rows_with_reserve) else 0

@@ -120,7 +120,12 @@ def restarts(signals: Signals, recorded_part: Segment) -> Iterator[Fact]:
 
 
 def _reports_watchdog(telemetry: Telemetry, recorded_part: Segment) -> bool:
-    """Returns whether the autopilot reports, in the first ``MAX_BOOT_CLOCK`` of a boot, that its watchdog reset it."""
+    """Returns whether the autopilot reports, in the first ``MAX_BOOT_CLOCK`` of a boot, that its watchdog reset it.
+
+    Args:
+        telemetry: messages of the vehicle, with the texts of the autopilot.
+        recorded_part: the recorded part of the boot.
+    """
     for message in status_texts(telemetry):
         is_of_start = (
             message.boot == recorded_part.boot
@@ -215,7 +220,12 @@ def _fall_at_start(signals: Signals, recorded_part: Segment) -> FallAtStart | No
 
 
 def _tumbles(signals: Signals, recorded_part: Segment) -> bool:
-    """Returns whether roll or pitch exceeds ``MIN_FALL_TILT`` at the beginning of a boot."""
+    """Returns whether roll or pitch exceeds ``MIN_FALL_TILT`` in the first ``FALL_SECONDS`` of a boot.
+
+    Args:
+        signals: signals of the vehicle.
+        recorded_part: the recorded part of the boot.
+    """
     for tilt in signals.tilts:
         is_of_fall = (tilt.boot == recorded_part.boot) & (
             tilt.time <= recorded_part.start + FALL_SECONDS

@@ -150,7 +150,7 @@ def usable_segments(
     Returns:
         The flights, and the learnability of the best segment.
     """
-    # The first one is that of the best segment.
+    # The first item is the learnability of the best segment.
     learnabilities = list(segment_learnabilities(signals, components, min_rate))
     best_learnability = learnabilities[0]
     learnable = [learnability for learnability in learnabilities if learnability.learnable]

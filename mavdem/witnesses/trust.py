@@ -261,13 +261,13 @@ def sensor_trust(signals: Signals, boot: int) -> SensorTrust:
 
 
 def trust_of_boots(signals: Signals) -> tuple[SensorTrust, ...]:
-    """Returns the trust in the sensors for each boot in which the attitude was recorded, in order.
+    """Checks the sensors of a vehicle against each other, in each boot in which the attitude was recorded.
 
     Args:
         signals: signals of the vehicle.
 
     Returns:
-        One entry for each boot in which the attitude was recorded, in order.
+        The results for each of these boots, in order.
     """
     if not signals.tilts:
         return ()

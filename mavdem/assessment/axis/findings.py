@@ -152,26 +152,26 @@ def with_oscillation_torque_marked(learned: Learned, *, vehicle_made_torque: boo
 
 
 def _overridden(finding: Finding, override: Fact) -> Finding:
-    """Returns a finding with its grade lowered from GOOD to LIMITED, because the flight itself is doubtful.
+    """Returns a finding about a model of a doubtful flight: its grade is at most LIMITED, and its reason says so.
 
-    Any other grade is kept. The reason of the finding names the doubt.
+    A grade of GOOD is lowered to LIMITED, any other grade is kept. What the new reason contains depends on the doubt:
+
+    - If the vehicle oscillates, the figures of the model mean nothing: the reason is the oscillation alone.
+    - Otherwise the reason by the figures of the model stays, and the doubt is added if it lowered the grade.
 
     Args:
         finding: the finding by the figures of the model alone.
-        override: the fact that makes the flight doubtful.
+        override: the fact that makes the flight doubtful, whatever the model.
 
     Returns:
-        The finding. Its reason has the code ``FLIGHT_DOUBTED`` and two facts as figures. ``reason`` is the reason by
-        the figures of the model, None if the vehicle oscillates, since those mean nothing then. ``override`` is the
-        doubt on the flight, None if the grade was low without it and the vehicle does not oscillate.
+        The finding. Its reason has the code ``FLIGHT_DOUBTED``, with the reason by the model as ``reason`` and the
+        doubt as ``override``, each None if the reason does not contain it.
     """
     is_lowered = finding.grade is Grade.GOOD
-    oscillates = override.code is Override.OSCILLATION
-    reason = Fact(
-        GradeReason.FLIGHT_DOUBTED,
-        reason=None if oscillates else finding.reason,
-        override=override if oscillates or is_lowered else None,
-    )
+    vehicle_oscillates = override.code is Override.OSCILLATION
+    reason_by_model = None if vehicle_oscillates else finding.reason
+    doubt = override if vehicle_oscillates or is_lowered else None
+    reason = Fact(GradeReason.FLIGHT_DOUBTED, reason=reason_by_model, override=doubt)
     grade = Grade.LIMITED if is_lowered else finding.grade
     return finding._replace(grade=grade, reason=reason)
 

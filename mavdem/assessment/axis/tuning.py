@@ -363,7 +363,8 @@ def _step_without_gains(
         arguments: arguments of ``mavdem tune`` that repeat this run, without its axes.
 
     Returns:
-        To tune the other axes; if there are none, the first conclusion on the requested axes that has a remedy.
+        To tune the other axes. If there are none: to do what the advice on the first requested axis with a remedy says,
+        or else the advice on the first one.
     """
     conclusions = [advice.conclusion for advice in advice_on_loops]
     if other_axes:
