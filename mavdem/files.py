@@ -32,6 +32,9 @@ def load_adjacent_toml(module: str, name: str) -> dict[str, Any]:
     Args:
         module: ``__file__`` of the module.
         name: Path of the TOML file, relative to the module's folder.
+
+    Returns:
+        The content of the file, its tables as nested dictionaries.
     """
     return tomllib.loads((Path(module).parent / name).read_text("utf-8"))
 

@@ -314,6 +314,9 @@ def _checked_time(values: ArrayLike) -> Array:
     Args:
         values: The time stamps, s.
 
+    Returns:
+        The time stamps (T,), s.
+
     Raises:
         ValueError: There are none, they have another shape, or one is not finite.
     """

@@ -394,13 +394,20 @@ def _follow_vehicle(
 
 
 def _pieces_of_successor(session: LiveSession, recording: RawRecording) -> list[ReceivedPiece]:
-    """Takes what came of the next vehicle while this one was silent out of a recording, and returns it.
+    """Moves the messages of the next vehicle, which came while this one was silent, out of the recording of a session.
+
+    The recording of the next session begins with them.
 
     Args:
         session: Session that has ended.
-        recording: Its recording, which is complete unless it failed.
+        recording: Recording of the session.
+
+    Returns:
+        The removed bytes with their times of arrival; none if no vehicle is to be followed next, or the recording
+        failed.
     """
     vehicle = session.stream.followed_vehicle
+    # A session drops a recording that cannot be written.
     is_complete = session.intake.recording is recording
     if session.successor is None or vehicle is None or not is_complete:
         return []
@@ -408,10 +415,10 @@ def _pieces_of_successor(session: LiveSession, recording: RawRecording) -> list[
 
 
 def _with_number(path: Path, number: int) -> Path:
-    """Returns the name of a file of another vehicle's flight: that of the first vehicle's with a number.
+    """Returns the path of a file for the flight of a further vehicle, such as "flight-2.tlog" for "flight.tlog".
 
     Args:
-        path: File of the first vehicle's flight.
+        path: Path of the file for the flight of the first vehicle.
         number: Number of the vehicle, from 2 on.
     """
     return path.with_stem(f"{path.stem}-{number}")

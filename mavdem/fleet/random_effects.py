@@ -290,14 +290,19 @@ def follows_from_gains(quantity: Quantity, axes_with_other_gains: Collection[str
 def _changed_quantities(changes: Sequence[QuantityChange]) -> set[Quantity]:
     """Finds the quantities that changed by a hierarchical test of families (Benjamini and Bogomolov, 2014).
 
-    Testing each quantity by itself would add up the chances of false alarms, and testing all alike would let many
-    figures of loops hide one motor. So first the families of ``FAMILIES`` are tested: the p-value of a family is that
-    of R. J. Simes (1986), and R of m families are selected at the false discovery rate ``SIGNIFICANCE``. Then the
-    quantities of each selected family are tested at R / m of that rate. Both steps are those of Y. Benjamini and Y.
-    Hochberg (1995).
+    If each quantity were tested by itself, the chances of false alarms would add up. If all were tested in one family,
+    many figures of loops could hide a change of one motor. So there are two steps, each of them the procedure of Y.
+    Benjamini and Y. Hochberg (1995):
+
+    1. The families of ``FAMILIES``, such as motors, are tested by their p-values of R. J. Simes (1986). R of the m
+       families are selected at the false discovery rate ``SIGNIFICANCE``.
+    2. The quantities of each selected family are tested at the false discovery rate R / m · ``SIGNIFICANCE``.
 
     Args:
         changes: the differences with their p-values.
+
+    Returns:
+        The quantities that changed.
     """
     if not changes:
         return set()

@@ -63,10 +63,15 @@ class ClockSpeed:
         self._is_reported = False
 
     def real_seconds(self, vehicle_seconds: float) -> float:
-        """Converts a time of the vehicle's clock to one of this computer's, s.
+        """Converts a duration on the vehicle's clock to the duration on this computer's clock, s.
 
-        A clock that is neither slow nor fast runs in real time: its measured speed differs from 1 by the jitter of
-        arrivals.
+        A speed close to 1 counts as 1, since it is measured with the jitter of arrivals.
+
+        Args:
+            vehicle_seconds: duration on the vehicle's clock, s.
+
+        Returns:
+            The duration on this computer's clock, s.
         """
         if MIN_REAL_TIME_SPEED <= self.speed <= 1 / MIN_REAL_TIME_SPEED:
             return vehicle_seconds

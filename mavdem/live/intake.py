@@ -61,7 +61,7 @@ class LinkIntake:
             frame_reader: finds the frames in its bytes.
             recording: recording of the raw stream; None for none.
             log: is called with each fact about link and recording.
-            first_pieces: what the link delivered before this session, and no other one keeps.
+            first_pieces: bytes that the link delivered before this session, which belong to its recording.
         """
         self.recording = recording
         self.is_lost = False

@@ -131,9 +131,9 @@ class RawRecording:
                 self._mcap.finish()  # type: ignore[no-untyped-call]
 
     def cut_after(self, system: int, component: int) -> list[ReceivedPiece]:
-        """Removes what others sent after the last frame of a sender from a closed .tlog: it belongs to another flight.
+        """Removes all frames after the last frame of a sender from a closed .tlog, since they belong to another flight.
 
-        An .mcap stays as it is.
+        They were sent by other vehicles, while this one was silent. An .mcap stays as it is.
 
         Args:
             system: system id of the sender.
@@ -158,10 +158,13 @@ class RawRecording:
 
 
 def _pieces(records: bytes) -> list[ReceivedPiece]:
-    """Returns the frames of a .tlog's records, each with its stamp.
+    """Splits the bytes of a .tlog into frames with their times of arrival.
 
     Args:
-        records: undamaged records, each with its stamp before the frame.
+        records: complete records of a .tlog: a time stamp, UNIX µs in ``STAMP_BYTES`` bytes, and a MAVLink frame each.
+
+    Returns:
+        For each frame its bytes, and when it arrived, UNIX s.
     """
     frames = find_frames(np.frombuffer(records, dtype=np.uint8), crc_extra_table(), STAMP_BYTES)
     pieces = []

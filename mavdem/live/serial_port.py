@@ -69,6 +69,9 @@ def open_serial_port(name: str) -> SerialPort:
     Args:
         name: path or name of the device, with the speed in bit/s after a comma; ``DEFAULT_BAUD`` unless given.
 
+    Returns:
+        The open port, which reads and writes without waiting.
+
     Raises:
         OSError: the device cannot be opened.
         NoSerialPort: it is no serial port, has no such speed, or pyserial is not installed.

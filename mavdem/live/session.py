@@ -240,10 +240,14 @@ class LiveSession:
     def _analyse(self) -> None:
         """Takes the oldest batches of the backlog through all stages of the analysis.
 
-        The stages, in an order that matters: account for the time before these batches, while the state is still that
-        of then; turn frames into rows and learn from each; advance the timeline; withdraw what turns out to have been
-        a landing, which its rows must precede; report that a silence is over; and, after a reboot or a silence in
-        which the vehicle may have forgotten its message rates, request them again.
+        The order of the stages matters:
+
+        1. The time before these batches is added to the time account, before they change the state of the session.
+        2. The frames become rows, from each of which the model learns, and the timeline is advanced.
+        3. If a landing shows, the rows of its last seconds are withdrawn.
+        4. The end of a silence is reported.
+        5. After a reboot or a silence the vehicle may have forgotten its message rates, which are requested again.
+
 
         Arrivals and silences are in s of the monotonic clock.
         """
@@ -273,7 +277,10 @@ class LiveSession:
     def _note_messages(
         self, first_arrival: float, last_arrival: float, frames: Sequence[Frame]
     ) -> float:
-        """Records who sent the latest messages, and which vehicle succeeds a followed one that has become silent.
+        """Records whether the latest messages are of the followed vehicle, and which vehicle to follow if it is silent.
+
+        If the followed vehicle has been silent for long while another one sends, that one becomes ``successor``, and
+        the session is to end.
 
         Args:
             first_arrival: when the first of them arrived, s of the monotonic clock.
@@ -281,7 +288,7 @@ class LiveSession:
             frames: their frames, which the stream has taken.
 
         Returns:
-            The time without messages of the followed vehicle before them, s; 0 where they are of others.
+            How long no message of the followed vehicle had come before these, s; 0 if none of these is of that vehicle.
         """
         vehicle = self.stream.followed_vehicle
         monitor = self._silence_monitor

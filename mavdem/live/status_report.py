@@ -121,7 +121,11 @@ class StatusReport:
         return silence
 
     def _silence_fact(self) -> Fact | None:
-        """That the link is lost, or what has not come for ``SILENCE_SECONDS``; None while messages come."""
+        """Returns the fact that the link is lost, or which messages have not come for ``SILENCE_SECONDS``.
+
+        Returns:
+            The fact, a coded finding; None while messages come.
+        """
         if self.intake.is_lost:
             return Fact(LinkFact.CONNECTION_LOST, cause=None, reopening=False)
         now = self.backlog.analysed_until

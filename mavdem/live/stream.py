@@ -120,13 +120,13 @@ class LiveStream:
         return self._vehicles.followed
 
     def other_vehicle_among(self, frames: Sequence[Frame]) -> Component | None:
-        """Returns the vehicle besides the followed one that sent the first of some frames which is not the followed's.
+        """Returns the first vehicle among the senders of some frames that is not the followed one.
 
         Args:
-            frames: frames that were taken already.
+            frames: frames that were processed by :meth:`take_frames` already.
 
         Returns:
-            The vehicle; None if no other one that sends attitude sent any of them.
+            The vehicle, one that sends its attitude; None if no such vehicle sent any of the frames.
         """
         for frame in frames:
             sender = self._vehicles.sender(frame)

@@ -327,8 +327,8 @@ class Watchdog:
             now: present time on the boot clock, s.
 
         Returns:
-            What the user is told: an alarm, or the report itself. A reported crash is an alarm only if nothing else has
-            shown the loss before.
+            What is reported to the user: an alarm, or the report itself. A reported crash is an alarm only if nothing
+            else has shown the loss before.
         """
         if report.code is SessionFact.ALARM:
             # A restart in flight, whose light is known.

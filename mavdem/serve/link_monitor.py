@@ -114,7 +114,7 @@ class LinkMonitor:
         self._request_rate = request_rate
         # Name of the vehicle that the next session is to follow; None for the only one on the link.
         self._next_vehicle: str | None = None
-        # What came of it while the vehicle before was silent.
+        # The messages of that vehicle that came in the session before, while the former vehicle was silent.
         self._next_pieces: list[ReceivedPiece] = []
         self._is_stopping = ThreadEvent()
         self._silent_pages = 0

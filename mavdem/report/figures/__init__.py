@@ -34,6 +34,9 @@ class Plots:
             held_out: the windows of ``mavdem.evaluate.held_out_windows``, for which five models are trained unless
                 given.
             output: index in the order of the flight's outputs.
+
+        Returns:
+            The figure with both charts.
         """
         if held_out is None:
             held_out = held_out_windows(self._training_flights(), self.learned.settings)
@@ -43,9 +46,15 @@ class Plots:
     def residuals(self, output: int = -1) -> Figure:
         """Draws one-step residuals over time, their autocorrelation and their correlation with the command.
 
-        Beyond the 99 % bounds lies one in a hundred correlations of white residuals that do not depend on the command.
-        The bounds of the second allow for autocorrelation of both (Ljung, System Identification, 2nd ed., sec. 16.6).
-        The ``output`` is the last one, a rate, unless given.
+        The residuals of a good model are white and do not depend on the command: one in a hundred of their correlations
+        lies beyond the 99 % bounds. The bounds of the correlation with the command allow for the autocorrelation of
+        both signals (Ljung, System Identification, 2nd ed., sec. 16.6).
+
+        Args:
+            output: index of the output; by default the last one, a rate.
+
+        Returns:
+            The figure with the three charts.
         """
         return draw_charts(model_charts.residual_charts(self.learned, output))
 

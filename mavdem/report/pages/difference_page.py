@@ -324,10 +324,13 @@ def _trim_chart(sides: Reviews, legend: Mapping[str, str], difference: VehicleDi
 
 
 def _vibration_row(sides: Reviews) -> list[str]:
-    """Makes the row of a table for the mean vibration in flight, m/s², the largest of the axes that were recorded.
+    """Returns the row of a table with the mean vibration in flight, m/s², of the axis that vibrates most.
 
     Args:
         sides: review documents of both logs, by side.
+
+    Returns:
+        The name of the figure, and one cell for each side; a dash if the vibration was not recorded.
     """
     row = ["vibration (m/s²)"]
     for review in sides.values():

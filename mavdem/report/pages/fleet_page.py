@@ -462,10 +462,13 @@ def _calendar(lines: Sequence[FlightLine]) -> Calendar | None:
 
 
 def _level_counts_by_day(lines: Sequence[FlightLine]) -> dict[date, Counter[Level]]:
-    """Counts the flights of each day (UTC) by the level of their health; flights without a date or health are left out.
+    """Counts the flights of each day (UTC) by the level of their health, the judgement of the motors.
 
     Args:
-        lines: the lines of all flights.
+        lines: lines of the table of all flights.
+
+    Returns:
+        Numbers of flights by day and level. Flights without a date or a health are not counted.
     """
     health_column = [*COLUMNS].index("health")
     counts = defaultdict[date, Counter[Level]](Counter)
