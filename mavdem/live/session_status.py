@@ -275,7 +275,8 @@ class SessionStatus(ImmutableResult):
 
         1. To land now, or what the alarm asks for, if the headline is bad or an alarm is active. The worst active alarm
            becomes the headline, unless the headline is bad already.
-        2. What the reason advises for which the vehicle is not received; that reason becomes the headline.
+        2. What the reason advises for which the vehicle is not received; that reason becomes the headline, unless the
+           power warned before, which then explains more than a radio does.
         3. To land soon, if the battery is getting empty.
         4. To watch the vehicle itself, if alarms come later than ``MAX_ALARM_DELAY``.
         5. To fly on and do after the landing what the headline advises, if it warns.
@@ -294,7 +295,9 @@ class SessionStatus(ImmutableResult):
         if not self._is_received and self.obstacle is not None:
             # Whether the vehicle still flies, and how, is not known.
             next_step = Fact(NextStep.DO_AS_ADVISED, reason=self.obstacle)
-            return replace(judgement, headline=self.obstacle, next_step=next_step)
+            power = judgement.lights[Light.POWER]
+            headline = power if power.warns else self.obstacle
+            return replace(judgement, headline=headline, next_step=next_step)
         if judgement.lights[Light.POWER].code in EMPTYING_BATTERY:
             return replace(judgement, next_step=Fact(NextStep.LAND_SOON))
         if self.analysis_delay >= MAX_ALARM_DELAY:

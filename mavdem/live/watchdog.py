@@ -333,6 +333,9 @@ class Watchdog:
         if report.code is SessionFact.ALARM:
             # A restart in flight, whose light is known.
             return report
+        if report.code is ReportedEvent.BOARD_VOLTAGE_LOW:
+            # In a log a moment below the limit is a warning. In flight nobody knows whether the autopilot survives it.
+            report = report.replace(Level.BAD)
         if report.warns:
             self._warnings.append(report)
             light = light_of_event(report)

@@ -248,6 +248,26 @@ def test_a_battery_that_the_autopilot_reports_is_an_alarm_headline_and_light():
     assert [fact.code for fact in status.active_alarms] == [critical.headline.code]
 
 
+def test_a_supply_that_falls_before_a_vehicle_vanishes_is_an_alarm_and_the_headline():
+    volts = [5.05, 5.04, 5.05, 5.04, 5.05, 4.69, 4.58, 4.47, 4.33, 4.22]
+    sent = [
+        (10.0 + 0.5 * row, "POWER_STATUS", {"Vcc": round(1000 * value)})
+        for row, value in enumerate(volts)
+    ]
+    status = told(*sent, until=15.0).stream.status()
+    [alarm] = status.active_alarms
+    assert alarm.is_bad and alarm.code in {ReportedEvent.BOARD_VOLTAGE_LOW, PowerLight.SUPPLY_LOW}
+    silence = Fact(RowsFact.NOTHING_RECEIVED, subject=MissingMessages.MESSAGES, duration=3.0)
+    vanished = replace(status, obstacle=silence).overall_judgement
+    assert vanished.headline == vanished.lights[Light.POWER]
+    assert vanished.next_step.code is NextStep.LAND_NOW
+    # So does a supply that is to be watched only.
+    low = Fact(PowerLight.SUPPLY_LOW, voltage=4.6, voltage_usual=5.0, voltage_limit=4.65)
+    watched = replace(status, active_alarms=(), worst_lights={Light.POWER: low}, obstacle=silence)
+    assert watched.overall_judgement.headline == low
+    assert "radio" in str(watched.overall_judgement.next_step)
+
+
 def test_an_empty_battery_is_not_said_to_be_over_after_the_landing():
     hover = Hover(hovering=4.0)
     batteries = [
