@@ -13,7 +13,6 @@ from types import UnionType
 from typing import Annotated, Any, Self, Union, get_args, get_origin
 
 from pydantic import (
-    AliasChoices,
     BaseModel,
     BeforeValidator,
     ConfigDict,
@@ -184,7 +183,7 @@ class Sentence(Document):
     """how much it matters: good, watch, bad or unknown"""
     time: float | None
     """when it was so, s on the boot clock; null where it is of no time"""
-    until: float | None = Field(validation_alias=AliasChoices("until", "end_time"))
+    until: float | None = Field(validation_alias="end_time")
     """until when, s on the boot clock; null where it is of no time, or still so"""
     subject: str
     """what it is about; empty where that is the flight as a whole"""

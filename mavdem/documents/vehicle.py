@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from pydantic import AliasChoices, Field, model_validator
+from pydantic import Field, model_validator
 
 from mavdem.containers import JsonValues
 from mavdem.documents.document import (
@@ -250,7 +250,7 @@ class MotorAlarm(Document):
 
     time: Seconds
     """when it was found, on the boot clock"""
-    since: Seconds = Field(validation_alias=AliasChoices("since", "onset_time"))
+    since: Seconds = Field(validation_alias="onset_time")
     """when it began, on the boot clock"""
     motor: int | None
     """number of the motor, from 1; null where no motor is named"""
