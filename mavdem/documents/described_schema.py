@@ -8,6 +8,7 @@ import ast
 import inspect
 import sys
 from functools import cache
+from itertools import pairwise
 
 from pydantic.json_schema import GenerateJsonSchema, JsonSchemaValue
 from pydantic_core.core_schema import ModelSchema
@@ -37,7 +38,7 @@ class DescribedSchema(GenerateJsonSchema):
 
 @cache
 def _attribute_docstrings(module: str) -> dict[str, dict[str, str]]:
-    """Returns the docstrings below the attributes of all classes of a module, by class and attribute.
+    """Returns the docstrings below the attributes of the classes at the top level of a module.
 
     Args:
         module: Name of a module that is imported; one without Python source has no docstrings.
@@ -55,14 +56,19 @@ def _attribute_docstrings(module: str) -> dict[str, dict[str, str]]:
             continue
         docstrings_by_attribute = {}
         # The docstring of an attribute is the text that follows its annotation.
-        for statement, next_statement in zip(definition.body, definition.body[1:], strict=False):
-            if not isinstance(statement, ast.AnnAssign) or not isinstance(next_statement, ast.Expr):
+        for statement, next_statement in pairwise(definition.body):
+            text = _text_of_statement(next_statement)
+            if not isinstance(statement, ast.AnnAssign) or text is None:
                 continue
-            if isinstance(statement.target, ast.Name) and isinstance(
-                next_statement.value, ast.Constant
-            ):
-                docstrings_by_attribute[statement.target.id] = inspect.cleandoc(
-                    str(next_statement.value.value)
-                )
+            if isinstance(statement.target, ast.Name):
+                docstrings_by_attribute[statement.target.id] = inspect.cleandoc(text)
         docstrings[definition.name] = docstrings_by_attribute
     return docstrings
+
+
+def _text_of_statement(statement: ast.stmt) -> str | None:
+    """Returns the text of a statement that is just a string, as a docstring is; None for any other statement."""
+    if isinstance(statement, ast.Expr) and isinstance(statement.value, ast.Constant):
+        value = statement.value.value
+        return value if isinstance(value, str) else None
+    return None

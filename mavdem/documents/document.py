@@ -314,9 +314,11 @@ def _units_below(
             dictionary, has the key "*".
         parents: records that the type is in. A record that contains itself is not entered again.
     """
+    # Of ``list[Speed]``, for example, the origin is ``list`` and the only argument ``Speed``.
     origin = get_origin(annotation)
     arguments = get_args(annotation)
     if origin is Annotated:
+        # The first argument is the type itself, the others are its metadata.
         for metadata in arguments[1:]:
             if isinstance(metadata, FieldInfo):
                 yield from _unit_of_field(metadata, path)
@@ -325,6 +327,7 @@ def _units_below(
         for alternative in arguments:
             yield from _units_below(alternative, path, parents)
     elif origin is dict:
+        # The arguments are the types of keys and values.
         yield from _units_below(arguments[1], f"{path}.*", parents)
     elif origin in (list, tuple):
         for item in arguments:

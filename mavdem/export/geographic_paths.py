@@ -51,6 +51,7 @@ def geographic_paths(vehicle: Telemetry) -> list[GeographicPath]:
     Raises:
         Unreadable: no message has geographic positions.
     """
+    # The autopilot's estimate is preferred to the fixes of the receiver.
     for message in POSITION_MESSAGES:
         columns = vehicle.messages.get(message, {})
         if "lat" not in columns or "lon" not in columns:
@@ -63,6 +64,7 @@ def geographic_paths(vehicle: Telemetry) -> list[GeographicPath]:
             positions = np.column_stack([positions, np.round(altitude, SECOND_DECIMALS)])
         paths = []
         for boot in np.unique(columns["boot"]):
+            # Positions without a fix, and those that are not finite, are left out.
             is_selected = is_fix & (columns["boot"] == boot) & np.isfinite(positions).all(axis=1)
             if np.count_nonzero(is_selected) > 1:
                 time = np.round(columns["time"][is_selected], SECOND_DECIMALS)

@@ -206,10 +206,16 @@ def last_flown_boot(log: Log) -> Log:
 
 
 def _last_flown_boot_of(telemetry: Telemetry) -> Telemetry:
-    """Returns the messages of the last boot in which one vehicle left the ground, as those of boot 0."""
+    """Returns the messages of the last boot in which one vehicle left the ground, with 0 as the number of the boot.
+
+    Args:
+        telemetry: messages of the vehicle in all boots. Without attitude, or with a single boot, they are returned
+            unchanged. If the vehicle never left the ground, the messages of its last boot are returned.
+    """
     signals = Signals(telemetry)
     if not signals.tilts:
         return telemetry
+    # The attitude is sent in every boot.
     boots = np.unique(signals.tilts[0].boot).tolist()
     if len(boots) < 2:
         return telemetry

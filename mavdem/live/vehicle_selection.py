@@ -294,10 +294,12 @@ class VehicleSelector:
         elif self.followed is not None:
             self._report_other_vehicle(sender, self.followed)
         elif self._wanted is not None:
+            # The user has named a component ("1:1") or a system ("1").
             has_wanted_system = self._wanted == str(sender.system)
             if self._wanted == sender.name or (has_wanted_system and sender.can_be_followed):
                 self._follow(sender)
         elif sender.can_be_followed:
+            # The candidates are the vehicles that send attitude or, if none does, all multirotors.
             vehicles = [component for component in self if component.sends_attitude]
             if not vehicles:
                 vehicles = [

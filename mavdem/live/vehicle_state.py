@@ -1,7 +1,6 @@
 """The state of a live vehicle that a pilot looks for first: flight mode, arming and battery."""
 
 from dataclasses import replace
-from math import inf
 from typing import NamedTuple
 
 from mavdem.dataset.batteries import BATTERY_MESSAGES
@@ -41,15 +40,18 @@ def vehicle_state(recent: RecentMessages, vehicle: Telemetry, now: float) -> Veh
     columns |= recent.columns(["AVAILABLE_MODES"])
     signals = Signals(replace(vehicle, messages=columns))
     armed = signals.armed
-    batteries = []
+    # The emptiest battery is shown, or the first one if no charge is known.
+    voltage = None
+    charge = None
     for battery in signals.batteries:
-        charge = None
+        battery_charge = None
+        # An autopilot that does not know the charge sends −1.
         if battery.charge is not None and battery.charge.values[-1] >= 0:
-            charge = float(battery.charge.values[-1])
-        batteries.append((float(battery.voltage.values[-1]), charge))
-    # The emptiest battery is shown. Those of unknown charge come last.
-    batteries.sort(key=lambda battery: inf if battery[1] is None else battery[1])
-    voltage, charge = batteries[0] if batteries else (None, None)
+            battery_charge = float(battery.charge.values[-1])
+        is_emptier = battery_charge is not None and (charge is None or battery_charge < charge)
+        if voltage is None or is_emptier:
+            voltage = float(battery.voltage.values[-1])
+            charge = battery_charge
     return VehicleState(
         signals.mode_at(recent.boot, now),
         is_armed=None if armed is None else bool(armed.values[-1]),

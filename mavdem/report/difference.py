@@ -270,6 +270,7 @@ def light_blocks(reviews: Mapping[str, Review]) -> Blocks:
         lights = {side: side_lights.get(name) for side, side_lights in lights_by_side.items()}
         levels = {light["level"] if light is not None else "" for light in lights.values()}
         if len(levels) == 1:
+            # Lights with the same level on both sides are only named.
             names_by_level.setdefault(levels.pop(), []).append(name)
             continue
         for side, light in lights.items():

@@ -94,6 +94,7 @@ def tried_filters(
                 peak = _peak_for(index, peaks)
                 filters.append(_ardupilot_filter(logged, prefix, advised, peak, motor_frequencies))
         return tuple(filters)
+    # Older versions of PX4 have a single notch, whose parameters have other names.
     notches: Sequence[tuple[str, str]] = PX4_NOTCHES
     first_frequency, _ = PX4_NOTCHES[0]
     older_frequency, _ = OLDER_PX4_NOTCH

@@ -144,8 +144,10 @@ def search_problems(text: str) -> list[str]:
         column = name.lower()
         is_equality = operator in (":", "=")
         if column in CHOICES and value.lower() not in CHOICES[column]:
+            # A property with a few possible values, such as the stage.
             problems.append(f"{value} is no {column}: these are {listed(CHOICES[column])}")
         elif column in LEVEL_COLUMNS and is_equality and not _is_number(value):
+            # A light, such as motors:bad.
             if value.lower() not in LEVELS:
                 problems.append(f"{value} is no level: these are {listed(LEVELS)}")
         elif _is_compared_as_number(name) and not _is_number(value):

@@ -110,10 +110,13 @@ def _step_chapter(tuning: Tuning, assessment: Assessment) -> Chapter:
         panels[axis] = {}
         for loop_name in STEP_SECONDS:
             response = responses[axis].get(loop_name)
-            if response is not None and isinstance(response.measured, StepResponse):
+            is_measured = response is not None and isinstance(response.measured, StepResponse)
+            if response is not None and is_measured:
+                # The chart has the measured response, the predicted one, and that with the advised gains.
                 response_of_loop = {axis: {loop_name: response}}
                 panels[axis][loop_name] = step_charts(response_of_loop, steps, has_gain=False)[axis]
             elif isinstance(advice, Advice):
+                # Without a measured response, the chart has what the identified loop predicts.
                 panels[axis][loop_name] = [predicted_step_chart(compared_loops(advice), loop_name)]
     groups = _groups(panels, assessment, _step_caption(panels))
     return Chapter("Step response", (), groups)
