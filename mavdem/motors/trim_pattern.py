@@ -44,6 +44,12 @@ MIN_SUSPICION = 0.25
 MAX_SUSPECTS = 2
 """Largest number of motors of which one is said to be weak: more are no help to one who inspects them. A choice."""
 
+MAX_HIDDEN_LOSS = 0.5
+"""Loss of a motor's thrust that an even trim may hide: one that may hide more is unknown, as of eight motors in wind.
+
+A choice: without half of a motor's thrust a vehicle flies on, but hardly in gusts. Four motors hide at most 0.43.
+"""
+
 ALL_AXES = ("thrust", "roll", "pitch", "yaw")
 """Axes that a mixer must be known for before a pattern can be told from others."""
 
@@ -63,7 +69,8 @@ def trim_pattern(balance: BalanceFigures | None, geometry: MotorGeometry) -> Fac
     quadrotor also where one motor leads alone (:func:`_leading_motor`).
 
     There is no healthy flight to compare with here: the flight is judged against a vehicle that is trimmed evenly. An
-    even trim is claimed only if no deviation is estimated beyond ``FAULT_RISE`` and no interval is wider than ± that.
+    even trim is claimed only if no deviation is estimated beyond ``FAULT_RISE``, no interval is wider than ± that, and
+    no loss beyond ``MAX_HIDDEN_LOSS`` may hide in it.
 
     Args:
         balance: Balance of the motors in one flight; None if it is not known.
@@ -114,9 +121,12 @@ def trim_pattern(balance: BalanceFigures | None, geometry: MotorGeometry) -> Fac
         hidden_deviations = FAULT_RISE + deviations + half_widths
         own_rise_ratios = signatures.own_rise_ratios
         hidden_rises = hidden_deviations * own_rise_ratios / own_deviation_ratios
-        figures["most_loss"] = lost_thrust(hidden_rises, own_rise_ratios).max()
+        figures["most_loss"] = float(lost_thrust(hidden_rises, own_rise_ratios).max())
         if abs(deviations[worst_motor]) > FAULT_RISE:
             return Fact(TrimFact.TRIM_NEAR_LIMIT, limit=FAULT_RISE, **figures)
+        if figures["most_loss"] > MAX_HIDDEN_LOSS:
+            figures["half"] = half_widths.max()
+            return Fact(TrimFact.TRIM_UNSURE, **figures)
         return Fact(TrimFact.TRIM_EVEN, **figures)
     scale = np.sqrt(PRIOR_BALANCE_SD**2 + variance)
     lean = float(np.linalg.norm(balance.lean))

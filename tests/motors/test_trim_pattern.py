@@ -72,6 +72,15 @@ def test_two_motors_that_explain_a_trim_alike_are_suspects_both():
     assert f"{first} or {second} may be weak" in found.sentence
 
 
+def test_an_even_trim_that_may_hide_a_lost_motor_is_not_called_good():
+    """Of eight motors the weak one deviates by less than half of what it lacks."""
+    for motors, code in ((4, TrimFact.TRIM_EVEN), (8, TrimFact.TRIM_UNSURE)):
+        fact = trim((0.0, 0.0, 0.0), geometry(motors), error=0.02)
+        assert fact.code is code
+    assert "may hide that one lost 56 % of its thrust" in fact.sentence
+    assert trim((0.0, 0.0, 0.0), geometry(8)).code is TrimFact.TRIM_EVEN
+
+
 def test_what_cannot_be_told_from_even_is_no_alarm():
     half = 1.645 * 0.01
     limit = FAULT_RISE
