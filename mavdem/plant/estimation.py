@@ -39,6 +39,7 @@ from mavdem.plant.identifiability import (
 from mavdem.plant.likelihood import GrayBoxModel
 from mavdem.plant.parameters import (
     DAMPING,
+    DELAY,
     EFFECTS,
     LAG,
     Physical,
@@ -422,17 +423,20 @@ def with_omission_errors(
         damping_error = errors.unresolved_lag_damping
     damping_variance = damping_spectrum_variance * damping**2 + damping_error**2
     damping_variance += figures.thrust_curve_damping_error**2
-    # A lag that is too long comes with a delay that is too short: the flight determines their sum better than either.
-    exchanged_variance = lag_spectrum_variance
-    exchanged_variance += (errors.unpredicted_lag * figures.unpredicted_share) ** 2
-    exchanged_variance *= lag**2
+    # Relative variance of the lag.
+    lag_variance = lag_spectrum_variance + errors.lag**2
+    lag_variance += (errors.unpredicted_lag * figures.unpredicted_share) ** 2
     separate_variances = [
         *(effect * errors.motor) ** 2,
         damping_variance,
-        (errors.lag * lag) ** 2 + exchanged_variance,
-        errors.delay**2 + exchanged_variance,
+        lag**2 * lag_variance,
+        errors.delay**2,
     ]
-    return covariance + np.diag(separate_variances)
+    covariance = covariance + np.diag(separate_variances)
+    # The flight determines the sum of lag and delay better than either, so that a lag that is too long comes with a
+    # delay that is too short by as much. The prior of the delay, and its bound at 0, hide that from the likelihood.
+    covariance[DELAY, DELAY] = max(covariance[DELAY, DELAY], covariance[LAG, LAG])
+    return covariance
 
 
 def _wind_share(fit: GrayBoxFit, windows: FlightWindows) -> float:

@@ -111,7 +111,7 @@ class OmissionErrors:
     """
 
     unpredicted_lag = 1.0
-    """Relative error of the lag for each unit of that share; the delay errs by as much, the other way."""
+    """Relative error of the lag for each unit of that share; the delay errs by as much as the lag."""
 
     thrust_curve = 3**-0.5
     """Error common to the effects for each unit of their relative change over one standard deviation of the commands.

@@ -382,7 +382,8 @@ def test_what_the_model_leaves_out_adds_its_variances():
     relative = np.full((2, 2), errors.effect**2) + errors.motor**2 * np.eye(2)
     effects = ESTIMATES[:2]
     assert_allclose(covariance[:2, :2], np.outer(effects, effects) * relative)
-    others = [errors.damping**2, (0.05 * errors.lag) ** 2, errors.delay**2]
+    lag_variance = (0.05 * errors.lag) ** 2
+    others = [errors.damping**2, lag_variance, max(errors.delay**2, lag_variance)]
     assert_allclose(covariance[2:, 2:], np.diag(others))
 
 
@@ -412,11 +413,11 @@ def test_commands_that_nothing_predicts_widen_the_intervals():
     assert_allclose(added.diagonal(), expected, atol=1e-15)
 
 
-def test_a_lag_that_changes_with_the_spectrum_of_the_wind_makes_the_delay_uncertain():
-    """A lag that is too long comes with a delay that is too short."""
-    added = covariance_by_omissions(spectrum_range=(0.0, 0.0, 0.3)) - covariance_by_omissions()
-    lag_sd = 0.05 * 0.3 * np.sqrt(np.pi) / 3
-    assert_allclose(added, np.diag([0, 0, 0, lag_sd**2, lag_sd**2]), atol=1e-15)
+def test_the_delay_is_known_no_better_than_the_lag():
+    """A lag that is too long comes with a delay that is too short: the flight shows their sum."""
+    covariance = covariance_by_omissions(spectrum_range=(0.0, 0.0, 0.3))
+    lag_variance = 0.05**2 * (np.pi * 0.1**2 + limits.OmissionErrors.lag**2)
+    assert covariance.diagonal()[3:] == approx([lag_variance, lag_variance])
 
 
 def test_noise_of_commands_is_what_nothing_predicts():
