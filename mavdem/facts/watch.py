@@ -31,6 +31,7 @@ class WatchFact(Code):
     NO_OSCILLATION = "no_oscillation"
     WIND_AWAITED = "wind_awaited"
     REFERENCE_SHORT = "reference_short"
+    TRACKING_AWAITED = "tracking_awaited"
     ON_GROUND_NOW = "on_ground_now"
     NO_ALARM = "no_alarm"
     STOPPED_IN_AIR = "stopped_in_air"

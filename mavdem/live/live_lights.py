@@ -12,6 +12,7 @@ from mavdem.facts.log import LogLight
 from mavdem.facts.margins import MarginsLight
 from mavdem.facts.session import RowsFact, SessionFact
 from mavdem.facts.watch import WatchedQuantity, WatchFact
+from mavdem.live.tracking_watch import MIN_SETTLED_SECONDS
 
 
 def lights_before_model(
@@ -51,8 +52,11 @@ def lights_before_model(
         (Light.ESTIMATOR, WatchedQuantity.ESTIMATOR),
         (Light.TRACKING, WatchedQuantity.TRACKING),
     ):
-        # A quantity that is watched will be judged in settled flight.
-        reason_for_light = reason_not_watched(kind) or Fact(SessionFact.NOT_SETTLED)
+        # A quantity that is watched will be judged in settled flight, the tracking after some seconds of it.
+        awaited = Fact(SessionFact.NOT_SETTLED)
+        if light is Light.TRACKING:
+            awaited = Fact(WatchFact.TRACKING_AWAITED, duration=MIN_SETTLED_SECONDS)
+        reason_for_light = reason_not_watched(kind) or awaited
         lights[str(light)] = Fact(Unjudged.NOT_JUDGED, reason=reason_for_light)
     for light, kind, code in (
         (Light.MOTORS, WatchedQuantity.MOTOR_LIMITS, WatchFact.NO_MOTOR_AT_LIMIT),

@@ -52,6 +52,12 @@ def test_each_light_has_its_own_reason(slow):
     assert sum("comes at 25 Hz" in sentence for sentence in sentences) == 1, "the log"
 
 
+def test_the_tracking_waits_for_seconds_of_settled_flight(slow):
+    watched = replace(slow, watch_facts=(*slow.watch_facts, watch(WatchedQuantity.TRACKING)))
+    light = watched.overall_judgement.lights[Light.TRACKING]
+    assert str(light) == "Not judged: it is known after 20 s of settled flight."
+
+
 def test_without_a_light_the_headline_is_that_nothing_has_alarmed(slow):
     headline = slow.overall_judgement.headline
     assert str(headline) == str(SLOW)
