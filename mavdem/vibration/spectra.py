@@ -367,8 +367,8 @@ def _window_means(series: TimeSeries | None, middles: Array, segments: Segments)
         segments: segments of the flight that the windows lie in.
 
     Returns:
-        (W,) sizes, at least 0; NaN in windows without a sample. All are NaN without a series, or if the segments are from several
-        boots, since the same time may occur in each of them.
+        (W,) sizes, at least 0; NaN in windows without a sample. All are NaN without a series, or if the segments are
+        from several boots, since the same time may occur in each of them.
     """
     boots = {segment.boot for segment in segments}
     if series is None or len(boots) > 1:
