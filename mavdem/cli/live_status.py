@@ -102,7 +102,7 @@ class StatusLines:
         verdict = escape_unprintable(" ".join(verdict_lines(judgement)))
         obstacle = status.obstacle
         if obstacle is not None:
-            # What the verdict states, and what to do about it, is not said twice.
+            # The reason why nothing is learned, and its remedy, are left out here if the verdict states them.
             advised = escape_unprintable(obstacle.advised)
             remedy = escape_unprintable(obstacle.remedy)
             if judgement.headline == obstacle:
@@ -169,13 +169,14 @@ class StatusLines:
             return
         self._printed_state = state
         self._print_time = now
-        # Why learning waits was said when that began.
-        told = (
-            () if status.obstacle is None else (status.obstacle.sentence, status.obstacle.advised)
-        )
-        told_texts = {escape_unprintable(text) for text in told}
+        # The reason why nothing is learned was reported when it began: it is not repeated.
+        reported_texts = set()
+        if status.obstacle is not None:
+            reported_texts.add(escape_unprintable(status.obstacle.sentence))
+            reported_texts.add(escape_unprintable(status.obstacle.advised))
         *first_sentences, verdict = sentences
-        printed_sentences = [text for text in first_sentences if text not in told_texts] + [verdict]
+        printed_sentences = [text for text in first_sentences if text not in reported_texts]
+        printed_sentences.append(verdict)
         if is_new:
             printed_sentences = sentences[:2]
             if status.delay_fact is not None:

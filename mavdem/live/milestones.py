@@ -77,8 +77,8 @@ class Milestones:
         """Reports two milestones as they are reached; it is called once in a status period.
 
         The first is that physical parameters with an identifiable control effectiveness are known. The second, at each
-        landing, is what the flight has shown, or why it has shown nothing. A
-        vehicle whose motors were stopped in the air has not landed: what it showed is reported once it is lost.
+        landing, is what the flight has shown, or why it has shown nothing. A vehicle whose motors were stopped in the
+        air has not landed: what it showed is reported once it is lost.
 
         Args:
             learning: learning that has the latest estimates.

@@ -459,7 +459,7 @@ class LiveSession:
 
     @property
     def _too_slow_fact(self) -> Fact:
-        """That this computer had no time to learn from so many rows."""
+        """The fact that this computer had no time to learn from so many rows."""
         return Fact(
             SessionFact.COMPUTER_TOO_SLOW,
             count=self._postponed_rows,
@@ -467,7 +467,11 @@ class LiveSession:
         )
 
     def _shortfall(self) -> Fact | None:
-        """Returns why there are no physical parameters of the flight so far; None if there are, or without a row."""
+        """Returns why there are no physical parameters of the flight so far.
+
+        Returns:
+            The reason; None if there are physical parameters, or if no row has been learned from.
+        """
         learning = self._learning
         if learning.learner is None:
             return self._rows_obstacle

@@ -226,7 +226,8 @@ class SessionStatus(ImmutableResult):
         A light is the judgement of one part of the vehicle. The headline is decided by the first rule that applies:
 
         1. If a light is bad, it becomes the headline, unless the headline of the model is bad already.
-        2. Before a model is judged, the headline sums up the lights that need none, while the vehicle is received.
+        2. Before a model is judged, the headline sums up the lights that need none, while the vehicle is received or
+           when the session is over.
         3. If the headline of the model is no fault, and a light was replaced, the headline sums up all lights.
         4. Otherwise the headline of the model stays.
         """
@@ -254,7 +255,7 @@ class SessionStatus(ImmutableResult):
                 return _headed_by(bad_lights[0], lights)
             return Judgement(headline, next_step, lights)
         has_judged_light = any(name in lights_without_model for name in VEHICLE_LIGHTS)
-        # Once the session is over, that nothing comes any more says nothing of the flight.
+        # Once the session is over, no message comes any more; the lights still judge the flight that has been seen.
         is_shown = self._is_received or self.is_over
         if self.model_judgement is None and has_judged_light and is_shown:
             headline = headline_by_lights(lights)

@@ -206,7 +206,8 @@ class Component:
         elif message.name == "HEARTBEAT":
             self._heartbeat_count += 1
             vehicle_type = enum_name("MAV_TYPE", message.values[0])
-            # What has said that it is a multirotor stays one: a HEARTBEAT of another type is damaged or not its own.
+            # A vehicle that has once sent the type of a multirotor keeps it: a HEARTBEAT of another type is damaged,
+            # or only claims to come from this component.
             if self.vehicle_type not in MULTIROTORS or vehicle_type in MULTIROTORS:
                 self.vehicle_type = vehicle_type
             self.autopilot = enum_name("MAV_AUTOPILOT", message.values[1])

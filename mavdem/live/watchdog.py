@@ -761,7 +761,8 @@ class Watchdog:
 
         An alarm is over on the ground, or when its reason has not been seen for ``CALM_SECONDS``. This time is doubled
         with each end of the alarm in a flight, so that an alarm which comes and goes is reported less and less often.
-        The alarm of a loss of control stays on the ground. The light of the alarm then says that it is over.
+        The alarm of a loss of control stays on the ground. If an alarm of ``PRESENT_FAULTS`` ends in flight, its light
+        says that it is over; the lights of all other alarms keep stating what was wrong.
 
         Args:
             review: the review that ends; its warnings are among the active alarms already.
