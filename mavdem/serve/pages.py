@@ -386,9 +386,7 @@ class Pages:
         after = self._library.entry(request.query_params.get("b", ""))
         for entry in (before, after):
             if not entry.is_done:
-                raise Refusal(
-                    RefusalReason.LOG_NOT_READ, reason=f"{entry.name} is still being read."
-                )
+                raise Refusal(RefusalReason.STILL_BEING_READ, name=entry.name)
         # A is the earlier flight, so that a change for the worse is not presented as an improvement.
         if before.date and after.date and after.date < before.date:
             before, after = after, before
