@@ -357,7 +357,7 @@ def _rows_without_gaps(series: TimeSeries, segments: Segments, max_gap: float) -
 
 
 def _window_means(series: TimeSeries | None, middles: Array, segments: Segments) -> Array:
-    """Returns the size of the mean of a series over each window of ``WINDOW_SECONDS``.
+    """Returns the mean of a series over each window of ``WINDOW_SECONDS``.
 
     A mean is the difference of two cumulative sums, divided by the number of samples, which is fast for many windows.
 
@@ -367,8 +367,8 @@ def _window_means(series: TimeSeries | None, middles: Array, segments: Segments)
         segments: segments of the flight that the windows lie in.
 
     Returns:
-        (W,) sizes, at least 0; NaN in windows without a sample. All are NaN without a series, or if the segments are
-        from several boots, since the same time may occur in each of them.
+        (W,) means; NaN in windows without a sample. All are NaN without a series, or if the segments are from several
+        boots, since the same time may occur in each of them.
     """
     boots = {segment.boot for segment in segments}
     if series is None or len(boots) > 1:
@@ -379,8 +379,7 @@ def _window_means(series: TimeSeries | None, middles: Array, segments: Segments)
     first_rows = np.searchsorted(time, middles - WINDOW_SECONDS / 2)
     rows_after = np.searchsorted(time, middles + WINDOW_SECONDS / 2)
     counts = rows_after - first_rows
-    # Shares of the range are negative where motors are off, since their outputs are below it: only the size counts.
-    sums = abs(cumulative[rows_after] - cumulative[first_rows])
+    sums = cumulative[rows_after] - cumulative[first_rows]
     return np.where(counts > 0, sums / np.maximum(counts, 1), np.nan)
 
 
