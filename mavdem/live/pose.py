@@ -1,6 +1,6 @@
 """The latest attitude of a live vehicle with its setpoint, and its heading while it follows that."""
 
-from math import inf, isfinite, nan
+from math import hypot, inf, isfinite, nan
 from typing import NamedTuple
 
 import numpy as np
@@ -39,11 +39,13 @@ class PoseTracker:
 
     Attributes:
         pose: the latest; None before any.
+        takeoff_position: north and east of where the vehicle stood last, m; None where no position came there.
         heading: yaw, rad; NaN while roll or pitch stray from their setpoint, or the vehicle is not upright.
     """
 
     def __init__(self) -> None:
         self.pose: LatestPose | None = None
+        self.takeoff_position: Numbers | None = None
         self.heading = 0.0
         self._setpoint_time = -inf
         self._setpoint = TiltSetpoint()
@@ -51,20 +53,32 @@ class PoseTracker:
         self._position: Numbers = ()
 
     def restart(self) -> None:
-        """Forgets setpoint and position, at a reboot, after which the clock begins again."""
+        """Forgets setpoint and positions, at a reboot, after which clock and origin begin again."""
+        self.takeoff_position = None
         self._setpoint_time = -inf
         self._position_time = -inf
 
-    def take_position(self, time: float, position: Numbers) -> None:
+    @property
+    def takeoff_distance(self) -> float | None:
+        """Horizontal distance from the place of the take-off, m; None where one of both positions is not known."""
+        if self.takeoff_position is None or self.pose is None or self.pose.position is None:
+            return None
+        north, east = self.pose.position[:2]
+        return hypot(north - self.takeoff_position[0], east - self.takeoff_position[1])
+
+    def take_position(self, time: float, position: Numbers, *, is_flying: bool = True) -> None:
         """Stores the latest position, which the next attitudes get; one that is not finite is ignored.
 
         Args:
             time: time on the boot clock, s.
             position: north, east and down, m.
+            is_flying: whether the vehicle is in the air.
         """
         if all(map(isfinite, position)):
             self._position_time = time
             self._position = position
+            if not is_flying:
+                self.takeoff_position = position[:2]
 
     def take_setpoint(self, time: float, setpoint: TiltSetpoint) -> None:
         """Stores the latest setpoint of the attitude, which the next attitudes are compared with.

@@ -109,6 +109,9 @@ class SessionStatus(ImmutableResult):
     state: VehicleState | None = None
     """Its mode, arming and battery; None before a vehicle is chosen."""
 
+    takeoff_distance: float | None = None
+    """Horizontal distance from the place of the take-off, m; None on the ground, or where that place is not known."""
+
     message_age: float | None = None
     """Time since the last message of the followed vehicle, s; None before any."""
 
@@ -339,7 +342,8 @@ class SessionStatus(ImmutableResult):
             motors_light = lights.get(Light.MOTORS, weak_motors[0])
             lights[Light.MOTORS] = worst_fact([*weak_motors, motors_light])
         if self.mean_wind is not None:
-            lights[Light.WIND] = self.mean_wind.light
+            mean_wind = self.mean_wind.light
+            lights[Light.WIND] = worst_fact([lights.get(Light.WIND, mean_wind), mean_wind])
         return lights
 
     @property

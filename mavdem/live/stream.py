@@ -2,7 +2,7 @@
 
 from collections import deque
 from collections.abc import Iterator, Sequence
-from math import isnan
+from math import isfinite, isnan
 
 import numpy as np
 
@@ -18,9 +18,10 @@ from mavdem.facts.session import SessionFact
 from mavdem.facts.watch import WatchFact
 from mavdem.ingest.mavlink.frame_reader import Frame, FrameReader
 from mavdem.ingest.mavlink.framing import CHECKSUM_MATCHES
-from mavdem.ingest.motors import MOTOR_MESSAGES
+from mavdem.ingest.motors import MOTOR_MESSAGES, POSSIBLE_MULTIROTORS
 from mavdem.ingest.telemetry import Parameters
 from mavdem.live.boot_clock import BootClock, TimedMessage
+from mavdem.live.drift_watch import DriftWatch
 from mavdem.live.flight_phase import PHASE_MESSAGES, FlightPhase
 from mavdem.live.messages import (
     STATUS_MESSAGES,
@@ -42,6 +43,7 @@ from mavdem.live.session_status import SessionStatus
 from mavdem.live.vehicle_review import VehicleReview
 from mavdem.live.vehicle_selection import Component, VehicleSelector
 from mavdem.live.vehicle_state import VehicleState, vehicle_state
+from mavdem.live.watchdog import worst_of_lights
 from mavdem.live.wind import LiveWind
 from mavdem.wind_velocity.from_log import ESTIMATOR_FLAG_MESSAGES, VELOCITY_MESSAGES
 
@@ -108,6 +110,7 @@ class LiveStream:
         self._vehicles = VehicleSelector(vehicle, self._report)
         self._clock = BootClock(self._report)
         self._pose = PoseTracker()
+        self._drift = DriftWatch()
         self._rate_check = RateCheck(axis, can_request=not rates_requested, report=self._report)
         self._review = VehicleReview(
             self._vehicles, self._rate_check, self.motor_alarms, self.wind, self._report
@@ -300,9 +303,17 @@ class LiveStream:
             motor_alarms=tuple(self.motor_alarms.latest),
             has_landed=watchdog.has_landed,
             loss=watchdog.loss,
-            active_alarms=(*watchdog.active_alarms, *self.motor_alarms.active),
+            active_alarms=(
+                *watchdog.active_alarms,
+                *self.motor_alarms.active,
+                *self._drift.active,
+            ),
+            takeoff_distance=self._pose.takeoff_distance if self.is_flying else None,
             watch_facts=self.watch_facts,
-            worst_lights=dict(watchdog.worst_lights if self.is_flying else watchdog.all_lights),
+            worst_lights=worst_of_lights(
+                watchdog.worst_lights if self.is_flying else watchdog.all_lights,
+                self._drift.lights,
+            ),
             wind=self.wind.latest,
             mean_wind=self.wind.mean,
             wind_obstacle=self.wind.obstacle,
@@ -402,13 +413,36 @@ class LiveStream:
         elif name in VELOCITY_MESSAGES:
             first_wind = self.wind.add_velocity(name, time, message.values[:3])
             if name == "LOCAL_POSITION_NED":
-                self._pose.take_position(time, message.values[3:])
+                is_flying = self.is_flying
+                self._pose.take_position(time, message.values[3:], is_flying=is_flying)
+                self._watch_drift(time, message.values[:2])
             if first_wind is not None:
                 self._report(first_wind)
         if name in KEPT_MESSAGES:
             self._review.recent_messages.add(name, time, message.values)
         self._review.proceed(self._clock.now, self._rows)
         self._rows.end_segment_unless_free()
+
+    def _watch_drift(self, time: float, velocity: Numbers) -> None:
+        """Reports where wind begins or ceases to carry the vehicle away, by its velocity and the latest attitude.
+
+        Args:
+            time: time on the boot clock, s.
+            velocity: north and east, m/s.
+        """
+        if not self.is_flying:
+            self._drift.end_flight()
+            return
+        vehicle = self.followed_vehicle
+        if vehicle is None or vehicle.vehicle_type not in POSSIBLE_MULTIROTORS:
+            # The wings of a plane or VTOL lift it against its motion in each turn.
+            return
+        pose = self._pose.pose
+        is_known = pose is not None and all(map(isfinite, (*velocity, *pose.angles)))
+        if pose is not None and is_known:
+            fact = self._drift.take(time, pose.angles, velocity, self.parameters)
+            if fact is not None:
+                self._report(fact)
 
     def _take_attitude(self, message: Message, time: float) -> list[AlignedRow]:
         """Takes an attitude: for the wind, for the latest pose, to watch the control, and as a sample of rows.
@@ -495,6 +529,7 @@ class LiveStream:
         self.boot = boot
         self.wind.restart()
         self._pose.restart()
+        self._drift = DriftWatch()
         self.motor_alarms.restart()
         self._review.restart(boot)
         self._rows.restart(boot, self._review.phase)

@@ -1,0 +1,89 @@
+"""A vehicle that wind carries away, and one that only brakes."""
+
+from math import radians
+
+import numpy as np
+from hover import Hover
+from live_hover import Flight, by_time, replay
+from mavlink_streams import message
+from pytest import approx, mark
+
+from mavdem.facts import Level
+from mavdem.facts.lights import Light
+from mavdem.facts.session import SessionFact
+from mavdem.facts.watch import WatchFact
+from mavdem.live.drift_watch import DriftWatch
+from mavdem.live.session_status import SessionStatus
+from mavdem.live.vehicle_state import VehicleState
+from mavdem.report.live import vehicle_text
+
+
+def watched(roll_degrees, east, yaw=0.0, **parameters):
+    """What is reported of ten seconds with a roll and a velocity that each are constant or a series."""
+    watch = DriftWatch()
+    times = np.arange(100.0, 110.0, 0.25)
+    rolls = np.broadcast_to(np.radians(roll_degrees), times.shape)
+    velocities = np.broadcast_to(east, times.shape)
+    facts = [
+        watch.take(time, (roll, 0.0, yaw), (0.0, velocity), parameters)
+        for time, roll, velocity in zip(times, rolls, velocities, strict=True)
+    ]
+    return watch, [fact for fact in facts if fact is not None]
+
+
+def test_a_vehicle_that_moves_against_its_thrust_is_carried_away():
+    watch, [alarm] = watched(45.0, -2.0)
+    assert alarm.code is SessionFact.ALARM and alarm.level is Level.BAD and alarm.time == 100.0
+    assert alarm.advised == (
+        "Alarm: wind carries the vehicle away since 100 s: it leans 45° against its motion, as far as it may, and "
+        "still moves at 2.0 m/s. Descend to where the wind is weaker, and land. Do not fly in this wind."
+    )
+    assert watch.active and watch.lights[Light.WIND] == alarm.figures["reason"]
+    ends = [
+        watch.take(time, (0.1, 0.0, 0.0), (0.0, -2.0), {}) for time in np.arange(110.0, 114.0, 0.25)
+    ]
+    [over] = [fact for fact in ends if fact is not None]
+    assert over.code is WatchFact.ALARM_OVER and not watch.active and watch.lights
+    watch.end_flight()
+    watch.take(200.0, (0.0, 0.0, 0.0), (0.0, 0.0), {})
+    assert not watch.lights
+
+
+@mark.parametrize(
+    "roll, east, yaw, parameters",
+    [
+        (45.0, 8.0, 0.0, {}),  # it flies where it leans to
+        (45.0, -0.1, 0.0, {}),  # it holds its place
+        (45.0, -2.0, radians(180.0), {}),
+        (25.0, -2.0, 0.0, {}),  # lean is left
+        (45.0, np.minimum(-16.0 + 8.0 * np.arange(0.0, 10.0, 0.25), 0.0), 0.0, {}),  # it brakes
+        (45.0, -2.0, 0.0, {"ANGLE_MAX": 6000.0}),
+    ],
+)
+def test_what_is_not_carried_away(roll, east, yaw, parameters):
+    watch, facts = watched(roll, east, yaw, **parameters)
+    assert not facts and not watch.lights
+
+
+def test_a_limit_that_is_known_counts():
+    _, facts = watched(25.0, -2.0, ATC_ANGLE_MAX=25.0)
+    assert len(facts) == 1
+
+
+def test_the_distance_from_the_take_off_is_shown_in_flight():
+    hover = Hover(hovering=8.0)
+    positions = [
+        (time, message("LOCAL_POSITION_NED", time_boot_ms=round(1e3 * time), x=3.0, y=4.0 * moved))
+        for time, moved in ((5.2, 0.0), (5.4, 0.0), (12.0, 5.0), (12.3, 5.0), (12.6, 5.0))
+    ]
+    flight = [
+        (time, data)
+        for time, data in Flight(hover, attitude=20.0, motors=20.0).frames(end=12.8)
+        if data[7] != 32
+    ]
+    status = replay(by_time(flight, positions)).stream.status()
+    assert status.is_flying and status.takeoff_distance == approx(20.0)
+    shown = vehicle_text(
+        SessionStatus("1:1", is_flying=True, state=VehicleState(), takeoff_distance=20.4)
+    )
+    assert shown.startswith("1:1, in flight 20 m from the take-off, battery")
