@@ -87,3 +87,15 @@ def test_the_distance_from_the_take_off_is_shown_in_flight():
         SessionStatus("1:1", is_flying=True, state=VehicleState(), takeoff_distance=20.4)
     )
     assert shown.startswith("1:1, in flight 20 m from the take-off, battery")
+
+
+def test_no_distance_is_shown_where_the_take_off_was_not_seen():
+    flight = Flight(Hover(hovering=20.0), attitude=20.0, motors=20.0).frames(start=12.0, end=19.0)
+    positions = [
+        (time, message("LOCAL_POSITION_NED", time_boot_ms=round(1e3 * time), x=3.0, y=time))
+        for time in np.arange(12.0, 19.0, 0.5).tolist()
+    ]
+    status = replay(
+        by_time([(time, data) for time, data in flight if data[7] != 32], positions)
+    ).stream.status()
+    assert status.is_flying and status.takeoff_distance is None
