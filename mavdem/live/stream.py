@@ -420,7 +420,8 @@ class LiveStream:
             if name == "LOCAL_POSITION_NED":
                 is_flying = self.is_flying
                 self._pose.take_position(time, message.values[3:], is_flying=is_flying)
-                self._watch_drift(time, message.values[:2])
+                # The vertical velocity comes first.
+                self._watch_drift(time, message.values[1:3])
             if first_wind is not None:
                 self._report(first_wind)
         if name in KEPT_MESSAGES:

@@ -1,6 +1,7 @@
 """A vehicle that wind carries away, and one that only brakes."""
 
 from math import radians
+from unittest.mock import Mock
 
 import numpy as np
 from hover import Hover
@@ -70,10 +71,23 @@ def test_a_limit_that_is_known_counts():
     assert len(facts) == 1
 
 
-def test_the_distance_from_the_take_off_is_shown_in_flight():
+def test_the_distance_from_the_take_off_is_shown_in_flight(monkeypatch):
+    taken = Mock(return_value=None)
+    monkeypatch.setattr(DriftWatch, "take", taken)
     hover = Hover(hovering=8.0)
     positions = [
-        (time, message("LOCAL_POSITION_NED", time_boot_ms=round(1e3 * time), x=3.0, y=4.0 * moved))
+        (
+            time,
+            message(
+                "LOCAL_POSITION_NED",
+                time_boot_ms=round(1e3 * time),
+                x=3.0,
+                y=4.0 * moved,
+                vx=1.5,
+                vy=-2.0,
+                vz=9.0,
+            ),
+        )
         for time, moved in ((5.2, 0.0), (5.4, 0.0), (12.0, 5.0), (12.3, 5.0), (12.6, 5.0))
     ]
     flight = [
@@ -83,6 +97,7 @@ def test_the_distance_from_the_take_off_is_shown_in_flight():
     ]
     status = replay(by_time(flight, positions)).stream.status()
     assert status.is_flying and status.takeoff_distance == approx(20.0)
+    assert {call.args[2] for call in taken.call_args_list} == {(1.5, -2.0)}
     shown = vehicle_text(
         SessionStatus("1:1", is_flying=True, state=VehicleState(), takeoff_distance=20.4)
     )
