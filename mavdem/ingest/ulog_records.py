@@ -379,20 +379,23 @@ class _RecordScan:
         unwritten = UNWRITTEN_BYTES.match(self.content, position, end)
         return unwritten is not None and unwritten.end() == end
 
-    def _has_wrong_header_only(self, position: int, next_chain: int) -> bool:
+    def _has_wrong_header_only(self, position: int, next_record: int) -> bool:
         """Returns whether a damaged record ends where the next one begins, so that at most its header is wrong.
 
-        It does by the length in its header, or by the length of the subscription whose number it has.
+        Either the length in its header says so, and its type is wrong. Or the length of the subscription with the
+        record's number does, and its length is wrong.
 
         Args:
             position: Offset of the record.
-            next_chain: Offset at which the next record begins.
+            next_record: Offset at which the next sound record begins.
         """
-        length = next_chain - position
-        if position + HEADER.size + self.definitions.header(position).length == next_chain:
+        length = next_record - position
+        if position + HEADER.size + self.definitions.header(position).length == next_record:
             return True
-        number = self.content[position + HEADER.size : position + DATA_HEADER.size]
-        data_header = HEADER.pack((length - HEADER.size) % (1 << 16), DATA) + number
+        subscription = self.content[position + HEADER.size : position + DATA_HEADER.size]
+        # The header that a data record of this length would have. The field of the length has 16 bits.
+        length_field = (length - HEADER.size) % (1 << 16)
+        data_header = HEADER.pack(length_field, DATA) + subscription
         return self.definitions.data_length(data_header) == length
 
     def _data_offsets(self, position: int, end: int) -> list[int]:

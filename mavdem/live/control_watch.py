@@ -74,7 +74,7 @@ class ControlWatch:
         # The latest loss of attitude, as an event of the motion; None before any.
         self._attitude_loss: Fact | None = None
 
-    def take(self, message: Message, time: float) -> None:
+    def add_message(self, message: Message, time: float) -> None:
         """Keeps an attitude or a setpoint of the attitude.
 
         Args:
@@ -86,7 +86,7 @@ class ControlWatch:
         while samples[0].time < time - MEMORY_SECONDS:
             samples.popleft()
 
-    def take_pose(self, pose: LatestPose) -> None:
+    def add_pose(self, pose: LatestPose) -> None:
         """Notes the time of an attitude that is far from its setpoint, since only then may control be lost.
 
         This quick test of each attitude spares :meth:`loss` the full judgement as long as all is well. It misses no

@@ -83,7 +83,7 @@ class DriftWatch:
         self._is_active = False
         self._samples.clear()
 
-    def take(
+    def add_sample(
         self, time: float, angles: Numbers, velocity: Numbers, parameters: Parameters
     ) -> Fact | None:
         """Takes a velocity in flight with the latest attitude.

@@ -89,18 +89,24 @@ def lights_before_model(
 
 
 def _log_light(rates: Mapping[str, float]) -> Fact | None:
-    """Returns the light of the log where attitude and motors come fast enough for a model; None where they do not.
+    """Judges by the rates of the messages whether a model can be learned from what is received.
 
     Args:
-        rates: rates of the messages, Hz, by name.
+        rates: rates of the messages of attitude and motor outputs, Hz, by name.
+
+    Returns:
+        The fact that both are fast enough, which is the light "log" of the session; None where one is too slow.
     """
     attitude_rate, motor_rate = fastest_rates(rates)
     if min(attitude_rate, motor_rate) < MIN_STREAM_RATE:
         return None
+    # The sentence is that of a recorded log. In a stream the body rates come in the message of the attitude, so that
+    # their rate is the same, and damage of a file does not exist.
+    body_rate_rate = attitude_rate
     return Fact(
         LogLight.RECORDED_FAST,
         attitude_rate=attitude_rate,
-        rate=attitude_rate,
+        rate=body_rate_rate,
         motor_rate=motor_rate,
         needed_rate=MIN_STREAM_RATE,
         damage=None,

@@ -66,7 +66,7 @@ class PoseTracker:
         north, east = self.pose.position[:2]
         return hypot(north - self.takeoff_position[0], east - self.takeoff_position[1])
 
-    def take_position(self, time: float, position: Numbers, *, is_flying: bool = True) -> None:
+    def add_position(self, time: float, position: Numbers, *, is_flying: bool = True) -> None:
         """Stores the latest position, which the next attitudes get; one that is not finite is ignored.
 
         Args:
@@ -80,7 +80,7 @@ class PoseTracker:
             if not is_flying:
                 self.takeoff_position = position[:2]
 
-    def take_setpoint(self, time: float, setpoint: TiltSetpoint) -> None:
+    def add_setpoint(self, time: float, setpoint: TiltSetpoint) -> None:
         """Stores the latest setpoint of the attitude, which the next attitudes are compared with.
 
         Args:
@@ -90,7 +90,7 @@ class PoseTracker:
         self._setpoint_time = time
         self._setpoint = setpoint
 
-    def take_attitude(self, time: float, sample: AttitudeSample) -> LatestPose:
+    def add_attitude(self, time: float, sample: AttitudeSample) -> LatestPose:
         """Takes an attitude as the latest pose, and decides whether its yaw counts as heading.
 
         The heading serves the test for weak motors, which compares steady flight only. So it is NaN in manoeuvres:

@@ -84,7 +84,7 @@ class RateNegotiation:
         if self._request is None:
             self._request = self._request_to(vehicle, self._requested_rate)
         for message in self._stream.drain_replies():
-            self._request.take_reply(message)
+            self._request.add_reply(message)
         rates = self._arrival_rates.update(now, vehicle.message_counts, vehicle_seconds)
         self._intake.send(self._request.frames_due(now, rates, vehicle.parameters))
         for fact in self._request.drain_events():
@@ -156,4 +156,4 @@ class RateNegotiation:
                 if clock.monotonic() < end_time:
                     self._stream.take_without_rows(batch.stamp, batch.frames)
             for message in self._stream.drain_replies():
-                request.take_reply(message)
+                request.add_reply(message)

@@ -451,7 +451,7 @@ class RateRequest:
         """Names of the messages that do not come, although they were requested."""
         return frozenset(interval.name for interval in self._intervals if interval.is_absent)
 
-    def take_reply(self, message: Message) -> None:
+    def add_reply(self, message: Message) -> None:
         """Takes a reply of the vehicle: to a query a MESSAGE_INTERVAL, to a setting a COMMAND_ACK.
 
         Replies to other ground stations are ignored, and so is a COMMAND_ACK that only announces the final one. Older

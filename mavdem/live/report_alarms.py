@@ -38,15 +38,16 @@ class ReportAlarms:
         """The reports that are alarms now."""
         return tuple(self._reports.values())
 
-    def take(self, report: Fact, now: float) -> Fact:
-        """Makes a new report in flight an alarm if it is one.
+    def add_report(self, report: Fact, now: float) -> Fact:
+        """Adds a new report in flight. If it is alarming, it is active from now on.
 
         Args:
             report: what the autopilot reports, on anything but the battery.
             now: present time on the boot clock, s.
 
         Returns:
-            An alarm of the level of the report with it as the reason; the report itself where it is none.
+            What to tell the user: an alarm of the report's level with the report as its reason, or the report itself
+            where it is not alarming.
         """
         if not is_alarming(report):
             return report

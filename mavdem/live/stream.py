@@ -381,7 +381,7 @@ class LiveStream:
         if not is_new or not is_intact:
             return None
         if message is not None:
-            sender.take_message(message)
+            sender.add_message(message)
         self._vehicles.update(sender)
         if message is None or sender is not self._vehicles.followed:
             return None
@@ -406,8 +406,8 @@ class LiveStream:
         if name in ATTITUDE_MESSAGES and timed.has_own_stamp:
             yield from self._take_attitude(message, time)
         elif name == SETPOINT_MESSAGE and timed.has_own_stamp:
-            self._review.watchdog.take(message, time)
-            self._pose.take_setpoint(time, tilt_setpoint(message))
+            self._review.watchdog.add_message(message, time)
+            self._pose.add_setpoint(time, tilt_setpoint(message))
         elif name in MOTOR_MESSAGES and timed.has_own_stamp:
             port, outputs = port_outputs(message)
             # Each port gets a stream, so that a hostile sender could fill the memory with ever new port numbers.
@@ -419,7 +419,7 @@ class LiveStream:
             first_wind = self.wind.add_velocity(name, time, message.values[:3])
             if name == "LOCAL_POSITION_NED":
                 is_flying = self.is_flying
-                self._pose.take_position(time, message.values[3:], is_flying=is_flying)
+                self._pose.add_position(time, message.values[3:], is_flying=is_flying)
                 # The vertical velocity comes first.
                 self._watch_drift(time, message.values[1:3])
             if first_wind is not None:
@@ -446,7 +446,7 @@ class LiveStream:
         pose = self._pose.pose
         is_known = pose is not None and all(map(isfinite, (*velocity, *pose.angles)))
         if pose is not None and is_known:
-            fact = self._drift.take(time, pose.angles, velocity, self.parameters)
+            fact = self._drift.add_sample(time, pose.angles, velocity, self.parameters)
             if fact is not None:
                 self._report(fact)
 
@@ -464,14 +464,14 @@ class LiveStream:
             The rows that it completes.
         """
         watchdog = self._review.watchdog
-        watchdog.take(message, time)
+        watchdog.add_message(message, time)
         sample = attitude_sample(message)
         if sample is None:
             # The stream still learns of the message, so that its name is known as one that comes.
             return self._add_sample(message.name, 0, time, None)
         if message.name == self._rows.attitude_message and self._phase.is_free(time):
             self.wind.add_attitude(time, sample.roll, sample.pitch, sample.yaw)
-        watchdog.control.take_pose(self._pose.take_attitude(time, sample))
+        watchdog.control.add_pose(self._pose.add_attitude(time, sample))
         return self._add_sample(message.name, 0, time, sample.tilt_and_rates)
 
     def _add_sample(

@@ -36,7 +36,7 @@ class TrackingWatch:
             for name in (*ATTITUDE_MESSAGES, SETPOINT_MESSAGE)
         }
 
-    def take(self, message: Message, time: float) -> None:
+    def add_message(self, message: Message, time: float) -> None:
         """Keeps an attitude or a setpoint, unless it follows another one within ``SAMPLE_PERIOD``.
 
         Args:

@@ -190,7 +190,7 @@ class Component:
         is_next = (sequence - self._last_sequence) % SEQUENCE_NUMBERS == 1
         return is_long_gap and not is_next
 
-    def take_message(self, message: Message) -> None:
+    def add_message(self, message: Message) -> None:
         """Takes what a message tells about its component: a parameter, or from a HEARTBEAT its type and autopilot.
 
         Other messages change nothing. The number of parameters is bounded, against hostile input.

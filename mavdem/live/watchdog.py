@@ -240,15 +240,15 @@ class Watchdog:
         # The review that has begun; None between reviews.
         self._review: _Review | None = None
 
-    def take(self, message: Message, time: float) -> None:
+    def add_message(self, message: Message, time: float) -> None:
         """Takes an attitude or its setpoint, by which control and tracking are judged.
 
         Args:
             message: ATTITUDE, ATTITUDE_QUATERNION or ATTITUDE_TARGET.
             time: time on the boot clock, s.
         """
-        self.control.take(message, time)
-        self._tracking.take(message, time)
+        self.control.add_message(message, time)
+        self._tracking.add_message(message, time)
 
     @property
     def all_lights(self) -> dict[str, Fact]:
@@ -346,7 +346,7 @@ class Watchdog:
         if report.code in REPORTS_OF_LOSS and report.is_bad:
             is_first = self.loss is not None and self.loss.code is Ending.LOSS_REPORTED
             return event_or_alarm(report, report.start_time) if is_first else report
-        return self._report_alarms.take(report, now)
+        return self._report_alarms.add_report(report, now)
 
     def _alarm_of_power(self, report: Fact, now: float) -> Fact:
         """Makes a warning of the autopilot about its power an active alarm, and returns what is to be reported.
@@ -510,10 +510,14 @@ class Watchdog:
             takeoff_time: when the vehicle left the ground, s of the boot clock; minus infinity where that was not seen.
             motion: motor outputs of the last seconds; None if they do not come.
         """
-        if len(self._states) < 2 or self._states[-2].landed_state != IN_AIR:
+        if len(self._states) < 2:
             return
-        # The motors stopped between two reviews; at the former one the vehicle was as high as it flew.
-        flight_end = self._states[-2].time
+        # The last two states are of the review in which the vehicle was last in the air, and of the first one after
+        # that. The motors stopped between them.
+        last_state_in_air, first_state_after = self._states[-2:]
+        if last_state_in_air.landed_state != IN_AIR:
+            return
+        flight_end = last_state_in_air.time
         if review.now - flight_end > FALL_SECONDS:
             return
         end = self.control.flight_end(
@@ -524,10 +528,10 @@ class Watchdog:
         if end.loss is not None and end.loss.is_bad:
             loss = end.loss
         elif end.is_falling and self.loss is None:
-            loss = Fact(WatchFact.STOPPED_IN_AIR, Level.BAD, time=self._states[-1].time)
+            loss = Fact(WatchFact.STOPPED_IN_AIR, Level.BAD, time=first_state_after.time)
         # A loss in the air is replaced once it is known how the vehicle met the ground. Any other loss stays.
-        may_replace = self.loss is None or self.loss.code in OPEN_LOSSES
-        if loss is not None and may_replace:
+        is_earlier_loss_final = self.loss is not None and self.loss.code not in OPEN_LOSSES
+        if loss is not None and not is_earlier_loss_final:
             review.facts[WatchedQuantity.CONTROL] = loss
             self.loss = loss
             self._judge_motors_of_loss(loss)
@@ -771,32 +775,43 @@ class Watchdog:
             The ends to report. After a loss of control no end is reported, since a wreck is no sound vehicle; nor is
             that of a battery's alarm on the ground, since landing does not charge the battery.
         """
-        is_lost = self.loss is not None and not review.is_flying
+        is_wreck = self.loss is not None and not review.is_flying
         ends = []
         for kind in list(self.active):
             # On the ground, the alarm of a loss of control stays.
-            if is_lost and kind is WatchedQuantity.CONTROL:
+            if is_wreck and kind is WatchedQuantity.CONTROL:
                 continue
             last_seen = self._last_seen[kind]
             calm_seconds = self._calm_seconds.get(kind, CALM_SECONDS)
-            if not review.is_flying or review.now - last_seen >= calm_seconds:
-                ended_alarm = self.active.pop(kind)
-                self._calm_seconds[kind] = 2 * calm_seconds
-                is_still_empty = kind is WatchedQuantity.BATTERY and not review.is_flying
-                if not is_lost and not is_still_empty:
-                    end = Fact(WatchFact.ALARM_OVER, time=last_seen, reason=ended_alarm)
-                    ends.append(end)
-                    light = str(LIGHTS[kind])
-                    worst_fact_of_light = self.worst_lights.get(light)
-                    is_of_alarm = (
-                        worst_fact_of_light is not None
-                        and worst_fact_of_light.code is ended_alarm.code
-                    )
-                    if is_of_alarm and review.is_flying and kind in PRESENT_FAULTS:
-                        self.worst_lights[light] = end.replace(ended_alarm.level)
-                if kind is WatchedQuantity.CONTROL:
-                    self.loss = None
+            if review.is_flying and review.now - last_seen < calm_seconds:
+                continue
+            ended_alarm = self.active.pop(kind)
+            self._calm_seconds[kind] = 2 * calm_seconds
+            if kind is WatchedQuantity.CONTROL:
+                self.loss = None
+            is_empty_battery = kind is WatchedQuantity.BATTERY and not review.is_flying
+            if is_wreck or is_empty_battery:
+                continue
+            end = Fact(WatchFact.ALARM_OVER, time=last_seen, reason=ended_alarm)
+            ends.append(end)
+            if review.is_flying and kind in PRESENT_FAULTS:
+                self._say_that_light_is_over(kind, end, ended_alarm)
         return ends
+
+    def _say_that_light_is_over(self, kind: WatchedQuantity, end: Fact, ended_alarm: Fact) -> None:
+        """Makes the end of an alarm the statement of its light, which keeps its level.
+
+        A light that states something else, such as a worse fault, stays as it is.
+
+        Args:
+            kind: the quantity that the alarm is about; it determines the light.
+            end: the fact that the alarm is over.
+            ended_alarm: the alarm.
+        """
+        light = str(LIGHTS[kind])
+        stated = self.worst_lights.get(light)
+        if stated is not None and stated.code is ended_alarm.code:
+            self.worst_lights[light] = end.replace(ended_alarm.level)
 
     def _update_watch_facts(self, review: _Review, motion: RecentMotion | None) -> None:
         """Notes for each watched quantity, such as vibration, since when it is watched, or why it is not.

@@ -26,7 +26,7 @@ def watched(roll_degrees, east, yaw=0.0, **parameters):
     rolls = np.broadcast_to(np.radians(roll_degrees), times.shape)
     velocities = np.broadcast_to(east, times.shape)
     facts = [
-        watch.take(time, (roll, 0.0, yaw), (0.0, velocity), parameters)
+        watch.add_sample(time, (roll, 0.0, yaw), (0.0, velocity), parameters)
         for time, roll, velocity in zip(times, rolls, velocities, strict=True)
     ]
     return watch, [fact for fact in facts if fact is not None]
@@ -41,12 +41,13 @@ def test_a_vehicle_that_moves_against_its_thrust_is_carried_away():
     )
     assert watch.active and watch.lights[Light.WIND] == alarm.figures["reason"]
     ends = [
-        watch.take(time, (0.1, 0.0, 0.0), (0.0, -2.0), {}) for time in np.arange(110.0, 114.0, 0.25)
+        watch.add_sample(time, (0.1, 0.0, 0.0), (0.0, -2.0), {})
+        for time in np.arange(110.0, 114.0, 0.25)
     ]
     [over] = [fact for fact in ends if fact is not None]
     assert over.code is WatchFact.ALARM_OVER and not watch.active and watch.lights
     watch.end_flight()
-    watch.take(200.0, (0.0, 0.0, 0.0), (0.0, 0.0), {})
+    watch.add_sample(200.0, (0.0, 0.0, 0.0), (0.0, 0.0), {})
     assert not watch.lights
 
 

@@ -57,9 +57,9 @@ def test_a_greeting_is_the_heartbeat_of_a_ground_station_that_nobody_misses():
 def test_a_refused_rate_is_reported_and_not_requested_again():
     refused = request_of(50.0, 375)
     refused.frames_due(0.0, None)
-    refused.take_reply(told("MESSAGE_INTERVAL", 375, STOPPED))
+    refused.add_reply(told("MESSAGE_INTERVAL", 375, STOPPED))
     refused.frames_due(0.1, {})
-    refused.take_reply(told("COMMAND_ACK", SET_INTERVAL, 4))
+    refused.add_reply(told("COMMAND_ACK", SET_INTERVAL, 4))
     assert [refused.frames_due(float(second), {}) for second in range(1, 60)] == [[]] * 59
     assert refused.restoring_frames() == []
     refusal = Fact(RateFact.RATE_REFUSED, subject="ACTUATOR_OUTPUT_STATUS", result=4)
@@ -78,7 +78,7 @@ def test_a_message_of_lesser_use_that_never_comes_is_reported_once(is_refused):
     for second in range(60):
         frames = request.frames_due(float(second), {})
         if is_refused and [one for one in said(frames) if one[0] == SET_INTERVAL]:
-            request.take_reply(told("COMMAND_ACK", SET_INTERVAL, 4))
+            request.add_reply(told("COMMAND_ACK", SET_INTERVAL, 4))
     assert request.drain_events() == [NO_VIBRATION]
     assert request.absent_messages == {"VIBRATION"}
     request.frames_due(61.0, {241: 4.0})
@@ -90,7 +90,7 @@ def test_an_interval_that_cannot_be_is_never_restored(interval):
     request = request_of(50.0)
     for second in range(8):
         request.frames_due(float(second), {30: 4.0})
-        request.take_reply(told("MESSAGE_INTERVAL", 30, interval))
+        request.add_reply(told("MESSAGE_INTERVAL", 30, interval))
     assert said(request.restoring_frames()) == [
         (SET_INTERVAL, 30, 250_000),
         (SET_INTERVAL, 36, STOPPED),
@@ -104,9 +104,9 @@ def test_answers_to_others_and_to_other_commands_are_not_ours():
     assert request.restoring_frames()
     others = (SET_INTERVAL, (254, 190)), (SET_INTERVAL, (255, 1)), (400, US), (GET_INTERVAL, US)
     for command, to in others:
-        request.take_reply(told("COMMAND_ACK", command, 0, to))
+        request.add_reply(told("COMMAND_ACK", command, 0, to))
         assert request.restoring_frames(), "it is still awaited"
-    request.take_reply(told("COMMAND_ACK", SET_INTERVAL, 0, (0, 0)))  # older vehicles name nobody
+    request.add_reply(told("COMMAND_ACK", SET_INTERVAL, 0, (0, 0)))  # older vehicles name nobody
     assert request.restoring_frames() == []
 
 
@@ -163,13 +163,13 @@ class Vehicle:
     def answer(self, command, kind, interval):
         if command == GET_INTERVAL:
             rate = self.rates.get(kind, 0.0)
-            self.request.take_reply(
+            self.request.add_reply(
                 told("MESSAGE_INTERVAL", kind, round(1e6 / rate) if rate else STOPPED)
             )
             return
         if kind in self.knows:
             self.rates[kind] = 1e6 / interval if interval > 0 else 0.0
-        self.request.take_reply(told("COMMAND_ACK", SET_INTERVAL, 0 if kind in self.knows else 4))
+        self.request.add_reply(told("COMMAND_ACK", SET_INTERVAL, 0 if kind in self.knows else 4))
 
     def give_back(self):
         for command, kind, interval in said(self.request.restoring_frames()):
@@ -282,7 +282,7 @@ def test_contested_rates_are_reported_once_although_a_second_message_is_conteste
         first_rate = 4.0 if is_set_back else 50.0
         second_rate = 4.0 if is_set_back and not 10 <= second < 300 else 50.0
         request.frames_due(float(second), {30: first_rate, 36: second_rate})
-        request.take_reply(told("COMMAND_ACK", SET_INTERVAL, 0))
+        request.add_reply(told("COMMAND_ACK", SET_INTERVAL, 0))
     fallen = {fact.subject for fact in request.events if fact.code is RateFact.RATE_FELL}
     assert fallen == {"ATTITUDE", "SERVO_OUTPUT_RAW"}
     assert request.events.count(Fact(RateFact.RATES_CONTESTED)) == 1

@@ -28,7 +28,7 @@ def report(code, severity="critical", **figures):
     ],
 )
 def test_the_severity_decides_what_is_an_alarm(fact, level):
-    event = ReportAlarms().take(fact, 20.0)
+    event = ReportAlarms().add_report(fact, 20.0)
     if level is None:
         assert event is fact
     else:
@@ -37,10 +37,12 @@ def test_the_severity_decides_what_is_an_alarm(fact, level):
 
 
 def test_a_critical_report_that_the_vehicle_can_fly_with_is_no_reason_to_land_at_once():
-    alarm = ReportAlarms().take(report(ReportedEvent.GPS_JUMPED), 20.0)
+    alarm = ReportAlarms().add_report(report(ReportedEvent.GPS_JUMPED), 20.0)
     assert alarm.remedy.startswith("Fly by hand in a mode without position")
     assert (
-        ReportAlarms().take(report(ReportedEvent.THRUST_LOST), 20.0).remedy.startswith("Land now")
+        ReportAlarms()
+        .add_report(report(ReportedEvent.THRUST_LOST), 20.0)
+        .remedy.startswith("Land now")
     )
 
 
@@ -49,7 +51,7 @@ def test_a_bad_report_lasts_until_the_flight_ends_and_another_while_it_is_repeat
     failed = report(ReportedEvent.MOTOR_FAILED)
     jumped = report(ReportedEvent.GPS_JUMPED)
     for fact in (failed, jumped):
-        alarms.take(fact, 20.0)
+        alarms.add_report(fact, 20.0)
     alarms.update([failed, jumped.replace(end_time=30.0)], 35.0)
     alarms.update([], 29.0 + REPEAT_SECONDS)
     assert alarms.active == (failed, jumped)

@@ -28,8 +28,12 @@ def test_the_tracking_is_that_of_the_latest_minute(error, seconds, level):
         time = row / 50
         roll = 0.05 * sin(time)
         quaternion = (cos(roll / 2), sin(roll / 2), 0.0, 0.0)
-        watch.take(Message("ATTITUDE_TARGET", time, inf, (7, quaternion, 0.0, 0.0, 0.0)), time)
-        watch.take(Message("ATTITUDE", time, inf, (roll + error, 0.0, 0.0, 0.0, 0.0, 0.0)), time)
+        watch.add_message(
+            Message("ATTITUDE_TARGET", time, inf, (7, quaternion, 0.0, 0.0, 0.0)), time
+        )
+        watch.add_message(
+            Message("ATTITUDE", time, inf, (roll + error, 0.0, 0.0, 0.0, 0.0, 0.0)), time
+        )
     assert watch.has_setpoints(seconds)
     light = watch.light(seconds, VEHICLE, 0.0)
     assert (None if light is None else light.level) is level
