@@ -236,7 +236,15 @@ def down_in_body(roll: Array, pitch: Array) -> Array:
 
 
 def _exceeds(quantities: list[Array], limit: float) -> Flags:
-    """Returns flags of the rows (N,) in which any of several quantities (N,) is finite and by size beyond a limit."""
+    """Flags the samples in which the magnitude of some quantity exceeds a limit, so that the sample is impossible.
+
+    Args:
+        quantities: N values each of one or several quantities, at least one, in the same unit.
+        limit: the largest possible magnitude, in that unit.
+
+    Returns:
+        Flags (N,). A value that is not finite exceeds no limit: such a sample counts as unusable, not as impossible.
+    """
     exceeds = np.zeros(len(quantities[0]), dtype=np.bool_)
     for values in quantities:
         magnitudes = np.abs(values)
@@ -294,7 +302,17 @@ def _integrated_rates(attitude: Attitude, tuning: TimeSeries) -> _IntegratedRate
 
 
 def _is_between_messages(time: Array, sent_time: Array) -> Flags:
-    """Returns flags of the times (N,) between two messages of one boot, at ``sent_time`` (M,), without an outage."""
+    """Flags the times at which an attitude can be interpolated, since two messages without an outage surround them.
+
+    A step of more than ``MAX_STEP_WITHOUT_OUTAGE`` times the median step between messages is an outage.
+
+    Args:
+        time: (N,) the times, s since boot.
+        sent_time: (M,) stamps of the attitude messages of the same boot, s, ascending.
+
+    Returns:
+        Flags (N,); False before the first message, after the last one and within an outage.
+    """
     is_in_span = (time >= sent_time[0]) & (time <= sent_time[-1])
     steps = np.diff(sent_time, append=sent_time[-1])
     is_outage = steps > MAX_STEP_WITHOUT_OUTAGE * np.median(steps)

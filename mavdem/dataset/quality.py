@@ -274,9 +274,16 @@ def _torque_command(signals: Signals, flight: Flight) -> _TorqueCommand:
 
 
 def _quantisation_step(values: Array) -> float:
-    """Estimates the quantisation step of values (N,): the median difference between neighbouring distinct ones.
+    """Estimates the step of the numbers to which a logged quantity was rounded.
 
-    Of values that are not rounded it is next to nothing.
+    It is the median difference between neighbouring distinct values. If values are not rounded, the difference only
+    reflects how densely they lie, so that the step is close to 0.
+
+    Args:
+        values: (N,) samples of the quantity.
+
+    Returns:
+        The step, in the unit of the values; 0 if all values are equal.
     """
     distinct = np.unique(values)
     return float(np.median(np.diff(distinct))) if len(distinct) > 1 else 0.0

@@ -215,12 +215,14 @@ def _sampled_segments(
 
 
 def _has_samples_of_both(attitude: Attitude, inputs: MotorOutputs, segment: Segment) -> bool:
-    """Returns whether a segment has enough of both streams to be sampled: two samples each, and a time in common.
+    """Returns whether attitude and model inputs of a segment can be resampled to a common grid.
+
+    Interpolation needs two samples of each stream, and the grid needs a time that both streams cover.
 
     Args:
-        attitude: the attitude.
-        inputs: the model inputs.
-        segment: span of one boot.
+        attitude: attitude of the axis, of all boots.
+        inputs: motor outputs or demand, of all boots.
+        segment: boot, start and end.
     """
     attitude_time = attitude.time[rows_of_segment(attitude, segment)]
     input_time = inputs.time[rows_of_segment(inputs, segment)]
@@ -232,7 +234,14 @@ def _has_samples_of_both(attitude: Attitude, inputs: MotorOutputs, segment: Segm
 
 
 def _fast_runs(time: Array) -> Intervals:
-    """Returns the intervals in which the stamps (N,) of a boot come without gaps, at ``MIN_STREAM_RATE`` or faster."""
+    """Finds the intervals in which a stream has no gaps, and comes at ``MIN_STREAM_RATE`` or faster.
+
+    Args:
+        time: (N,) stamps of the messages of one boot, s, ascending.
+
+    Returns:
+        Start and end of each interval, s; none with fewer than two messages.
+    """
     if len(time) < 2:
         return []
     steps = np.diff(time)
@@ -253,7 +262,16 @@ def slow_steps(steps: Array) -> Flags:
 
 
 def _runs_at_any_rate(time: Array) -> Intervals:
-    """Returns the intervals in which the stamps (N,) of a boot come without gaps, judged by their own median step."""
+    """Finds the intervals in which a stream has no gaps, however slow it is.
+
+    A gap is longer than ``MAX_GAP_SECONDS``, and longer than ``MAX_STEP_AT_ANY_RATE`` median steps of the stream.
+
+    Args:
+        time: (N,) stamps of the messages of one boot, s, ascending.
+
+    Returns:
+        Start and end of each interval, s; none with fewer than two messages.
+    """
     if len(time) < 2:
         return []
     steps = np.diff(time)

@@ -249,7 +249,15 @@ class VehicleSignals:
         return [ModeChange(time, name) for time, name in zip(times, names, strict=True)]
 
     def mode_at(self, boot: int, time: float) -> str:
-        """Returns the name of the flight mode at a time of a boot, s; empty if it is not known."""
+        """Returns the flight mode of the vehicle at one time.
+
+        Args:
+            boot: number of the boot, from 0.
+            time: the time, s since that boot.
+
+        Returns:
+            The autopilot's name of the mode, such as "LOITER"; empty before the first known mode.
+        """
         mode = ""
         for change in self.mode_changes(boot):
             if change.time <= time:
@@ -273,8 +281,8 @@ class VehicleSignals:
     def position(self) -> TimeSeries | None:
         """Position (N, 3), m north, east and down of the estimator's origin, or of the first position fix.
 
-        It is that of LOCAL_POSITION_NED or, without it, latitude and longitude of GLOBAL_POSITION_INT on a plane that
-        touches the earth at the first fix. None if neither was recorded.
+        LOCAL_POSITION_NED has the position itself. Without that message, latitude and longitude of GLOBAL_POSITION_INT
+        are projected onto a plane that touches the earth at the first fix. None if neither was recorded.
         """
         columns = self.telemetry.messages.get("LOCAL_POSITION_NED", {})
         if "x" in columns:
@@ -442,7 +450,8 @@ class Signals(VehicleSignals):
     def angle_setpoint(self) -> TimeSeries | None:
         """Setpoint of the Euler angle of the axis, rad; None if it was not recorded.
 
-        It is that of ATTITUDE_TARGET or, for ArduPilot, of NAV_CONTROLLER_OUTPUT, which has roll and pitch in degrees.
+        It is read from ATTITUDE_TARGET. Without that message ArduPilot's NAV_CONTROLLER_OUTPUT is used, which has roll
+        and pitch in degrees.
         """
         for setpoint in self.setpoints:
             if setpoint.unit == "rad":
@@ -468,7 +477,7 @@ class Signals(VehicleSignals):
             return ()
         injected_signals = []
         for point in Injection:
-            # The numbers of pitch and yaw follow that of roll.
+            # The value of ``Injection`` is the number of the point for roll; pitch and yaw have the next two numbers.
             is_selected = columns["axis"] == point + AXES.index(self.axis)
             # Angles and rates are logged in degrees.
             factor = 1.0 if point is Injection.DEMAND else np.radians(1.0)

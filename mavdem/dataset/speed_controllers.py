@@ -104,7 +104,16 @@ def speed_controllers(signals: Signals) -> tuple[SpeedController, ...]:
 
 
 def _series(columns: Columns, values: Array, rows: Flags | None = None) -> TimeSeries | None:
-    """Returns the time series of values (N,) of a message; None if none is finite."""
+    """Returns the time series of a field of a message.
+
+    Args:
+        columns: fields of the message, N rows, with ``time`` and ``boot``.
+        values: (N,) the field, in any unit.
+        rows: Flags (N,) of the rows to use; all unless given.
+
+    Returns:
+        The finite values in the order of time; None if there are none.
+    """
     series = clean_series(columns, values, rows)
     return series if len(series.time) else None
 
@@ -112,23 +121,45 @@ def _series(columns: Columns, values: Array, rows: Flags | None = None) -> TimeS
 def _measured_series(
     columns: Columns, values: Array, rows: Flags | None = None
 ) -> TimeSeries | None:
-    """Returns the time series of a current or temperature (N,); None if it is 0 throughout, so not measured."""
+    """Returns the time series of a current or temperature, which controllers without that sensor send as 0.
+
+    Args:
+        columns: fields of the message, N rows, with ``time`` and ``boot``.
+        values: (N,) the current, A, or the temperature, °C.
+        rows: Flags (N,) of the rows to use; all unless given.
+
+    Returns:
+        The finite values in the order of time; None if all are 0, so that nothing was measured.
+    """
     series = _series(columns, values, rows)
     return series if series is not None and series.values.any() else None
 
 
 def _speed_series(columns: Columns, speed: Array, rows: Flags | None = None) -> TimeSeries | None:
-    """Returns the size of a speed (N,), 1/min, as a time series without impossible values; None if none is left."""
+    """Returns the time series of a motor's speed without its sign, which is negative for reverse rotation.
+
+    Args:
+        columns: fields of the message, N rows, with ``time`` and ``boot``.
+        speed: (N,) speed, revolutions per minute.
+        rows: Flags (N,) of the rows to use; all unless given.
+
+    Returns:
+        Magnitudes up to ``MAX_SPEED``, 1/min, in the order of time; None if there are none.
+    """
     size = abs(speed)
     is_possible = size <= MAX_SPEED
     return _series(columns, size, is_possible if rows is None else is_possible & rows)
 
 
 def _controllers_of_esc(telemetry: Telemetry) -> Iterator[SpeedController]:
-    """Yields the controllers of the table ESC, which has a row for each of them at each time.
+    """Yields the speed controllers in the table ESC, which has a row for each controller at each time.
 
     Args:
         telemetry: messages of the vehicle.
+
+    Yields:
+        Each controller with a possible speed. Its number is the instance plus 1; errors, current and temperature are
+        None where the log has no such field.
     """
     columns = telemetry.messages.get("ESC", {})
     if "Instance" not in columns:
@@ -161,7 +192,7 @@ def _controllers_of_esc(telemetry: Telemetry) -> Iterator[SpeedController]:
 
 
 def _controllers_of_esc_status(telemetry: Telemetry) -> Iterator[SpeedController]:
-    """Yields the controllers of ESC_STATUS, with the errors of ESC_INFO.
+    """Yields the speed controllers in ESC_STATUS, with the errors and temperatures in ESC_INFO.
 
     A message of either kind has the values of four controllers, from number ``index`` on. Controllers beyond the
     ``count`` of ESC_INFO do not exist; if that is not known, those whose motor never turns are left out.
@@ -241,10 +272,11 @@ def _values_by_controller(columns: Columns, field: str) -> Array:
 
 
 def _controllers_of_esc_telemetry(telemetry: Telemetry) -> Iterator[SpeedController]:
-    """Yields the controllers of ESC_TELEMETRY_1_TO_4 and so on.
+    """Yields the speed controllers in ESC_TELEMETRY_1_TO_4, ESC_TELEMETRY_5_TO_8 and so on.
 
-    For a silent controller ArduPilot sends a speed of 0. Its counter of messages does not change then, by which such
-    samples are recognised and left out.
+    For a controller from which nothing comes ArduPilot sends a speed of 0. The counter of its packets does not change
+    then, and such samples are left out. If the counters were not logged, a controller whose speed is
+    always 0 is left out.
 
     Args:
         telemetry: messages of the vehicle.
@@ -282,7 +314,7 @@ def _is_heard(columns: Columns, counts: NDArray[Any]) -> Flags:
         counts: counter (N,) of the telemetry packets of the controller, which wraps after 65535.
 
     Returns:
-        Flags (N,): whether the counter differs from that of the message before.
+        Flags (N,): whether the counter differs from its value in the message before; False for the first message.
     """
     order = np.lexsort((columns["time"], columns["boot"]))
     is_heard = np.zeros(len(counts), dtype=bool)

@@ -53,18 +53,28 @@ class TimeSeries:
         return self.select(slice(bisect_left(self.time, start), bisect_right(self.time, end)))
 
     def value_at(self, time: float) -> float:
-        """Interpolates the values (N,) at a time, s since boot; the series must be of one boot.
+        """Interpolates the values linearly at one time; the series must be of one boot.
 
-        Before the first sample the result is the first value, after the last one the last.
+        Args:
+            time: the time, s since boot.
+
+        Returns:
+            The value, in the unit of the series. Before the first sample it is the first value, after the last one the
+            last value.
         """
-        # NumPy copies an array that cannot be written to before it interpolates: it only gets the samples around.
+        # ``np.interp`` would copy the whole series, since it cannot be written to; so it gets only these two samples.
         around = self.around(time)
         return float(np.interp(time, around.time, around.values))
 
     def around(self, time: float) -> TimeSeries:
-        """Returns the two samples between which a time lies, s since boot; one if it is before the first or after all.
+        """Returns the two samples between which a time lies; the series must be of one boot.
 
-        The series must be of one boot.
+        Args:
+            time: the time, s since boot.
+
+        Returns:
+            The sample before the time, and the sample at or after it. One of them alone, if the time is not after the
+            first sample or is after the last one.
         """
         row_after = bisect_left(self.time, time)
         return self.select(slice(max(row_after - 1, 0), row_after + 1))

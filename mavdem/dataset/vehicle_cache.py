@@ -41,7 +41,7 @@ def cached_per_vehicle(*attributes: str) -> Callable[[CachedFunction], CachedFun
     """
 
     def decorator(function: Any) -> Any:
-        """Wraps a function so that its results are stored in the cache of its first argument, the signals."""
+        """Returns a function with the same results, which it stores in the cache of its first argument, the signals."""
 
         @wraps(function)
         def cached(signals: HasCache, *arguments: Hashable, **keywords: Hashable) -> Any:
@@ -50,6 +50,16 @@ def cached_per_vehicle(*attributes: str) -> Callable[[CachedFunction], CachedFun
             The key consists of the function, the vehicle's telemetry, those attributes of the signals on which the
             result depends, and the arguments. Results are made immutable, since all callers share them. A refusal
             (``NotLearnable``) is cached like a result, and raised at each call.
+
+            Args:
+                signals: signals of the vehicle, which hold the cache.
+                arguments, keywords: the further arguments of the function, all hashable.
+
+            Returns:
+                What the function returns, immutable.
+
+            Raises:
+                NotLearnable: the function raises it with these arguments.
             """
             key = (
                 function.__module__,

@@ -62,6 +62,9 @@ def json_keys(names: Sequence[str]) -> list[str]:
 
     Args:
         names: names of signals, all different.
+
+    Returns:
+        One key for each name, in the same order; no two are the same.
     """
     keys = [re.sub(r"\W+", "_", without_remark(name)).strip("_") for name in names]
     if len(set(keys)) < len(keys):

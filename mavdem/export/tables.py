@@ -56,7 +56,7 @@ def column_name(name: str, unit: str) -> str:
     'motor_1_us'
 
     Args:
-        name: name of the signal; a remark in brackets is left out.
+        name: name of the signal; an addition in brackets is left out.
         unit: its unit; empty for none.
 
     Returns:

@@ -68,7 +68,8 @@ class Conditions(NamedTuple):
     step_sources: dict[str, Names]
     """Where overshoot and rise time of the rate come from, by axis: measured, identified_loop, or both.
 
-    A step of the identified loop is that of a model: where the two states differ in this, so may their steps.
+    The step of an identified loop is computed by a model. A measured step and a computed one may differ although the
+    vehicle has not changed.
     """
 
 
@@ -77,6 +78,9 @@ def mean_conditions(flights: Flights) -> Conditions:
 
     Args:
         flights: the flights of one state, each as the rows of its axes.
+
+    Returns:
+        Means of the conditions in their units, the wind torque by axis; each flight has the same weight.
     """
     # The conditions are the same in the rows of all axes, but for the wind torque.
     first_rows = [log_row(flight) for flight in flights]
@@ -102,7 +106,7 @@ def mean_conditions(flights: Flights) -> Conditions:
 
 
 def _measured_voltage(row: FlightRow) -> float | None:
-    """Returns the mean voltage of a flight's battery, V; ``None`` for one that reads the same throughout.
+    """Returns the mean voltage of a flight's battery, V; ``None`` if the voltage was constant.
 
     A voltage that never changes is not measured, so that flights cannot be compared by it.
 

@@ -90,7 +90,17 @@ def _judge_vehicle(
 
 
 def assess_safely(rows: FlightRows, assess: AssessRows, healthy_rows: FlightRows) -> FlightRows:
-    """Judges the rows of one vehicle; where that fails their ``health_reason`` says so, and other vehicles go on."""
+    """Judges the motors of one vehicle, whose failure must not stop the judgement of other vehicles.
+
+    Args:
+        rows: all rows of the vehicle.
+        assess: the function that judges them.
+        healthy_rows: rows of the baseline, the flights known to be healthy.
+
+    Returns:
+        The rows with their health. If ``assess`` raises an error, the rows as they were, with the error as their
+        ``health_reason``.
+    """
     try:
         return assess(rows, healthy_rows)
     except Exception as error:

@@ -54,9 +54,12 @@ class GivenNames:
         return labels
 
     def vehicle(self, vehicle: str) -> str:
-        """Returns the name of a vehicle: that that it was given, otherwise what its logs call it.
+        """Returns the name of a vehicle to show to users: the name it was given, otherwise what its logs call it.
 
-        Vehicles are distinguished by what their logs call them; this is only for those who read it.
+        A given name only serves display: vehicles are distinguished by what their logs call them.
+
+        Args:
+            vehicle: what the logs call the vehicle.
         """
         return self._labels.get(vehicle, vehicle)
 
@@ -67,6 +70,9 @@ class GivenNames:
 
         Args:
             rows: rows of the fleet's table.
+
+        Returns:
+            The rows in the same order. Rows of vehicles with a given name are copies; the others are the same objects.
         """
         labelled_rows = []
         for row in rows:
@@ -94,6 +100,9 @@ def plain_name(text: str) -> str:
 
     Args:
         text: name as it was typed. Several spaces and line breaks become one space.
+
+    Returns:
+        At most ``MAX_NAME_LETTERS`` characters; empty if no character of the text can be printed.
     """
     line = re.sub(r"\s+", " ", text).strip()
     printable = "".join(letter for letter in line if letter.isprintable())
@@ -101,7 +110,14 @@ def plain_name(text: str) -> str:
 
 
 def read_names(db: sqlite3.Connection) -> GivenNames:
-    """Returns all names that were given, from the store of a fleet."""
+    """Reads all names that users gave to vehicles and flights.
+
+    Args:
+        db: the SQLite database of the fleet's store.
+
+    Returns:
+        The names, with what the logs of the fleet call their vehicles.
+    """
     vehicles = dict(db.execute("select vehicle, name from vehicle_names").fetchall())
     flights = dict(db.execute("select content, name from flight_names").fetchall())
     logged = db.execute("select distinct vehicle from flights")

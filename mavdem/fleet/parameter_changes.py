@@ -48,7 +48,7 @@ def changed_parameters(before: Parameters, after: Parameters) -> list[ParameterC
 
     Args:
         before: values by the autopilot's name, in the first state.
-        after: the same of the second state.
+        after: values in the second state.
 
     Returns:
         The changes: parameters of control first, each part in the order of names.
@@ -70,10 +70,14 @@ def axes_of_parameter(name: str) -> list[str]:
 
 
 def axes_with_other_gains(parameters: Iterable[ParameterChange]) -> Names:
-    """Returns the axes whose rate loop changed with parameters: its gains or filters, or those of all axes.
+    """Returns the axes whose rate loop has other gains or filters after a change of parameters.
 
     Args:
         parameters: parameters of the autopilot that changed.
+
+    Returns:
+        "roll", "pitch" and "yaw", in this order, as far as they are concerned. A parameter of control that names no
+        axis, such as a filter of the gyro, concerns all. Gains of the attitude controller concern no rate loop.
     """
     axes: set[str] = set()
     for parameter in parameters:
@@ -90,7 +94,7 @@ def states_without_gains(before: Parameters, after: Parameters) -> Names:
 
     Args:
         before: values by the autopilot's name, in the first state, called "A".
-        after: the same of the second state, called "B".
+        after: values in the second state, called "B".
 
     Returns:
         "A", "B", both or none.

@@ -178,7 +178,17 @@ def log_estimate(value: float | None, half_width: float | None) -> Estimate | No
 
 
 def mean_estimate(estimates: Iterable[Estimate]) -> Estimate:
-    """Returns the mean of estimates whose errors have much in common: it is known no better than the worst of them."""
+    """Returns the mean of estimates whose errors have much in common.
+
+    Errors in common do not cancel in the mean. So its standard deviation is taken to be the largest of the estimates,
+    and not smaller by the root of their number.
+
+    Args:
+        estimates: at least one estimate, such as the same logarithm for several motors or axes.
+
+    Returns:
+        The mean with its standard deviation, in the unit of the estimates.
+    """
     estimates = list(estimates)
     return Estimate(
         value=fmean(estimate.value for estimate in estimates),

@@ -136,10 +136,11 @@ class StateEstimates(NamedTuple):
 
     @property
     def excess_squares(self) -> float:
-        """Squared deviations from the mean, less their expectation if the flights did not differ at all.
+        """Sum of squared deviations of the flights from their mean, less what the errors within the flights explain.
 
-        Errors of variances v within f flights alone give Σ (x − x̄)² an expectation of Σ v (1 − 1/f). The rest comes
-        from real differences between the flights. It is negative by chance where there are none.
+        If the f flights do not differ, Σ (x − x̄)² has the expectation Σ v (1 − 1/f), with the variances v of the
+        errors. What exceeds this comes from real differences between the flights; without such differences it can be
+        negative by chance. The unit is the squared unit of the estimates.
         """
         squares = ((self.values - self.values.mean()) ** 2).sum()
         return float(squares - self.variances.sum() * (1 - 1 / self.values.size))
@@ -155,7 +156,7 @@ def quantity_change(
 
     The variance of a flight's estimate is that within the flight plus a common variance between flights, τ². The mean
     of a state weighs its flights by the inverse of that sum. The difference of the means has a t distribution, whose
-    degrees of freedom follow from those of both variances by Welch and Satterthwaite.
+    degrees of freedom follow from the degrees of freedom of both variances by Welch and Satterthwaite.
 
     Args:
         quantity: compared quantity.
@@ -170,8 +171,8 @@ def quantity_change(
     between_freedom = PRIOR_FREEDOM + sum(state.values.size - 1 for state in states)
     variance_between = variance_between_flights(quantity.kind, states, between_freedom)
 
-    # The variance of the difference is the sum of those of both means. It is split into the two parts that come from τ²
-    # and from within the flights, since these are known with different degrees of freedom.
+    # The variances of both means add up to the variance of the difference. It is split into the parts that come from τ²
+    # and from within the flights, since τ² and the variances within flights have different degrees of freedom.
     means = []
     variance = 0.0
     variance_from_between = 0.0
@@ -221,8 +222,8 @@ def quantity_change(
 def variance_between_flights(kind: str, states: Sequence[StateEstimates], freedom: int) -> float:
     """Estimates the variance τ² of a quantity between flights of one state, from an assumption and from the flights.
 
-    The assumption ``SD_BETWEEN_FLIGHTS`` counts as ``PRIOR_FREEDOM`` flights. Its sum of squares and that of the
-    observed scatter of the flights are added, and divided by the degrees of freedom of both.
+    The assumption ``SD_BETWEEN_FLIGHTS`` counts as ``PRIOR_FREEDOM`` flights. Its sum of squares and the sum of squares
+    that the flights show are added, and divided by the degrees of freedom of both.
 
     Args:
         kind: kind of the quantity, such as ``DAMPING``.

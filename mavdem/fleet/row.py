@@ -298,7 +298,7 @@ class FlightRow:
         mavdem have them.
         """
         for name, column_type in column_types().items():
-            # Only physical parameters have a status: that of "damping" and "damping_interval" is "damping_status".
+            # Only physical parameters have a status: "damping_status" is for "damping" and "damping_interval".
             status = getattr(self, f"{name.removesuffix('_interval')}_status", None)
             value = None
             if status != NOT_IDENTIFIABLE:
@@ -361,6 +361,9 @@ class FlightRow:
             values: values by name of the column. Columns that are missing have the default of the class, and take no
                 memory in the row.
 
+        Returns:
+            The row, as the constructor would make it from these values.
+
         Raises:
             TypeError: the name of the file is missing, or a column has no list where it needs one.
         """
@@ -395,6 +398,9 @@ class FlightRow:
             file: path or URL of the log.
             status: reason why it has none.
             columns: further columns, such as the system id of a vehicle.
+
+        Returns:
+            The row, whose other columns are not known (None or empty).
         """
         return FlightRow(file=file, status=str(status), status_code=status.code, **columns)
 
@@ -404,7 +410,10 @@ class FlightRow:
 
         Args:
             report: the document ``report.json``; a column that it lacks is not known.
-            columns: further columns, which replace those of the report.
+            columns: further columns, which replace the report's columns of the same names.
+
+        Returns:
+            The row. Columns that neither ``report`` nor ``columns`` has are not known.
         """
         return FlightRow(**(columns_of_report(report, fields(FlightRow)) | columns))
 

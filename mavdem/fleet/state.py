@@ -78,7 +78,7 @@ def state_of(
         name: name of the log or the fleet in messages.
         path: path of the log, or of the folder of the fleet.
         vehicle: name of the vehicle, as a fleet has it; in a log also "system:component". All vehicles unless given.
-        days: days whose flights count; those of all days unless given.
+        days: days whose flights count; all days unless given.
 
     Returns:
         The flights, with the document of the review where they are of a log.
@@ -91,7 +91,7 @@ def state_of(
     if comes_from_fleet:
         stored_rows = read_rows(path, vehicle)
         if not stored_rows:
-            # Those of all vehicles tell which names there are.
+            # The rows of all vehicles have the names that the error message lists.
             stored_rows = read_brief_rows(path)
         state = VehicleState(stored_rows, review={}, vehicles=())
         system_id = ""

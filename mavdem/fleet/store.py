@@ -121,7 +121,11 @@ class Store:
 
     @contextmanager
     def transaction(self) -> Iterator[None]:
-        """Makes all changes of its block, or none, while other runs wait; may be nested in another transaction."""
+        """Opens an SQL transaction for the block of a ``with`` statement: all changes of the block are made, or none.
+
+        Other runs that write to the store wait meanwhile. Within another transaction it does nothing: the changes then
+        belong to the outer one.
+        """
         if self.db.in_transaction:
             yield
             return
@@ -164,7 +168,15 @@ class Store:
         return self.db.execute(query, _query_values(source, limits)).fetchone() is not None
 
     def keys_of_size(self, source: LogSource, limits: JobLimits) -> Names:
-        """Returns the keys of known logs of the same size, of which a log may be a copy that need not be read."""
+        """Returns the keys of known logs of the same size: only if a log is a copy of one of them it need not be read.
+
+        Args:
+            source: the log, with its size in bytes.
+            limits: time and memory that its reading may take.
+
+        Returns:
+            The keys in alphabetical order. Logs that would be read again with these limits are left out.
+        """
         query = f"""select distinct key from logs where size = :size and key <> '' and {IS_FINAL_SQL}
             order by key"""
         return tuple(key for (key,) in self.db.execute(query, _query_values(source, limits)))
@@ -380,6 +392,9 @@ def _query_values(source: LogSource, limits: JobLimits) -> JsonValues:
     Args:
         source: the log.
         limits: time and memory that its reading may take.
+
+    Returns:
+        Values by name: the fields of ``source`` and ``limits``, and ``mavdem``, the version of this program.
     """
     return {
         **source._asdict(),

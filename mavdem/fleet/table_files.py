@@ -158,7 +158,15 @@ def _outdated_files(store: Store, *, is_whole: bool) -> set[int]:
 
 
 def _rows_of_file(db: sqlite3.Connection, number: int) -> Iterator[StoredRow]:
-    """Yields the rows of the vehicles that are assigned to a file, by vehicle and log."""
+    """Yields the rows of all vehicles that are assigned to one file of the table.
+
+    Args:
+        db: the SQLite database of the fleet's store.
+        number: number of the file, from 0.
+
+    Yields:
+        The rows, sorted by vehicle and log.
+    """
     query = """select row, file from flights where file is not null and
         vehicle in (select vehicle from table_files where number = ?)
         order by vehicle, file, log, rowid"""
@@ -167,7 +175,12 @@ def _rows_of_file(db: sqlite3.Connection, number: int) -> Iterator[StoredRow]:
 
 
 def _remove_other_files(folder: Path, numbers: Iterable[int]) -> None:
-    """Removes the files of a fleet's table but those with these numbers."""
+    """Removes the Parquet files of a fleet's table whose numbers are not in use.
+
+    Args:
+        folder: folder of the fleet.
+        numbers: numbers of the files to keep.
+    """
     kept_paths = {table_path(folder, number) for number in numbers}
     for path in (folder / TABLE_FOLDER).glob("flights-*.parquet"):
         if path not in kept_paths:
@@ -201,9 +214,9 @@ def write_file(path: Path, rows: Iterable[StoredRow], folder: Path) -> None:
 
 
 def row_schema() -> Any:
-    """Returns the columns as a ``pyarrow.Schema``.
+    """Returns name, type and unit of all columns of the table as a ``pyarrow.Schema``.
 
-    The metadata of the schema have the versions of the columns and of mavdem, those of a column its unit.
+    The metadata of the schema have the versions of the columns and of mavdem. The metadata of a column have its unit.
 
     Raises:
         ImportError: pyarrow is not installed.
@@ -219,7 +232,7 @@ def row_schema() -> Any:
     }
 
     def arrow_type(column_type: Any) -> Any:
-        """Returns the Arrow type of a column: that of its values, or a list of them for a tuple."""
+        """Returns the Arrow type of a column with Python's type: a list for a tuple, otherwise the scalar type."""
         if get_origin(column_type) is tuple:
             return pyarrow.list_(arrow_type(get_args(column_type)[0]))
         return scalar_types[column_type]
@@ -261,6 +274,9 @@ def _row_groups(rows: Iterable[StoredRow]) -> Iterator[Any]:
 
     Args:
         rows: rows as they are stored.
+
+    Yields:
+        A ``pyarrow.Table`` with the columns of this version; the last one may have fewer rows.
 
     Raises:
         sqlite3.DatabaseError: a row is damaged.

@@ -177,7 +177,7 @@ def _flight_key(row: FlightRow) -> FlightKey:
 
 
 def _model_inputs(row: FlightRow) -> tuple[object, ...]:
-    """Returns what two models must have in common, so that one can be evaluated with the inputs of the other."""
+    """Returns axis, motors, inputs and their unit: if these agree, a model can be evaluated in another flight."""
     return row.axis, row.motors, row.inputs, row.input_unit
 
 
@@ -199,7 +199,7 @@ def residual_mean(row: FlightRow, healthy_models: Iterable[FlightRow]) -> float 
             is the flight itself.
 
     Returns:
-        The mean over the models, rad/s²; None if there is none.
+        The mean over the models, rad/s²; None if no model can be evaluated in this flight.
     """
     if row.mean_inputs is None or row.mean_outputs is None:
         return None

@@ -17,7 +17,7 @@ from mavdem.ingest.byte_rows import RESIDENT_BYTES, Bytes, release_pages
 from mavdem.log_formats import LOG_ENDINGS
 
 RECOGNITION_BYTES = 4096
-"""Number of a file's first bytes by which its format is recognised: a choice, with room for remarks before it."""
+"""Number of a file's first bytes by which its format is recognised: a choice, with room for comments before it."""
 
 BEGINNING_BYTES = 1 << 16
 """Number of bytes that are read of a file for its beginning; unpacked they are hardly ever fewer."""
@@ -233,10 +233,14 @@ def _packed_content(path: Path, size: int, limit: int | None) -> bytes:
 def _folder_fact(path: Path) -> Fact:
     """Returns the fact that a folder was given where a log is needed.
 
-    It has the number of logs in the folder, by the endings of their names, and the first of them as an example.
+    A fact is a coded finding with the figures of its sentence.
 
     Args:
         path: The folder.
+
+    Returns:
+        The fact, with the number of logs in the folder, which are known by the endings of their names, and the path of
+        the first log as an example; without a log there is no example.
     """
     logs = []
     for file in path.iterdir():

@@ -65,9 +65,14 @@ ARDUPILOT_MODE_ENUMS = {
 
 
 def px4_custom_mode(states: NDArray[np.integer]) -> Integers:
-    """Converts vehicle_status.nav_state (N,) to HEARTBEAT.custom_mode (N,).
+    """Converts PX4's navigation states to the numbers of flight modes that its HEARTBEAT has.
 
-    A state without a custom mode keeps its number, which is smaller than any custom mode.
+    Args:
+        states: (N,) values of vehicle_status.nav_state.
+
+    Returns:
+        (N,) values of HEARTBEAT.custom_mode. A state without a custom mode keeps its number, which is smaller than the
+        number of any custom mode.
     """
     custom_modes = [_CUSTOM_MODE_OF_STATE.get(int(state), int(state)) for state in states]
     return np.array(custom_modes, dtype=np.int64)

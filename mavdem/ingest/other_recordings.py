@@ -56,7 +56,7 @@ A choice: the logs of two flights on one card are further apart.
 """
 
 MIN_UTC_READINGS = 3
-"""Number of times in UTC with which that of a run counts as known: a choice, so that a damaged one does not."""
+"""Least number of times in UTC in a run for its UTC to count as known: a choice; a single damaged time must not."""
 
 END_OF_FILE = 1 << 62
 """An offset beyond every file."""
@@ -403,7 +403,8 @@ def _may_be_same_recording(chain: _Chain, kept_chain: _Chain, rules: ClockRules)
     a log begins there, its clock begins near zero, or by UTC its boot began after the end of the earlier one.
 
     Args:
-        chain, kept_chain: The chains: runs of messages, each of which continues the clock of the one before.
+        chain, kept_chain: The chains; a chain is a sequence of runs of messages, each continuing the clock of the run
+            before.
         rules: Limits of what the clock may do.
     """
     earlier, later = sorted((chain, kept_chain), key=lambda each_chain: each_chain.runs[0].first)

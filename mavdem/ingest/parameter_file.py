@@ -2,7 +2,7 @@
 
 QGroundControl's .params has a line of vehicle, component, name, value and type, separated by tabs; the .param of
 Mission Planner and of MAVProxy one of name and value, separated by a comma or spaces. Lines that begin with # are
-remarks.
+comments.
 """
 
 import os
@@ -97,18 +97,18 @@ def with_parameters(log: Log, path: PathName) -> Log:
     return replace(log, vehicles=tuple(vehicles))
 
 
-def parameter_files(parameters: Parameters, vehicle: Telemetry, remark: str) -> dict[str, str]:
+def parameter_files(parameters: Parameters, vehicle: Telemetry, purpose: str) -> dict[str, str]:
     """Writes parameters as ground stations read them.
 
     Args:
         parameters: Values by name.
         vehicle: The vehicle they are for.
-        remark: First line of the files, one line on what the parameters are for.
+        purpose: What the parameters are for, in one line: the comment at the beginning of the files.
 
     Returns:
         The text of each file by the ending of its name: .params, and for ArduPilot .param too.
     """
-    header = f"# {remark} (mavdem)\n"
+    header = f"# {purpose} (mavdem)\n"
     qgroundcontrol_text = header
     mission_planner_text = header
     for name, value in parameters.items():

@@ -351,7 +351,19 @@ def further_sensors() -> dict[str, tuple[str, Callable[[Topics], Fields]]]:
 
 
 def _sensor(topics: Topics, sensor: SensorTopic, instance: int) -> Fields:
-    """Makes the message of one instance of a sensor's topic; KeyError where it was not logged."""
+    """Makes a message from one instance of a sensor's topic.
+
+    Args:
+        topics: topics of the log, by name and instance.
+        sensor: the topic, and the messages of its instances.
+        instance: number of the instance, from 0.
+
+    Returns:
+        Columns (N,) of the message, with ``time``, s.
+
+    Raises:
+        KeyError: The instance was not logged.
+    """
     topic = topics[sensor.topic][instance]
     rule = TRANSLATION_RULES[sensor.first_message]
     fields = fields_by_rule(topic, rule)

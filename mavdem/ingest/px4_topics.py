@@ -60,7 +60,14 @@ def last_field_values(topic: Columns, field: str, time: Array) -> NDArray[Any]:
 
 
 def in_time_order(parts: Sequence[Columns]) -> Fields:
-    """Joins tables of one message into one in the order of time; without any, it has no rows."""
+    """Joins tables of one message into one table in the order of time.
+
+    Args:
+        parts: tables with the same columns, among them ``time``, s.
+
+    Returns:
+        Columns of all rows; only an empty ``time`` without a table.
+    """
     if not parts:
         return {"time": np.zeros(0)}
     columns = concatenated_columns(parts)

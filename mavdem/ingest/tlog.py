@@ -51,6 +51,12 @@ By chance, 8 such bytes follow 8 carriage returns once in 2^64.
 def read_tlog(path: PathName) -> Log:
     """Reads a telemetry log, a damaged one as far as possible.
 
+    Args:
+        path: The log, or an archive of it.
+
+    Returns:
+        The log, with the telemetry of each vehicle in it.
+
     Raises:
         Unreadable: The file cannot be opened, or contains no MAVLink.
     """

@@ -368,7 +368,12 @@ class _RecordScan:
         return slice(start, next_chain)
 
     def _is_cut_record(self, position: int, end: int) -> bool:
-        """Returns whether what follows may be the beginning of a record that goes beyond the end."""
+        """Returns whether the bytes at an offset may be the beginning of a record that goes beyond the end.
+
+        Args:
+            position: Offset of the bytes.
+            end: Offset at which this part of the file ends.
+        """
         if end - position < HEADER.size:
             return True
         is_type = TYPE_BYTES.match(self.content, position + HEADER.size - 1) is not None
@@ -462,7 +467,13 @@ class _RecordScan:
         return stamps
 
     def _add_loss(self, places: int, lost_bytes: int, lost_seconds: float) -> None:
-        """Adds what was left out at one place to what was lost so far."""
+        """Adds a loss to the sum of the file, ``loss``.
+
+        Args:
+            places: 1 for a damaged place; 0 for sound records that cannot be read without a lost definition.
+            lost_bytes: number of bytes that are left out.
+            lost_seconds: time between the records before and after the place, s.
+        """
         self.loss = RecordLoss(
             self.loss.places + places,
             self.loss.lost_bytes + lost_bytes,

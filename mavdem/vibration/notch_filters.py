@@ -117,7 +117,7 @@ class _NotchSettings(NamedTuple):
     settings: Parameters
     """The parameters to set, by name."""
     controller: Controller
-    """The controller with this notch, whose centre is that at the median of the motors' speed or throttle."""
+    """The controller with this notch; its centre is where it lies at the median of the motors' speed or throttle."""
     removed_share: float
     """Fraction of the line's power that the notch removes."""
 
@@ -139,7 +139,7 @@ def _narrowest_notch(
         is_line: whether each frequency of the spectrum belongs to the line (F,).
 
     Returns:
-        Its settings; those of the widest notch if none removes that much.
+        The settings of that notch; the settings of the widest one if none removes that much.
     """
     power = spectrum.total_density[:, is_line]
     relative_center = _relative_notch_frequency(controller, line, spectrum)
@@ -154,7 +154,7 @@ def _narrowest_notch(
             # PX4's dynamic notch is not modelled. At the median of the motors' speed it acts like a static one.
             static_settings = _px4_static_notch(line, settings["IMU_GYRO_DNF_BW"])
         controller_with_notch = controller.with_parameters(static_settings)
-        # The gain of the notch alone is that of all filters with it over that without it.
+        # The notch is in series with the present filters, so its gain is the ratio of the gains with and without it.
         gain = abs(
             gyro_response(controller_with_notch, frequency) / gyro_response(controller, frequency)
         )
@@ -252,5 +252,5 @@ def _ardupilot_harmonic_notch(
 
 
 def _px4_static_notch(line: SpectralLine, bandwidth: float) -> Parameters:
-    """Returns the parameters that set PX4's first static notch on a line, with a bandwidth in Hz."""
+    """Returns the parameters that set PX4's first static notch on a line, with a bandwidth in Hz, by their names."""
     return {"IMU_GYRO_NF0_FRQ": float(f"{line.frequency:.3g}"), "IMU_GYRO_NF0_BW": bandwidth}

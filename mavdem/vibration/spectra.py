@@ -150,7 +150,7 @@ class Spectrum(ImmutableResult):
         """The spectrum with fewer frequencies and times, for documents and plots.
 
         Of neighbouring frequencies only the largest density is kept, since a mean would hide narrow lines, such as
-        those of the motors. Of the times every k-th is kept.
+        the lines of the motors. Of the times every k-th is kept.
         """
         frequency, mean_density = max_decimated(
             self.frequency, self.mean_density, MAX_COARSE_FREQUENCIES
@@ -158,7 +158,7 @@ class Spectrum(ImmutableResult):
         spectrogram_frequency, density_by_time = max_decimated(
             self.frequency, self.total_density, MAX_SPECTROGRAM_FREQUENCIES
         )
-        # The frequencies are those of the spectrogram.
+        # The spectrum by throttle is decimated like the spectrogram, so that it has the same frequencies.
         throttle_levels, fine_density_by_throttle = self.density_by_throttle
         _, density_by_throttle = max_decimated(
             self.frequency, fine_density_by_throttle, MAX_SPECTROGRAM_FREQUENCIES
@@ -221,6 +221,9 @@ def vibration_spectra(signals: Signals, segments: Segments) -> dict[str, Spectru
     Args:
         signals: signals of the vehicle.
         segments: segments of the flight to use.
+
+    Returns:
+        Spectra by name; a quantity that was not recorded, or was recorded too slowly or too briefly, has none.
     """
     spectra = dict[str, Spectrum]()
     for samples in _recorded_samples(signals):
@@ -249,10 +252,13 @@ def _recorded_samples(signals: Signals) -> Iterator[_Samples]:
 
     The same quantity may be in several messages at different rates, of which the caller chooses the fastest. Body rates
     are measured after the gyro's filters. They are in the messages of the rate controllers, with their setpoints, or in
-    those of the attitude, and are used if all three axes have the same number of samples.
+    the messages of the attitude, and are used if all three axes have the same number of samples.
 
     Args:
         signals: signals of the vehicle.
+
+    Yields:
+        The samples of each message, of all boots.
     """
     for name, message, fields in SENSOR_MESSAGES:
         series = recorded_series(signals.telemetry, message, *fields)
@@ -349,6 +355,9 @@ def _rows_without_gaps(series: TimeSeries, segments: Segments, max_gap: float) -
         series: samples with their times.
         segments: segments of the flight; each run lies within one of them.
         max_gap: longest time between two samples of a run, s.
+
+    Yields:
+        Indices (n,) of the samples of one run, ascending; n is 0 in a segment without samples.
     """
     for segment in segments:
         rows = np.flatnonzero(in_segments(series, segment, slack=0))

@@ -450,29 +450,38 @@ def _with_harmonics(lines: Sequence[SpectralLine]) -> tuple[SpectralLine, ...]:
             fundamentals.append(line)
         else:
             fundamental = fundamentals[index]
-            harmonics = (*fundamental.harmonics, _multiple(fundamental, line))
+            harmonics = (*fundamental.harmonics, _harmonic_number(fundamental, line))
             fundamentals[index] = fundamental._replace(harmonics=harmonics)
     return tuple(sorted(fundamentals, key=lambda line: -line.ratio))
 
 
 def _fundamental_of(line: SpectralLine, fundamentals: Sequence[SpectralLine]) -> int | None:
-    """Returns the fundamental of which a line is a harmonic.
+    """Finds the fundamental whose harmonic a line is.
 
     Args:
         line: the line.
-        fundamentals: lines of lower frequency; only those of motors have harmonics.
+        fundamentals: lines of lower frequency; only lines of motors have harmonics.
 
     Returns:
-        Index of the first fundamental whose frequency the line's is a multiple of; None if there is none.
+        Index of the first fundamental of which the line is a harmonic; None if it is a harmonic of none.
     """
     for index, fundamental in enumerate(fundamentals):
-        if fundamental.kind is LineKind.MOTOR and _multiple(fundamental, line):
+        if fundamental.kind is LineKind.MOTOR and _harmonic_number(fundamental, line):
             return index
     return None
 
 
-def _multiple(fundamental: SpectralLine, line: SpectralLine) -> int:
-    """Returns the multiple of a fundamental's frequency that a line is, 2 to ``MAX_HARMONIC``; 0 where it is none."""
+def _harmonic_number(fundamental: SpectralLine, line: SpectralLine) -> int:
+    """Returns the number of the harmonic that a line is: its frequency over the frequency of the fundamental.
+
+    Args:
+        fundamental: a line of the motors.
+        line: a line of a higher frequency.
+
+    Returns:
+        A number from 2 to ``MAX_HARMONIC``; 0 if the line is no harmonic, since the ratio of the frequencies differs
+        from every such number by more than the fraction ``HARMONIC_TOLERANCE`` of it.
+    """
     ratio = line.frequency / fundamental.frequency
     nearest = round(ratio)
     if 2 <= nearest <= MAX_HARMONIC and abs(ratio / nearest - 1) <= HARMONIC_TOLERANCE:

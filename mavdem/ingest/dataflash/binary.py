@@ -108,7 +108,11 @@ class FormatDefinition:
 
     @cached_property
     def wire_length(self) -> int:
-        """Number of bytes of a message by its fields, header included; 0 where they are inconsistent."""
+        """Number of bytes of a message that follows from the types of its fields, header included.
+
+        It is 0 where it cannot be computed: a field has an unknown type, two fields have the same name, or the numbers
+        of types and names differ.
+        """
         if not FIELD_BYTES.keys() >= set(self.characters):
             return 0
         has_name_per_field = len(self.fields) == len(self.characters)

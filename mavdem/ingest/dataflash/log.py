@@ -331,7 +331,7 @@ def _without_old_blocks(
         return _KeptMessages(recording, logged_tables, clock, ())
 
     def decode(name: str) -> MessageTable:
-        """Decodes the messages of one name outside of the blocks."""
+        """Decodes the messages of one name, and leaves out those inside a block of another recording."""
         table = recording.decode(name)
         is_kept = outside_blocks(blocks, table.position)
         columns = {field: values[is_kept] for field, values in table.columns.items()}

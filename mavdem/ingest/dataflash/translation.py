@@ -461,7 +461,14 @@ def _status_texts(tables: Tables) -> Columns:
 
 
 def _parameter_values(tables: Tables) -> Columns:
-    """Makes PARAM_VALUE of PARM: the parameters when the logger began, and each that was set later."""
+    """Makes PARAM_VALUE from PARM: the parameters when the logger began, and each one that was set later.
+
+    Args:
+        tables: DataFlash's messages by name.
+
+    Returns:
+        Columns (N,) with ``param_id`` and ``param_value``; empty without parameters.
+    """
     logged_columns = messages_with_fields(tables, "PARM", ("Name", "Value"))
     if not logged_columns:
         return {}

@@ -339,12 +339,14 @@ READINGS_AT_ONCE = 1 << 20
 
 
 def _readings_in_stream_order(timed_types: Sequence[_ClockReadings]) -> Iterator[_ClockReadings]:
-    """Yields the readings of all message types in the order of the stream, in parts, to bound the memory.
-
-    Of readings at one position, that of the later type in ``timed_types`` comes last. Empty parts are left out.
+    """Merges the readings of several message types into the order of the stream, part by part to bound the memory.
 
     Args:
         timed_types: The readings of each type, at least one reading of each.
+
+    Yields:
+        About ``READINGS_AT_ONCE`` readings or fewer that follow each other in the stream. Readings at the same position
+        are in the order of their types in ``timed_types``. Empty parts are left out.
     """
     part_count = sum(len(readings.positions) for readings in timed_types) // READINGS_AT_ONCE + 1
     first = min(int(readings.positions[0]) for readings in timed_types)

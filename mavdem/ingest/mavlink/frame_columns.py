@@ -48,14 +48,25 @@ class DecodedColumns:
         self._columns: OrderedDict[tuple[str, str], NDArray[Any]] = OrderedDict()
 
     def column(self, message: str, name: str) -> NDArray[Any] | None:
-        """Returns the column of a field if it is kept."""
+        """Returns a kept column, and notes that it was used; None if it is not kept and must be decoded.
+
+        Args:
+            message: name of the message.
+            name: name of the field.
+        """
         column = self._columns.get((message, name))
         if column is not None:
             self._columns.move_to_end((message, name))
         return column
 
     def keep(self, message: str, name: str, column: NDArray[Any]) -> None:
-        """Stores the column of a field, and discards the least recently used ones if there are too many."""
+        """Keeps a decoded column, and discards the least recently used ones while all take too much memory.
+
+        Args:
+            message: name of the message.
+            name: name of the field.
+            column: its values (n,), or (n, k) of an array field.
+        """
         self._columns[message, name] = column
         self._bytes += column.nbytes
         while self._bytes > self._max_bytes and len(self._columns) > 1:
@@ -103,7 +114,11 @@ class FrameColumns(Mapping[str, NDArray[Any]]):
             column.setflags(write=False)
 
     def __getitem__(self, name: str) -> NDArray[Any]:
-        """Returns a column (n,), or (n, k) of an array field, and decodes it unless it is kept."""
+        """Returns a column (n,), or (n, k) of an array field, and decodes it unless it is kept.
+
+        Raises:
+            KeyError: The message has no such field.
+        """
         if name in self._clock_columns:
             return self._clock_columns[name]
         message = self._definition.name
@@ -119,7 +134,18 @@ class FrameColumns(Mapping[str, NDArray[Any]]):
         return column
 
     def _decoded_column(self, name: str, payloads: SentPayloads) -> NDArray[Any]:
-        """Decodes a column; for a recording in memory, all columns are decoded when the first one is used."""
+        """Decodes a field of all messages.
+
+        Of a recording in memory all fields are decoded at once when the first one is used, which is faster. Of a mapped
+        file only this field is decoded, to save memory.
+
+        Args:
+            name: Name of the field.
+            payloads: Payloads of the messages as they were sent.
+
+        Returns:
+            The column (n,), or (n, k) of an array field.
+        """
         if self._decoded.is_mapped:
             return decoded_field(self._data, self._starts, self._definition, name, payloads)
         if self._table is None:
@@ -139,7 +165,7 @@ class FrameColumns(Mapping[str, NDArray[Any]]):
         return len(self._names)
 
     def __or__(self, other: Mapping[str, NDArray[Any]]) -> Fields:
-        """Returns a dictionary of all columns, in which those of another mapping replace these."""
+        """Returns a dictionary of all columns; where ``other`` has a column of the same name, that one is taken."""
         return {**self, **other}
 
     def __reduce__(self) -> tuple[Any, ...]:

@@ -326,7 +326,14 @@ def _bytes_before_checksum(headers: Bytes) -> Offsets:
 
 
 def _frame_lengths(headers: Bytes) -> Offsets:
-    """Returns the number of bytes (N,) of the frames with these headers (N, ``HEADER_BYTES_V2``)."""
+    """Computes the lengths of frames from their headers.
+
+    Args:
+        headers: First bytes (N, ``HEADER_BYTES_V2``) of each frame; in MAVLink 1 the last ones belong to the payload.
+
+    Returns:
+        Number of bytes (N,) of each frame, from the marker to the checksum or, in MAVLink 2, to the signature.
+    """
     is_version_2 = headers[:, 0] == MARKER_V2
     is_signed = is_version_2 & (headers[:, INCOMPATIBILITY_BYTE] == SIGNED_FLAG)
     bytes_after_payload = np.where(is_signed, CHECKSUM_BYTES + SIGNATURE_BYTES, CHECKSUM_BYTES)
@@ -519,7 +526,14 @@ def _fits_between(
 
 
 def _in_stream_order(tables: list[Frames]) -> Frames:
-    """Joins tables of frames, at least one, into one in stream order."""
+    """Joins tables of frames into one, in the order of the stream.
+
+    Args:
+        tables: At least one table, in any order; the positions in the stream may interleave.
+
+    Returns:
+        The table of all frames, sorted by their first byte. A single table with frames is returned as it is.
+    """
     filled_tables = [table for table in tables if len(table)] or tables[:1]
     if len(filled_tables) == 1:
         return filled_tables[0]

@@ -148,7 +148,14 @@ def _rows_of_possible_readings(all_frames: Frames, rows: Rows) -> NDArray[np.int
 
 
 def _has_reading(message_ids: Offsets) -> Flags:
-    """Flags messages (n,) whose id is in ``READING_LAYOUTS``: the autopilot itself stamps their boot clock."""
+    """Flags the messages from whose stamps the boot clock may be read: their ids are in ``READING_LAYOUTS``.
+
+    Args:
+        message_ids: (n,) ids of messages.
+
+    Returns:
+        Flags (n,).
+    """
     flags = np.zeros(len(message_ids), dtype=np.bool_)
     for message_id in READING_LAYOUTS:
         flags |= message_ids == message_id
@@ -213,12 +220,15 @@ class _SingleFrame(NamedTuple):
 
 
 def _single_frames(data: Bytes, frames: Frames, first: int) -> Iterator[_SingleFrame]:
-    """Yields the frames of a sender one by one.
+    """Yields the frames of a sender one by one, in the order of the stream.
 
     Args:
         data: Bytes (B,) of the stream.
         frames: The frames (n,) of the sender.
-        first: Row of the first one.
+        first: Row in ``frames`` of the first frame to yield; the frames before it are passed over.
+
+    Yields:
+        Content, message and sequence number of each frame.
     """
     # NumPy's view of the memory, whose slices are cheaper than those of the array.
     content = data.data
@@ -412,12 +422,15 @@ class _RunProcessor:
             self._links.compare_attitude(self._content(row), int(self._frames.message_id[row]))
 
     def _contents(self, first: int, end: int) -> Iterator[tuple[int, bytes]]:
-        """Yields number and bytes of the readable frames that are to be remembered for comparison with later ones.
+        """Yields the readable frames of a run that are to be remembered, so that later copies are recognised.
 
         These are the last ``REMEMBERED_ROWS``, or all frames if too many of the last ones are equal.
 
         Args:
             first, end: Row of the first frame, and the row after the last one.
+
+        Yields:
+            Number of frames that the sender had sent with this one, and the bytes of the frame.
         """
         rows = first + np.flatnonzero(self._is_readable[first:end])
         last_contents = {self._content(row) for row in rows[-REMEMBERED_ROWS:].tolist()}

@@ -294,6 +294,9 @@ def _euler_angles(quaternion: Sequence[float]) -> list[float]:
 
     Args:
         quaternion: unit quaternion (w, x, y, z) of the rotation from body to earth.
+
+    Returns:
+        Roll and heading from −π to π, pitch from −π/2 to π/2, for rotations by heading, pitch and roll in this order.
     """
     w, x, y, z = quaternion
     roll = atan2(2 * (w * x + y * z), 1 - 2 * (x * x + y * y))

@@ -86,7 +86,13 @@ def read_mcap(path: PathName) -> Log:
 
 
 def mcap_stream(path: PathName) -> FrameStream:
-    """Reads the MAVLink of an MCAP recording, JSON too, as frames.
+    """Reads the MAVLink of an MCAP recording as frames; messages in JSON are encoded as frames.
+
+    Args:
+        path: The recording, or an archive of it.
+
+    Returns:
+        The frames in the order in which they were recorded, with their receive times.
 
     Raises:
         Unreadable: It cannot be opened, or contains no MAVLink.

@@ -171,7 +171,14 @@ class McapRecording:
         self.cut = last_opcode != Opcode.FOOTER
 
     def _decoded(self, location: RecordLocation) -> McapRecord | None:
-        """Decodes the record at a location; None if it is damaged."""
+        """Decodes one record.
+
+        Args:
+            location: Opcode and place of the record.
+
+        Returns:
+            The record, as the ``mcap`` package has it; None if it is damaged.
+        """
         record_bytes = self.content[location.start - RECORD_HEAD.size : location.end]
         with suppress(*DAMAGE_ERRORS):
             reader = StreamReader(BytesIO(record_bytes), skip_magic=True, emit_chunks=True)
@@ -236,7 +243,7 @@ class McapRecording:
 
 
 def _record_end(content: bytes, offset: int) -> int | None:
-    """Returns the offset after the record at an offset; None if no record can be there."""
+    """Returns the offset after the record that begins at an offset; None if no record can begin there."""
     if offset + RECORD_HEAD.size > len(content):
         return None
     opcode, length = RECORD_HEAD.unpack_from(content, offset)
@@ -386,7 +393,16 @@ def write_message(writer: Writer, channel: int, time: int, data: bytes) -> None:
 
 
 def _register_json_channel(writer: Writer, topic: str, schema: Mapping[str, Any]) -> int:
-    """Registers a channel of JSON messages, and returns its number; a viewer plots the fields in its schema."""
+    """Registers a channel of JSON messages, whose schema tells viewers which fields they can plot.
+
+    Args:
+        writer: The writer of the recording.
+        topic: Topic of the channel; with dots in place of slashes it is the name of the schema.
+        schema: JSON schema of the messages.
+
+    Returns:
+        Number of the channel.
+    """
     schema_number = writer.register_schema(
         topic.replace("/", "."), "jsonschema", json.dumps(schema).encode()
     )

@@ -431,9 +431,14 @@ MAX_NANOSECONDS = 9 * 10**18
 
 
 def _nanoseconds(values: Array, unit: int) -> Integers:
-    """Converts stamps (N,) in multiples of a unit, ns, to nanoseconds; 0 for an impossible one.
+    """Converts stamps to integer nanoseconds: a float has too few digits for nanoseconds since 1970.
 
-    As integers: floats do not hold nanoseconds since 1970.
+    Args:
+        values: (N,) stamps, or parts of stamps, in the unit.
+        unit: length of the unit, ns.
+
+    Returns:
+        (N,) nanoseconds; 0 for a stamp that is not positive or too large.
     """
     is_possible = (values > 0) & (values < MAX_NANOSECONDS // unit)
     return np.where(is_possible, values, 0.0).astype(np.int64) * unit
