@@ -446,7 +446,10 @@ def _clamped(value: float, limit: float) -> float:
 
     Args:
         value: The value.
-        limit: Largest absolute value that is returned, at least 0.
+        limit: Largest absolute value that is returned, at least 0, in the unit of the value.
+
+    Returns:
+        The nearest value between −``limit`` and ``limit``.
     """
     # Comparisons take half the time of ``min`` and ``max``.
     if value > limit:

@@ -46,7 +46,7 @@ class Fit:
     """The iterations of DEM, with the posterior at the maximum of F̄."""
 
     posterior: Posterior
-    """The posterior of the final θ: that of DEM or, after a simulation-error fit, the one given its θ."""
+    """The posterior of the final θ: the result of DEM or, after a simulation-error fit, the posterior given its θ."""
 
     gain: Array
     """(n, m) gain of the Kalman filter with DEM's own parameters and noises."""
@@ -94,7 +94,7 @@ def fit(record: Record, settings: CompleteSettings) -> Fit:
 
 
 def _noise_smoothness(settings: CompleteSettings, dt: float) -> float:
-    """Returns the kernel width s of the noises, in seconds: that of the settings or, if it is None, the step ``dt``."""
+    """Returns the kernel width s of the noises, in seconds: from the settings or, if None, the step ``dt``."""
     return dt if settings.smoothness is None else settings.smoothness
 
 
@@ -103,8 +103,8 @@ def generative_model(
 ) -> GenerativeModel:
     """Returns the generative model that the settings describe, in the engine's units.
 
-    λ has two entries: the log precision of the measurement noise of all outputs, and that of the process noise of all
-    states.
+    λ has two entries: the log precision of the measurement noise of all outputs, and the log precision of the process
+    noise of all states.
 
     Args:
         settings: settings of the fit.
@@ -197,7 +197,8 @@ def _parameter_prior(
             output_scale=scaling.output_scale,
             pairs=derivative_pairs(record),
         )
-    # A Gaussian of the user is of the vehicle's parameters only. The engine may have those of a constant input as well.
+    # A Gaussian of the user is of the vehicle's parameters only. The engine may have parameters of a constant input as
+    # well.
     indices = vehicle_parameter_indices(n, motors, m, has_constant_input=scaling.constant)
     prior = explicit_prior(
         settings.prior, settings.parameter_precision, indices, scaling.parameter_scale(n)

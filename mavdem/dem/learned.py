@@ -152,7 +152,7 @@ class Learned(ImmutableResult, ForecasterBase):
         closed loop, where the inputs are correlated with the disturbance, is not included.
 
         Args:
-            level: Probability of the intervals.
+            level: Probability that an interval contains the parameter, between 0 and 1.
 
         Returns:
             Half widths of the intervals, arranged like A, B and C. NaN for offset and trims, and for all without a
@@ -376,8 +376,8 @@ class Learned(ImmutableResult, ForecasterBase):
         variance, the squared error of always predicting the mean.
         """
         longest = max(1, round(FORECAST_HORIZON_SECONDS / self.dt))
-        # The error of a longer horizon is taken to be at least that of each shorter one. If a horizon is useful, all
-        # shorter ones then are as well.
+        # The error of a longer horizon is taken to be at least as large as of each shorter one. If a horizon is useful,
+        # all shorter ones then are as well.
         errors = np.maximum.accumulate(self.predict_with_variance(longest).variance)
         is_useful = errors < USEFUL_VARIANCE_SHARE * self.record.outputs.var(axis=0)
         # The useful horizons are 1, 2, …, so that their number is the longest one.
@@ -486,8 +486,8 @@ class Learned(ImmutableResult, ForecasterBase):
 
         Returns:
             (T′,) values of each term by its name, nats, at the samples :attr:`window_center_samples`. Their sums over
-            the samples are the terms of F̄ in the last iteration of :attr:`free_energy`; that of the mean field is 0.
-            Empty for a model without :attr:`sample_free_energy`.
+            the samples are the terms of F̄ in the last iteration of :attr:`free_energy`; the term of the mean field is
+            0. Empty for a model without :attr:`sample_free_energy`.
         """
         if self.sample_free_energy is None:
             return {}

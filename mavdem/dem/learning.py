@@ -269,7 +269,7 @@ def _learned_from_fit(fit: Fit, record: Record, data: Array) -> Learned:
         order, record.inputs.shape[1], fit.model.m, has_constant_input=scaling.constant
     )
     scale = scaling.parameter_scale(order)
-    # If simulations have refined θ, the posterior and the convergence are those of the simulation-error fit.
+    # If simulations have refined θ, the posterior and the convergence are taken from the simulation-error fit.
     precision = fit.model.prior.theta_precision
     covariance = fit.posterior.theta_covariance
     converged = ascent.converged
@@ -345,7 +345,7 @@ def learn_many(
 
     By default one process works on each core that this process may use. In a worker of another pool, and for a few
     jobs, the work is done in this process. The processes import the running script: call this below ``if __name__ ==
-    "__main__":``. They end with the generator. A given ``executor``, such as that of a cluster (docs/python.md), is not
+    "__main__":``. They end with the generator. A given ``executor``, such as a cluster's (docs/python.md), is not
     shut down.
 
     Args:

@@ -46,7 +46,7 @@ class FlightFreeEnergy(NamedTuple):
 
 
 class FreeEnergyGain(NamedTuple):
-    """By how much the free energy of one order exceeds that of another, nats."""
+    """By how much the free energy of one order exceeds the free energy of another, nats."""
 
     mean: float
     """Mean over the flights; NaN if no flight has both orders."""

@@ -91,7 +91,7 @@ class BlackBoxData:
     """Number of outputs."""
 
     p: int
-    """Embedding order of the outputs; that of the inputs is p − 1."""
+    """Embedding order of the outputs; the inputs have p − 1."""
 
     dt: float
     """Sampling step, s."""
@@ -183,7 +183,7 @@ class BlackBoxData:
         """Returns the generative model with ``order`` states, in the units of the data.
 
         All parameters have prior mean 0 and variance 1, and so have the states x. The outputs share one noise
-        precision, and each state has its own. So λ has 1 + ``order`` entries: that of the measurement noise, and one
+        precision, and each state has its own. So λ has 1 + ``order`` entries: one of the measurement noise, and one
         for the process noise of each state.
 
         Args:
@@ -484,7 +484,7 @@ def _regression(
 
 
 def _principal_directions(symmetric: Array) -> Array:
-    """Returns the eigenvectors of a symmetric matrix as rows, those of the largest eigenvalues first."""
+    """Returns the eigenvectors of a symmetric matrix as rows, the largest eigenvalues first."""
     return np.linalg.eigh(symmetric)[1].T[::-1]
 
 
@@ -530,5 +530,5 @@ def _theta_by_regression(data: BlackBoxData, states: Array, rates: Array) -> Arr
     noise_deviations = np.sqrt(np.diag(rotation @ noise_covariance @ rotation.T)[driven_states])
     B[driven_states, unknown_inputs] = noise_deviations
     C = _regression(data, outputs, rotation @ states, ridge)
-    # The rows of A have been rotated with the rates. Its columns are those of the states, and are rotated here.
+    # The rows of A have been rotated with the rates. Its columns belong to the states, and are rotated here.
     return pack(A @ rotation.T, B, C)

@@ -503,7 +503,7 @@ def _prepare_learning(niceness: int, pause_receiver: ReceivingEnd) -> None:
     learned the final model.
 
     Args:
-        niceness: the priority, 0 to 19; with 0 the worker keeps that of its parent.
+        niceness: the priority, 0 to 19; with 0 the worker keeps its parent's.
         pause_receiver: receiving end of a pipe through which the parent pauses the worker and lets it continue.
     """
     signal.signal(signal.SIGTERM, signal.SIG_IGN)

@@ -34,7 +34,7 @@ class PlantForecasts:
 
     Attributes:
         record: The training data.
-        scaling: Conversion between physical units and those of ``process``.
+        scaling: Conversion between physical units and the units of ``process``.
         process: The plant with its Kalman filter, in the engine's units.
     """
 

@@ -84,14 +84,14 @@ def explicit_prior(
     Args:
         prior: Gaussian of the vehicle's parameters [vec(Aᵀ); vec(Bᵀ); vec(Cᵀ)], in physical units.
         default_precision: prior precision of the engine's other parameters, whose prior mean is 0.
-        indices: indices of the vehicle's parameters in the engine's θ.
+        indices: (j,) indices of the vehicle's j parameters in the engine's θ, which has k ≥ j.
         scale: (k,) size, in physical units, of the engine's unit of each parameter in its θ.
 
     Returns:
         Mean (k,) and precision (k, k) of the engine's θ.
 
     Raises:
-        ValueError: the number of parameters of the prior is not that of A, B and C.
+        ValueError: the prior has another number of parameters than A, B and C.
     """
     theta, theta_precision = prior.arrays
     if len(theta) != len(indices):

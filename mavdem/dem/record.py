@@ -190,7 +190,7 @@ class Record:
                 returned unchanged.
 
         Returns:
-            The record; names and units of the columns are those of the first segment.
+            The record; names and units of the columns are taken from the first segment.
 
         Raises:
             ValueError: The segments have different columns or sampling steps, or values are wrong; the message names
@@ -294,7 +294,7 @@ class Record:
         """Checks samples after the end of the record, for forecasts that begin again at every ``steps``-th of them.
 
         Args:
-            steps: Number of samples from the beginning of one forecast to that of the next, at least 1.
+            steps: Number of samples from the beginning of one forecast to the beginning of the next, at least 1.
             inputs: Inputs, (H, r).
             outputs: Outputs, (H, m), of the same samples.
 
@@ -451,9 +451,10 @@ def _controller_fields(flights: Sequence[UniformSamples]) -> JsonValues:
     origin, holds for all.
 
     Args:
-        flights: The segments, at least one. Only those of the class ``Flight`` have the attributes that are read here.
-            ``provenance["parameters"]`` are the autopilot's parameters by name, ``provenance["earlier"]`` their values
-            before a change, and ``provenance["scale"]`` the inputs at no throttle, "low", and at full throttle, "high".
+        flights: The segments, at least one. Only segments of the class ``Flight`` have the attributes that are read
+            here. ``provenance["parameters"]`` are the autopilot's parameters by name, ``provenance["earlier"]`` their
+            values before a change, and ``provenance["scale"]`` the inputs at no throttle, "low", and at full throttle,
+            "high".
 
     Returns:
         Values of the fields ``parameters``, ``earlier`` and ``input_range`` of :class:`Record`, and of ``setpoints``

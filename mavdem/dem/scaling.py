@@ -118,7 +118,7 @@ class Scaling:
     def state_scale(self, order: int) -> Array:
         """Returns the physical size of the engine's unit of each of n = ``order`` states, (n,).
 
-        The first states have the units of the outputs; hidden states have that of the last output.
+        The first states have the units of the outputs; hidden states have the unit of the last output.
         """
         output_columns = np.minimum(np.arange(order), len(self.output_scale) - 1)
         return self.output_scale[output_columns]
@@ -126,8 +126,8 @@ class Scaling:
     def parameter_scale(self, order: int) -> Array:
         """Returns the size of the engine's unit of each parameter in θ, in physical units, for ``order`` states.
 
-        The unit of a parameter in A or B is that of its row's state, divided by that of its column's state or input and
-        by seconds. The unit of a parameter in C is that of its output divided by that of its state. A parameter in
+        The unit of a parameter in A or B is its row's unit (of a state), divided by its column's unit (of a state or an
+        input) and by seconds. The unit of a parameter in C is the output's unit divided by the state's. A parameter in
         physical units is the engine's parameter times this size.
 
         Args:

@@ -308,7 +308,7 @@ def gain_reduction_advice(oscillation: Oscillation, parameters: Parameters) -> F
     and D are.
 
     Args:
-        oscillation: oscillation of the axis with the largest body rate, with those of the other axes.
+        oscillation: oscillation of the axis with the largest body rate, with the oscillations of the other axes.
         parameters: parameters of the autopilot, by name. If they describe no known controller, no values are advised.
 
     Returns:
@@ -318,7 +318,7 @@ def gain_reduction_advice(oscillation: Oscillation, parameters: Parameters) -> F
     for cycle in (oscillation, *oscillation.other_axes):
         # Without a known controller of the axis, no gains are named.
         with suppress(NotLearnable):
-            # Only the gains are used, so the mixer has no effect, and that of a single motor is given.
+            # Only the gains are used, so the mixer has no effect, and the mixer of a single motor is given.
             controller = controller_from_parameters(parameters, cycle.axis, (1.0,))
             for field in _gains_behind_oscillation(controller, cycle.frequency):
                 name = controller.parameter_names[field]

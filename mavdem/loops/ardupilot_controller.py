@@ -96,7 +96,7 @@ def ardupilot_controller(
         Values of the controller's fields by name.
 
     Raises:
-        NotLearnable: a parameter is missing, or the mixer is not that of a quadrotor.
+        NotLearnable: a parameter is missing, or the mixer is not a quadrotor's.
     """
     rate = _rate_parameters(parameters, axis)
     gain_values = required_parameters(parameters, *rate.names.values())
@@ -161,7 +161,7 @@ def _rate_parameters(parameters: Parameters, axis: str) -> _RateParameters:
         angle_gain = f"STB_{abbreviation}_P"
         filters = {"error_filter": "FILT_HZ"}
     elif f"{prefix}FILT" in parameters:
-        # Before ArduCopter 4.0 there was one filter, that of the error.
+        # Before ArduCopter 4.0 there was one filter, of the error.
         filters = {"error_filter": "FILT"}
     else:
         filters = {"target_filter": "FLTT", "error_filter": "FLTE", "derivative_filter": "FLTD"}
@@ -177,7 +177,7 @@ def _spin_range(parameters: Parameters, *, is_before_3_4: bool) -> tuple[float, 
 
     Args:
         parameters: parameters of the log, by name.
-        is_before_3_4: whether the parameters are those of a firmware before ArduCopter 3.4.
+        is_before_3_4: whether the parameters belong to a firmware before ArduCopter 3.4.
 
     Returns:
         Beginning and end of thrust, as fractions of the range of the output.
@@ -328,7 +328,7 @@ def harmonic_notches(
 
     Args:
         center: centre of the fundamental, Hz.
-        relative_bandwidth: bandwidth over the centre, b.
+        relative_bandwidth: bandwidth divided by the centre, b, without a unit; between 0 and 2.
         attenuation: attenuation at the centre, dB.
         harmonics: bit mask of the multiples; bit k − 1 is set if there is a notch at k times the centre.
 

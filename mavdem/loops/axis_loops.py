@@ -72,7 +72,7 @@ AXIS_PARAMETER_PREFIXES = ("ATC_RAT_", "ATC_ANG_", "MC_ROLL", "MC_PITCH", "MC_YA
 class Loop(Margins):
     """Rate and attitude loop of one axis, of the estimated plant and of draws from its posterior.
 
-    Its own figures, such as ``phase_margin``, are those of the rate loop.
+    Its own figures, such as ``phase_margin``, describe the rate loop.
     """
 
     axis: str
@@ -84,7 +84,7 @@ class Loop(Margins):
     controller: Controller
     """The autopilot's controller of the axis."""
     effectiveness: Array
-    """Angular acceleration per demand (N,), rad/s²: that of the estimated plant first, then those of draws."""
+    """Angular acceleration per demand (N,), rad/s²: of the estimated plant first, then of each draw."""
     dynamics: Array
     """Damping, 1/s, motor lag, s, and delay, s, of each plant (N, 3), without the gyro's filters, in the same order."""
     cautions: Facts = ()
@@ -139,7 +139,7 @@ class Loop(Margins):
     def with_parameters(self, parameters: Parameters) -> Loop:
         """Returns the same plant in a loop whose controller has other values of some parameters.
 
-        The response that was measured in flight is that of the old values, and is left out.
+        The response that was measured in flight belongs to the old values, and is left out.
 
         Args:
             parameters: new values by the autopilot's name.
@@ -192,12 +192,12 @@ class Loop(Margins):
             The loop with E · P plants, where P is one more than the number of ``rows``: all plants with the first
             factor, then all with the second, and so on.
         """
-        # The estimate must come first again, since the figures of a loop are those of row ``ESTIMATE``.
+        # The estimate must come first again, since the figures of a loop are taken from row ``ESTIMATE``.
         plant_rows = np.append(ESTIMATE, np.arange(len(self.effectiveness))[rows])
         effectiveness = np.outer(effectiveness_factors, self.effectiveness[plant_rows]).ravel()
         # Damping, lag and delay do not depend on the factor: their rows are repeated in the same order.
         dynamics = np.tile(self.dynamics[plant_rows], (len(effectiveness_factors), 1))
-        # The shared plant response is that of this loop's plants and frequencies. Without it, the new loop computes its
+        # The shared plant response belongs to this loop's plants and frequencies. Without it, the new loop computes its
         # own.
         return replace(
             self,
@@ -282,7 +282,7 @@ def margin_rating(loop: Loop, target: MarginTarget = MARGIN_TARGETS["default"]) 
     Each margin is divided by its target, and the smallest of these ratios is the score of a loop
     (:func:`margin_scores`). If it is at least 1, the loop has all margins. There is one score for the estimated plant
     and one for each draw from its posterior. The level is "good" if at least 95 % of the scores are at least 1, so that
-    the margins are certain. It is "watch" if fewer are, but that of the estimate is, and "bad" otherwise.
+    the margins are certain. It is "watch" if fewer are, but the estimate's is, and "bad" otherwise.
 
     Args:
         loop: rate and attitude loop of one axis.
@@ -373,7 +373,7 @@ def parameters_changed_in_flight(record: Record, controller: Controller) -> Para
     """Returns the parameters of the axis' controller that changed during a flight, with their earlier values.
 
     A loop is computed with the last values. If values changed in flight, it was not this loop that flew all the time.
-    Parameters of other axes do not affect it; those of all axes, such as the gyro's filters, do.
+    Parameters of other axes do not affect it; parameters of all axes, such as the gyro's filters, do.
 
     Args:
         record: the flight, with the earlier value of each parameter that changed.

@@ -256,7 +256,7 @@ class Controller(ImmutableResult):
             Demand (T,), in a range as wide as from -1 to 1.
         """
         if outputs.shape[1] == 1:
-            # The range of the column is 0 to 1, that of a demand is -1 to 1, which is twice as wide.
+            # The range of the column is 0 to 1, the range of a demand is -1 to 1, which is twice as wide.
             return 2 * outputs[:, 0]
         thrust_command = self._thrust_command(outputs)
         thrust = (1 - self.thrust_expo + self.thrust_expo * thrust_command) * thrust_command
@@ -292,7 +292,7 @@ class Controller(ImmutableResult):
             outputs: outputs of the motors, (T, r) or (r,), as fractions of their range.
 
         Returns:
-            Commands of the same shape, 0 to 1.
+            Commands, (T, r) or (r,), 0 to 1.
         """
         spin_min, spin_max = self.spin_range
         return np.clip((outputs - spin_min) / (spin_max - spin_min), 0.0, 1.0)

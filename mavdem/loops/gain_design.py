@@ -71,7 +71,7 @@ PX4_DEFAULTS = {
     "pitch": _PX4_TILT,
     "yaw": AxisDefaults(GainRatios(0.1 / 0.2, 0.0), 2.8),
 }
-"""PX4's defaults by axis (``MC_ROLLRATE_*``, ``MC_ROLL_P`` and those of the other axes)."""
+"""PX4's defaults by axis (``MC_ROLLRATE_*``, ``MC_ROLL_P`` and the same of pitch and yaw)."""
 MAX_RATIO_CHANGE = 2.0
 """Factor by which the ratio of D to P may differ from the autopilot's default, and the angle's gain exceed it.
 
@@ -87,7 +87,7 @@ MAX_GAIN_STEP = 1.5
 STEP_SHARES = (1.0, 0.75, 0.5, 0.25)
 """Parts of the largest step that are tried one after another, until a step costs no margin: a choice."""
 MAX_DESIGN_FACTOR = 4.0
-"""Factor by which P of the design may differ from that of the log, over several flights: a choice."""
+"""Factor by which P of the design may differ from the logged one, over several flights: a choice."""
 GAIN_ROUNDING = 0.005
 """Largest relative error of a gain of three digits."""
 MIN_GAIN_CHANGE = 1.05
@@ -102,7 +102,7 @@ MAX_NOISE_RATIO = 1.25
 NEARLY_AS_FAST = 0.9
 """Fraction of the highest bandwidth from which on wind decides between designs."""
 MIN_BANDWIDTH_RATIO = 0.8
-"""Least bandwidth of a design relative to that of the log, if the logged gains already have the margins."""
+"""Least bandwidth of a design relative to the logged gains' bandwidth, if the logged gains already have the margins."""
 MIN_BANDWIDTH_GAIN = 1.1
 """Factor by which a design must raise the rate bandwidth for a loop with enough margin to leave stage 2 for stage 1."""
 
@@ -116,7 +116,7 @@ Gains fit the models that chose them too well. With 0.05 of these, at most 0.1 o
 SEARCH_DRAWS = 40
 """Number of draws of the plant that the gains are searched with: a choice, for speed."""
 SEARCH_GRID = FrequencyGrid(0.05, 100.0, 60)
-"""Frequencies that the gains are searched with: coarser than those of the result, for speed."""
+"""Frequencies that the gains are searched with: coarser than the result's, for speed."""
 RATIO_COUNT = 7
 """Number of ratios of D to P that are tried."""
 FACTORS = tuple(np.geomspace(MAX_DESIGN_FACTOR, 1 / MAX_DESIGN_FACTOR, 49).tolist())
@@ -315,7 +315,7 @@ class GainSearch:
         """Returns the largest gain of the attitude controller with which the attitude loop has its margins.
 
         Args:
-            rate_gains: gains of the rate controller that differ from those of the log, by the autopilot's name.
+            rate_gains: gains of the rate controller that differ from the logged ones, by the autopilot's name.
             largest: largest gain to return, 1/s.
 
         Returns:
@@ -350,7 +350,7 @@ class GainSearch:
             open_loop: rate or attitude loop of all models, at each effectiveness.
 
         Returns:
-            The score that all but ``SEARCH_MISS_SHARE`` of the models reach.
+            The score, without a unit, that all but ``SEARCH_MISS_SHARE`` of the models reach.
         """
         scores = scores_of_models(margin_scores(self.target, open_loop))
         return float(np.quantile(scores.clip(MIN_SCORE), SEARCH_MISS_SHARE))
@@ -412,7 +412,7 @@ class GainSearch:
         return {}
 
     def _one_step(self, stage: Stage, design: Parameters) -> Parameters:
-        """Returns gains that are at most one step away from those of the log, towards a design.
+        """Returns gains that are at most one step away from the logged ones, towards a design.
 
         Each gain changes as far as ``MAX_GAIN_STEP`` allows. If the step costs margin, since some gains are still
         farther from the design than others, all of them change by a part of it only. If the attitude loop would then

@@ -1,6 +1,6 @@
 """Closed-loop identification of the plant of one axis: control effectiveness, damping, motor lag and delay.
 
-Messages are used at their own time stamps. The model is that of ``plant.closed_loop``, with the controller that the
+Messages are used at their own time stamps. The model of ``plant.closed_loop`` is used, with the controller that the
 autopilot's parameters describe. This file makes the data of that model from a log, refuses logs that do not determine
 the plant, and converts the result to physical parameters, whose covariances contain the errors of the model.
 """
@@ -80,8 +80,8 @@ STAMP_STEP = 1e-6
 def identify_plant_in_loop(signals: Signals, flights: Sequence[Flight]) -> Physical:
     """Identifies the plant of one axis in closed loop, with the known controller that flew it.
 
-    The plant has a control effectiveness for each input, rate damping, motor lag and delay. The delay includes that of
-    the gyro's filters. Only the boot with the longest flight is used, because messages must share a clock.
+    The plant has a control effectiveness for each input, rate damping, motor lag and delay. The delay includes the
+    delay of the gyro's filters. Only the boot with the longest flight is used, because messages must share a clock.
 
     Args:
         signals: signals of the vehicle, for the axis.
@@ -178,7 +178,7 @@ def _identified_loop(signals: Signals, flights: tuple[Flight, ...]) -> _Identifi
     # The same check with the fitted model, which includes aliasing.
     if not reference_share + fit.saturation_loss >= MIN_REFERENCE_SHARE:
         raise NotLearnable(LoopFact.NOT_STEERED, share=reference_share)
-    # If the fitted gain of the controller differs from that of its parameters, the model of the controller is wrong.
+    # If the fitted gain of the controller differs from its parameters' gain, the model of the controller is wrong.
     if not fit.controller_consistent:
         raise NotLearnable(LoopFact.LOOP_NOT_FOUND)
     return _IdentifiedLoop(fit, controller, mixer_gains)
@@ -264,7 +264,7 @@ def _loop_messages(
 def _loop_spectra(
     signals: Signals, messages: _LoopMessages, window_starts: Array, controller: KnownController
 ) -> CrossSpectra:
-    """Estimates the cross-spectra of a loop: those of rate, output, setpoint and reference.
+    """Estimates the cross-spectra of a loop, between rate, output, setpoint and reference.
 
     Args:
         signals: signals of the vehicle, with the scale of the outputs.

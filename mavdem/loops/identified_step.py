@@ -93,7 +93,7 @@ def predicted_step(loop: OpenLoop, duration: float) -> PredictedStep | None:
     """Computes overshoot and rise time of the predicted step response of a closed loop, with intervals from draws.
 
     Args:
-        loop: the rate or attitude loop; its responses are those of the estimate, then of draws.
+        loop: the rate or attitude loop; its responses are of the estimate first, then of draws.
         duration: duration of the response, s.
 
     Returns:

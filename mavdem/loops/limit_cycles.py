@@ -38,7 +38,7 @@ MIN_LINE_WIDTH_BINS = 2.01
 LINE_WIDTH = 0.1
 """Half width of a line, relative to its frequency: a choice."""
 MIN_LINE_SHARE = 0.6
-"""Least share of the variance of the rate, and of that of the motors, in the line of a limit cycle.
+"""Least share of the rate's variance, and of the motors' variance, in the spectral line of a limit cycle.
 
 In two successive windows of sound flights it is at most 0.55.
 """
@@ -62,7 +62,7 @@ MIN_LASTING_FREQUENCY = 3.5
 """Frequency below which a lasting oscillation that reaches no limit may be steered by the pilot, Hz."""
 
 STEERED_SHARE = 0.5
-"""Standard deviation of an angle's setpoint, relative to that of the angle, from which on it is steered: a choice."""
+"""Standard deviation of an angle's setpoint, relative to the angle's, from which on it is steered: a choice."""
 
 STARTING_WINDOWS = (0.5, 1.0, 2.0)
 """Lengths of the windows in which a limit cycle that has just started is looked for, s."""
@@ -125,8 +125,8 @@ def detect_limit_cycle(
         segments: segments of the flight to use.
 
     Returns:
-        The limit cycle of the axis with the largest body rate, with those of other axes; None if there is none, or no
-        motor outputs.
+        The limit cycle of the axis with the largest body rate, with the other axes' limit cycles; None if there is
+        none, or no motor outputs.
     """
     if motors is None:
         return None
@@ -220,7 +220,7 @@ def _is_unsteered(angle: TimeSeries, setpoint: TimeSeries, segment: Segment) -> 
         segment: the segment in which both are compared.
 
     Returns:
-        Whether the standard deviation of the setpoint is less than ``STEERED_SHARE`` of that of the angle; False if too
+        Whether the standard deviation of the setpoint is less than ``STEERED_SHARE`` of the angle's; False if too
         few setpoints were received to know.
     """
     is_received = in_segments(setpoint, segment)
@@ -394,7 +394,7 @@ def _lines_of_windows(piece: Array, sampling_rate: float, window_seconds: float)
 
     Windows in which motors are at both limits at once for ``LASTING_SHARE`` of the time are treated differently. The
     motors then alternate between their limits and no longer control the rate, which contains other motion as well. The
-    line is then at the frequency at which the motors' power is highest, its share is that of the motors, and only the
+    line is then at the frequency at which the motors' power is highest, its share is the motors' share, and only the
     part of the rate in the band counts.
 
     Args:
@@ -476,7 +476,7 @@ class _RunOscillation(NamedTuple):
     at_limit: float
     """Fraction of the time with a motor at a limit."""
     grows: bool
-    """Whether the rate of the last third is ``MIN_GROWTH`` times that of the first."""
+    """Whether the rate of the last third is ``MIN_GROWTH`` times the rate of the first."""
     duration: float
     """Duration, s."""
 
@@ -488,7 +488,7 @@ def _oscillation_in_run(
 
     Args:
         lines: the line of each window.
-        run: indices of successive half-overlapping windows with one line.
+        run: indices (n,) of successive half-overlapping windows with one line.
         window_seconds: length of a window, s.
         min_duration: shortest duration of an oscillation, s.
 

@@ -77,13 +77,13 @@ def loop_from_learned(learned: Learned, controller: Controller | None = None) ->
 def loop_from_plant(plant: Physical, record: Record, controller: Controller | None = None) -> Loop:
     """Builds the rate and attitude loop of an identified plant, with cautions about its figures.
 
-    If the log has setpoints, the measured response of the rate is compared with that of the loop. It is not compared if
+    If the log has setpoints, the measured response of the rate is compared with the loop's. It is not compared if
     gains changed in flight, since the measured response is then a mean over several loops.
 
     Args:
         plant: plant that was identified from the record.
         record: the flight.
-        controller: controller of the axis; ``None`` for that of the record's parameters.
+        controller: controller of the axis; ``None`` for the controller by the record's parameters.
 
     Returns:
         The loop of the estimate and of draws from its posterior.
@@ -269,7 +269,7 @@ def inputs_per_demand(controller: Controller, record: Record) -> Array:
         Changes (r,), in the record's unit of the inputs.
 
     Raises:
-        NotLearnable: the inputs are neither the demand nor those of a quadrotor.
+        NotLearnable: the inputs are neither the demand nor a quadrotor's motors.
     """
     trim = record.inputs.mean(axis=0)
     if len(trim) == 1 and record.input_range == (-1.0, 1.0):
@@ -297,7 +297,7 @@ def _plant_draws(plant: Physical, filter_delay: float, dt: float) -> _PlantDraws
     as a part of its delay, or of its lag and delay. This part is removed, so that the filters are included only once.
 
     Args:
-        plant: identified plant. Its delay contains that of the gyro's filters; if it is ``filtered``, its lag and delay
+        plant: identified plant. Its delay contains the gyro filters' delay; if it is ``filtered``, its lag and delay
             contain them together.
         filter_delay: delay of the gyro's filters at low frequencies, s.
         dt: time step of the record, s.
@@ -314,7 +314,7 @@ def _plant_draws(plant: Physical, filter_delay: float, dt: float) -> _PlantDraws
 
 
 def _draws_without_filters(plant: Physical, filter_delay: float, dt: float) -> Array:
-    """Draws plants without the gyro's filters from a plant whose lag and delay contain those of the filters.
+    """Draws plants without the gyro's filters from a plant whose lag and delay contain the filters'.
 
     1. The filters are removed. If their delay at low frequencies is less than half of the sum of lag and delay, it is
        subtracted from the sum. Otherwise that is too inaccurate. Then the remaining lag and delay are chosen so that

@@ -3,8 +3,8 @@
     L = P C,    S = 1 / (1 + L),    T = L / (1 + L)
 
 P is the identified plant and C the known controller: an open loop estimated from the spectra of a flight's outputs and
-inputs would be biased, since wind acts on both. Intervals are those of draws from the posterior of the plant. Figures
-are defined as by K. J. Åström and R. M. Murray, Feedback Systems, 2nd ed., secs. 10.3 and 12.1.
+inputs would be biased, since wind acts on both. Intervals follow from draws from the posterior of the plant.
+Figures are defined as by K. J. Åström and R. M. Murray, Feedback Systems, 2nd ed., secs. 10.3 and 12.1.
 """
 
 from __future__ import annotations
@@ -74,7 +74,7 @@ class FigureInterval:
     def __get__(self, loop: Any, owner: type | None = None) -> Interval:
         """Returns the lower and upper end of the figure's 90 % interval.
 
-        A margin below 0 is that of an unstable loop. If the estimate is stable, so was the loop that flew: the interval
+        A margin below 0 belongs to an unstable loop. If the estimate is stable, so was the loop that flew: the interval
         of its margins ends at the limit of stability.
         """
         # The method "nearest" takes values as they are: interpolation between infinite margins would give NaN.
@@ -89,7 +89,7 @@ class Margins(ImmutableResult):
     """Stability margins and other figures of a loop, each with its 90 % interval.
 
     If the response crosses a limit several times, the smallest margin counts. A subclass has ``figures``: by name, the
-    values (N,) of each figure, that of the estimated plant first, then those of draws from its posterior.
+    values (N,) of each figure, of the estimated plant first, then of draws from its posterior.
     """
 
     crossover = FigureEstimate("crossover")
@@ -119,7 +119,7 @@ class Margins(ImmutableResult):
 class OpenLoop(Margins):
     """Frequency responses of a rate or attitude loop, opened at its controller.
 
-    There are N responses at F frequencies: that of the estimated plant in row ``ESTIMATE``, then those of draws from
+    There are N responses at F frequencies: of the estimated plant in row ``ESTIMATE``, then of draws from
     its posterior.
     """
 

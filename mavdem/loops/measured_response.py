@@ -36,7 +36,7 @@ MIN_DEMAND_FREQUENCIES = 6
 MAX_DEMAND_FREQUENCY_RATIO = 0.25
 """Highest of these frequencies, relative to the sampling rate: a choice."""
 MAX_LOG_GAIN_ERROR = 0.3
-"""Largest natural logarithm of the ratio of both demands: beyond, other gains flew than those of the parameters."""
+"""Largest natural logarithm of the ratio of both demands: beyond, other gains flew than the parameters state."""
 
 
 class MeasuredResponse(NamedTuple):
@@ -49,7 +49,7 @@ class MeasuredResponse(NamedTuple):
     agreement: float
     """The same fit to that part of the rate that the setpoint explains: what it lacks to 100 % is the loop's error."""
     controller_gain: float
-    """Gain of the logged demand divided by that of the parameters; NaN if it is not known."""
+    """Gain of the logged demand divided by the gain by the parameters; NaN if it is not known."""
     reason: Fact | None
     """Why the two do not agree; ``None`` if they do."""
 
@@ -165,7 +165,7 @@ def _finite_pieces(signals: Array, record: Record) -> list[Array]:
     """Cuts signals into pieces without gaps, and returns the pieces in which the setpoint, the first signal, changes.
 
     Pieces end at the ends of the record's segments, and where any signal begins or ceases to be finite. A constant
-    setpoint, such as that of a constant heading, does not show a response.
+    setpoint, such as a constant heading, does not show a response.
 
     Args:
         signals: (k, T) k signals at the samples of the record.
@@ -215,7 +215,7 @@ def _comparison_with_prediction(
     predicted_response = np.interp(measured_frequency, frequency, closed)
     prediction_error = np.abs(spectra.response - predicted_response) ** 2 * spectra.driver_power
     unexplained_power = (1 - spectra.coherence) * rate_power
-    # Both are 1 minus a normalised RMS error: the root of the power of an error over that of the rate.
+    # Both are 1 minus a normalised RMS error: the root of the power of an error over the power of the rate.
     fit = agreement = 0.0
     if is_in_band.any():
         power = rate_power[is_in_band].sum()
@@ -255,7 +255,7 @@ def _reason_of_disagreement(
 ) -> Fact | None:
     """Returns the first reason why the measured response differs from the predicted one.
 
-    The gains come first: if those that flew differ from those of the parameters, the prediction is that of another
+    The gains come first: if other gains flew than the parameters state, the prediction describes another
     loop. Then the band must be wide enough for a comparison.
 
     Args:

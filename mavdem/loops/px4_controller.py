@@ -32,7 +32,7 @@ GYRO_NOTCH_PARAMETERS = (
     ("IMU_GYRO_NF1_FRQ", "IMU_GYRO_NF1_BW"),
     ("IMU_GYRO_NF_FREQ", "IMU_GYRO_NF_BW"),
 )
-"""Centre and bandwidth of each static notch of the gyro, Hz; the last is that of older versions, which had one."""
+"""Centre and bandwidth of each static notch of the gyro, Hz; the last belongs to older versions, which had one."""
 DERIVATIVE_FILTER = "IMU_DGYRO_CUTOFF"
 """Name of the cut-off frequency of the derivative's low-pass."""
 OLDER_DERIVATIVE_FILTER = "MC_DTERM_CUTOFF"
@@ -55,7 +55,7 @@ def px4_controller(parameters: Parameters, axis: str, *, is_demand: bool) -> Con
         Values of the controller's fields by name.
 
     Raises:
-        NotLearnable: a parameter is missing, or the mixer is not that of a quadrotor.
+        NotLearnable: a parameter is missing, or the mixer is not a quadrotor's.
     """
     prefix = f"MC_{axis.upper()}RATE_"
     derivative_filter = DERIVATIVE_FILTER
@@ -101,7 +101,7 @@ def _airframe(parameters: Parameters) -> tuple[tuple[str, float], ...]:
         parameters: parameters of the log, by name.
 
     Returns:
-        Names and values, sorted by name: a tuple, so that it can be the key of a cache.
+        Names and values (in PX4's units), sorted by name: a tuple, so that it can be the key of a cache.
 
     Raises:
         NotLearnable: there are none, as in firmware before PX4 v1.14, which has the mixer in a file.
@@ -118,11 +118,11 @@ def _mixer(airframe: tuple[tuple[str, float], ...]) -> dict[str, Numbers]:
 
     It is the inverse of the matrix of the motors' effects, normalised as in
     ``ControlAllocationPseudoInverse::updateControlAllocationMatrixScale``: the columns of roll and pitch by the larger
-    of their two norms √(Σ thrust² / pairs of motors that act on the axis), that of yaw by its largest element. Results
-    are cached, since a search for gains builds hundreds of controllers of one airframe.
+    of their two norms √(Σ thrust² / pairs of motors that act on the axis), the column of yaw by its largest element.
+    Results are cached, since a search for gains builds hundreds of controllers of one airframe.
 
     Args:
-        airframe: parameters of the airframe with their values, such as the positions of the motors.
+        airframe: parameters of the airframe with their values in PX4's units, such as the positions of the motors, m.
 
     Returns:
         Thrusts of the motors (4,) by axis, as fractions of their maximum.

@@ -156,7 +156,7 @@ def _steered_rows(spectra: WelchSpectra, frequency: Array, angle_gain: float) ->
         angle_gain: gain K of the attitude controller, 1/s.
 
     Returns:
-        Indices of consecutive frequencies, those of the band that spans most octaves; empty if there is none.
+        Indices (band,) of the consecutive frequencies of the band that spans most octaves; empty if there is no band.
     """
     angle_feedback = angle_gain / (2j * np.pi * frequency)
     steered_share = abs(1 + angle_feedback * spectra.response) ** 2
@@ -179,15 +179,15 @@ def _max_sensitivity_interval(
     """Returns the 90 % interval of the maximum sensitivity Ms = max |1 − T| over some frequencies.
 
     A gain |T| averaged over n windows has the relative error √((1 − γ²) / (2 γ² n)) with coherence γ² (Bendat and
-    Piersol, see ``welch``). The error of the sensitivity 1 − T is at most that of T.
+    Piersol, see ``welch``). The error of the sensitivity 1 − T is at most the error of T.
 
     Args:
         spectra: cross-spectra of setpoint and rate, for their coherence and the number of windows.
         complementary: complementary sensitivity T at the F frequencies of the spectra (F,).
-        rows: indices of the frequencies that are used.
+        rows: indices (rows,) of the frequencies that are used.
 
     Returns:
-        Lower and upper end of the interval.
+        Lower and upper end of the interval, without a unit.
     """
     coherence = spectra.coherence[rows]
     relative_error = np.sqrt((1 - coherence) / (2 * coherence * spectra.windows))

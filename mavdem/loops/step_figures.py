@@ -128,7 +128,7 @@ def with_interval(values: Array) -> IntervalEstimate:
     Of the draws, 5 % are below the interval and 5 % above it. It is widened if it does not contain the estimate.
 
     Args:
-        values: values (N,), that of the estimate first, then those of draws.
+        values: values (N,), of the estimate first, then of draws.
 
     Returns:
         The value, and the lower and upper end of its interval.

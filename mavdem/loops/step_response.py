@@ -145,7 +145,7 @@ class StepResponse(ImmutableResult):
     coherence: float
     """Coherence of setpoint and response at that frequency."""
     is_identified: bool = False
-    """Whether the step is that of the identified loop, because the rate is too fast for deconvolution."""
+    """Whether the step is computed from the identified loop, because the rate is too fast for deconvolution."""
 
     @property
     def gain(self) -> Array:
@@ -477,7 +477,7 @@ def _responses(estimate: ImpulseResponse, timing_error: float, max_frequency: fl
         max_frequency: highest frequency of the frequency responses, Hz.
 
     Returns:
-        Responses in rows: that of the estimate first, then those of ``RESPONSE_DRAWS`` draws.
+        Responses in rows: of the estimate first, then of ``RESPONSE_DRAWS`` draws.
     """
     taps = estimate.knots[-1]
     time = np.linspace(0.0, taps / estimate.sampling_rate, STEP_POINTS + 1)
@@ -586,7 +586,7 @@ def _known_frequency_count(
 
     Args:
         frequency: (F,) frequencies of the response, Hz, ascending.
-        gains: (N, F) gains |T|, that of the estimate in row ``ESTIMATE``, then those of draws.
+        gains: (N, F) gains |T|, of the estimate in row ``ESTIMATE``, then of draws.
         spectrum_frequency: (F′,) frequencies of the coherence, Hz.
         coherence: (F′,) coherence of setpoint and response.
 
@@ -609,7 +609,7 @@ def _is_too_fast(time: Array, steps: Array, message_interval: float) -> bool:
 
     Args:
         time: times after the step (K,), s.
-        steps: step responses of the identified loop (N, K), that of the estimate first.
+        steps: step responses of the identified loop (N, K), of the estimate first, then of draws.
         message_interval: time between two messages, s.
 
     Returns:

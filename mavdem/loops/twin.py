@@ -82,7 +82,7 @@ class Twin(ImmutableResult):
     noise: float
     """Standard deviation of a measured rate, rad/s."""
     drag: Drag
-    """Drag of the vehicle; that of typical vehicles if the flight does not show it, as its ``source`` states."""
+    """Drag of the vehicle; the drag of typical vehicles if the flight does not show it, as its ``source`` states."""
     wind_speed: float | None
     """Speed of the mean wind in the flight, m/s; ``None`` if it is not known."""
     wind_direction: float | None
@@ -124,8 +124,8 @@ def build_twin(
 ) -> Twin:
     """Builds the twin of a vehicle from its identified loops.
 
-    If the loop of pitch is not known, pitch is like roll. If that of yaw is not known, the propellers have the usual
-    torque, and yaw has no damping.
+    If the loop of pitch is not known, pitch is like roll. If the loop of yaw is not known, the propellers have the
+    usual torque, and yaw has no damping.
 
     Args:
         loops: identified loops by axis, which must include "roll".
@@ -140,7 +140,7 @@ def build_twin(
         The twin, with notes on what was assumed.
 
     Raises:
-        NotLearnable: the motors' output is not that of a hover.
+        NotLearnable: the motors' output is not possible in hover.
     """
     roll = loops["roll"]
     controller = roll.controller
@@ -161,7 +161,7 @@ def build_twin(
     # contains already.
     hold_delay = control.loop_period / 2
     lag, delay = (np.mean(lags_and_delays, axis=0) - [0.0, hold_delay]).tolist()
-    # If the loop of pitch is not known, its damping is that of roll; if that of yaw is not known, yaw is undamped.
+    # If the loop of pitch is not known, its damping is that of roll. If the loop of yaw is not known, yaw is undamped.
     damping = {"pitch": roll.plant.damping, "yaw": 0.0}
     for axis, loop in loops.items():
         damping[axis] = loop.plant.damping
@@ -175,7 +175,7 @@ def build_twin(
         expo=min(max(controller.thrust_expo, 0.0), 1.0),
         moment=TYPICAL_MOMENT_RATIO * arm.position[1],
         damping=tuple(damping[axis] for axis in TORQUE_SIGNS),
-        # If the identified delay is shorter than that of the hold, the lag is shortened instead.
+        # If the identified delay is shorter than the hold's, the lag is shortened instead.
         lag=max(lag + min(delay, 0.0), 0.0),
         delay=max(delay, 0.0),
         noise=roll.plant.noise,
@@ -236,7 +236,7 @@ class _ControlParameters(NamedTuple):
 def _control_parameters(logged: Parameters, autopilot: str) -> _ControlParameters:
     """Returns the autopilot's control parameters with which the simulator flies the twin.
 
-    They are those of the log with two changes. A rate loop that is faster than ``MAX_LOOP_RATE`` is slowed down to
+    They are the logged parameters with two changes. A rate loop that is faster than ``MAX_LOOP_RATE`` is slowed down to
     that, to save time. The mixer's geometry (``CA_*``) is left out, since the twin has its own.
 
     Args:

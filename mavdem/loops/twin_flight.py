@@ -21,7 +21,7 @@ MAX_REPLAY_SECONDS = 120.0
 MIN_SETPOINT_SHARE = 0.5
 """Least fraction of a segment with setpoints for the twin to fly it: a choice."""
 MIN_YAW_SETPOINT_RATIO = 0.8
-"""Standard deviation of yaw's rate setpoint relative to that of the yaw rate, from which on yaw is steered: a choice.
+"""Standard deviation of yaw's rate setpoint relative to the yaw rate's, from which on yaw is steered: a choice.
 
 While the heading is only held, most of the yaw rate comes from roll and pitch of a leaned vehicle.
 """
@@ -48,7 +48,7 @@ class ReplaySegment(NamedTuple):
     """Setpoints of angle, rad, and rate, rad/s (T, 2).
 
     The rate setpoint is without the correction that the attitude controller adds for the error of the angle. For yaw it
-    is the whole setpoint, and that of the angle is 0.
+    is the whole setpoint, and the setpoint of the angle is 0.
     """
 
 
@@ -95,7 +95,7 @@ def _replay_segment(loop: Loop, rows: slice) -> ReplaySegment | None:
     Returns:
         Motion and setpoints; None if too few setpoints were recorded, or yaw was not steered.
     """
-    # The outputs of roll and pitch are angle and rate, that of yaw is the rate alone.
+    # The outputs of roll and pitch are angle and rate, the output of yaw is the rate alone.
     record = loop.record
     outputs = record.outputs[rows]
     if loop.axis == "yaw":
@@ -164,7 +164,8 @@ def compare_twin_with_flight(twin: Twin, loops: LoopsByAxis) -> dict[str, dict[s
         loops: identified loops by axis, with the records of the flight.
 
     Returns:
-        By axis, the figures of :func:`motion_figures` by name; empty if no setpoints of roll were recorded.
+        By axis, the figures of :func:`motion_figures` by name and in its units; empty if no setpoints of roll were
+        recorded.
 
     Raises:
         NotLearnable: the twin cannot fly.
@@ -287,7 +288,7 @@ def motion_figures(
 
     Returns:
         Figures by name. "levels" is the simulated power of the rate divided by the recorded one, in dB, in each of the
-        ``RATE_BANDS``. The others have two values, that of the recorded motion and the mean of the simulated ones.
+        ``RATE_BANDS``. The others have two values: of the recorded motion, and the mean of the simulated ones.
         "rate" is the standard deviation of the rate, deg/s. For roll and pitch, "lean" and "sway" are the mean and the
         standard deviation of the angle, degrees.
     """
@@ -318,7 +319,7 @@ def motion_figures(
         figures["lean"] = degrees.mean(axis=1)
         figures["sway"] = degrees.std(axis=1)
     compared_figures = {"levels": (DECIBELS_PER_POWER_DECADE * np.log10(level_ratio)).tolist()}
-    # Row 0 of the values is that of the recorded motion, the others are those of the simulated ones.
+    # Row 0 of the values belongs to the recorded motion, the other rows belong to the simulated ones.
     for name, values in figures.items():
         compared_figures[name] = [values[0], values[1:].mean()]
     return compared_figures

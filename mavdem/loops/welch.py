@@ -128,7 +128,7 @@ def resampled_signals(
 ) -> ResampledSignals | None:
     """Interpolates several signals linearly at the same even times, in pieces of a flight in which none has a gap.
 
-    The common rate is that of the slowest signal. A piece is the intersection of the gapless intervals of all signals.
+    The common rate is the rate of the slowest signal. A piece is an intersection of gapless intervals of all signals.
 
     Args:
         signals: k signals, each with its own time stamps.

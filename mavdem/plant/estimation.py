@@ -133,7 +133,7 @@ def _estimate_parameters(
     """Estimates the physical parameters from windows of a flight.
 
     The form of the model is chosen on at most ``MAX_SELECTION_WINDOWS`` of them, to save time. The chosen model is then
-    fitted to all windows, and the result combined with that of an earlier flight.
+    fitted to all windows, and the result combined with the parameters of an earlier flight.
 
     Args:
         windows: windows of the flight.
@@ -454,7 +454,7 @@ def _wind_share(fit: GrayBoxFit, windows: FlightWindows) -> float:
         windows: the W windows that were fitted, with F frequencies.
 
     Returns:
-        Variance of the wind torque over the sum of it and that of the motors' torque, 0 to 1.
+        Variance of the wind torque over the sum of the variances of wind torque and motors' torque, 0 to 1.
     """
     # Tapering in the frequency domain (``_hann_tapered``) combines neighbouring frequencies, so that the first and the
     # last one are left out.

@@ -124,7 +124,7 @@ class LogPosterior(NamedTuple):
     """The data."""
 
     def value(self, theta: Array) -> float:
-        """Returns the log posterior density of θ (k,), up to a constant; NaN where there is none."""
+        """Returns the log posterior density of θ (k,), nats, up to a constant; NaN where it does not exist."""
         theta = self.model.with_valid_delay(theta)
         value = self._log_prior(theta)
         for errors, _ in self.innovations(theta[None]):
@@ -134,10 +134,10 @@ class LogPosterior(NamedTuple):
     def expand(self, theta: Array) -> QuadraticExpansion:
         """Expands the log posterior about θ (k,), for the next step of the search.
 
-        It is that of :meth:`full_expansion`, except at the bound of the delay. If the delay is 0 and the density would
-        increase towards negative delays, the delay is kept fixed by removing it from gradient and curvature (active-set
-        method: Nocedal and Wright, Numerical Optimization, 2nd ed., sec. 16.5). Otherwise the other parameters would
-        change in each step as if the delay became negative.
+        It is the result of :meth:`full_expansion`, except at the bound of the delay. If the delay is 0 and the density
+        would increase towards negative delays, the delay is kept fixed by removing it from gradient and curvature
+        (active-set method: Nocedal and Wright, Numerical Optimization, 2nd ed., sec. 16.5). Otherwise the other
+        parameters would change in each step as if the delay became negative.
 
         Args:
             theta: parameters θ (k,).

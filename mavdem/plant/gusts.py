@@ -1,4 +1,4 @@
-"""Gusts: excursions of the wind torque from its running median that are larger than those of turbulence, and short.
+"""Gusts: short excursions of the wind torque from its running median, larger than turbulence causes.
 
 A gust is at least as long as the estimate resolves. A step that stays, as when a motor weakens, is no gust.
 """
@@ -86,7 +86,8 @@ def detect_gusts(
         band: half width of its 90 % band (T,), rad/s²; a gust is at least twice as large.
         record: the samples' time step and segments.
         min_duration: least duration of a gust, s.
-        is_wind: whether the torque of a sample is that of the wind (T,); None if all are. Other samples are in no gust.
+        is_wind: whether the wind makes the torque of a sample (T,); None if it does in all. Other samples are in no
+            gust.
 
     Returns:
         The gusts, the threshold, and the rate of false gusts.

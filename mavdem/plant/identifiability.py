@@ -85,7 +85,7 @@ class OmissionErrors:
     """
 
     likelihood_factor = 3.0
-    """Factor on the likelihood's standard deviation, as the wind torque's spectrum is not quite that of the model."""
+    """Factor on the likelihood's standard deviation, as the wind torque's spectrum differs from the model's."""
 
     effect = 0.02
     """Error common to the effects of all motors, relative to the effect."""
@@ -136,7 +136,7 @@ class OmissionErrors:
     lag_bias = 0.1
     """Probable bias of an effect if the lag is not resolved, relative to the effect; its error is as large.
 
-    A delay of the rate, such as that of a gyro filter, is then estimated as motor lag.
+    A delay of the rate, such as a gyro filter's, is then estimated as motor lag.
     """
 
     unresolved_lag_damping = 1.2
@@ -234,8 +234,8 @@ def identifiability(
 ) -> Identifiability:
     """Judges which of effect, damping and lag a flight identifies.
 
-    A parameter may fail several checks, such as that of the wind's share; the worst of them decides. Damping and lag
-    get no better status than the effect, because a fit compensates a wrong effect by a wrong lag.
+    A parameter may fail several checks, such as the check of the wind's share; the worst of them decides. Damping and
+    lag get no better status than the effect, because a fit compensates a wrong effect by a wrong lag.
 
     Args:
         figures: figures of the fit that are compared with the limits of this module.

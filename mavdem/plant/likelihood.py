@@ -42,7 +42,7 @@ RESPONSE_SECONDS = 0.004
 """Time for which an autopilot's response to one sample of the rate lasts, s: it has the next gyro sample then."""
 
 MAX_DAMPING = 25.0
-"""Upper bound of the rate damping, 1/s: five times that of the smallest published vehicles."""
+"""Upper bound of the rate damping, 1/s: five times the damping of the smallest published vehicles."""
 
 ALIAS_NUMBERS = np.arange(-1, 2)[:, None]
 """Multiples of the sampling rate whose content folds onto each frequency.
@@ -61,7 +61,7 @@ class Prior(NamedTuple):
     """Its standard deviation."""
 
 
-# The priors below are those of common multirotors and their autopilots.
+# The priors below describe common multirotors and their autopilots.
 
 LOG_EFFECT_PRIOR = Prior(0.0, 2.0)
 """Prior of the logarithm of the effect, rad/s² per unit of the inputs; the mean is replaced by a first estimate."""
@@ -123,7 +123,7 @@ class GrayBoxModel(NamedTuple):
         All entries are independent. Each component of the wind torque has a log size and a log time; the slow component
         comes first.
         """
-        # The order must be that of the indices below: effect, deviations, damping, lag, delay, wind, noise,
+        # The order must agree with the indices below: effect, deviations, damping, lag, delay, wind, noise,
         # refinements.
         priors = [LOG_EFFECT_PRIOR]
         priors += [Prior(0.0, self.deviation_sd)] * self.motors
@@ -260,7 +260,7 @@ class GrayBoxModel(NamedTuple):
             windows: windows with F frequencies.
 
         Returns:
-            Responses (channels, b, F), s; the channels are those of ``_input_channels``.
+            Responses (channels, b, F), s; the channels of ``_input_channels``.
         """
         dt = windows.dt
         # The delay consists of whole samples, and of a linear interpolation between two samples for the remainder.
@@ -326,8 +326,8 @@ class GrayBoxModel(NamedTuple):
     def innovations(self, thetas: Array, windows: FlightWindows) -> ArrayPair:
         """Returns the one-step prediction errors (innovations) of all windows, without their beginnings.
 
-        The rate minus that of the motors is divided by the minimum-phase factor of the noise's density, in the
-        frequency domain. That whitens it: the result is the part of each sample that cannot be predicted from the
+        The rate minus the rate that the motors cause is divided by the minimum-phase factor of the noise's density, in
+        the frequency domain. That whitens it: the result is the part of each sample that cannot be predicted from the
         samples before it.
 
         Args:
@@ -345,10 +345,10 @@ class GrayBoxModel(NamedTuple):
     def innovations_after_steps(self, theta: Array, steps: Array, windows: FlightWindows) -> Array:
         """Returns the one-step prediction errors at a point θ, and those with each entry of θ changed by a step.
 
-        They are those of :meth:`innovations`, computed with less effort: entries of the effect do not change the
+        They equal the errors of :meth:`innovations`, but cost less effort: entries of the effect do not change the
         frequency response or the noise, and entries of the noise do not change the rate by the motors.
 
-        ``tests/plant/test_physical.py`` compares them with those of :meth:`innovations` at the changed parameters.
+        ``tests/plant/test_physical.py`` compares them with :meth:`innovations` at the changed parameters.
 
         Args:
             theta: parameters θ (k,).
@@ -378,7 +378,7 @@ class GrayBoxModel(NamedTuple):
             Transforms (k + 1, W, F), rad/s, as :meth:`rate_by_motors` returns them for the points.
         """
         # Row i + 1 of the points has entry i changed. θ begins with the common effect and the deviations of the motors
-        # from it: these rows are computed together with row 0, that of θ itself.
+        # from it: these rows are computed together with row 0, which is of θ itself.
         effect_rows = slice(0, self.damping_index + 1)
         plant_rows = [
             self.damping_index + 1,
@@ -435,7 +435,7 @@ def _prediction_errors(
     of a constant acceleration, which is no error.
 
     Args:
-        residual: transforms of the rate minus that of the motors (b, W, F), rad/s.
+        residual: transforms of the rate minus the rate that the motors cause (b, W, F), rad/s.
         factor: minimum-phase factors of the noise's density (b, F).
         windows: the W windows, of N samples.
 
@@ -449,14 +449,14 @@ def _prediction_errors(
 
 
 def _aliases(windows: FlightWindows) -> Array:
-    """Returns the angular frequencies (folds, F) that samples cannot distinguish from those of the windows, rad/s."""
+    """Returns the angular frequencies (folds, F), rad/s, that samples cannot distinguish from those of the windows."""
     return windows.omega + 2 * np.pi / windows.dt * ALIAS_NUMBERS
 
 
 def minimum_phase(density: Array, samples: int) -> tuple[ComplexArray, Array]:
     """Factorises spectral densities as variance · |factor|², with a factor that is causal and has a causal inverse.
 
-    The cepstrum of a minimum-phase factor is the causal half of that of the density (Oppenheim and Schafer,
+    The cepstrum of a minimum-phase factor is the causal half of the density's (Oppenheim and Schafer,
     Discrete-Time Signal Processing, 3rd ed., ch. 13).
 
     Args:
@@ -464,7 +464,7 @@ def minimum_phase(density: Array, samples: int) -> tuple[ComplexArray, Array]:
         samples: number of samples of the transform, of which F = samples // 2 + 1.
 
     Returns:
-        Factors (b, F); and variances (b,), those of the one-step prediction errors.
+        Factors (b, F); and variances (b,) of the one-step prediction errors.
     """
     cepstrum = scipy.fft.irfft(np.log(density), samples)
     variance = np.exp(cepstrum[:, 0])

@@ -102,7 +102,7 @@ class Physical(NamedTuple):
         refinements: value of each refinement of the model that predicts unseen windows better, by name
             (docs/physical.md).
         windows: number of windows of the flight that were fitted.
-        filtered: whether the lag includes that of the gyro's filters; the delay always does.
+        filtered: whether the lag includes the lag of the gyro's filters; the delay always includes their delay.
         refusal: why these are not the parameters of the plant in its closed loop, if these were requested.
         unexplained_output: standard deviation of the part of the output that the logged controller does not explain,
             relative to that of the output; NaN if the plant was identified without its controller.
@@ -271,7 +271,7 @@ def combined_with_earlier_flight(plant: Physical, prior: Physical) -> Physical:
     """Combines the physical parameters of a flight with those of an earlier flight of the same vehicle.
 
     Both are normal distributions, and the result is the product of their densities (the update step of a Kalman
-    filter). The variance of the effect from the earlier flight is increased by that of its changes between flights. The
+    filter). The variance of the effect from the earlier flight is increased by how much it changes between flights. The
     result is ``plant`` alone if the prior is of other inputs or is not identifiable. It is also ``plant`` alone if the
     mean effects differ by more than ``SIGNIFICANT_SIGMAS`` standard deviations, because the vehicle must have changed.
     If this flight does not identify the effect, on which the other parameters depend, the result is the prior.
@@ -326,7 +326,7 @@ def combined_with_earlier_flight(plant: Physical, prior: Physical) -> Physical:
 
 
 def _reasons_of_earlier_flight(prior: Physical) -> dict[str, Fact | None]:
-    """Returns the reasons for parameters that are those of an earlier flight.
+    """Returns the reasons for parameters that were taken from an earlier flight.
 
     Args:
         prior: physical parameters by the earlier flight.

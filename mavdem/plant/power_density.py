@@ -1,7 +1,7 @@
 """Power spectral densities by periodograms of half-overlapping windows, and by Welch's method, their mean.
 
-They equal those of ``scipy.signal.spectrogram`` and ``welch``. That package takes half a second to import, and most
-logs need nothing else of it.
+They equal the densities of ``scipy.signal.spectrogram`` and ``welch``. That package takes half a second to import,
+and most logs need nothing else of it.
 """
 
 from typing import NamedTuple
@@ -17,7 +17,7 @@ class PowerDensity(NamedTuple):
     frequency: Array
     """(F,) frequencies from 0 to half of the sampling rate, Hz."""
     density: Array
-    """(F,) density, the signal's unit squared per Hz; (…, W, F) that of several signals in W windows."""
+    """(F,) density, the signal's unit squared per Hz; (…, W, F) for several signals in W windows."""
 
 
 def power_density(

@@ -40,7 +40,7 @@ class ColouredNoise(NamedTuple):
 
         Args:
             omega: (…) angular frequencies, rad/s.
-            sd: standard deviation of the noise; an array (…) broadcasts with ``omega``.
+            sd: standard deviation of the noise, in its unit; an array (…) broadcasts with ``omega``.
             time: time scale of the noise, s; an array (…) broadcasts with ``omega``.
 
         Returns:
@@ -138,7 +138,7 @@ FIRST_ORDER = _autoregressive_noise(np.ones(2))
 """Noise with the autocorrelation exp(−|τ|), like turbulence along its mean wind (Dryden)."""
 
 GAUSSIAN_KERNEL = gaussian_kernel_noise(4)
-"""Noise with nearly the autocorrelation exp(−τ²/4), that of the noise of generalized coordinates (Eq. ``Smatrix``).
+"""Noise with nearly the autocorrelation exp(−τ²/4), as the noise of generalized coordinates has (Eq. ``Smatrix``).
 
 Four states are enough for the part of the spectrum that has power.
 """
@@ -195,7 +195,7 @@ def delayed_inputs(inputs: Array, delay_steps: float) -> ArrayPair:
 class SampledPlant(NamedTuple):
     """The sampled axis: x⁺ = Φ x + Γ₀ c + Γ₁ c⁺ + noise, with commanded torque c at a sample and c⁺ at the next.
 
-    The n states are the rate (rad/s), the motors' torque (rad/s²), and those of the wind torque's components.
+    The n states are the rate (rad/s), the motors' torque (rad/s²), and the states of the wind torque's components.
     """
 
     transition: Transition

@@ -82,12 +82,12 @@ class WindTorque(ImmutableResult):
     """Wind torque on one axis per moment of inertia, rad/s², at the T samples of a flight.
 
     Attributes:
-        torque: (T,) its course, with the mean; NaN while a motor had lost thrust, since it is not that of the wind.
+        torque: (T,) its course, with the mean; NaN while a motor had lost thrust, since it is then not only the wind's.
         band: (T,) half width of the band that holds the truth with probability 90 %: by the smoother, by the physical
             parameters to first order, and by what the model leaves out.
         mean: its mean, for equal motors and a centred load.
         mean_band: half width of the 90 % interval of the mean.
-        sd: standard deviation of the wind torque, between changes of the vehicle; larger than that of ``torque``, since
+        sd: standard deviation of the wind torque, between changes of the vehicle; larger than ``torque`` has, since
             smoothing shrinks it.
         scale_error: relative standard error of ``sd``, by effect, damping, lag and delay, and by what the model leaves
             out. It is large if the motors' effect is not identifiable, since a larger effect balances more torque.
@@ -97,7 +97,7 @@ class WindTorque(ImmutableResult):
         gust_threshold: distance from the running level that a gust exceeds, rad/s².
         false_gusts_per_minute: number of false gusts to expect of Gaussian turbulence with the same spectrum.
         spectrum: spectral densities of the estimate and of the model.
-        resolved: whether its variance is larger than that of its errors, apart from a common error of its size.
+        resolved: whether its variance is larger than its errors' variance, apart from a common error of its size.
         reason: why it cannot be assumed to be the wind's; ``None`` if it is resolved.
         left_out: time that is left out because a motor had lost thrust, s.
     """
@@ -171,13 +171,13 @@ def estimate_wind_torque(
     left_out = float(np.sum(~is_wind) * record.dt)
     has_wind = is_wind.sum() * record.dt >= MIN_WIND_SECONDS
     if not has_wind:
-        # The figures are then computed for the whole flight; the reason says that they are not those of the wind.
+        # The figures are then computed for the whole flight; the reason says that they do not describe the wind alone.
         is_wind = np.ones(len(torque), bool)
     part_starts, step = _parts_of_course(torque, changes, is_wind, record.dt)
     deviation = _without_part_means(torque, part_starts)
     # Mean square of the deviation of the wind torque from its means, (rad/s²)².
     power = float(np.mean(deviation[is_wind] ** 2))
-    # The errors that the parameters do not cause are those of the smoother and those by what the model leaves out.
+    # The errors that the parameters do not cause are the smoother's, and the errors by what the model leaves out.
     other_variance = smoother_variance + OmissionErrors.wind**2 * power
     variance = other_variance + _variance_by_parameters(gradient, physical.covariance)
     errors = _torque_errors(
@@ -223,12 +223,12 @@ def estimate_wind_torque(
 def _reason_against_wind(
     duration: float, *, has_wind: bool, error_variance: float, power: float
 ) -> Fact | None:
-    """Returns the reason why an estimated torque is not that of the wind.
+    """Returns the reason why an estimated torque is not caused by the wind.
 
     Args:
         duration: duration of the flight, s.
         has_wind: whether there is enough flight with sound motors.
-        error_variance: variance of the torque's errors, without those of its scale, (rad/s²)².
+        error_variance: variance of the torque's errors, without the error of its scale, (rad/s²)².
         power: mean square of the torque about its means, (rad/s²)².
 
     Returns:
@@ -248,7 +248,7 @@ def _reason_against_wind(
 
 
 def _first_samples_after_changes(flags: Flags) -> Indices:
-    """Returns the indices of the samples at which flags (T,) differ from those of the sample before."""
+    """Returns the indices of the samples at which flags (T,) differ from the flags of the sample before."""
     last_samples_before = np.flatnonzero(np.diff(flags))
     return last_samples_before + 1
 
@@ -256,7 +256,7 @@ def _first_samples_after_changes(flags: Flags) -> Indices:
 def resolved_wind_torque(
     wind_torque: WindTorque | None, physical: Physical | None
 ) -> WindTorque | None:
-    """Returns the estimated wind torque if it may be shown as that of the wind.
+    """Returns the estimated torque if it may be shown as a torque of the wind.
 
     The wind torque is the total torque minus the torque of the motors. So the effectiveness of the motors must be
     identifiable, and the remainder larger than its errors.
@@ -294,12 +294,12 @@ def _variance_by_parameters(gradient: Array, covariance: Array) -> Array:
 def _torque_errors(
     deviation: Array, gradient: Array, other_variance: Array, theta: Array, covariance: Array
 ) -> _TorqueErrors:
-    """Splits the errors that uncertain physical parameters cause in a wind torque: those of its scale, and others.
+    """Splits the errors that uncertain physical parameters cause in a wind torque: errors of its scale, and others.
 
     The wind torque is the torque that the motors balance. If the motors are more effective than assumed, the torque is
     larger by the same factor at all times: such an error does not change when and how the wind acts. Other errors
     change the form of the torque over time. So the gradient of each parameter is split, by regression on the torque,
-    into a part that is proportional to the torque and a rest. The errors without those of the scale decide whether the
+    into a part that is proportional to the torque and a rest. The errors other than of the scale decide whether the
     torque is resolved.
 
     Args:
@@ -310,7 +310,7 @@ def _torque_errors(
         covariance: (r + 3, r + 3) covariance of these parameters.
 
     Returns:
-        Mean variance of the errors without those of the scale, (rad/s²)², and relative error of the torque's standard
+        Mean variance of the errors other than of the scale, (rad/s²)², and relative error of the torque's standard
         deviation.
     """
     samples = len(deviation)
@@ -428,7 +428,7 @@ def _smoothed_torque(
     They are passed as a vector, so that derivatives can be computed by calls with changed parameters.
 
     Args:
-        theta: effects, damping, lag and delay (r + 3,), which replace those of ``physical``.
+        theta: effects, damping, lag and delay (r + 3,), which replace the values of ``physical``.
         physical: the other parameters: components of the wind torque, noise and refinements.
         record: inputs and outputs, with the segments one after the other.
         column: column of the rate in the outputs.
@@ -486,7 +486,7 @@ def mean_external_torque(
     damping: float,
     dt: float,
 ) -> float:
-    """Returns the mean torque per inertia that acts in a segment in addition to that of the motors.
+    """Returns the mean torque per inertia that acts in a segment in addition to the motors' torque.
 
     It is the mean of dp/dt + damping · p − motor torque.
 

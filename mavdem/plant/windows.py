@@ -132,7 +132,10 @@ class FlightWindows(NamedTuple):
         """Returns some of the windows.
 
         Args:
-            windows: slice or indices of the windows to keep.
+            windows: slice, or indices (W,), of the windows to keep.
+
+        Returns:
+            The windows in the order of their indices.
         """
         return self._replace(rate=self.rate[windows], inputs=self.inputs[:, :, windows])
 

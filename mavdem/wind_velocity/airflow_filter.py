@@ -146,7 +146,8 @@ class AirflowFilter:
         drag = self._linear + self._quadratic * speed
         innovations = motion.force[step] + drag * u - self._lean
 
-        # The derivative of (c + q |u|) u by u; that of the predicted force by the wind is its product with the axes.
+        # Derivative of (c + q |u|) u by u. Its product with the axes is the derivative of the predicted force by the
+        # wind.
         speed_slope = (self._quadratic / speed * u)[:, :, None] * u[:, None, :]
         drag_slope = drag[:, :, None] * IDENTITY + speed_slope
         H_wind = drag_slope @ axes[:, :2]

@@ -101,12 +101,12 @@ def speed_and_direction(
 
     Returns:
         (T,) speed, m/s, and direction, degrees, with their half widths. North and east components are taken as
-        independent. The half width along the wind is that of the speed. The half width across the wind, seen at the
+        independent. The half width along the wind is the speed's. The half width across the wind, seen at the
         distance of the speed, is the angle by which the direction is uncertain.
     """
     speed = np.hypot(*velocity.T)
     along = velocity / np.maximum(speed, MIN_DIVISOR)[:, None]
-    # Along a unit vector u, the half width is that of u_north · north + u_east · east: the root of the sum of squares.
+    # Along a unit vector u, the half width of u_north · north + u_east · east is the root of the sum of squares.
     half_width_along = np.hypot(*(along * half_width).T)
     # The unit vector across the wind has the components swapped. The sign of one of them would be changed, which makes
     # no difference to the squares.

@@ -72,7 +72,7 @@ MEAN_WIND_CHANGE = 8
 """Index of the logarithm of the mean wind's change among the scaled parameters."""
 
 DRAG_CHANGE_SD = 0.09
-"""Standard deviation of the logarithm of a flight's drag about that of its model, by thrust, air density and load."""
+"""Standard deviation of the logarithm of a flight's drag about its model's drag, by thrust, air density and load."""
 
 QUADRATIC_CHANGE_SD = 0.2
 """Standard deviation of a further change of the logarithm of the quadratic drag, in the same flights."""
@@ -95,7 +95,7 @@ DIFFERENCE_STEP = 0.05
 """Step of central differences by each scaled parameter: a choice."""
 
 SPEED_SCALE = 2**0.5 * WIND_SD
-"""Root mean square of the wind's speed by its prior, m/s: that of a vector with ``WIND_SD`` along north and east."""
+"""Root mean square of the wind's speed by its prior, m/s: of a vector with ``WIND_SD`` along north and east."""
 
 MAX_STEP = 0.5
 """Largest change of any scaled parameter in one iteration: a choice."""
@@ -248,7 +248,7 @@ def _has_settled(values: Sequence[float]) -> bool:
     """Returns whether a search has converged, by the log posteriors of its iterations so far.
 
     It has if the log posterior changes little. As steps may overshoot, so that the search alternates between two points
-    on either side of the maximum, each log posterior is also compared with that of two iterations before.
+    on either side of the maximum, each log posterior is also compared with its value two iterations before.
 
     Args:
         values: log posterior of each iteration, nats.
@@ -347,8 +347,8 @@ def steered_share(grid: MotionGrid) -> float:
     both_complete = grid.complete[steps:] & grid.complete[:-steps]
     force_changes = (force[steps:] - force[:-steps])[both_complete].ravel()
     velocity_changes = (velocity[steps:] - velocity[:-steps])[both_complete].ravel()
-    # The error of a difference of two velocities has twice the variance of that of one velocity. It is added to the
-    # power of the changes, so that a hover, in which the velocity hardly changes, has a share of about 0.
+    # The error of a difference of two velocities has twice the variance of the error of one velocity. It is added to
+    # the power of the changes, so that a hover, in which the velocity hardly changes, has a share of about 0.
     noise = 2 * VELOCITY_SD**2 * len(velocity_changes)
     force_power = force_changes @ force_changes
     velocity_power = velocity_changes @ velocity_changes + noise
@@ -365,7 +365,7 @@ def _turned_share(grid: MotionGrid) -> float:
 
 
 def filter_parameters(scaled_parameters: Array, grid: MotionGrid) -> Array:
-    """Converts scaled parameters to those of :class:`AirflowFilter`.
+    """Converts scaled parameters to the parameters of :class:`AirflowFilter`.
 
     In the scaled parameters, the sizes of gusts and of the change of the mean wind are accelerations, m/s², which a
     flight shows independently of the drag. The filter needs them as velocities, m/s: the acceleration divided by the

@@ -69,7 +69,7 @@ Less than 90 % of the likely wind velocities are then on one side of still air, 
 """
 
 HEADING_SD = 2.5
-"""Standard error of the heading, degrees: that of a calibrated compass."""
+"""Standard error of the heading, degrees: as a calibrated compass has."""
 
 REPORTED_DRAG_SD = 0.18
 """Relative standard deviation of the drag up to which it is reported."""
@@ -270,7 +270,7 @@ def estimate_wind(
         time: stamps (T,), s, ascending; there may be gaps.
         attitude: roll, pitch and yaw (T, 3), rad, Z-Y-X; rows that are not finite are left out.
         velocity: velocity over ground, north, east and down (T, 3), m/s.
-        drag: drag of the vehicle, from another flight or :func:`mavdem.estimate_drag`; None for that of the population.
+        drag: drag of the vehicle, from another flight or :func:`mavdem.estimate_drag`; None for the population's.
         height: height (T,), m, for the wind by height; None if it is not known.
 
     Returns:
@@ -310,7 +310,7 @@ def estimate_wind(
     # Standard deviation of the drag at this air speed, relative to the drag and to the deviation before the flight.
     drag_sd = flight_drag.relative_sd(air_speed)
     remaining_sd = drag_sd / prior.relative_sd(air_speed)
-    # If the flight hardly reduces it, the source of the drag is still that of the prior.
+    # If the flight hardly reduces it, the source of the drag is still the prior's source.
     source = prior.source if remaining_sd > MAX_REMAINING_DRAG_SD else DragSource.FLIGHT
     flight_drag = replace(flight_drag, source=source)
     is_lean_worse = _is_lean_worse(winds.mean(axis=0), parameter_samples)

@@ -45,7 +45,7 @@ from mavdem.wind_velocity.vehicle_drag import Drag, ParameterValue
 def _velocity_messages() -> dict[str, float]:
     """Returns the messages that have the velocity over ground, with their units.
 
-    They are those of the messages with a climb rate whose field is ``vz``, since these also have the horizontal
+    They are taken from the messages with a climb rate whose field is ``vz``, since these also have the horizontal
     velocity, as ``vx`` and ``vy``.
 
     Returns:
@@ -195,7 +195,7 @@ def wind_evidence(signals: Signals) -> WindEvidence:
         signals: signals of the vehicle.
 
     Returns:
-        The estimate of this library and that of the autopilot, and the reason if this library has none.
+        The estimates of this library and of the autopilot, and the reason if this library has none.
     """
     kind = signals.telemetry.vehicle
     if kind not in POSSIBLE_MULTIROTORS:
@@ -396,7 +396,7 @@ def _free_flight(
     angles_of_boot = [angle.angle_series.of_boot(boot) for angle in angles]
     if len(velocity_time) < 2 or not all(len(angle.time) for angle in angles_of_boot):
         return None
-    # The times are those of the heading; roll and pitch are interpolated.
+    # The times are the heading's; roll and pitch are interpolated.
     time = angles_of_boot[YAW].time
     attitude = [np.interp(time, angle.time, angle.values) for angle in angles_of_boot]
     yaw = attitude[YAW]
@@ -594,7 +594,8 @@ def _resets(time: Array, values: Array, limit: ResetLimit, period: float = np.in
         time: stamps (N,), s.
         values: (N,) in the unit of the limit.
         limit: largest change that is no reset.
-        period: period of values that are angles, of which the smaller change modulo the period is used.
+        period: period of values that are angles, in their unit; the smaller change modulo the period counts. Infinite
+            for values that do not repeat.
 
     Returns:
         Whether there is a reset between each two successive samples (N − 1,).

@@ -27,7 +27,7 @@ TRANSITION_SECONDS = 2.0
 """Time next to take-off and landing, s, that is left out of it: reports of both may be as late; a choice."""
 
 MIN_STAND_SAMPLES = 4
-"""Number of samples of roll and pitch that show a stand: those of a second at 4 Hz."""
+"""Number of samples of roll and pitch that show a stand: one second at 4 Hz."""
 
 MAX_STAND_RANGE = np.radians(0.5)
 """Range of the middle 80 % of roll and of pitch, rad, within which a vehicle stands and is not carried; a choice."""
@@ -47,7 +47,7 @@ def with_lean_on_ground(
     is.
 
     Args:
-        drag: prior of the drag, with that of the lean.
+        drag: prior of the drag, with the prior of the lean.
         signals: signals of the vehicle.
         angles: its roll and pitch.
         boot: number of the boot.

@@ -391,8 +391,8 @@ def validated_motion(time: Array, attitude: Array, velocity: Array) -> MotionSam
 def _require_velocity_follows_tilt(samples: MotionSamples) -> None:
     """Checks that the vehicle flies freely, by comparing the changes of its velocity with its tilt.
 
-    A multirotor accelerates by about g times its tilt. So the changes of its acceleration are regressed on those of g
-    times the tilt. The slope is about 1 in free flight, and about 0 if the vehicle is carried or held. At a low
+    A multirotor accelerates by about g times its tilt. So the changes of its acceleration are regressed on the changes
+    of g times the tilt. The slope is about 1 in free flight, and about 0 if the vehicle is carried or held. At a low
     sampling rate the changes of the tilt have errors, which would reduce the slope. So they are computed twice, from
     the samples with even and with odd numbers, and each is the instrumental variable of the other, so that errors of
     only one of them do not bias the slope.

@@ -132,7 +132,7 @@ def axis_drag(logarithms: Array) -> AxisDrag:
     """Returns the drag along body x and y.
 
     Args:
-        logarithms: (…, 4 or more) logarithmic parameters, of which the first four are those of ``Drag.mean``.
+        logarithms: (…, 4 or more) logarithmic parameters; the first four are ordered as in ``Drag.mean``.
 
     Returns:
         Linear and quadratic coefficients (…, 2) along body x and y.
@@ -175,7 +175,7 @@ class Drag(ImmutableResult):
 
         Args:
             autopilot: "ARDUPILOTMEGA" or "PX4"; of others no parameters are known.
-            parameters: parameters of the autopilot, by name.
+            parameters: values of the autopilot's parameters by name, in the autopilot's units.
 
         Returns:
             The drag, with independent entries (a diagonal covariance), a lean of zero mean, and its source.
@@ -216,7 +216,7 @@ class Drag(ImmutableResult):
             drag: drag of the vehicle, for example from an earlier flight; ``None`` if it is not known.
 
         Returns:
-            The drag itself, or that of the population of typical multirotors.
+            The drag itself, or the drag of the population of typical multirotors.
 
         Raises:
             ValueError: it is not a ``Drag``, or its values are impossible.
@@ -247,7 +247,7 @@ class Drag(ImmutableResult):
 
         The logarithm of the coefficient of an axis has a normal distribution: it is the logarithm of the mean of both
         axes minus (x) or plus (y) half of the log ratio of y to x. As it is linear in :attr:`mean`, its variance
-        follows from the covariance. The ends of its interval, exponentiated, are those of the coefficient.
+        follows from the covariance. The ends of its interval, exponentiated, are the coefficient's.
 
         Args:
             name: "linear" (1/s) or "quadratic" (1/m).
@@ -295,7 +295,7 @@ class Drag(ImmutableResult):
         if autopilot not in DRAG_PARAMETER_NAMES:
             return {}
         momentum_name, ballistic_prefix = DRAG_PARAMETER_NAMES[autopilot]
-        # The interval of the common coefficient is the mean of those of both axes.
+        # The interval of the common coefficient is the mean of the intervals of both axes.
         low, high = self.interval("linear").mean(axis=1).tolist()
         momentum = float(np.exp(self.mean[LOG_LINEAR]))
         values = {momentum_name: ParameterValue(momentum, low, high)}
@@ -312,7 +312,7 @@ class Drag(ImmutableResult):
         The drag coefficients are the same. The lean has a constant part, as by an offset load, and a part that changes
         from flight to flight, as by the accelerometers' bias (``LEAN_CHANGE_SD``). So its mean is multiplied by the
         constant share a of the variance, and its variance P becomes a² P + (1 − a²) times the square of ``LEAN_SD``.
-        This is a step of a first-order autoregression whose stationary variance is that of the population.
+        This is a step of a first-order autoregression whose stationary variance is the population's.
 
         Returns:
             The prior, whose source is an earlier flight if this drag was identified in one.
@@ -332,7 +332,7 @@ class Drag(ImmutableResult):
     def as_dict(self) -> JsonValues:
         """Returns plain JSON values, from which :meth:`from_dict` restores the drag.
 
-        ``mean`` and ``covariance`` are those of the logarithms of the coefficients and of the lean; with ``source``
+        ``mean`` and ``covariance`` belong to the logarithms of the coefficients and of the lean; with ``source``
         they define the drag. The others are for readers: ``linear`` (1/s) and ``quadratic`` (1/m) are medians along
         body x and y, and their intervals are two rows, the lower ends and the upper ends of the 90 % intervals.
         """
@@ -348,7 +348,7 @@ class Drag(ImmutableResult):
 
     @classmethod
     def from_dict(cls, values: Mapping[str, Any]) -> Drag:
-        """Makes a drag from plain values, such as those of a JSON file; the inverse of :meth:`as_dict`.
+        """Makes a drag from plain values, such as a JSON file has; the inverse of :meth:`as_dict`.
 
         Args:
             values: ``mean`` (6,), ``covariance`` (6, 6) and ``source``; other keys are ignored.
@@ -368,7 +368,7 @@ class Drag(ImmutableResult):
     def validated(self) -> Drag:
         """Checks that a vehicle can have this drag, and returns it unchanged.
 
-        Logarithms of coefficients, and a lean, that differ from those of typical vehicles by more than
+        Logarithms of coefficients, and a lean, that differ from typical vehicles' by more than
         ``MAX_DEVIATION`` are caused by mistakes in units or in a file.
 
         Returns:

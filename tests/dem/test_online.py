@@ -108,7 +108,8 @@ def test_a_vehicle_that_stood_still_is_learnt_from_soon_after_it_moves():
     for row in range(still):
         online.update(dt * row, [0.2, 0.0], [1500.0] * 4)
     assert (
-        online.obstacle.code is OnlineFact.LEARNING_FAILED and not online.obstacle.figures["kept"]
+        online.no_model_reason.code is OnlineFact.LEARNING_FAILED
+        and not online.no_model_reason.figures["kept"]
     )
     first = None
     for row in range(700):
@@ -147,23 +148,23 @@ def test_while_the_first_learning_runs_samples_are_not_too_few():
     executor = Mock(**{"submit.return_value": Future()})
     online = OnlineLearner(dt=WINDY.dt, executor=executor, effect_directions=SIGNS)
     flown(online, WINDY[:150])
-    assert online.obstacle.code is OnlineFact.TOO_FEW_SAMPLES_YET
+    assert online.no_model_reason.code is OnlineFact.TOO_FEW_SAMPLES_YET
     estimates = flown(online, WINDY[150:500])
-    assert online.obstacle.code is OnlineFact.FIRST_LEARNING
+    assert online.no_model_reason.code is OnlineFact.FIRST_LEARNING
     # Samples follow from those before them without that model.
     assert (estimates[-1].expected_band < 0.05 * WINDY.outputs.std(axis=0)).all()
 
 
-def test_an_executor_that_is_gone_is_an_obstacle_and_no_error():
+def test_an_executor_that_is_gone_is_a_reason_for_no_model_and_no_error():
     with ThreadPoolExecutor(1) as executor:
         online = OnlineLearner(dt=0.01, executor=executor)
     flown(online, WINDY[:450])
-    assert online.obstacle.figures["reason"].figures["error"] == "RuntimeError"
+    assert online.no_model_reason.figures["reason"].figures["error"] == "RuntimeError"
     dead = Future()
     dead.set_exception(BrokenExecutor("a process was killed"))
     online._pending_fit = dead
     online.update(4.5, WINDY.outputs[450], WINDY.inputs[450])
-    assert online.obstacle.figures["reason"].figures["text"] == "a process was killed"
+    assert online.no_model_reason.figures["reason"].figures["text"] == "a process was killed"
 
 
 def test_while_another_thread_learns_no_update_waits_for_it():
@@ -189,19 +190,19 @@ def test_a_process_forked_while_another_thread_learns_can_learn():
 
 @mark.slow
 @mark.parametrize("step", [0.02, -0.01])
-def test_a_dt_that_is_not_that_of_the_samples_is_an_obstacle(step):
+def test_a_wrong_dt_is_a_reason_for_no_model(step):
     online = OnlineLearner(COMPLETE, dt=0.01)
     flown(online, WINDY[:450])
     for row in range(450, 460):
         online.update(WINDY.time[449] + step * (row - 449), WINDY.outputs[row], WINDY.inputs[row])
         if row >= 454:
-            assert online.obstacle is not None
+            assert online.no_model_reason is not None
         else:
-            assert online.obstacle is None
-    assert online.obstacle.code is OnlineFact.SAMPLES_MISPLACED
-    assert online.obstacle.figures == approx({"interval": step, "step": 0.01})
+            assert online.no_model_reason is None
+    assert online.no_model_reason.code is OnlineFact.SAMPLES_MISPLACED
+    assert online.no_model_reason.figures == approx({"interval": step, "step": 0.01})
     flown(online, WINDY[460:480])
-    assert online.obstacle is None
+    assert online.no_model_reason is None
 
 
 @mark.parametrize(

@@ -238,7 +238,7 @@ def test_why_too_little_was_learned_of_a_flight_is_the_true_reason():
     assert one.status.shortfall is None
     one._rows_obstacle = Fact(RowsFact.NO_LIVE_MOTORS)
     assert one.status.shortfall == one._rows_obstacle
-    one._learning.learner = Mock(obstacle=None)
+    one._learning.learner = Mock(no_model_reason=None)
     one._learning._row_format = Mock(dt=0.01)
     reasons = []
     for one._learning.learned_rows, one._postponed_rows in ((500, 0), (2000, 0), (500, 900)):

@@ -129,7 +129,8 @@ def _gain_at_oscillation(loop: Loop, gains: TunedGains, field: str) -> float:
         field: the gain to raise, "p" or "d".
 
     Returns:
-        The first value with which the loop is unstable.
+        The first value, in the unit of the gain, with which the loop is unstable; after ``MAX_GROWTHS`` steps without
+        one, the last value.
     """
     value: float = getattr(gains, field)
     for _ in range(MAX_GROWTHS):

@@ -566,7 +566,10 @@ def with_gain_deviation(loop: Loop, deviation: float) -> Loop:
 
     Args:
         loop: the loop, whose plant has ``UNEXPLAINED_GAIN_DEVIATION`` in its covariance.
-        deviation: the other value of that constant.
+        deviation: the value that replaces the constant, without a unit like it.
+
+    Returns:
+        The loop, with the covariance of its plant changed.
     """
     plant = loop.plant
     added_variance = deviation**2 - UNEXPLAINED_GAIN_DEVIATION**2

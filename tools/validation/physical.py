@@ -439,7 +439,7 @@ def steady_torque(model: LinearModel) -> float:
         model: linear model whose states are angle, rate, and then hidden ones.
 
     Returns:
-        The mean magnitude over all motors.
+        The mean of its magnitude over all motors, rad/s² per unit of command.
     """
     # State 0 is the angle, state 1 the rate.
     rate = 1

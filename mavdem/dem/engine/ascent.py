@@ -72,7 +72,7 @@ class FreeEnergy:
 
 @dataclass(frozen=True, eq=False)
 class Learning:
-    """Estimates of parameters and noise precisions by iteration; the rows are those of :class:`FreeEnergy`.
+    """Estimates of parameters and noise precisions by iteration; the rows are as in :class:`FreeEnergy`.
 
     A result has θ = [vec(Aᵀ); vec(Bᵀ); vec(Cᵀ)] in physical units, without the column of B for the trim. A
     :class:`CoordinateAscent` has it in the units of the engine, with that column.
@@ -305,7 +305,7 @@ def _next_iterate(current: Iterate, start: Posterior) -> Iterate:
 
     Args:
         current: the latest iterate.
-        start: the posterior from which the round starts: that of ``current``, or an extrapolated one.
+        start: the posterior from which the round starts: the one in ``current``, or an extrapolated one.
 
     Returns:
         The new iterate, or ``current`` if F̄ᵒ of the new one is lower or the round breaks down.

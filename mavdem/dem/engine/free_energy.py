@@ -105,7 +105,7 @@ class SampleFreeEnergy:
     """The free energy F(t) of one sample, as a function of its data and its states, at a fixed posterior of θ and λ.
 
     F(t) is the share of one sample in the free energy action F̄: summed over the training samples it is F̄. Its terms
-    have the names of those of F̄, and each sums to that of F̄.
+    have the names of the terms of F̄, and each sums to the term of F̄ with its name.
 
     - The squared errors of outputs, inputs and states, the noise entropy, and the entropy of states and inputs belong
       to the sample.
@@ -350,7 +350,7 @@ def free_energy_terms(posterior: Posterior) -> Mapping[str, float]:
 def _error_rows_by_term(model: GenerativeModel) -> Mapping[Term, slice]:
     """Returns the rows of the prediction errors ε̃ whose weighted squares each term sums.
 
-    The error of a prior of x, which follows those of the states, is part of the same term as these.
+    The error of a prior of x, which follows the errors of the states, is part of the same term as these errors.
 
     Args:
         model: model in generalised coordinates, with the layout of ε̃.

@@ -90,9 +90,9 @@ class Damping(NamedTuple):
         multiplied by ``POOR_GAIN_FACTOR``. In between it is kept. The two fractions are a choice.
 
         Args:
-            damping: damping of the last step.
-            gain: increase of the function by that step, positive.
-            predicted_gain: increase that the expansion predicted.
+            damping: damping of the last step, as a fraction of the curvature's diagonal.
+            gain: increase of the function by that step, positive, in the unit of the function.
+            predicted_gain: increase that the expansion predicted, in the unit of the function.
 
         Returns:
             The damping of the next step, as a fraction of the curvature's diagonal.

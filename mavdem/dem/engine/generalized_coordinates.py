@@ -19,7 +19,7 @@ def taylor_weights(
 ) -> Array:
     """Returns the weights of the samples of a window in estimates of a signal and its derivatives.
 
-    They are those of the least-squares polynomial of degree ``order`` over the window (a Savitzky-Golay filter). With
+    They belong to the least-squares polynomial of degree ``order`` over the window (a Savitzky-Golay filter). With
     ``window = order + 1`` the polynomial interpolates the samples, and the weights are the inverse of the Taylor
     matrix, which is the embedding in the DEM literature. A wider window averages measurement noise, but reduces the
     bandwidth.
@@ -59,7 +59,7 @@ def embed(
         position: sample of the window at which the derivatives are taken.
 
     Returns:
-        Generalized vectors (T − window + 1, (order + 1) · m), order after order. Row i is that of sample
+        Generalized vectors (T − window + 1, (order + 1) · m), order after order. Row i belongs to sample
         i + ``position``. Samples near the ends, whose window would reach beyond the samples, have no row.
     """
     weights = taylor_weights(order, dt, window, position)

@@ -156,7 +156,7 @@ class GenerativeModel:
 
     @property
     def hidden_columns(self) -> slice:
-        """Columns of X in the joint vector [ỹ; η̃; X]; those of the data come before them."""
+        """Columns of X in the joint vector [ỹ; η̃; X]; the columns of the data come before them."""
         return slice(self.m * (self.p + 1) + self.r * (self.d + 1), None)
 
     @property
@@ -278,7 +278,7 @@ class GenerativeModel:
             moments: (dim z, dim z) second moments of z = [ỹ; η̃; X], summed over the samples.
 
         Returns:
-            The moments of [x; v], for the rows of [A B], and of x, for those of C.
+            The moments of [x; v], for the rows of [A B], and of x, for the rows of C.
         """
         layout = self._regressor_layout
         # The appended row and column of zeros are the moments of derivatives of the inputs that are not modelled.
@@ -522,7 +522,7 @@ def _sum_over_orders(moments: Array, columns: Indices, temporal_precision: Array
 def _row_block_index(parameters: Indices) -> tuple[Indices, Indices]:
     """Returns the index that selects, from a (k, k) matrix of all parameters, the square block of each row.
 
-    The rows are those of [A B] or of C. The block of a row has the entries of its parameters with each other, such as
+    The rows are rows of [A B] or of C. The block of a row has the entries of its parameters with each other, such as
     their covariances.
 
     Args:

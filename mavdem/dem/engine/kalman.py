@@ -456,7 +456,7 @@ def smooth_states(
         raise LinAlgError("the filter's covariance overflows")
     forcing = inputs @ model.B.T + model.offset
     states, innovations = kalman_filter.filter(initial_state, forcing, outputs - model.trim)
-    # The likelihood of the outputs is that of the innovations, which are independent Gaussians.
+    # The likelihood of the outputs is the likelihood of the innovations, which are independent Gaussians.
     precisions = kalman_filter.innovation_precisions[kalman_filter.gain_rows(len(innovations))]
     # The sum of eᵀ F⁻¹ e over the samples t.
     squares = np.einsum("ti,tij,tj->", innovations, precisions, innovations)

@@ -35,7 +35,7 @@ def solve(matrix: Array, right: Array) -> Array:
         right: (k,) or (k, columns) right-hand side.
 
     Returns:
-        The solution, shaped like ``right``.
+        X, in the shape of ``right``: (k,) or (k, columns).
 
     Raises:
         numpy.linalg.LinAlgError: the matrix is not positive definite.
@@ -159,7 +159,7 @@ def require_positive_definite(matrix: Array, name: str, size: int) -> None:
 may_overflow = np.errstate(over="ignore", invalid="ignore")
 """Decorator of functions whose results may overflow to infinity or NaN, without a warning.
 
-Forecasts of an unstable model overflow, and so do those of huge inputs; callers look at the result.
+Forecasts of an unstable model overflow, and so do forecasts from huge inputs; callers look at the result.
 """
 
 

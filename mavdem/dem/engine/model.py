@@ -150,7 +150,7 @@ def linear_recursion(F: Array, forcing: Array, x0: Array) -> Array:
     """Runs the recursion x_t = F x_{t−1} + g_t over all samples, vectorized over time.
 
     With F = V Λ V⁻¹ the coordinates V⁻¹ x follow one scalar recursion for each eigenvalue, which is solved for all
-    samples at once. If the matrix of eigenvectors is too ill conditioned, as that of a defective F, the recursion runs
+    samples at once. If the matrix of eigenvectors is too ill conditioned, as for a defective F, the recursion runs
     sample by sample.
 
     Args:
@@ -185,7 +185,9 @@ def _sample_by_sample(F: Array, forcing: Array, x0: Array) -> Array:
     """Runs the recursion of :func:`linear_recursion` step by step, which needs no eigenvectors.
 
     Args:
-        F, forcing, x0: as for :func:`linear_recursion`.
+        F: (n, n) state transition of one step.
+        forcing: (T, n) terms that are added at each step.
+        x0: (n,) initial state.
 
     Returns:
         States x₁ … x_T, (T, n).

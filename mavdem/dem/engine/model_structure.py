@@ -1,6 +1,6 @@
 """Indices of parameters, errors and regressors of the generative model in its vectors and matrices.
 
-The equations are those of ``generative.py``: prediction errors ε̃ = E(θ) [ỹ; η̃; X] with the precision Π̃(λ).
+The equations of ``generative.py`` are used: prediction errors ε̃ = E(θ) [ỹ; η̃; X] with the precision Π̃(λ).
 """
 
 from __future__ import annotations

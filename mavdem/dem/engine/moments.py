@@ -56,7 +56,7 @@ class GeneralizedMoments:
     ) -> GeneralizedMoments:
         """Returns the moments for states that are estimated linearly from the data of the same sample.
 
-        Since the estimates X are a linear map of the data, their moments follow from those of the data, without another
+        Since the estimates X are a linear map of the data, their moments follow from the data's, without another
         pass over the samples.
 
         Args:

@@ -1,7 +1,7 @@
 """Quasi-Newton maximisation of the free energy F̄ over parameters θ and log noise precisions λ, where DEM is slow.
 
 If hidden states and θ are strongly coupled, each round covers only a small part of the way. F̄ at the states of the D
-step and at optimal covariances is a function of θ and λ alone, whose gradient is that of F̄ with the states and
+step and at optimal covariances is a function of θ and λ alone, whose gradient is the gradient of F̄ with the states and
 covariances held, since F̄ is at its maximum over them (the envelope theorem). L-BFGS maximises it, in coordinates in
 which the E and M steps are steps of length one: M. Jamshidian and R. Jennrich, "Acceleration of the EM algorithm by
 using quasi-Newton methods", J. R. Statist. Soc. B 59, 1997; R. Byrd et al., "A limited memory algorithm for bound

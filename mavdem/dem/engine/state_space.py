@@ -91,8 +91,8 @@ class StateSpace:
             second_of_outputs=Phi @ np.linalg.pinv(C),
             second_of_inputs=Gamma0,
         )
-        # The arrays are stored in C order, like those of a loaded document: in another memory order a matrix product
-        # may round differently.
+        # The arrays are stored in C order, like the arrays of a loaded document: in another memory order a matrix
+        # product may round differently.
         return StateSpace(
             **{name: np.ascontiguousarray(array) for name, array in vars(model).items()}
         )
@@ -103,7 +103,7 @@ class StateSpace:
         return float(abs(np.linalg.eigvals(self.A)).max(initial=0.0))
 
     def second_state(self, inputs: Array, outputs: Array) -> Array:
-        """Returns the state with which the filter starts: that of a segment's second sample.
+        """Returns the state with which the filter starts: at a segment's second sample.
 
         As no sample precedes the first one, its state cannot be predicted. It is estimated from the first outputs, and
         propagated by one step.
@@ -127,7 +127,7 @@ class StateSpace:
             outputs: (T, m) measured outputs.
 
         Returns:
-            States (T + 1, n), each predicted from the samples before it; the last is that of the sample after the
+            States (T + 1, n), each predicted from the samples before it; the last is of the sample after the
             segment.
         """
         # With e = y − C x − D u the state follows x⁺ = (A − K C) x + B u + K (y − D u).

@@ -106,7 +106,7 @@ def e_step(posterior: Posterior) -> Array:
 def theta_gradient(posterior: Posterior) -> Array:
     """Returns the first derivative of F̄ by θ.
 
-    It has three parts: those of the prior of θ, of the squared errors at the means of the states, and of the mean-field
+    It has three parts: of the prior of θ, of the squared errors at the means of the states, and of the mean-field
     term, by which the uncertainty of the states adds to these squared errors. In the second part the uncertainty of λ
     increases the noise precisions.
 
@@ -152,7 +152,10 @@ def theta_precision(posterior: Posterior) -> Array:
 
 
 def _state_spread(posterior: Posterior) -> Array:
-    """Returns what the uncertainty of the states adds to the second moments of [ỹ; η̃; X], summed over the samples."""
+    """Returns what the uncertainty of the states adds to the second moments of [ỹ; η̃; X], summed over the samples.
+
+    It has the shape of the second moments, and is 0 outside the block of the states X: the data are known exactly.
+    """
     hidden = posterior.model.hidden_columns
     state_spread = np.zeros_like(posterior.moments.joint_moments)
     state_spread[hidden, hidden] = posterior.samples.sample_count * posterior.state_covariance

@@ -45,7 +45,7 @@ On each axis two motors turn the vehicle one way and two the other.
 """
 
 MIXER_NOISE = 1e-5
-"""Variance added to that of the innovations, of channels of variance 1, where F̄ compares combinations of the motors.
+"""Variance added to the innovations' variance, of channels of variance 1, where F̄ compares combinations of the motors.
 
 Without it the angle, which follows from its rate almost exactly, would dominate F̄, and it contains no information on
 the motors.
@@ -156,7 +156,7 @@ def _mixer_row_of_regression(
     Returns:
         (r,) effects of unit length; zeros if all effects are zero.
     """
-    # The last row is the constant; the rows before it are those of each lag, channel by channel.
+    # The last row is the constant; the rows before it belong to each lag, channel by channel.
     channel_count = regression.mean.shape[1]
     output_count = channel_count - motor_count
     last_output = output_count - 1
@@ -169,8 +169,8 @@ def _mixer_row_of_regression(
 def _mutual_information(record: Record, mixer_row: Array, prior_precision: Array) -> float:
     """Returns the mutual information of the outputs and a combination of the inputs, up to a constant, nats.
 
-    It is the log evidence F̄ of a joint autoregression of both, minus those of two separate ones. That of the outputs
-    alone is the same for every combination, and is left out.
+    It is the log evidence F̄ of a joint autoregression of both, minus the log evidences of two separate ones. The
+    log evidence of the outputs alone is the same for every combination, and is left out.
 
     The evidence of the outputs given the combination would not be suitable. In closed loop, the controller computes the
     combination that turns the axis from the motion itself, so that it adds little information to the past motion.
@@ -181,7 +181,7 @@ def _mutual_information(record: Record, mixer_row: Array, prior_precision: Array
         prior_precision: (L, L) prior precision of a channel's coefficients by lag.
 
     Returns:
-        F̄ of the joint autoregression minus F̄ of that of the combination alone, nats.
+        F̄ of the joint autoregression minus F̄ of the autoregression of the combination alone, nats.
     """
     lags = len(prior_precision)
     combined = _with_combined_inputs(record, mixer_row[:, None])
@@ -282,7 +282,7 @@ class JointModel(ImmutableResult):
         """
         with one_thread():
             mixer = axis_mixer(record)
-            # The statistics of fewer lags are a part of those of the largest number of lags.
+            # The statistics of fewer lags are a part of the statistics of the largest number of lags.
             lags = _largest_lags(record)
             combined = _with_combined_inputs(record, mixer)
             scaling, statistics = lag_regression.LagStatistics.from_record(combined, lags)

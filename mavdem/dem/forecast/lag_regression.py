@@ -45,7 +45,7 @@ class ChannelScaling(NamedTuple):
             record: training data, in physical units.
         """
         inputs, outputs = record.channel_statistics
-        # Each field of the result joins that of the outputs and that of the inputs.
+        # Each field of the result joins the fields of the outputs and of the inputs.
         channels = ChannelStatistics(
             *(np.concatenate(pair) for pair in zip(outputs, inputs, strict=True))
         )
@@ -80,7 +80,7 @@ def lagged_rows(samples: Array, lags: int) -> Array:
         L.
     """
     rows = max(0, samples.shape[-2] - lags)
-    # Each block has the samples that are ``lag`` steps before those of the rows.
+    # Each block has the samples that are ``lag`` steps before the samples of the rows.
     blocks = [samples[..., lags - lag : lags - lag + rows, :] for lag in range(1, lags + 1)]
     return np.concatenate(blocks, axis=-1)
 
@@ -156,7 +156,7 @@ class LagStatistics(NamedTuple):
         return ScaledStatistics(scaling, statistics)
 
     def plus_discounted(self, earlier: LagStatistics, weight: float) -> LagStatistics:
-        """Returns the sum of these statistics and those of earlier samples, which are multiplied by a weight.
+        """Returns the sum of these statistics and the statistics of earlier samples, multiplied by a weight.
 
         Args:
             earlier: statistics of the earlier samples.
@@ -172,7 +172,7 @@ class LagStatistics(NamedTuple):
     def gram_of_fewer_lags(self, lags: int, fewer: int) -> Array:
         """Returns the Gram matrix of the same regression with fewer lags, by leaving out columns.
 
-        The rows are the same, so that free energies with different numbers of lags are those of the same data.
+        The rows are the same, so that free energies with different numbers of lags are of the same data.
 
         Args:
             lags: number of lags L of these statistics.
@@ -227,7 +227,7 @@ def lag_prior_precision(lags: int, ridge: float) -> Array:
 
     Args:
         lags: number L of lags.
-        ridge: precision at lag 1.
+        ridge: precision at lag 1, for channels of variance 1 and so without a unit.
 
     Returns:
         Diagonal matrix (L, L) with ridge · i² at lag i.
@@ -246,11 +246,12 @@ def regress(
     The prior mean is a random walk: A₁ = I, and all other coefficients are 0. Deviations from it have the covariance
     Σ ⊗ P⁻¹, with the same P for every channel. With a diagonal precision P that grows with the lag this is the
     "Minnesota prior" (R. Litterman, "Forecasting with Bayesian vector autoregressions", Journal of Business & Economic
-    Statistics 4(1), 1986). The estimate of Σ is the sum of the squared errors, including those of the prior, divided by
+    Statistics 4(1), 1986). The estimate of Σ is the sum of the squared errors, including the prior's, divided by
     the number of rows minus the effective number of coefficients.
 
     Args:
-        gram: statistics of rows [z_{t−1}, …, z_{t−L}, 1, z_t] of channels of about variance 1.
+        gram: sum of the outer products of the rows [z_{t−1}, …, z_{t−L}, 1, z_t], (L k + 1 + k, L k + 1 + k), of
+            channels with a variance of about 1.
         row_count: number of rows, more than 0.
         prior_precision: (L, L) prior precision P of a channel's coefficients by lag.
         noise_floor: variance that is added to the variances of the innovations in the free energy. Without it, a

@@ -187,8 +187,8 @@ def _piece_starts(length: int, horizon: int) -> range:
 def effective_piece_count(lengths: Sequence[int], horizon: int) -> float:
     """Returns the effective number of simulations, from which the effective sample size of the fit follows.
 
-    As pieces overlap, their errors are not independent. The effective number is that of simulations which fit into the
-    samples without overlap, and at most the number of pieces.
+    As pieces overlap, their errors are not independent. The effective number is the number of simulations that fit into
+    the samples without overlap, and at most the number of pieces.
 
     Args:
         lengths: numbers of samples of the segments; segments too short for a piece of two horizons are left out.
@@ -230,7 +230,7 @@ def simulation_horizon(
         return None
     if not scaling.known or not free_parameters:
         return None
-    # The horizon is the longest for which the record suffices, from that of the settings down to the shortest.
+    # The horizon is the longest for which the record suffices, from the settings' horizon down to the shortest.
     longest = max(1, round(settings.horizon / record.dt))
     shortest = min(longest, max(1, round(MIN_HORIZON_SECONDS / record.dt)))
     for horizon in range(longest, shortest - 1, -1):

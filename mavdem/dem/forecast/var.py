@@ -78,7 +78,7 @@ class VectorAutoregression(NamedTuple):
         """Returns the autoregression with the posterior means of a regression of scaled channels.
 
         Args:
-            regression: posterior of the coefficients, (L k + 1, k), those of the latest lag first, the constant last.
+            regression: posterior of the coefficients, (L k + 1, k), the latest lag first, the constant last.
             scaling: scaling of the channels.
 
         Returns:
@@ -166,7 +166,7 @@ class VectorAutoregression(NamedTuple):
         """Forecasts all channels, outputs and inputs, from the past alone.
 
         The process has linear forecasts, so the mean at each step is a linear map of the past. The variance grows with
-        each step by that of one more innovation.
+        each step by the covariance of one more innovation.
 
         Args:
             past: (…, L, k) samples up to the forecast, the latest last; leading axes are separate forecasts.
@@ -341,7 +341,7 @@ class VectorAutoregression(NamedTuple):
             smooth: whether each forecast sample also uses the inputs after it, up to the end of its forecast.
 
         Returns:
-            Means and variances of the outputs (H, m), as those of :meth:`forecast_known_inputs`.
+            Means and variances of the outputs (H, m), as :meth:`forecast_known_inputs` returns them.
         """
         length = len(inputs)
         m = outputs.shape[1]
@@ -371,7 +371,7 @@ class VectorAutoregression(NamedTuple):
             outputs: (H, m) measured outputs; each forecast uses those before it.
 
         Returns:
-            Means and variances of the outputs (H, m), as those of :meth:`forecast_unknown_inputs`.
+            Means and variances of the outputs (H, m), as :meth:`forecast_unknown_inputs` returns them.
         """
         length, m = outputs.shape
         # If there are fewer samples than ``steps``, a single forecast covers them all.
@@ -414,7 +414,8 @@ class VectorAutoregression(NamedTuple):
             variance: (…, H, c) variances, or an array that broadcasts to that shape.
 
         Returns:
-            The forecast. A mean that is not finite is replaced by that of the training data, with infinite variance.
+            The forecast. A mean that is not finite is replaced by the mean of the training data, with infinite
+            variance.
         """
         columns = mean.shape[-1]
         # In scaled channels, the mean of the training data is 0.
@@ -443,7 +444,7 @@ def _rows_by_forecast(forecasts: int, steps: int, length: int) -> Indices:
 
 
 def _latest_first(past: Array) -> Array:
-    """Flattens samples to the order of the coefficients, which begin with those of the latest sample.
+    """Flattens samples to the order of the coefficients, which begin with the latest sample's.
 
     Args:
         past: (…, L, k) samples of k channels, the latest last.

@@ -65,7 +65,7 @@ class AnomalyMarks:
 
         Args:
             surprise: Drop of the sample's free energy below its recent median, in units of a usual drop (``Surprise``).
-                A value that is not finite, which is that of samples soon after a gap, is ignored.
+                A value that is not finite is ignored; samples soon after a gap have none.
 
         Returns:
             Whether the evidence exceeds the limit, and the last mark is at least ``REFRACTORY_SECONDS`` ago.
@@ -101,7 +101,7 @@ def evidence_limit(peaks: Array) -> float:
         peaks: (n,) largest evidence of each interval of ``PEAK_SECONDS``.
 
     Returns:
-        The limit; infinite for fewer peaks than ``MIN_PEAKS``.
+        The limit, without a unit like the evidence; infinite for fewer peaks than ``MIN_PEAKS``.
     """
     count = len(peaks)
     if count < MIN_PEAKS:

@@ -18,18 +18,18 @@ MAX_MEDIANS = 12.0
 """Largest half width of a band, in medians of the errors' sizes.
 
 For normal errors the 90 % quantile is 2.4 medians; where manoeuvres alternate with hover it reaches 12. A failure would
-give hundreds, by errors that are not those of the model that follows it.
+give hundreds, by errors that the next fitted model does not make.
 """
 
 
 class ErrorBands:
-    """Half widths of the 90 % bands of online predictions: of a sample from those before it, and at each horizon.
+    """Half widths of the 90 % bands of online predictions: of a sample from the samples before it, and at each horizon.
 
     Large and small errors are kept for the same time, so bands recover as soon as the predictions have.
 
     Attributes:
-        half_widths: (1 + H, m) half widths in the units of the outputs: row 0 of the prediction of a sample from those
-            before it, the others at each horizon; NaN where there are too few errors.
+        half_widths: (1 + H, m) half widths in the units of the outputs: row 0 of the prediction of a sample from the
+            samples before it, the others at each horizon; NaN where there are too few errors.
     """
 
     def __init__(self, horizons: int, outputs: int, dt: float) -> None:
@@ -42,7 +42,7 @@ class ErrorBands:
         """
         capacity = max(round(BAND_SECONDS / dt), MIN_ERRORS)
         # Ring buffer over the last axis; NaN where there is no error. Row 0 has the errors of predictions from the
-        # samples before, the others those at each horizon.
+        # samples before, the other rows at each horizon.
         self._errors = np.full((1 + horizons, outputs, capacity), np.nan)
         self._next_slot = 0
         self.half_widths = np.full((1 + horizons, outputs), np.nan)

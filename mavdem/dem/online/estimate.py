@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from mavdem.plant.parameters import Physical
 
 USEFUL_ERROR_RATIO = 0.5
-"""Mean squared error, relative to that of a trivial prediction, below which a prediction is worth showing; a choice."""
+"""Mean squared error, relative to a trivial prediction's, below which a prediction is worth showing; a choice."""
 
 
 class SurpriseMark(NamedTuple):
@@ -40,14 +40,14 @@ class Estimate(NamedTuple):
         ahead: (H, m) predictions at these times by the joint model, inputs unknown. Before the model's first fit they
             repeat this sample, so that there are predictions from the first sample on.
         ahead_band: (H, m) half width of the 90 % band about ``ahead``: the quantile of the latest errors.
-        ahead_ratio: (H, m) squared error of ``ahead``, averaged over about 10 s, relative to that of the better of two
+        ahead_ratio: (H, m) squared error of ``ahead``, averaged over about 10 s, relative to the better of two
             trivial predictions: the last sample held, and the mean so far. NaN before errors are known.
         seen: Time that ``free_energy`` and ``surprise`` belong to, s: the centre of the latest embedding window.
         free_energy: F(t), nats, by the current model: the same function whose sum over the model's training samples is
             ``free_energy_action``.
         free_energy_terms: (10,) terms of F(t), nats, in the order of ``mavdem.dem.engine.free_energy.Term``; ``None``
             if there is no F(t).
-        free_energy_action: F̄ of the current model, nats: that of the learning run on the samples up to
+        free_energy_action: F̄ of the current model, nats: the result of the learning run on the samples up to
             ``training_end_time``.
         surprise: Standardised drop of F(t) below the median of its last 10 s. The unit is the distance of its 5 %
             quantile: above 1 in about one of 20 samples without a change, tens to thousands with a failing motor.

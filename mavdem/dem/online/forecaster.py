@@ -98,7 +98,7 @@ class OnlineForecaster:
     Attributes:
         axis_mixer: (r, c) combinations of the inputs that turn the axis; ``None`` while they are not known, so that
             there is no model.
-        errors: Errors of the predictions, compared with those of trivial predictions.
+        errors: Errors of the predictions, compared with the errors of trivial predictions.
     """
 
     def __init__(

@@ -142,7 +142,7 @@ def _generalized_data(learned: Learned, outputs: Array, inputs: Array) -> Array:
     scaled_outputs = learned.scaling.scale_outputs(outputs.reshape(count * window, -1))
     scaled_inputs = learned.scaling.scale_inputs(inputs.reshape(count * window, -1))
     # The weights (p + 1, window) turn the samples of a window (window, m) into its derivatives (p + 1, m) of order 0 to
-    # p; those of the inputs likewise. The derivatives of a window are flattened to one row.
+    # p; the inputs' derivatives likewise. The derivatives of a window are flattened to one row.
     output_derivatives = output_weights @ scaled_outputs.reshape(count, window, -1)
     input_derivatives = input_weights @ scaled_inputs.reshape(count, window, -1)
     return np.hstack([output_derivatives.reshape(count, -1), input_derivatives.reshape(count, -1)])

@@ -128,8 +128,8 @@ class OnlineLearner:
         training_end_time: Time of the last sample that it was learned from, s; NaN before.
         refits: Whether the model is fitted again when that is due; a caller under load may put that off.
         fits_physical: Whether the physical parameters are fitted again as well.
-        follows_torque: Whether samples are used for the wind torque, too: those of a climb after take-off are not.
-        obstacle: Why there is no model, or no newer one; ``None`` without a reason.
+        follows_torque: Whether samples are used for the wind torque, too: not in a climb after take-off.
+        no_model_reason: Why there is no model, or why the latest samples give no newer one; None if nothing is wrong.
     """
 
     def __init__(
@@ -181,7 +181,7 @@ class OnlineLearner:
 
         self.learned: Learned | None = None
         self.training_end_time = np.nan
-        self.obstacle: Fact | None = TOO_FEW_SAMPLES
+        self.no_model_reason: Fact | None = TOO_FEW_SAMPLES
         self.refits = True
         self.fits_physical = True
         self.follows_torque = True
@@ -223,8 +223,8 @@ class OnlineLearner:
         """Adds the next sample and returns the estimates at this sample.
 
         If the step from the last sample differs from ``dt``, or is negative, a new segment begins. The model is kept,
-        but nothing is predicted or differentiated across the gap. After ``MAX_GAPS`` gaps in a row, ``obstacle`` states
-        that samples do not come every ``dt``.
+        but nothing is predicted or differentiated across the gap. After ``MAX_GAPS`` gaps in a row, the attribute
+        ``no_model_reason`` states that samples do not come every ``dt``.
 
         >>> online = mavdem.OnlineLearner(dt=0.01, n_inputs=4, n_outputs=2)
         >>> for time, outputs, inputs in zip(train.time[:50], train.outputs, train.inputs):
@@ -237,7 +237,7 @@ class OnlineLearner:
             outputs: Measured motion, (m,): angle (rad) and rate (rad/s).
             inputs: Motor outputs, (r,), in the unit of the stream.
             weak_since: Time at which a motor lost thrust, s; None if no motor has. Since that time no wind torque is
-                estimated, because the torque that the other motors balance is then not that of the wind.
+                estimated, because the torque that the other motors balance is then not only the wind's.
 
         Returns:
             The estimates, by the model that was learned before this sample.
@@ -275,7 +275,7 @@ class OnlineLearner:
         self.adopt_finished_fit()
         self._start_fit_when_due()
         if self._gaps_in_a_row >= MAX_GAPS:
-            self.obstacle = Fact(OnlineFact.SAMPLES_MISPLACED, interval=step, step=self._dt)
+            self.no_model_reason = Fact(OnlineFact.SAMPLES_MISPLACED, interval=step, step=self._dt)
         return estimate
 
     def forget_since(self, time: float) -> None:
@@ -368,8 +368,8 @@ class OnlineLearner:
 
         There is a gap before a sample if the step from the last one differs from ``dt`` by more than
         ``MAX_STEP_DEVIATION`` times ``dt``. A step without a gap sets the count to 0. While the count is ``MAX_GAPS``
-        or more, :meth:`update` reports as ``obstacle`` that the samples do not come every ``dt``. This function removes
-        that obstacle at the first step without a gap.
+        or more, :meth:`update` reports as ``no_model_reason`` that the samples do not come every ``dt``. This function
+        withdraws that reason at the first step without a gap.
 
         Args:
             step: Time from the last sample to this one, s; negative if the clock was set back.
@@ -379,8 +379,8 @@ class OnlineLearner:
             self._gaps_in_a_row += 1
             return
         if self._gaps_in_a_row >= MAX_GAPS:
-            # Samples come every ``dt`` again, so this obstacle is removed. There may be another reason for no model.
-            self.obstacle = self._reason_of_no_model()
+            # Samples come every ``dt`` again, so this reason is withdrawn. There may be another reason for no model.
+            self.no_model_reason = self._reason_before_first_model()
         self._gaps_in_a_row = 0
 
     def _begin_segment(self) -> None:
@@ -408,7 +408,7 @@ class OnlineLearner:
             self._wind_torque.add(block, self.fits_physical)
 
     def _estimate(self, sample: _Sample) -> Estimate:
-        """Returns the estimates at the latest sample, except those of the wind torque.
+        """Returns the estimates at the latest sample, except of the wind torque.
 
         Args:
             sample: The latest sample, which has already been added to the memory.
@@ -447,7 +447,7 @@ class OnlineLearner:
             after_mark = self._sample_count + round(LEARNING_SECONDS / self._dt)
             earliest_sample = max(after_mark, self._pause_end_sample)
             self._next_fit_sample = min(self._next_fit_sample, earliest_sample)
-        # The free energy is that of the sample at the centre of the embedding window, which ends with this sample.
+        # The free energy belongs to the sample at the centre of the embedding window, which ends with this sample.
         window = monitor.learned.settings.window
         samples_since_center = window - 1 - window // 2
         return estimate._replace(
@@ -479,8 +479,8 @@ class OnlineLearner:
         command = inputs @ directions
         return cause_of_surprise(command, outputs, self._dt, learned.settings)
 
-    def _reason_of_no_model(self) -> Fact | None:
-        """Returns why there is no model yet; ``None`` if there is one."""
+    def _reason_before_first_model(self) -> Fact | None:
+        """Returns why no fit has given a model yet; None if there is a model."""
         if self._monitor is not None:
             return None
         return TOO_FEW_SAMPLES if self._pending_fit is None else FIRST_FIT_RUNNING
@@ -512,14 +512,14 @@ class OnlineLearner:
         except RuntimeError as error:
             # The executor has been shut down, or its processes have ended.
             self._retry_later(error)
-        if self.obstacle == TOO_FEW_SAMPLES:
-            self.obstacle = self._reason_of_no_model()
+        if self.no_model_reason == TOO_FEW_SAMPLES:
+            self.no_model_reason = self._reason_before_first_model()
 
     def _adopt(self, result: Callable[[], FreeEnergyMonitor]) -> None:
-        """Replaces the model by that of a finished fit, or keeps it and states as ``obstacle`` why the fit failed.
+        """Adopts the model of a finished fit; if the fit failed, keeps the old one and sets ``no_model_reason``.
 
         Surprise compares the free energy F(t) of a sample with its past values. These differ from model to model, so
-        the past values become those of the new model's training samples.
+        the past values become F(t) of the new model's training samples.
 
         Args:
             result: Function that returns the monitor with the fitted model, or raises the error of the fit.
@@ -531,7 +531,7 @@ class OnlineLearner:
             return
         self.learned = monitor.learned
         self.training_end_time = monitor.end_time
-        self.obstacle = None
+        self.no_model_reason = None
         self._surprise = Surprise(self._dt, monitor.past_values)
         self._monitor = monitor
         # The forecaster uses the axis mixer of the fitted joint model. If it had another or none, it learns anew from
@@ -550,7 +550,7 @@ class OnlineLearner:
         Args:
             error: The error of the fit or of the executor.
         """
-        self.obstacle = Fact(
+        self.no_model_reason = Fact(
             OnlineFact.LEARNING_FAILED,
             reason=fact_from_error(error) if str(error) else None,
             kept=self._monitor is not None,

@@ -1,4 +1,4 @@
-"""Errors of the predictions of a stream at several horizons, compared with those of two trivial predictions."""
+"""Errors of the predictions of a stream at several horizons, compared with the errors of two trivial predictions."""
 
 import numpy as np
 
@@ -92,7 +92,7 @@ class PredictionErrors:
 
     @property
     def ratio(self) -> Array:
-        """Recent mean squared error of the model over that of the better trivial prediction, (H, m); NaN at first."""
+        """Recent mean squared error of the model over the better trivial prediction's, (H, m); NaN at first."""
         best_trivial = np.minimum(self._mean_squares[:, LAST_SAMPLE], self._mean_squares[:, MEAN])
         with np.errstate(invalid="ignore", divide="ignore"):
             return self._mean_squares[:, MODEL] / best_trivial

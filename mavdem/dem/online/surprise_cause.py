@@ -119,7 +119,7 @@ def explained_share(
     # Columns [y; y′; …]: the acceleration is the first derivative of the last output, the body rate.
     derivatives = embed(outputs[-sample_count:], settings.p, dt, window, center)
     acceleration = derivatives[-latest:, 2 * m - 1]
-    # Of the lagged commands only the smoothed values are used, which are the columns before those of the derivatives.
+    # Of the lagged commands only the smoothed values are used, which are the columns before the derivatives.
     lagged_commands = _lagged_commands(command[-sample_count:], dt)
     smoothed = embed(lagged_commands, settings.p, dt, window, center)
     commanded_acceleration = smoothed[-latest:, : len(MOTOR_LAGS)]

@@ -110,7 +110,7 @@ def random_harmonics(
         rng: generator of random numbers.
         frequencies: (F,) angular frequencies from 0 on, rad/s.
         smoothness: width of the kernel, s.
-        standard_deviation: standard deviation of the noise.
+        standard_deviation: standard deviation of the noise, in the unit of the result.
 
     Returns:
         (F,) coefficients for ``numpy.fft.irfft`` with ``norm="forward"``; the mean, at frequency 0, is zero.

@@ -121,7 +121,7 @@ class DensityModel:
         Args:
             spectra: estimated spectra of all four quantities, in the order of ``Quantity``.
             controller: the controller that flew.
-            rounding: resolution of the logged output, as a demand.
+            rounding: resolution of the logged output, in the unit of the demand on the axis.
         """
         self._angle_gain = controller.angle_gain
         self._cycle_time = controller.cycle_time
@@ -135,7 +135,7 @@ class DensityModel:
         self._set_alias_phases(spectra)
 
     def _set_frequencies(self, spectra: CrossSpectra) -> None:
-        """Sets the frequencies f + k f_s that sampling at the message rate f_s maps (aliases) to those of the spectra.
+        """Sets the frequencies f + k f_s that sampling at the message rate f_s maps (aliases) to the spectra's.
 
         All k, including negative ones, are used for which |f + k f_s| is below half of the controller's rate (or
         ``MAX_MODELLED_FREQUENCY``, if that is lower). Frequencies and flags have the shape (J, F): a row for each
@@ -158,8 +158,8 @@ class DensityModel:
     def _set_controller(self, controller: KnownController) -> None:
         """Sets the frequency responses that depend only on the controller, at all frequencies (J, F).
 
-        They are its responses C_r to the reference and C_y to the gyro, that of the gyro filters, the density of white
-        noise of variance 1 with one value per controller cycle, and the transform of a unit step at a cycle.
+        They are its responses C_r to the reference and C_y to the gyro, the gyro filters' response, the density of
+        white noise of variance 1 with one value per controller cycle, and the transform of a unit step at a cycle.
 
         Args:
             controller: the controller that flew.
@@ -260,7 +260,7 @@ class DensityModel:
     def density_and_gradient(self, theta: Array) -> tuple[ComplexArray, ComplexArray]:
         """Returns the modelled cross-spectral density, and its derivatives by the logarithm of each parameter.
 
-        Parameters act in three ways. Those of the loop change the responses to every source. The time of the
+        Parameters act in three ways. The loop's parameters change the responses to every source. The time of the
         synchronous steps changes their phases. All others change only the density of a source. The derivative of that
         density is the density times a logarithmic slope, d ln density / dθ, and is multiplied by the same responses.
 
@@ -433,7 +433,7 @@ class DensityModel:
         share = _share_from_odds(parameters.synchronous_odds)
         step_time_share = _share_from_odds(parameters.step_time_odds)
         delay_phases = np.exp(self._alias_s * step_time_share * self.surplus_interval)
-        # The density is that of the sampled steps, so that the shares of all aliases sum to 1.
+        # The density is of the sampled steps, so that the shares of all aliases sum to 1.
         alias_shares = self._step_transform * delay_phases
         alias_shares /= alias_shares.sum(axis=-1, keepdims=True)
         reference, noise_slope = denoised_density(
@@ -460,7 +460,7 @@ class DensityModel:
         """Sums the responses to synchronous steps over all aliases, with their phases.
 
         Such steps of the reference come at the same time relative to every message. So their aliases have fixed phases,
-        and add as complex amplitudes, and not in power like those of other sources.
+        and add as complex amplitudes, and not in power like the responses to other sources.
 
         Args:
             alias_shares: n sets of complex amplitudes of each alias, relative to the sampled steps (n, J, F).
@@ -528,7 +528,7 @@ class DensityModel:
             of θ.
         """
         # Relative changes of the path from output to rate by the logarithm of each parameter. For the effect, and for
-        # the gain of the controller, the relative change of the path is that of the parameter itself: the slope is 1.
+        # the gain of the controller, the path changes as much as the parameter, relatively: the slope is 1.
         damping_slope = -parameters.damping * loop.plant
         lag_slope = -parameters.lag * self._s * loop.motor_lag
         delay_slope = -parameters.delay * self._s
@@ -591,7 +591,7 @@ class DensityModel:
             steps: the synchronous steps at these parameters.
 
         Returns:
-            Derivative (J, C, C): that of q qᴴ is dq qᴴ plus its adjoint.
+            Derivative (J, C, C): q qᴴ has the derivative dq qᴴ plus its adjoint.
         """
         share = _share_from_odds(parameters.step_time_odds)
         phase_slopes = self._alias_s * (self.surplus_interval * share * (1 - share))

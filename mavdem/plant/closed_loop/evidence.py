@@ -7,8 +7,8 @@ the likelihood needs one correction: with the start δ of the states and the tri
     e_t(δ, μ) = e_t − C Lᵗ δ − G_t μ,     δ ~ N(0, P₀ − P),   μ ~ N(0, P_μ),
 
 in which L is the transition matrix of the filter, G_t its response to constant measurements, P₀ the stationary
-covariance of the states and P that of the steady filter. δ and μ are integrated out in closed form, which makes the
-likelihood exact (P. de Jong, "The diffuse Kalman filter", Annals of Statistics 19(2), 1991).
+covariance of the states and P the covariance of the steady filter. δ and μ are integrated out in closed form, which
+makes the likelihood exact (P. de Jong, "The diffuse Kalman filter", Annals of Statistics 19(2), 1991).
 """
 
 from __future__ import annotations
@@ -170,7 +170,7 @@ def steady_likelihood(
     Raises:
         numpy.linalg.LinAlgError: a model has no steady filter.
     """
-    # The letters are those of the module's equations: gain K, state covariance P, innovation covariance F, and the
+    # The letters are as in the module's equations: gain K, state covariance P, innovation covariance F, and the
     # transition L of the filter's errors, each for B models.
     T = len(samples)
     B = len(loop.transition)
@@ -211,7 +211,7 @@ def steady_likelihood(
     prior_projection = (prior_covariance @ projection[..., None])[..., 0]
     estimate = np.linalg.solve(posterior_factor, prior_projection[..., None])[..., 0]
 
-    # The scalar product of projection and estimate is that of each model b.
+    # The scalar product of projection and estimate, for each model b.
     log_likelihood = 0.5 * (
         np.einsum("bi,bi->b", projection, estimate)
         - products[:, 0, 0]
@@ -321,7 +321,7 @@ class LoopPosterior:
             theta: logarithms of the parameters (k,).
 
         Returns:
-            The log posterior density; NaN if the loop is unstable.
+            The log posterior density, nats; NaN if the loop is unstable.
         """
         try:
             likelihoods = self.likelihoods(theta[None])
@@ -350,7 +350,7 @@ class LoopPosterior:
         value = self._log_prior(theta)
         gradient = (self.prior.mean - theta) / self.prior.sd**2
         curvature = np.diag(self.prior.sd**-2.0)
-        # Row 0 of each result is that of the point itself; in row i + 1, parameter i is changed by a step.
+        # Row 0 of each result belongs to the point itself; in row i + 1, parameter i is changed by a step.
         for segment in self.likelihoods(np.vstack([theta, theta + step * np.eye(k)])):
             value += float(segment.log_likelihood[0])
             gradient += (segment.log_likelihood[1:] - segment.log_likelihood[0]) / step
@@ -416,7 +416,7 @@ def fit_closed_loop(posterior: LoopPosterior) -> QuadraticExpansion:
 def _stable_start(posterior: LoopPosterior, plant: InitialPlant) -> Array:
     """Returns the parameters of a stable loop, from which the maximisation of the posterior can start.
 
-    Effect, lag and delay are those of a starting plant, the sizes of the noises follow from the data, and all others
+    Effect, lag and delay are taken from a starting plant, the sizes of the noises follow from the data, and all others
     are the prior's means. The effect is halved until the loop is stable.
 
     Args:

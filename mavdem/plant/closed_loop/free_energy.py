@@ -76,7 +76,7 @@ def trim_augmented_filter(loop: SampledLoop, trim_covariance: Array, samples: in
         samples: number of samples of the longest segment to filter.
 
     Returns:
-        The filter, whose states are those of the loop, and then the trims.
+        The filter of the loop's states, and then the trims.
     """
     # A trim is constant: its transition is 1, and no noise drives it. It is added to its channel.
     constant_trims = np.eye(CHANNELS)
@@ -149,13 +149,13 @@ class _SquaredErrors(NamedTuple):
     """Sums of the squares of smoothed noises over one segment, each in units of its covariance."""
 
     outputs: float
-    """Those of the measurement noises v."""
+    """The terms of the measurement noises v."""
 
     inputs: float
-    """Those of the driving noise of the setpoint."""
+    """The terms of the driving noise of the setpoint."""
 
     states: float
-    """Those of all other driving noises, of the start, and of the trims."""
+    """The terms of all other driving noises, of the start, and of the trims."""
 
 
 class _ProcessCovariances(NamedTuple):

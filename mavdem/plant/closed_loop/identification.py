@@ -215,7 +215,7 @@ def _with_step_time(theta: Array, log_step_time_odds: float) -> Array:
 def _initial_parameters(posterior: AxisPosterior, initial: InitialPlant) -> Array:
     """Returns parameters from which an ascent of the posterior can begin.
 
-    Effect, lag and delay are those of an initial plant, all others have their prior mean. The effect follows from the
+    Effect, lag and delay are taken from an initial plant, all others have their prior mean. The effect follows from the
     crossover: there the loop gain is 1. With the plant as an integrator, b / jω, and the controller's gain |C_y|, this
     is b |C_y| / ω = 1.
 

@@ -77,7 +77,7 @@ class AxisPosterior:
         Args:
             spectra: estimated spectra of all four quantities, in the order of ``Quantity``.
             controller: the controller that flew.
-            rounding: resolution of the logged output, as a demand.
+            rounding: resolution of the logged output, in the unit of the demand on the axis.
             saturated_share: share of the output's power while the output was at a limit.
         """
         self.spectra = spectra.select(MODELLED_QUANTITIES)
@@ -103,7 +103,7 @@ class AxisPosterior:
     def expand(self, theta: Array) -> QuadraticExpansion:
         """Expands the log posterior about a point to second order, as Fisher scoring needs it.
 
-        With the derivative A_j of the density Φ_j in band j by an entry of θ, that of the log likelihood is
+        With the derivative A_j of the density Φ_j in band j by an entry of θ, the log likelihood's is
         Σ_j n_j tr(Φ_j⁻¹ A_j (Φ_j⁻¹ I_j − 1)). The curvature is its Fisher information (see the module's equations). The
         normal prior adds its gradient and its precision.
 

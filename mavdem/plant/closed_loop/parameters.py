@@ -31,7 +31,7 @@ class LoopParameters(NamedTuple):
     """Dead time from the controller's output to the motors, s."""
 
     controller: float
-    """Gain of the controller relative to that of the logged parameters."""
+    """Gain of the controller relative to the gain by the logged parameters."""
 
     synchronous_odds: float
     """Power of the reference that comes in steps synchronous with the messages, over the power that does not."""

@@ -28,7 +28,7 @@ def denoised_density(density: Array, noise_density: float) -> ArrayPair:
 
     Args:
         density: (…) estimate that contains the noise, of any shape.
-        noise_density: density of the white noise.
+        noise_density: density of the white noise, in the unit of ``density``.
 
     Returns:
         The density (…) without the noise, at least ``MIN_REFERENCE_FRACTION`` of the estimate; and the derivative (…)

@@ -125,11 +125,11 @@ def closed_loop_response(
 ) -> ClosedLoopResponse:
     """Computes the frequency responses of the closed rate loop of one axis, from each source to each quantity.
 
-    The notation is that of the module: body rate p, gyro rate y, rate setpoint r, output u. Sources act on the body
+    The notation of the module is used: body rate p, gyro rate y, rate setpoint r, output u. Sources act on the body
     rate through the closed loop, with the sensitivity 1 / (1 + L), and some also act on a quantity directly.
 
     Args:
-        parameters: parameters of the loop, of which those of the plant and the controller's gain are used.
+        parameters: parameters of the loop; the plant's and the controller's gain are used.
         controller: responses C_r and C_y of the controller with the logged gains, (J, F) each.
         gyro_filter: response F of the gyro filters (J, F).
         angle_gain: gain K of the angle feedback, 1/s.

@@ -104,7 +104,7 @@ class CrossSpectra(NamedTuple):
     """Two-sided cross-spectral densities of each window (W, J, C, C), in unit² per Hz."""
 
     stamp_offsets: tuple[Array, ...]
-    """For each quantity, the stamps (N,) of its matched messages minus those of the first quantity, s."""
+    """For each quantity, the stamps (N,) of its matched messages minus the stamps of the first quantity, s."""
 
     message_rate: float
     """Rate of the slowest stream, Hz: half of it is the frequency about which the spectra fold."""
@@ -251,8 +251,8 @@ def _evenly_spaced_stamps(stamps: Array) -> Array:
         stamps: time stamps (N,), s, ascending.
 
     Returns:
-        Every n-th stamp with the smallest n, up to ``MAX_STRIDE``, with which they are evenly spaced except for lost
-        messages; all stamps if there is no such n.
+        Stamps (N / n,), s: every n-th one. n is the smallest number, up to ``MAX_STRIDE``, with which they are evenly
+        spaced except for lost messages; 1 if there is no such number.
     """
     for stride in range(1, MAX_STRIDE + 1):
         candidates = stamps[::stride]

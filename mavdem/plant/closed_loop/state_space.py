@@ -105,7 +105,7 @@ class LoopController(NamedTuple):
     """Motors' combination per rad/s of the rate setpoint."""
 
     derivative_of_error: bool
-    """Whether the derivative is that of the error, as in ArduPilot, or of the rate alone, as in PX4."""
+    """Whether the error is differentiated, as in ArduPilot, or the rate alone, as in PX4."""
 
     setpoint_slope_gain: float
     """f: 1 if the setpoint's derivative is added to the rate setpoint, as in ArduPilot; else 0."""
@@ -138,7 +138,10 @@ def unknown_controller(proportional_gain: float) -> LoopController:
 
     Args:
         proportional_gain: prior median of the proportional gain, such as the standard deviation of the motors'
-            combination over that of the rate.
+            combination over the standard deviation of the rate: motor command per rad/s.
+
+    Returns:
+        The controller, with the standard deviation 1 of the logarithm of its gains.
     """
     # Gains near the defaults of PX4 and ArduPilot: an angle gain of 6.5 and 4.5 1/s, an I of 1.3 and 1 times P (1/s),
     # and a D of 0.02 and 0.027 times P (s).
@@ -234,7 +237,7 @@ def loop_prior(controller: LoopController, output_size: float) -> LoopPrior:
     """Returns the prior of the logarithms of all parameters, in the order of :data:`NAMES`.
 
     A known controller has a narrow prior about its gains, an unknown one a wide prior; nothing else differs. Typical
-    values of plant, wind and noises are those of ``parameters.toml``. The standard deviations are choices: 1 allows a
+    values of plant, wind and noises are in ``parameters.toml``. The standard deviations are choices: 1 allows a
     factor of 2.7 either way, and 2 a factor of 7.4.
 
     Args:

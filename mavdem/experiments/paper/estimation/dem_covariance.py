@@ -88,8 +88,8 @@ def generalized_data(record: NoisyRecord) -> Array:
         record: T samples.
 
     Returns:
-        A row [ỹ; η̃] for each sample with a whole window of ``ORDER`` + 1 samples around it. The derivatives of the
-        outputs reach up to ``ORDER``, those of the inputs up to ``INPUT_ORDER``.
+        A row [ỹ; η̃] for each of the T − ``ORDER`` samples with a whole window of ``ORDER`` + 1 samples around it. The
+        derivatives of the outputs reach up to ``ORDER``, the derivatives of the inputs up to ``INPUT_ORDER``.
     """
     center = ORDER // 2
     outputs = embed(record.outputs, ORDER, record.dt, ORDER + 1, center)

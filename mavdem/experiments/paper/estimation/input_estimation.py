@@ -282,7 +282,7 @@ def input_errors(window: RollWindow) -> dict[str, float]:
         window: samples of states and commands; the ends are left out of the sum (``TRIM``).
 
     Returns:
-        SSE by name of the estimator; infinite if an estimate is not finite.
+        SSE by name of the estimator, in the squared unit of the commands; infinite if an estimate is not finite.
     """
     true_commands = window.inputs[TRIM:-TRIM, UNKNOWN_INPUT]
     errors = {}

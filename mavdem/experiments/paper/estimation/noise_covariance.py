@@ -172,7 +172,7 @@ def online_errors(record: NoisyRecord) -> dict[str, float]:
         record: T samples with true variances.
 
     Returns:
-        Errors by name of the estimator.
+        By name of the estimator, the mean over the outputs of |ln(estimated variance / true variance)|.
     """
     # Only errors of variances are needed here. With NaN as states, the errors of the states are NaN and not used.
     no_states = np.full_like(record.states, np.nan)

@@ -269,7 +269,7 @@ def smooth_noise(white_noise: Array, kernel_samples: float) -> Array:
         kernel_samples: width s of the kernel in samples; 0 leaves the noise white.
 
     Returns:
-        Noise of the same shape.
+        Filtered noise, in the shape (T,) or (T, channels) of the white noise.
     """
     if kernel_samples == 0:
         return white_noise

@@ -140,11 +140,11 @@ def squared_error(rates: Array, window: RollWindow, delay: int = 0) -> float:
 
     Args:
         rates: (T,) estimates, rad/s.
-        window: window that has the measured or true ones.
+        window: window with the measured or true roll rates, rad/s.
         delay: samples by which the estimates are delayed before they are compared.
 
     Returns:
-        The SSE; infinite if an estimate is not finite.
+        The SSE, rad²/s²; infinite if an estimate is not finite.
     """
     measured_rates = window.states[TRIM:-TRIM, 1]
     # Delayed estimates are compared with later samples, so that those used begin earlier.
@@ -345,7 +345,7 @@ def least_error_check(errors: Mapping[str, float], peers: Sequence[str], data: s
     """Checks that DEM has a lower mean SSE than each of its peers.
 
     Args:
-        errors: mean SSE by observer.
+        errors: mean SSE by observer, rad²/s².
         peers: names of the observers that DEM is compared with.
         data: name of the data, for the text.
 
