@@ -30,7 +30,7 @@ FIRST_TUNING_AXIS = 1
 """Number of roll in the field ``axis`` of that message (PID_TUNING_AXIS); pitch and yaw follow."""
 
 MIN_DEGREES_RATIO = 10.0
-"""Ratio of a body rate's standard deviation to that of the attitude message, above which the rate is in degrees.
+"""Ratio of the standard deviations of a body rate and the attitude message's rate, above which it is in degrees.
 
 A rate in degrees is 57 times as large; a choice between 1 and that.
 """
@@ -50,7 +50,7 @@ class Attitude:
     boot: Integers
     """(N,) number of the boot of each sample, from 0."""
     angle: Array
-    """(N,) Euler angle, rad; that of yaw is unwrapped, without jumps by a turn."""
+    """(N,) Euler angle, rad; the angle of yaw is unwrapped, without jumps by a turn."""
     rate: Array
     """(N,) body rate, rad/s: p of roll, q of pitch, r of yaw."""
     euler_rate: Array

@@ -2,7 +2,7 @@
 
 BATTERY_STATUS has the number of the battery in ``id``, from 0, and those of several batteries come one after the other.
 SYS_STATUS has the voltage of one battery: of the first (ArduPilot), or of the connected one with the least charge
-(PX4). BATTERY2, of ArduPilot before 4.0, has that of the second. Batteries are numbered from 1 here, as in the
+(PX4). BATTERY2, of ArduPilot before 4.0, has the second battery. Batteries are numbered from 1 here, as in the
 autopilots' parameters (BATT2_LOW_VOLT, BAT2_N_CELLS) and texts.
 """
 

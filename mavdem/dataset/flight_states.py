@@ -121,7 +121,7 @@ def mode_intervals(signals: Signals, boot: int, modes: Container[str]) -> Interv
 def landed_state_intervals(signals: Signals, boot: int, states: tuple[int, ...]) -> Intervals:
     """Finds the intervals of a boot in which the vehicle is in one of several landed states.
 
-    The state is that of EXTENDED_SYS_STATE while it is reported. A report holds until the next one, but not across a
+    The state is read from EXTENDED_SYS_STATE while it is reported. A report holds until the next one, but not across a
     gap longer than ``MAX_REPORT_INTERVAL``. At all other times the collective decides: if it is high enough to keep the
     vehicle in the air, the vehicle counts as in one of the states. If motor outputs are missing too, the last reported
     state holds, since a missing message is no landing.

@@ -67,7 +67,7 @@ MIN_SETPOINT_TILT = np.radians(10.0)
 """RMS, rad, of a setpoint of roll or pitch that a vehicle in the air must follow; a choice."""
 
 MIN_FOLLOWED_RATIO = 1 / 3
-"""RMS of the tilt relative to that of its setpoint, below which the ground holds the vehicle: in the air it is 0.8."""
+"""RMS of the tilt over the RMS of its setpoint, below which the ground holds the vehicle: in the air it is 0.8."""
 
 
 def without_grounded(flights: Intervals, signals: Signals, boot: int) -> Intervals:

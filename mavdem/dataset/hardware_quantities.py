@@ -106,7 +106,7 @@ BAROMETER_TEMPERATURE = HardwareQuantity(
 """Temperature of the first barometer."""
 
 TEMPERATURES = (PROCESSOR_TEMPERATURE, IMU_TEMPERATURE, BAROMETER_TEMPERATURE)
-"""The temperatures beside those of the speed controllers."""
+"""The temperatures other than of the speed controllers."""
 
 HORIZONTAL_ACCURACY = HardwareQuantity(
     "horizontal accuracy",

@@ -182,7 +182,7 @@ def control_target(telemetry: Telemetry, column: int) -> TimeSeries | None:
 
 
 class ChannelOutputs(NamedTuple):
-    """The outputs in a message that has those of all channels."""
+    """The outputs of all channels of an autopilot, from one message."""
 
     outputs: Array
     """(N, k) outputs of k channels, a new array; 0 for unused channels."""

@@ -78,17 +78,17 @@ class QualityFigures:
     output_snr: float | None = None
     """Signal-to-noise ratio of the changes of angle or rate over 0.2 s, the lower of the two.
 
-    The noise is that of rounding: variance without it over the variance that it gives.
+    The noise comes from rounding: variance without it over the variance that it gives.
     """
     input_sd: float | None = None
     """Standard deviation of the motors' torque command about the axis, in the unit of the outputs.
 
-    Where the motors' positions are not known, that of one motor against the mean of all.
+    Where the motors' positions are not known, the command of one motor against the mean of all.
     """
     input_step: float | None = None
     """Quantisation step of the model inputs."""
     input_snr: float | None = None
-    """Signal-to-noise ratio of that command; the noise is that of rounding."""
+    """Signal-to-noise ratio of the torque command; the noise comes from rounding."""
     saturation: float | None = None
     """Share of samples with a motor at one of its limits."""
     consistency: float | None = None
@@ -309,7 +309,7 @@ def _snr_of_changes(time: Array, values: Array, step: float) -> float | None:
     changes = end_values - values[is_start]
     rounding_variance = step**2 / (ROUNDING_VARIANCE_DIVISOR / 2)
     if rounding_variance > 0 and len(changes):
-        # The variance of the rounded changes is that of the signal plus that of the rounding.
+        # The variance of rounded changes is the signal's variance plus the variance of rounding.
         return changes.var() / rounding_variance - 1
     return None
 

@@ -26,7 +26,7 @@ from mavdem.unit_errors import RATE_INTEGRATION_SPAN
 MIN_SNR = 1.0
 """Signal-to-noise ratio of the inputs' command or of the outputs' changes, below which a log is refused.
 
-The noise is that of rounding. Rounding can shrink what is learned to SNR / (1 + SNR) of the truth: to half at 1.
+The noise comes from rounding. Rounding can shrink what is learned to SNR / (1 + SNR) of the truth: to half at 1.
 """
 
 MIN_TRUSTED_SNR = 20.0
@@ -58,7 +58,7 @@ It has a few oscillations of an axis that moves at 1 Hz, and a few hundred sampl
 """
 
 MAX_STEP_RATIO = 1.25
-"""Mean step of a segment's messages, relative to that of the longest segment, up to which both are sampled alike.
+"""Ratio of the mean steps of messages in a segment and in the longest one, up to which both are sampled alike.
 
 A link that loses a fifth of the messages has this ratio.
 """

@@ -94,7 +94,7 @@ class Recording:
 
 
 def join_logs(logs: Sequence[Log]) -> Log:
-    """Joins logs of one flight to one log, whose later boots are those of the later logs.
+    """Joins logs of one flight to one log, in which the boots of later logs follow the boots of earlier ones.
 
     Args:
         logs: At least one log. They may be in any order where all have UTC; without it they must be in order of time.
@@ -372,7 +372,7 @@ def _joined_vehicle(earlier: Recording, later: Recording, *, has_restarted: bool
         The vehicle, without the repair that reports the joining. Parameters that differ have the later log's values;
         identity, such as the firmware, is the earlier log's where it has one.
     """
-    # The numbers of the later log's boots continue those of the earlier log.
+    # The boots of the later log are numbered on from the last boot of the earlier log.
     boot_offset = earlier.last_boot - later.first_boot + int(has_restarted)
     messages: dict[str, Columns] = dict(earlier.vehicle.messages)
     for name, columns in later.vehicle.messages.items():

@@ -169,7 +169,7 @@ def _pulse_range(
 ) -> Interval:
     """Returns the pulse widths at no and at full throttle, µs: the first range in the parameters that fits the outputs.
 
-    PX4's range is that of its output drivers. ArduPilot's is MOT_PWM_MIN to MOT_PWM_MAX. If these are 0, and in
+    PX4's range is set in its output drivers, ArduPilot's by MOT_PWM_MIN and MOT_PWM_MAX. If these are 0, and in
     ArduCopter before 3.4, which has neither, it is the range of the radio's throttle channel. Before 3.3 that is
     always channel 3, also if RCMAP_THROTTLE assigns the stick to another: the motors are constructed from ``g.rc_3``
     (``ArduCopter.pde``).

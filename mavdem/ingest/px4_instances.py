@@ -146,7 +146,7 @@ MAX_AID_AGE = 1.0
 def estimator_status(topics: Topics) -> Fields:
     """Makes the columns of ESTIMATOR_STATUS from the estimator instance that PX4 uses at each time.
 
-    PX4 runs several instances of its EKF and selects a primary one. The columns are named as those of MAVLink's
+    PX4 runs several instances of its EKF and selects a primary one. The columns are named like the fields of MAVLink's
     message, which PX4 fills from the topic estimator_status (ESTIMATOR_STATUS.hpp). If no primary instance was logged,
     the lowest-numbered one takes its place.
 

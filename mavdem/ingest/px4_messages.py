@@ -274,7 +274,7 @@ def vibration(topics: Topics) -> Fields:
         IMU, the sum over its axes; and ``levels`` (N, k), the levels of all k IMUs. Empty before PX4 1.13.
     """
     status = first_instance(topics, "vehicle_imu_status")
-    # Before PX4 1.13, which has no gyro_clipping yet, the level was that of the velocity's increments.
+    # Before PX4 1.13, which has no gyro_clipping yet, the level was computed from the increments of velocity.
     if "gyro_clipping[2]" not in status:
         return {}
     time = status["time"]

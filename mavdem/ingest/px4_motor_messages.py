@@ -163,7 +163,7 @@ def _is_online(topic: Columns, instance: int) -> Flags:
         Flags (N,).
     """
     if "esc_online_flags" in topic:
-        # Bit n of the flags is that of controller n.
+        # Bit n of the flags belongs to controller n.
         return topic["esc_online_flags"].astype(np.int64) >> instance & 1 > 0
     if "esc_count" in topic:
         return np.asarray(topic["esc_count"] > instance)

@@ -132,7 +132,7 @@ class _Field(NamedTuple):
     """One field in the definition of a message."""
 
     kind: str
-    """Its type: that of a number, or the name of another message."""
+    """Its type: the type of a number, such as "float", or the name of another message."""
     elements: int
     """Number of elements of an array; 1 for a field that is not an array."""
     name: str
@@ -382,7 +382,7 @@ class RecordDefinitions:
             data_header: The first five bytes of the record, or fewer at the end of the file.
 
         Returns:
-            The number; None if the header is not that of a data record.
+            The number; None if it is no header of a data record.
         """
         if len(data_header) < DATA_HEADER.size:
             return None

@@ -86,8 +86,8 @@ class NamedMessage(NamedTuple):
 def rate_unit(tables: Tables) -> tuple[float, Facts]:
     """Finds out whether RATE logged body rates in degrees/s or in centidegrees/s, by comparison with the gyro.
 
-    The log does not state the unit. The magnitude of RATE's body rate, taken for degrees/s, is divided by that of the
-    gyro at the same stamps while the vehicle turns. The median of this ratio is near 1 or near 100.
+    The log does not state the unit. The magnitude of RATE's body rate, taken for degrees/s, is divided by the magnitude
+    of the gyro's rate at the same stamps while the vehicle turns. The median of this ratio is near 1 or near 100.
 
     Args:
         tables: DataFlash's messages by name.

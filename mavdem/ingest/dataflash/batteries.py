@@ -134,7 +134,7 @@ def _measurements(logged_columns: Columns) -> tuple[Array, Fields]:
     centiamperes_per_unit = millivolts_per_unit / 10
     fields: Fields = {}
     if "Curr" in logged_columns:
-        # The current is in hundredths of an ampere where the voltage is in those of a volt.
+        # The current is in hundredths of an ampere where the voltage is in hundredths of a volt.
         current = float_table(logged_columns, ("Curr",))[:, 0]
         fields["current_battery"] = current * centiamperes_per_unit
     return voltage * millivolts_per_unit, fields

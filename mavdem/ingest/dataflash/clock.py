@@ -143,7 +143,15 @@ def on_boot_clock(
 
 
 def _boots(boot: Rows, rows: NDArray[np.signedinteger]) -> Rows:
-    """Returns the numbers of the boots (N,) of messages in some rows; that of the only boot takes no memory."""
+    """Returns the numbers of the boots of messages in some rows.
+
+    Args:
+        boot: number of the boot of each message of the log.
+        rows: rows (N,) of the messages.
+
+    Returns:
+        Numbers (N,), from 0. If the log has only one boot, they are a view of a single number, which saves memory.
+    """
     if not boot.any():
         return np.broadcast_to(np.int64(0), len(rows))
     return boot[rows]
@@ -160,7 +168,7 @@ def _placed_by_neighbours(
 
     A message was logged between its stamped neighbours in the file. If it has a stamp, this is clipped to the interval
     between them; but a text (MSG) before all stamped messages keeps its earlier stamp. Without a stamp, a message gets
-    the time of the neighbour before it. Only the event of arming gets that of the neighbour after it: by default
+    the time of the neighbour before it. Only the event of arming gets the time of the neighbour after it: by default
     nothing is logged while the vehicle is disarmed, and arming ends this gap.
 
     Args:

@@ -31,7 +31,7 @@ CORE_MESSAGES = (1, 2, 4)
 """Numbers of the messages of a filter that are read: motion, wind and biases, and test ratios with its status."""
 
 OLD_CORE_STEP = 5
-"""Step from the number of a core's message to that of the next core, in old versions: XKF1, XKF6, XKF11."""
+"""Step in the number of a message from one core to the next in old versions: XKF1, XKF6, XKF11."""
 
 MAX_OLD_CORES = 3
 """Number of cores that have messages of their own in old versions."""
@@ -41,7 +41,7 @@ STATUS_MESSAGE = 4
 
 
 def core_message_names() -> tuple[str, ...]:
-    """Returns the names of all messages of cores, those of old versions included."""
+    """Returns the names of all messages of cores, also of old versions of ArduPilot."""
     names = []
     for prefix in FILTERS.values():
         for number in CORE_MESSAGES:

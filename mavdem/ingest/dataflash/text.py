@@ -160,7 +160,7 @@ def _parsed_values(texts: list[bytes], is_numeric: list[bool]) -> list[float | b
         is_numeric: For each field, whether its values are numbers.
 
     Returns:
-        Numbers, and texts without the spaces around them; None if the number of values is not that of the fields, or a
+        Numbers, and texts without the spaces around them; None if there are not as many values as fields, or a
         numeric field does not contain a number.
     """
     if len(texts) != len(is_numeric):

@@ -54,7 +54,7 @@ class FrameStream:
     def stamped_frames(self) -> Iterator[tuple[int, bytes]]:
         """Yields receive stamp, UNIX µs, and bytes of each frame, for writing the stream to a file.
 
-        A frame without a stamp gets that of the last frame before it that has one, or 0 if there is none.
+        A frame without a stamp gets the stamp of the last stamped frame before it; 0 if there is no such frame.
         """
         stamps = self.stamps
         rows = np.arange(len(stamps))

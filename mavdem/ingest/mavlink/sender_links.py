@@ -178,14 +178,14 @@ class SenderLinks:
             self.compare_attitude(content, message_id)
         return True
 
-    # What follows takes runs of frames among which there is no copy, and without a late link. It leaves the same as
-    # ``take`` of each of them.
+    # The following methods process several frames at once, among which there is no copy, while no late link is known.
+    # The state is the same afterwards as if ``process_frame`` had processed each of them.
 
     def count_frames_in_order(self, count: int, last_sequence: int) -> None:
         """Counts frames whose sequence numbers rise by one from frame to frame, so that none is missing between them.
 
-        The number of the first one also follows that of the frame before. The result is that of ``count_frame`` for
-        each of them.
+        The number of the first one also follows the number of the frame before. The result is the same as if
+        ``count_frame`` had counted each of them.
 
         Args:
             count: Number of frames.
@@ -219,7 +219,7 @@ class SenderLinks:
             self._clock = float(readings.clock[-1])
 
     def remember(self, contents: Iterable[tuple[int, bytes]]) -> None:
-        """Remembers readable frames, by which later copies are recognised, and forgets those of long ago.
+        """Remembers readable frames, by which later copies are recognised, and forgets frames of long ago.
 
         Args:
             contents: for each frame in the order of the stream, the number of frames up to it, itself included, and

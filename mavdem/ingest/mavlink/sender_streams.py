@@ -383,8 +383,9 @@ class _RunProcessor:
     def process(self, first: int, end: int) -> None:
         """Passes a run of frames, none of which is a copy, to the sender's links.
 
-        The result is that of ``SenderLinks.process_frame`` for each frame while no second link is known. The run is cut
-        where a sequence number does not follow the one before; frames between two cuts are counted together.
+        As long as no second link is known, the result is as if ``SenderLinks.process_frame`` had processed each frame.
+        The run is cut where a sequence number does not follow the one before; frames between two cuts are counted
+        together, which is faster.
 
         Args:
             first, end: Row of the first frame, and the row after the last one.
@@ -488,7 +489,7 @@ def _clock_readings(data: Bytes, frames: Frames, is_readable: Flags) -> _RowsOfR
             is_known = (latitude_units != 0) | (longitude_units != 0)
             latitude[rows[is_known]] = latitude_units[is_known] * DEGREES_PER_UNIT
             longitude[rows[is_known]] = longitude_units[is_known] * DEGREES_PER_UNIT
-    # A clock of 0 is that of a frame without one.
+    # A frame without a boot clock has 0 in this column.
     clock_rows = np.flatnonzero(clock)
     readings = ReadingColumns(
         clock[clock_rows], heading[clock_rows], latitude[clock_rows], longitude[clock_rows]

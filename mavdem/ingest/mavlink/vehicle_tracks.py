@@ -226,7 +226,7 @@ class VehicleTracks:
         if not isnan(reading.heading):
             self._reading_counts[Contradiction.HEADING] += 1
             self._latest_heading = reading
-        # The contradiction to the first track, which is that of the latest reading.
+        # The contradiction to the first track, which the latest reading belongs to.
         contradiction = None
         for row, track in enumerate(self._tracks):
             track_contradiction = track.contradiction(reading)
@@ -315,9 +315,9 @@ LIMIT_MARGIN = 1e-9
 
 
 def _may_contradict(readings: ReadingColumns) -> Flags:
-    """Flags readings that may contradict those before them; all others certainly do not.
+    """Flags readings that may contradict the readings before them; all others certainly do not.
 
-    The test is that of a single track, for all readings at once, with limits that are lowered a little for rounding.
+    The test of a single reading is applied to all readings at once, with limits that are lowered a little for rounding.
     The first reading, and the first with a heading or a position, are flagged too, since no reading precedes them.
 
     Args:

@@ -316,7 +316,7 @@ def write_mcap(file: BinaryIO, stream: FrameStream) -> int:
     """Writes every frame with its stamp, and the dialect's messages as JSON too.
 
     Frames keep the recording complete; from the JSON a viewer can plot fields. A stamp beyond the year 2554, which MCAP
-    cannot hold, is replaced by that of the frame before.
+    cannot hold, is replaced by the stamp of the frame before.
 
     Args:
         file: Open file to write to.

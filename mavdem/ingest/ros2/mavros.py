@@ -79,7 +79,7 @@ def mavros_autopilot(mode_counts: Counter[str]) -> int:
 
 
 def mavros_message(topic: str, numbers: TopicNumbers, autopilot: int) -> dict[str, NDArray[Any]]:
-    """Translates the messages of a topic into those of MAVLink.
+    """Translates the messages of a topic into messages of MAVLink.
 
     Fields of which only name and unit change are translated by the table of the topic. Attitudes are converted to
     MAVLink's frames, and elements of arrays are put into the fields of the message.
