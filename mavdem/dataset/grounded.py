@@ -205,8 +205,8 @@ def _is_not_followed(setpoint: Setpoint, boot: int, time: Array, angle: Array) -
         angle: (N,) roll or pitch at these times, rad.
 
     Returns:
-        Whether the RMS of the setpoint exceeds ``MIN_SETPOINT_TILT``, and that of the angle is below
-        ``MIN_FOLLOWED_RATIO`` of it.
+        Whether the RMS of the setpoint exceeds ``MIN_SETPOINT_TILT``, and the RMS of the angle is below
+        ``MIN_FOLLOWED_RATIO`` of it. False where the setpoint is never valid.
     """
     setpoint_squares = held_setpoint(setpoint, boot, time) ** 2
     is_finite = np.isfinite(setpoint_squares)

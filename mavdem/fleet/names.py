@@ -36,7 +36,8 @@ class GivenNames:
         A label is the given name. If another vehicle might have the same label, the name in the logs follows in
         parentheses.
         """
-        # How many vehicles may get each label: the name in the logs, the given name, or both together.
+        # For each text, the number of vehicles that may be shown by it: what the logs call the vehicle, its given name,
+        # or the given name with the other one in parentheses. A text of more than one vehicle is ambiguous.
         possible_labels = Counter({*self.logged_vehicles, *self.vehicles})
         for vehicle, name in self.vehicles.items():
             possible_labels.update({name, f"{name} ({vehicle})"} - {vehicle})

@@ -315,13 +315,15 @@ def _changed_quantities(changes: Sequence[QuantityChange]) -> set[Quantity]:
     }
     p_of_families = [adjusted.min() for adjusted in adjusted_by_family.values()]
     is_selected = scipy.stats.false_discovery_control(p_of_families) <= SIGNIFICANCE
-    level = SIGNIFICANCE * is_selected.mean()
+    # The mean of the flags is R / m.
+    false_discovery_rate = SIGNIFICANCE * is_selected.mean()
     changed = set()
     for family, selected in zip(changes_by_family, is_selected, strict=True):
         if not selected:
             continue
-        for change, p in zip(changes_by_family[family], adjusted_by_family[family], strict=True):
-            if p <= level:
+        changes_of_family = changes_by_family[family]
+        for change, adjusted_p in zip(changes_of_family, adjusted_by_family[family], strict=True):
+            if adjusted_p <= false_discovery_rate:
                 changed.add(change.quantity)
     return changed
 

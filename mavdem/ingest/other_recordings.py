@@ -337,7 +337,8 @@ def _repeated_blocks(messages: StampedMessages, falls: Integers) -> dict[int, in
         falls: Rows at which the clock goes back.
 
     Returns:
-        The row after the last message of each block, by the row of its first.
+        The row after the last message of each block, by the row of its first message; empty where the content
+        is not known, as of a log whose positions are no offsets in bytes.
     """
     positions, _, content = messages
     blocks: dict[int, int] = {}

@@ -243,8 +243,8 @@ def _landed_states(changes: _StateChanges, boot_stamps: BootStamps) -> Columns:
     """Turns take-off and landing events into a table of EXTENDED_SYS_STATE, as a vehicle would have sent it.
 
     A boot with C changes gets a row at each change, and at the first logged message of each second. Rows lie at logged
-    messages and not on a grid of seconds, because a damaged clock may jump by a year. The state of a row is that after
-    the last change before it, unless this is unsure. There are two such cases:
+    messages and not on a grid of seconds, because a damaged clock may jump by a year. A row has the state
+    after the last change before it, unless this is unsure. There are two such cases:
 
     - Two successive changes contradict each other: the second begins with another state than the first led to, so an
       event between them was not logged. The state between them is undefined, except in the last

@@ -265,7 +265,7 @@ def _fill_unstamped(
     Args:
         message_types: The messages of a component by type.
         boot_times: Their times and boots, which are changed in place; NaN where there is no time yet. Boots that cannot
-            be written to are those of a log with one boot (:func:`boot_clock`), and stay.
+            be written to belong to a log with one boot (:func:`boot_clock`), and stay.
     """
     timed_types = _timed_messages(message_types, boot_times)
     if not timed_types:

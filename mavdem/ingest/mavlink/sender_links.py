@@ -112,14 +112,14 @@ class SenderLinks:
         # Numbers of missing frames before each of the latest changes from one counter to the other.
         self._missing_at_switches = deque[int](maxlen=MIN_COUNTER_SWITCHES + 1)
         self._has_two_counters = False
-        # The latest ``RECENT_FRAMES`` frames by their bytes, the oldest first, and how many had been received with
-        # each.
+        # For the bytes of each of the latest ``RECENT_FRAMES`` frames, the number of frames received up to it. The
+        # oldest is first.
         self._recent: OrderedDict[bytes, int] = OrderedDict()
         # The latest boot clock, s, and the sequence number of the latest frame that was not late.
         self._clock = 0.0
         self._sequence = 0
-        # The sequence number of the latest late frame, and how many frames had been received with the latest copy of a
-        # reading; so long ago, before any, that it does not count.
+        # The sequence number of the latest late frame, and how many frames had been received up to the latest copy of a
+        # reading. The initial value is so far in the past that it never counts as recent.
         self._late_sequence = 0
         self._count_at_latest_copy = -SEQUENCE_NUMBERS
 
