@@ -379,19 +379,20 @@ def _limits_by_axes(advice_by_axis: AdviceByAxis) -> list[_GainLimit]:
     Args:
         advice_by_axis: advice for each axis, or the fact that says why there is none.
     """
-    # Texts are compared without the axis that they name, so that axes share a sentence if their rounded figures agree.
-    facts_by_text: dict[str, list[tuple[str, Fact]]] = {}
+    # Two axes share a sentence if it is the same without the name of the axis: then their rounded figures agree.
+    cautions_by_text: dict[str, list[tuple[str, Fact]]] = {}
     for axis, advice in advice_by_axis.items():
         if isinstance(advice, Advice):
-            for caution_of_loop in advice.before.cautions:
-                text = caution_of_loop.replace(axis="").advised
-                facts_by_text.setdefault(text, []).append((axis, caution_of_loop))
+            for caution in advice.before.cautions:
+                text_without_axis = caution.replace(axis="").advised
+                cautions_by_text.setdefault(text_without_axis, []).append((axis, caution))
     limits = []
-    for facts_on_axes in facts_by_text.values():
-        (sentence,) = sentences_by_axes(facts_on_axes, attrgetter("advised"))
-        axes = tuple(axis for axis, _ in facts_on_axes)
-        _, first_fact = facts_on_axes[0]
-        limits.append(_GainLimit(axes, sentence, is_about_gains_to_set(first_fact)))
+    for cautions_by_axis in cautions_by_text.values():
+        # All of them have the same text, so that they make one sentence with the names of all their axes.
+        (sentence,) = sentences_by_axes(cautions_by_axis, attrgetter("advised"))
+        axes = tuple(axis for axis, _ in cautions_by_axis)
+        _, first_caution = cautions_by_axis[0]
+        limits.append(_GainLimit(axes, sentence, is_about_gains_to_set(first_caution)))
     return limits
 
 

@@ -258,17 +258,17 @@ class SinkThread(threading.Thread):
 
         Args:
             recording: the recording of the sink.
-            row: the latest row that was drawn, whose time the texts get.
-            channels: names and units of the row.
+            row: the latest row that was drawn. The texts are shown at its time.
+            channels: names and units of the values in the row.
         """
         new_drops = self.dropped_rows - self._reported_drops
         if new_drops:
             sentence = f"{new_drops} rows are not shown here: this view is too slow"
             log_event(recording, row.timeline_time, sentence, Level.WATCH)
             self._reported_drops += new_drops
-        cards = figures(self.status, row, channels, self._training_end_time)
+        summaries = figures(self.status, row, channels, self._training_end_time)
         documents = {
-            "figures": "\n\n".join(cards),
+            "figures": "\n\n".join(summaries),
             "status": status_document(self.status, row, channels, self._training_end_time),
         }
         recording.set_time(BOOT_CLOCK, duration=row.timeline_time)

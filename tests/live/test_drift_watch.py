@@ -74,7 +74,7 @@ def test_a_limit_that_is_known_counts():
 
 def test_the_distance_from_the_take_off_is_shown_in_flight(monkeypatch):
     taken = Mock(return_value=None)
-    monkeypatch.setattr(DriftWatch, "take", taken)
+    monkeypatch.setattr(DriftWatch, "add_sample", taken)
     hover = Hover(hovering=8.0)
     positions = [
         (

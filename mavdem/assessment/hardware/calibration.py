@@ -19,20 +19,23 @@ BUS_BITS, BUS_NUMBER_BITS = 3, 5
 
 
 class SensorParameters(NamedTuple):
-    """The parameters of one sensor of ArduPilot, with a place for its number."""
+    """Names of the parameters of one kind of sensor of ArduPilot; "{}" stands for the number of the sensor.
+
+    The first sensor has no number in them, but in the names of priorities.
+    """
 
     kind: str
-    """What it is."""
-    identifier: str
-    """The parameter with its device id, 0 if there is none."""
-    offsets: str
-    """The beginning of the parameters with its offsets, which are all 0 before it is calibrated."""
-    use: str
-    """The parameter that says whether it is used."""
-    priority: str = ""
-    """The parameter with the device id in the order of priority, which then numbers the sensors; empty without one."""
-    enable: str = ""
-    """The parameter that switches all sensors of the kind off, by 0; empty without one."""
+    """Kind of sensor."""
+    identifier_name: str
+    """Parameter with the device id of a sensor, 0 if there is none."""
+    offset_prefix: str
+    """Beginning of the parameters with the offsets of a sensor, which are all 0 before it is calibrated."""
+    use_name: str
+    """Parameter that says whether a sensor is used."""
+    priority_name: str = ""
+    """Parameter with a device id by priority, which then numbers the sensors in logs; empty without one."""
+    enable_name: str = ""
+    """Parameter that switches all sensors of the kind off, by 0; empty without one."""
 
 
 ARDUPILOT_SENSORS = (
@@ -111,50 +114,56 @@ def _ardupilot_sensors(parameters: Parameters) -> Iterator[CalibratedSensor]:
         parameters: parameters of the autopilot, by name.
     """
     for sensor in ARDUPILOT_SENSORS:
-        is_enabled = parameters.get(sensor.enable, 1) > 0
-        identifiers = _identifiers(parameters, sensor.identifier)
+        is_enabled = parameters.get(sensor.enable_name, 1) > 0
+        numbers = _numbers_by_identifier(parameters, sensor.identifier_name)
         is_calibrated = {}
-        for identifier, suffix in identifiers.items():
-            names = [f"{sensor.offsets.format(suffix)}{axis}" for axis in "XYZ"]
+        for identifier, number in numbers.items():
+            prefix = sensor.offset_prefix.format(_number_in_name(number))
+            offset_names = [f"{prefix}{axis}" for axis in "XYZ"]
             # A stream may have only some of the parameters.
-            if all(name in parameters for name in names):
-                is_calibrated[identifier] = any(parameters[name] for name in names)
-        order = identifiers
-        if sensor.priority and parameters.get(sensor.priority.format(1), 0):
-            order = _identifiers(parameters, sensor.priority, is_first_numbered=True)
-        for identifier, suffix in order.items():
+            if all(name in parameters for name in offset_names):
+                is_calibrated[identifier] = any(parameters[name] for name in offset_names)
+        if sensor.priority_name and parameters.get(sensor.priority_name.format(1), 0):
+            numbers = _numbers_by_identifier(
+                parameters, sensor.priority_name, is_first_numbered=True
+            )
+        for identifier, number in numbers.items():
             if identifier not in is_calibrated:
                 continue
-            use = sensor.use.format("" if suffix == "1" else suffix)
+            use_name = sensor.use_name.format(_number_in_name(number))
             yield CalibratedSensor(
-                f"{sensor.kind} {suffix or 1}",
+                f"{sensor.kind} {number}",
                 bus_name(identifier),
-                is_used=is_enabled and parameters.get(use, 1) > 0,
+                is_used=is_enabled and parameters.get(use_name, 1) > 0,
                 is_calibrated=is_calibrated[identifier],
             )
 
 
-def _identifiers(
+def _number_in_name(number: int) -> str:
+    """Returns the number of a sensor as ArduPilot has it in most names of parameters: empty for the first one."""
+    return "" if number == 1 else str(number)
+
+
+def _numbers_by_identifier(
     parameters: Parameters, name: str, *, is_first_numbered: bool = False
-) -> dict[int, str]:
+) -> dict[int, int]:
     """Reads the device ids of numbered sensors from parameters.
 
     Args:
         parameters: parameters of the autopilot.
-        name: format of the parameter's name, with a replacement field for the number.
+        name: name of the parameter with a device id; "{}" stands for the number of the sensor.
         is_first_numbered: whether the name of the first sensor's parameter has a number too.
 
     Returns:
-        The number in the parameter's name, as text ("" for none), by device id; if several parameters have the same id,
-        that of the first one.
+        The number of the sensor, from 1, by device id; if several parameters have the same id, that of the first one.
     """
-    suffixes: dict[int, str] = {}
+    numbers: dict[int, int] = {}
     for number in range(1, MAX_SENSORS + 1):
-        suffix = "" if number == 1 and not is_first_numbered else str(number)
-        identifier = int(parameters.get(name.format(suffix), 0))
+        number_in_name = str(number) if is_first_numbered else _number_in_name(number)
+        identifier = int(parameters.get(name.format(number_in_name), 0))
         if identifier:
-            suffixes.setdefault(identifier, suffix)
-    return suffixes
+            numbers.setdefault(identifier, number)
+    return numbers
 
 
 def _px4_sensors(parameters: Parameters) -> Iterator[CalibratedSensor]:

@@ -146,14 +146,15 @@ def first_plots(history: TimeHistory) -> str:
         Part of a page as HTML.
     """
     timeline = timeline_of_history(history)
-    axis_columns = {
-        axis: [timeline.marked(chart) for chart in charts]
-        for axis, charts in timeline.axis_charts.items()
-        if charts
-    }
-    groups = [Group((timeline.overview,)), Group.of_axes(axis_columns)]
+    charts_by_axis = {}
+    for axis, charts in timeline.axis_charts.items():
+        if charts:
+            # All charts get the time axis and the event lines of the flight.
+            charts_by_axis[axis] = [timeline.marked(chart) for chart in charts]
+    groups = [Group((timeline.overview,)), Group.of_axes(charts_by_axis)]
     return render_server_page(
         "first_plots",
+        # A flight without attitudes has no charts of axes.
         groups=[group for group in groups if any(group.columns)],
         events=[PageEvent(event) for event in timeline.events],
         points=MAX_POINTS_OF_SMALL_PAGE,
