@@ -31,22 +31,22 @@ The lead makes the rotors' lag as many times shorter, and the noise above it as 
 """
 
 RATE_TO_ATTITUDE = 3.0
-"""Bandwidth of the rate loop by that of the attitude loop; a choice, for a well-damped cascade."""
+"""Bandwidth of the rate loop divided by the bandwidth of the attitude loop; a choice, for a well-damped cascade."""
 
 ATTITUDE_TO_VELOCITY = 3.5
-"""Bandwidth of the attitude loop by that of the velocity loop; a choice."""
+"""Bandwidth of the attitude loop divided by the bandwidth of the velocity loop; a choice."""
 
 VELOCITY_TO_POSITION = 2.5
-"""Bandwidth of the velocity loop by that of the position loop; a choice."""
+"""Bandwidth of the velocity loop divided by the bandwidth of the position loop; a choice."""
 
 YAW_SLOWNESS = 4.0
-"""How many times slower the yaw loops are than those of roll and pitch: only the rotors' torque turns the heading."""
+"""How many times slower the yaw loops are than roll's and pitch's: only the rotors' torque turns the heading."""
 
 RATE_TO_INTEGRAL = 12.0
-"""Bandwidth of the rate loop by that of its integral action; a choice."""
+"""Bandwidth of the rate loop divided by the bandwidth of its integral action; a choice."""
 
 VELOCITY_TO_INTEGRAL = 5.0
-"""Bandwidth of the velocity loop by that of its integral action: it finds the wind in about two seconds."""
+"""Bandwidth of the velocity loop divided by its integral action's, which finds the wind in about two seconds."""
 
 MAX_INTEGRAL_ACCELERATION = 7.0
 """Limit of the velocity loop's integral, m/s²: about what ``MAX_TILT`` gives, so that a storm does not wind it up."""
@@ -104,7 +104,7 @@ class FlightController:
     def __init__(self, scenario: Scenario) -> None:
         """Tunes all loops for the scenario's vehicle, sensors and cycle.
 
-        The innermost loop, that of the body rates, is made as fast as its dead time allows; each outer loop is slower
+        The innermost loop, of the body rates, is made as fast as its dead time allows; each outer loop is slower
         than the one within it by a constant ratio.
         """
         vehicle = scenario.vehicle
@@ -145,7 +145,7 @@ class FlightController:
             body: Airframe of the vehicle.
 
         Returns:
-            Demand per angular acceleration of roll, pitch and yaw, 1 per rad/s². That of yaw is divided by
+            Demand per angular acceleration of roll, pitch and yaw, 1 per rad/s². The demand of yaw is divided by
             ``YAW_SLOWNESS``, which makes the bandwidth of its rate loop smaller.
         """
         hover_command = body.command_for(body.hover_speed)
@@ -190,9 +190,9 @@ class FlightController:
 
     @property
     def gains(self) -> tuple[LoopGains, ...]:
-        """Gains of the loops about roll, pitch and yaw, written as those of a PID controller of the rate.
+        """Gains of the loops about roll, pitch and yaw, written as the gains of a PID controller of the rate.
 
-        The autopilots' parameters are those of a PID controller, while this controller has a lead filter. The two are
+        The autopilots' parameters describe a PID controller, while this controller has a lead filter. The two are
         the same: (1 + LEAD T s)/(1 + T s) = 1 + (LEAD − 1) T s/(1 + T s), a proportional part and a derivative with a
         low-pass of time constant T.
         """
@@ -274,7 +274,7 @@ class FlightController:
     ) -> Vector3:
         """Runs the position and velocity loops for one cycle.
 
-        The position loop turns errors of the position into velocities, which are added to those of the flight plan. The
+        The position loop turns errors of the position into velocities, which are added to the flight plan's. The
         velocity loop, proportional and integral, turns errors of the velocity into accelerations. Its integral finds
         the acceleration that holds the vehicle against the wind.
 
@@ -330,7 +330,7 @@ class FlightController:
         Args:
             estimate: State as the autopilot estimates it.
             attitude_setpoint: Roll, pitch and yaw (3,), rad.
-            rate_feedforward: Body rates (3,) that are added to those of the attitude loops, rad/s.
+            rate_feedforward: Body rates (3,) that are added to the rates of the attitude loops, rad/s.
             thrust: Thrust of all rotors, N.
             is_flying: Whether the vehicle is off the ground; nothing is integrated otherwise.
 
@@ -392,7 +392,7 @@ class FlightController:
         Returns:
             PWM pulses of the motors, µs, demands to the mixer, and the setpoints of attitude and rates.
         """
-        # All rotors carry the same part of the thrust. Its command is that of the inverse thrust curve, as in both
+        # All rotors carry the same part of the thrust. Its command follows from the inverse thrust curve, as in both
         # autopilots.
         body = self._body
         command = body.command_for(body.speed_for(thrust / body.rotors)) / body.full_command
@@ -426,7 +426,7 @@ class FlightController:
         Returns:
             Demand to the mixer, not limited; ±1 is the motors' full range.
         """
-        # The lead filter is LEAD times the rate less (LEAD − 1) times the rate behind a low-pass 1/(1 + τs/LEAD).
+        # The lead filter is LEAD times the rate less (LEAD − 1) times the rate after a low-pass 1/(1 + τs/LEAD).
         slow_rate = self._slow_rates[axis]
         slow_rate += self._lead_smoothing * (rate - slow_rate)
         self._slow_rates[axis] = slow_rate

@@ -152,7 +152,7 @@ def vehicle_dynamics(vehicle: VehicleSpec, condition: Damage | None = None) -> D
     def accelerations(
         attitude: Quaternion, velocity: Vector3, rates: Vector3, rotors: Vector4, air: AirState
     ) -> Accelerations:
-        """Computes the accelerations of one state; shapes and units are those of :data:`Dynamics`."""
+        """Computes the accelerations of one state; shapes and units are stated at :data:`Dynamics`."""
         values = flat_dynamics(attitude, velocity, rates, rotors, air)
         return Accelerations(values[LINEAR], values[ANGULAR], values[FORCE], values[MOMENT])
 
@@ -179,7 +179,7 @@ def disturbance_of_states(
 ) -> Disturbance:
     """Computes what disturbs a vehicle in N states in the air, all at once.
 
-    ``tests/scenarios/test_body.py`` compares the result with that of one state after the other.
+    ``tests/scenarios/test_body.py`` compares the result with a computation of one state after another.
 
     Args:
         vehicle: Vehicle of a scenario.

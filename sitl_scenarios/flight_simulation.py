@@ -36,7 +36,7 @@ MAX_BODY_RATE = 200.0
 """Body rate above which a vehicle is out of control, rad/s: no vehicle turns faster."""
 
 Row = dict[str, Any]
-"""Values of the fields of ``Motion`` in one cycle, by name, except those of the disturbance."""
+"""Values of the fields of ``Motion`` in one cycle, by name, except the fields of the disturbance."""
 
 
 class DisturbedState(NamedTuple):
@@ -286,7 +286,7 @@ class Simulation:
         return self._estimator.estimate(state)
 
     def _reference(self, _: State) -> Reference:
-        """Returns the setpoints of this cycle: those of the flight plan, whatever the estimated state."""
+        """Returns the setpoints of this cycle: the flight plan's, whatever the estimated state."""
         return self._plan.reference_at(self._flight_time)
 
     def _apply_due_damage(self) -> None:
@@ -299,7 +299,7 @@ class Simulation:
             self._body.apply_damage(condition)
 
     def _battery_fraction(self, flight_cycle: int) -> float:
-        """Computes the battery's voltage as a fraction of that of a full battery.
+        """Computes the battery's voltage as a fraction of a full battery's.
 
         It falls evenly from arming to the planned disarming, by the scenario's ``battery_sag``. Every flight begins
         with a full battery.
@@ -388,7 +388,7 @@ class Simulation:
             reference: Setpoints of the flight plan.
 
         Returns:
-            Pulse widths of the motors, µs, and the demands and setpoints behind them.
+            Pulse widths of the motors, µs, and the demands and setpoints that led to them.
         """
         if not self.armed:
             stopped_pulse = DISARMED_PULSE[self.scenario.stream.autopilot]

@@ -104,7 +104,7 @@ def _hover_thrust(vehicle: VehicleSpec, range_start: float) -> HoverThrust:
 
 
 def _px4_parameters(vehicle: VehicleSpec, gains: Sequence[LoopGains]) -> dict[str, float]:
-    """Returns PX4's parameters of rate and attitude control, and those of the geometry of its rotors.
+    """Returns PX4's parameters of rate and attitude control, and of the geometry of its rotors.
 
     The gains must be scaled, because the two mixers take different inputs. A demand of 1 to the simulation's mixer adds
     1 to a motor's normalised *command*. PX4's rate controllers put out normalised torques: a torque of 1 adds a column
@@ -185,7 +185,7 @@ def _tilt_mixer_factors(right: Vector4, forward: Vector4) -> list[float]:
 
 
 def _ardupilot_parameters(vehicle: VehicleSpec, gains: Sequence[LoopGains]) -> dict[str, float]:
-    """Returns ArduPilot's parameters of rate and attitude control, and those of its motors' range and thrust curve.
+    """Returns ArduPilot's parameters of rate and attitude control, and of its motors' range and thrust curve.
 
     Two differences between the controllers must be made up for:
 
@@ -217,7 +217,7 @@ def _ardupilot_parameters(vehicle: VehicleSpec, gains: Sequence[LoopGains]) -> d
     }
     for name, axis_gains in zip(("RLL", "PIT", "YAW"), gains, strict=True):
         cutoff = reciprocal_frequency(axis_gains.derivative_lag)
-        # The factor of 2 is that of ArduPilot's mixer, which gives half of an output to each motor.
+        # The factor of 2 is in ArduPilot's mixer, which gives half of an output to each motor.
         parameters |= {
             f"ATC_RAT_{name}_P": 2 * axis_gains.p / command_per_thrust,
             f"ATC_RAT_{name}_I": 2 * axis_gains.i / command_per_thrust,

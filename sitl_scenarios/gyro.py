@@ -1,4 +1,4 @@
-"""Simulated gyro: body rates with vibration, behind an autopilot's low-pass and notch filters.
+"""Simulated gyro: body rates with vibration, after an autopilot's low-pass and notch filters.
 
 The filters are ``LowPassFilter2p`` and ``NotchFilter`` of ArduPilot and PX4: analog filters of second order, on the
 warped frequencies of the bilinear transform, tan(π f / sampling rate).
@@ -31,8 +31,8 @@ IDENTITY_SECTION = [1.0, 0.0, 0.0, 1.0, 0.0, 0.0]
 class Gyro:
     """Gyro of a vehicle in flight.
 
-    ``raw_rates`` are the body rates with vibration, before the filters, and ``filtered_rates`` those behind them, both
-    in rad/s.
+    ``raw_rates`` are the body rates with vibration, before the filters, and ``filtered_rates`` the rates after them,
+    both in rad/s.
     """
 
     def __init__(self, filters: Controller | None, step: float) -> None:
@@ -86,7 +86,7 @@ class Gyro:
         """Moves the body by some steps of the physics, and measures its rates after each.
 
         The filters of an autopilot run at the sampling rate of the gyro, which is above that of the control loop: so
-        they are stepped with the physics. Afterwards ``raw_rates`` and ``filtered_rates`` are those of the last step.
+        they are stepped with the physics. Afterwards ``raw_rates`` and ``filtered_rates`` belong to the last step.
 
         Args:
             body: Body that moves, with the same step as the gyro.

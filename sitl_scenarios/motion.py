@@ -45,7 +45,7 @@ class Motion:
     known_attitude: Array
     """(N, 4) attitude as the autopilot estimates it, with noise and delay."""
     known_rates: Array
-    """(N, 3) body rates as the autopilot estimates them, behind the gyro's filters, rad/s."""
+    """(N, 3) body rates as the autopilot estimates them, after the gyro's filters, rad/s."""
     gyro: Array
     """(N, 3) body rates before the gyro's filters, with the vibration of rotors and frame, rad/s."""
     known_position: Array

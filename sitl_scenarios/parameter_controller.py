@@ -2,7 +2,7 @@
 
 The rate loops run as in the autopilots' source code, once per cycle of the autopilot's loop. Between a rate loop's
 demand and the motors are the autopilot's mixer, its inverse thrust curve and its motors' range. Position and velocity
-control are the simulation's own. ``mavdem.loops.controllers`` says what each parameter means.
+control are the simulation's own. ``mavdem.loops.controllers`` describes each parameter.
 """
 
 from math import sqrt
@@ -92,7 +92,7 @@ def controller_for(scenario: Scenario) -> FlightController:
     Raises:
         NotLearnable: The parameters do not describe a controller.
     """
-    # The simulation's own mixer is for sound quadrotors: its response to a failed motor is that of no autopilot.
+    # The simulation's own mixer is for sound quadrotors: no autopilot responds to a failed motor as it does.
     is_autopilots = scenario.has_instruments or scenario.vehicle.layout in CIRCLES
     if scenario.vehicle.parameters or is_autopilots:
         return ParameterController(scenario)
@@ -179,7 +179,7 @@ class ParameterController(FlightController):
             is_flying: Whether the vehicle is off the ground; nothing is integrated otherwise.
 
         Returns:
-            Demand of the axis to the mixer, −1 to 1.
+            Demand of the axis to the mixer, −1 to 1, as a fraction of the largest demand.
         """
         return self._rate_loops[axis].demand(setpoint, rate, is_flying=is_flying)
 
@@ -255,11 +255,11 @@ class RateLoop:
 
         Args:
             setpoint: Setpoint of the body rate, rad/s.
-            rate: Body rate behind the gyro's filters, rad/s.
+            rate: Body rate after the gyro's filters, rad/s.
             is_flying: Whether the vehicle is off the ground; nothing is integrated otherwise.
 
         Returns:
-            Demand to the mixer, not limited.
+            Demand to the mixer as a fraction of the largest demand, not limited to ±1.
         """
         controller = self._controller
         previous_error = self._error

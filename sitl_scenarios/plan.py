@@ -404,7 +404,7 @@ def _stick_demands(scenario: Scenario, sticks: Sticks, samples: int) -> Array:
         samples: Number of cycles.
 
     Returns:
-        (samples, 3) demands; those of an axis without excitation are zero.
+        (samples, 3) demands; they are zero on an axis without excitation.
     """
     demands = np.zeros((samples, 3))
     for number, (name, full_stick) in enumerate(zip(AXES, FULL_STICK, strict=True)):

@@ -4,7 +4,7 @@ ArduPilot and PX4 number an X quadrotor alike: 1 front right, 2 rear left, 3 fro
 a + quadrotor 1 right, 2 left, 3 front, 4 rear; PX4, whose parameters hold the positions, is given the same order. In
 both frames rotors 1 and 2 turn counter-clockwise seen from above
 (https://ardupilot.org/copter/docs/connect-escs-and-motors.html; PX4's airframe reference). Frames of six and eight
-rotors, Y6 and coaxial X8 are those of ArduPilot's ``AP_MotorsMatrix.cpp``.
+rotors, Y6 and coaxial X8 follow ArduPilot's ``AP_MotorsMatrix.cpp``.
 """
 
 from dataclasses import dataclass
@@ -46,7 +46,7 @@ class RotorCircle:
     directions: str
     """A sign for each rotor: "+" turns counter-clockwise seen from above, "-" clockwise."""
     size: float
-    """Length of its arms by that of the quadrotor, so that propellers of the same size do not touch."""
+    """Length of its arms divided by the quadrotor's, so that propellers of the same size do not touch."""
     frame_class: int
     """ArduPilot's FRAME_CLASS."""
     frame_type: int
@@ -97,7 +97,7 @@ def rotor_frame(shape: Shape, arm: Pair) -> RotorFrame:
     Args:
         shape: Arrangement of the rotors.
         arm: Distance forward, and to the right, of the rotors of an X quadrotor from the centre of mass, m. The rotors
-            of a + quadrotor are as far from the centre as these, those of larger frames by the ``size`` of the frame.
+            of a + quadrotor are as far from the centre as these; rotors of larger frames are ``size`` times as far.
 
     Returns:
         Positions (n,), m, and columns of the mixer (n,) for roll, pitch and yaw.

@@ -106,7 +106,7 @@ class BodySpec(Section):
     """A body of one's own, such as one learned from a log, in place of a published one.
 
     Inertia is about forward, right and down, kg m²; arm is the distance of the rotors of the X forward and to the
-    right, m; damping is that of the three rates by themselves, 1/s.
+    right, m; damping acts on the three rates by themselves, 1/s.
     """
 
     mass: Positive
@@ -166,7 +166,7 @@ class VehicleSpec(Section):
 
     @property
     def layout(self) -> Shape:
-        """Frame that the autopilot is set to: that of ``mixer`` if it is given, otherwise the vehicle's own."""
+        """Frame that the autopilot is set to: the one of ``mixer`` if it is given, otherwise the vehicle's own."""
         return self.mixer or self.frame
 
 

@@ -46,13 +46,13 @@ class GyroVibration:
         body = airframe(scenario.vehicle)
         self._hover_speed = body.hover_speed
         self._phases = [INITIAL_PHASE_STEP * rotor for rotor in range(body.rotors)]
-        # x(k) = c₁ x(k − 1) + c₂ x(k − 2) + noise, whose poles decay(cos ± j sin)(angle) are those of the frame.
+        # x(k) = c₁ x(k − 1) + c₂ x(k − 2) + noise, whose poles decay(cos ± j sin)(angle) are the frame's.
         angle = 2 * pi * self._spec.frame * step
         decay = exp(-FRAME_DAMPING * angle)
         self._c1 = 2 * decay * cos(angle)
         self._c2 = -decay * decay
-        # Ratio of the variance of the noise to that of x (G. E. P. Box and others, Time Series Analysis), which gives x
-        # the standard deviation of the scenario.
+        # Ratio of the variance of the noise to the variance of x (G. E. P. Box and others, Time Series Analysis), which
+        # gives x the standard deviation of the scenario.
         difference = (1 - self._c2) ** 2 - self._c1**2
         variance_ratio = (1 + self._c2) * difference / (1 - self._c2)
         self._noise_sd = 0.0

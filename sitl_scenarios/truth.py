@@ -1,6 +1,6 @@
 """True linear model, disturbance and control loops of a simulated flight, with which a learned model is compared.
 
-The matrices A and B are those of the dynamics linearised, by central differences, about hover in still air, level, nose
+The matrices A and B belong to the dynamics linearised, by central differences, about hover in still air, level, nose
 to the north. In wind a vehicle hovers tilted, with another thrust: the effect of its motors there differs by a few
 hundredths.
 """
@@ -175,7 +175,7 @@ def axis_model(vehicle: VehicleSpec, axis: Axis = "roll") -> LinearModel:
 def truth(scenario: Scenario, motion: Motion) -> Arrays:
     """Returns the truth of a flight, as docs/scenarios.md explains it.
 
-    For yaw the state is the rate alone, and the arrays of each axis are named like those of roll.
+    For yaw the state is the rate alone, and the arrays of each axis are named like the arrays of roll.
 
     Args:
         scenario: Scenario of the flight.
@@ -190,7 +190,7 @@ def truth(scenario: Scenario, motion: Motion) -> Arrays:
         - ``roll_lag_A`` (3, 3) and ``roll_lag_B`` (3, 4): the same with the rotors' angular acceleration, rad/s², as
           third state; only with a lag.
         - ``lag`` (3,): time constants of the rotors, s: mean, rising, falling.
-        - ``delay``: mean delay from the motion to the motors' output, s, with that of the gyro's filters at low
+        - ``delay``: mean delay from the motion to the motors' output, s, with the delay of the gyro's filters at low
           frequencies, which the logged rates have too.
         - ``roll_disturbance`` (N,): angular acceleration of the disturbance, rad/s², without the damping in A.
         - ``roll_effect`` (4,): angular acceleration by each motor in the flight's wind, rad/s² per µs, and
@@ -325,7 +325,7 @@ def true_loops(scenario: Scenario, axis_number: int, effect: Array) -> Arrays:
     ideal_rate_by_demand = acceleration_gain * zero_order_hold * rate_by_acceleration
     rate_by_demand = ideal_rate_by_demand / (mean_rotor_lag * s + 1)
 
-    # The controller's response to the measured rate is negative: an open loop is that of negative feedback.
+    # The controller's response to the measured rate is negative: an open loop is defined for negative feedback.
     delay_response = np.exp(-s * scenario.sensors.delay)
     gyro_response = gyro_for(controller).response(frequency)
     rate_loop = -demand_by_rate * rate_by_demand * delay_response * gyro_response
@@ -403,7 +403,7 @@ def _rate_controller_response(
 ) -> NDArray[Any]:
     """Returns the frequency response of the rate controller, measured on the controller that flies.
 
-    The controller is run on an impulse, and its impulse response is transformed. So the response is that of the code
+    The controller is run on an impulse, and its impulse response is transformed. So the response belongs to the code
     that flies, and no second description of the controller can differ from it.
 
     Args:
@@ -427,7 +427,7 @@ def _rate_controller_response(
     threshold = NEGLIGIBLE_RESPONSE * abs(increments).max()
     significant = np.flatnonzero(abs(increments) > threshold)
     coefficients = increments[: significant[-1] + 1]
-    # The z-transform of the increments over 1 − z⁻¹ is that of the demand.
+    # The z-transform of the increments over 1 − z⁻¹ is the z-transform of the demand.
     cycle_delay = np.exp(-phase)
     response = np.polynomial.polynomial.polyval(cycle_delay, coefficients)
     return response / (1 - cycle_delay)

@@ -1,6 +1,6 @@
 """Turbulence of a simulated wind: coloured noise of a Gaussian kernel, and Dryden's and von Kármán's of MIL-F-8785C.
 
-Turbulence near the ground is that of MIL-F-8785C, 3.7.3.4 and figures 10 and 11 (and MIL-HDBK-1797B, Appendix A,
+Turbulence near the ground follows MIL-F-8785C, 3.7.3.4 and figures 10 and 11 (and MIL-HDBK-1797B, Appendix A,
 4.9.2), with the height h in feet:
 
     L_w = h,  L_u = L_v = h / (0.177 + 0.000823 h)^1.2
@@ -93,7 +93,7 @@ class ProcessScale(NamedTuple):
     """Time constant and intensity of one component of turbulence."""
 
     time_constant: float
-    """L/V, s; for rotation that of its first-order process."""
+    """L/V, s; for rotation the time constant of its first-order process."""
     sd: float
     """Standard deviation, m/s; of rotation, rad/s."""
 
@@ -129,7 +129,7 @@ def turbulence_scales(wind: TurbulentWind, height: float, span: float) -> Turbul
     Returns:
         Time constant, s, and standard deviation of horizontal and vertical wind, m/s, and of the air's rotation, rad/s.
     """
-    # The formulas and constants are those of the standard for low altitudes, which take the height in feet.
+    # The formulas and constants are the standard's for low altitudes, which take the height in feet.
     feet = max(height / FOOT, MIN_HEIGHT_FEET)
     height_term = 0.177 + 0.000823 * feet
     airspeed = max(wind.speed, MIN_AIRSPEED)

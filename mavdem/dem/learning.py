@@ -42,7 +42,7 @@ MIN_SAMPLES = 50
 """Fewest samples that a model is fitted to; a choice."""
 
 EMBEDDING_SECONDS = 0.09
-"""Length of the embedding window, s: wide enough to average measurement noise, short beside a vehicle's motion."""
+"""Length of the embedding window, s: wide enough to average measurement noise, and short for a vehicle's motion."""
 
 DEFAULT_INPUT_ORDER = 2
 """Embedding order d of the inputs, unless it is given or p is less."""

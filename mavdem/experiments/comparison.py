@@ -1,6 +1,6 @@
 """Comparison of forecasting methods: all are trained and tested on the same windows of flights, then tested in pairs.
 
-The error ratio of a window is its squared error over that of the constant mean, on the whole test part. A flight has
+The error ratio of a window is its squared error over the constant mean's, on the whole test part. A flight has
 the median over its windows, because a single diverged forecast would determine a mean; the worst window is stated
 beside it. Over flights it is the geometric mean of these medians, so that each flight counts once.
 """
@@ -78,7 +78,7 @@ class Comparison:
     The first of the methods is compared with each of the others.
 
     Attributes:
-        windows: windows of all flights; those of one flight have the same number of samples.
+        windows: windows of all flights; all windows of one flight have the same number of samples.
         methods: names of the methods.
         outcomes: a tuple for each window, with the outcome of each method in the order of ``methods``.
     """
@@ -120,7 +120,7 @@ class Comparison:
     def summaries(self, flight: str, kind: ForecastKind = KNOWN_INPUTS) -> tuple[JsonValues, ...]:
         """Returns a summary of each method over the windows of one flight, the lowest median error ratio first.
 
-        The error ratio of a forecast is its mean squared error over that of the constant mean (NMSE), on the whole test
+        The error ratio of a forecast is its mean squared error over the constant mean's (NMSE), on the whole test
         part of a window unless stated otherwise.
 
         Args:
@@ -212,7 +212,7 @@ class Comparison:
                     "inside": known_mean(inside_shares[:, index].tolist()),
                 }
             )
-        # The last horizon is that of the whole test part.
+        # The last horizon is the whole test part.
         whole_test_ratios = ratios[:, -1]
         mean_errors = squared_errors[:, -1].mean(axis=0)
         return {
@@ -232,7 +232,7 @@ class Comparison:
         }
 
     def tests(self, kind: ForecastKind = KNOWN_INPUTS) -> dict[str, Paired]:
-        """Tests whether the errors of the first method over the whole test part differ from those of each other method.
+        """Tests whether the first method's errors over the whole test part differ from each other method's errors.
 
         Windows of a flight resemble each other, so a result for flights in general needs flights as pairs. With fewer
         than ``MIN_PAIRS`` flights no test could find a difference, and the windows of all flights are the pairs
@@ -242,7 +242,7 @@ class Comparison:
             kind: kind of forecast, by the data that it may use.
 
         Returns:
-            The result by name of the other method, with the first method's error over that of the other.
+            The result by name of the other method, with the first method's error over the other's.
         """
         first_method, *other_methods = self.methods_of(kind)
         if len(self.flights) >= MIN_PAIRS:

@@ -56,7 +56,7 @@ class ForecastErrors(NamedTuple):
     rmse: Array
     """Root mean squared errors (m,), in the units of the outputs."""
     error_ratio: float
-    """Mean squared error over that of the constant mean."""
+    """Mean squared error over the constant mean's."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -125,7 +125,7 @@ class HeldOut(ImmutableResult):
         return np.sqrt(self.squared_errors(name).mean(axis=0))
 
     def error_ratio(self, name: HeldOutForecast = FORECAST) -> float:
-        """Returns the mean squared error of one kind of forecast, relative to that of the constant mean.
+        """Returns the mean squared error of one kind of forecast, relative to the constant mean's.
 
         Args:
             name: name of the forecast.
@@ -152,7 +152,7 @@ class HeldOut(ImmutableResult):
         return {name: float((self.error_ratios(name) > 1).mean()) for name in BASELINES}
 
     def error_ratios(self, baseline: HeldOutForecast = CONSTANT_MEAN) -> Array:
-        """Returns the mean squared error of the forecast in each window (W,), relative to that of a baseline.
+        """Returns the mean squared error of the forecast in each window (W,), relative to a baseline's.
 
         Args:
             baseline: name of the baseline.
@@ -172,8 +172,8 @@ class HeldOut(ImmutableResult):
     def coverage(self) -> float:
         """Share of the samples inside the 90 % band of the forecast: 0.9 if the widths of the bands are right.
 
-        All windows and outputs count. Samples without a forecast are left out; those of a forecast that overflowed are
-        outside. The share is 0 if nothing was forecast.
+        All windows and outputs count. Samples without a forecast are left out; samples of a forecast that overflowed
+        are outside. The share is 0 if nothing was forecast.
         """
         forecast = self.forecasts[FORECAST]
         # Windows of a part whose model failed have NaN in both.
@@ -210,12 +210,12 @@ def held_out_windows(
     Args:
         flights: segments of one vehicle, sampled alike.
         settings: settings of the fits; ``Settings()`` unless given.
-        steps: number of samples of a window; those of 1.5 s unless given.
+        steps: number of samples of a window; as many as 1.5 s have unless given.
         progress: function that is called with the share of the folds that are done, 0 to 1.
 
     Returns:
-        All windows in the order of time, with their forecasts and those of the baselines. Windows whose model could not
-        be learned have NaN, and the reason is in ``failures``.
+        All windows in the order of time, with their forecasts and the baselines' forecasts. Windows whose model could
+        not be learned have NaN, and the reason is in ``failures``.
 
     Raises:
         ValueError: too little flight for a window in any part.

@@ -84,7 +84,7 @@ class Outcome:
         Returns:
             Values by key. ``failure``, ``stable``, ``cautions`` and ``seconds`` are as in this class. ``mspe`` has the
             mean squared errors over the whole test part, by output and in total. Two lists have a value for each
-            horizon: ``relative``, the error over that of the constant mean, and ``inside_90_percent_band``, the share
+            horizon: ``relative``, the error over the constant mean's, and ``inside_90_percent_band``, the share
             of samples inside the band, ``None`` without a band.
         """
         errors = self.mspe(kind)
@@ -158,7 +158,7 @@ def infinite_scores(method: Method, window: Window) -> dict[ForecastKind, Scores
         window: the window, whose test part gives horizons and number of outputs.
 
     Returns:
-        Scores by kind of forecast, of the same shapes as those of a method that succeeds.
+        Scores by kind of forecast, of the same shapes as for a method that succeeds.
     """
     test = window.test
     output_count = test.outputs.shape[1]

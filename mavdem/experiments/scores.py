@@ -1,4 +1,4 @@
-"""Scores: squared errors of one method's forecasts of one window, relative to those of the constant mean.
+"""Scores: squared errors of one method's forecasts of one window, relative to the constant mean's.
 
 A test part of H samples is forecast in pieces of k steps: at every k-th sample a forecast starts from all data before
 it. So each sample counts once at every horizon, forecasts do not overlap, the error is the mean *up to* the k-th step,
@@ -22,7 +22,7 @@ REFERENCE_RATE = 100.0
 """Hz, the sampling rate that ``HORIZONS`` are counted at. At higher rates horizons last as long as at this one."""
 
 HORIZONS = (*learner.DEFAULT_HORIZONS, round(FORECAST_HORIZON_SECONDS * REFERENCE_RATE))
-"""Horizons in steps of ``REFERENCE_RATE``: those of the online learner, and that of the paper, 150."""
+"""Horizons in steps of ``REFERENCE_RATE``: the horizons of the online learner, and the paper's, 150."""
 
 
 class ForecastKind(StrEnum):
@@ -55,7 +55,7 @@ class Scores(NamedTuple):
 
     @property
     def ratio(self) -> Array:
-        """Error ratio at each horizon (K,): squared error over that of the constant mean, below 1 where it is better.
+        """Error ratio at each horizon (K,): squared error over the constant mean's, below 1 where it is better.
 
         Outputs differ in unit, so each counts in units of its variance in training. The ratio is the normalised mean
         squared error (NMSE) of system identification; 1 minus it is the skill score of meteorology.
@@ -115,7 +115,7 @@ def horizons(samples: int, dt: float) -> tuple[int, ...]:
         dt: sampling step, s.
 
     Returns:
-        Steps: those of ``HORIZONS`` that are shorter than the test part, and its whole length.
+        Steps: the ``HORIZONS`` that are shorter than the test part, and its whole length.
     """
     steps = list(HORIZONS)
     if dt < 1 / REFERENCE_RATE:
@@ -154,7 +154,7 @@ def baseline_errors(train: Flight, test: Flight) -> BaselineErrors:
 
 
 def relative_mspe(train: Flight, test: Flight, forecast: ArrayLike) -> float:
-    """Computes the error ratio of a forecast: its MSPE over that of the training mean.
+    """Computes the error ratio of a forecast: its MSPE over the training mean's.
 
     The errors of outputs are added up in units of their training variance. Below 1 the forecast is better than the
     mean.

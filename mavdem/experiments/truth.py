@@ -20,7 +20,7 @@ from mavdem.flight import Flight
 from mavdem.plant import Physical, WindTorque
 
 MAX_RATE_DIFFERENCE = 0.3
-"""Largest difference of a flight's rate from that of its truth file, root mean square over standard deviation. It is
+"""Largest difference of a flight's rate from its truth file's, root mean square over standard deviation. It is
 0.01 in simulated flights of 100 Hz, and 1.4 with the truth of another flight."""
 
 MOTOR_UNIT = "µs"
@@ -229,7 +229,7 @@ def compare_with_truth(
 def compared_effects(
     physical: Physical, flight: Flight, truth: Truth, time: Array
 ) -> Iterator[ComparedParameter]:
-    """Yields the control effectiveness of each motor and the mean of their magnitudes, beside their truth.
+    """Yields the control effectiveness of each motor and the mean of their magnitudes, with the true values.
 
     The effectiveness is the angular acceleration by a change of a motor's output, rad/s² per µs of pulse width.
 

@@ -19,7 +19,7 @@ TRAIN_SECONDS = 7.0
 SHORT_TEST_FRACTION = 6
 """Ratio of a flight to the test part that is offered where the flight is too short for the window.
 
-It is about that of the defaults, 8.5 s to 1.5 s.
+It is about the defaults' ratio, 8.5 s to 1.5 s.
 """
 
 
@@ -163,7 +163,7 @@ def windows(
         flight: the flight.
         train: number of samples of each training part; 7 s unless given.
         test: number of samples of each test part; 1.5 s unless given.
-        hop: number of samples from the start of a window to that of the next; half a window unless given.
+        hop: number of samples from the start of a window to the start of the next; half a window unless given.
 
     Returns:
         The windows in order of time; none if the flight is too short.
@@ -201,7 +201,7 @@ def required_windows(
         flight: the flight.
         train: length of each training part; None for 7 s.
         test: length of each test part; None for 1.5 s.
-        hop: samples from the start of a window to that of the next; None for half a window.
+        hop: samples from the start of a window to the start of the next; None for half a window.
 
     Returns:
         The windows, at least one.

@@ -112,7 +112,7 @@ class Loop(Margins):
 
     @cached_property
     def plant_response(self) -> PlantResponse:
-        """The frequency responses of all plants, behind the gyro's filters."""
+        """The frequency responses of all plants, after the gyro's filters."""
         if self.shared_plant_response is not None:
             return self.shared_plant_response
         return plant_response(self.controller, self.effectiveness, self.dynamics, self.grid)

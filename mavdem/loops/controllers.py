@@ -133,7 +133,7 @@ class Controller(ImmutableResult):
     error_notches: tuple[Notch, ...] = ()
     """Notch filters of the rate's error, before its low-pass."""
     gyro_filter: float
-    """Second-order low-pass of the gyro. Rates are controlled and logged behind it and the ``notches``."""
+    """Second-order low-pass of the gyro. Rates are controlled and logged after it and the ``notches``."""
     notches: tuple[Notch, ...] = ()
     """Notch filters of the gyro."""
     gyro_rate: float = 1000.0
@@ -261,7 +261,7 @@ class Controller(ImmutableResult):
         thrust_command = self._thrust_command(outputs)
         thrust = (1 - self.thrust_expo + self.thrust_expo * thrust_command) * thrust_command
         if 0 < step < TYPICAL_ROTOR_LAG:
-            # With a lag τ dx/dt = y − x of the speed x behind its command y, the thrust x² obeys
+            # With a lag τ dx/dt = y − x of the speed x after its command y, the thrust x² obeys
             # (τ/2) d(x²)/dt = x y − x². Written as a linear lag of thrust, x² follows y² − (y − x)².
             speed_error = _rotor_speed_error(np.sqrt(thrust), step)
             thrust = thrust - ROTOR_LAG_CORRECTION * speed_error**2

@@ -48,7 +48,7 @@ class GyroNoise(NamedTuple):
     frequency: Array
     """Frequencies (F,), Hz."""
     density: Array
-    """Spectral density (F,) of the rate behind the gyro's filters, (rad/s)²/Hz."""
+    """Spectral density (F,) of the rate after the gyro's filters, (rad/s)²/Hz."""
     is_measured: bool
     """Whether the log shows the noise; if it is too slow for that, white noise is assumed."""
 

@@ -1,4 +1,4 @@
-"""Frequency responses of the gyro's low-pass and notch filters, behind which an autopilot controls and logs rates.
+"""Frequency responses of the gyro's low-pass and notch filters, after which an autopilot controls and logs rates.
 
 The filters are second-order analog ones made discrete by the bilinear transform, so that their response is that of the
 analog one at the warped frequency tan(π f / rate). Sources: ``LowPassFilter2p`` and ``NotchFilter`` of

@@ -291,7 +291,7 @@ def _infinite_if_nan(values: Array) -> Array:
 
 
 class PlantResponse(NamedTuple):
-    """Frequency responses of N plants behind the gyro's filters, at F frequencies, which no gain changes.
+    """Frequency responses of N plants after the gyro's filters, at F frequencies, which no gain changes.
 
     They take as long to compute as all that follows from them for one controller.
     """

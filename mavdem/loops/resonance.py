@@ -1,7 +1,7 @@
 """Resonance of a rate loop: in the response of the body rate to its setpoint, or in the rate's own spectrum.
 
 The response from setpoint r to rate p is estimated as T = S_rp / S_rr by Welch's method. Where the wind and not the
-pilot moves the vehicle, the setpoint only answers the rate through the attitude controller, r = −K p / s, and the
+pilot moves the vehicle, the setpoint only responds to the rate through the attitude controller, r = −K p / s, and the
 estimate would be −s / K however coherent both are. So frequencies are left out at which x = r + K p / s, what pilot or
 navigation ask for, has less than half of the power of r.
 

@@ -18,7 +18,7 @@ from mavdem.plant.sampled_plant import SampledPlant, sampled_plant
 from mavdem.plant.wind_torque import mean_external_torque
 
 WIND_STATES = 3
-"""Index of the wind torque's first state, behind the angle, the rate and the motors' torque."""
+"""Index of the wind torque's first state, after the angle, the rate and the motors' torque."""
 
 
 def simulate_response(physical: Physical, record: Record, inputs: ArrayLike) -> Forecast:

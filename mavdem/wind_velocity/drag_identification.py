@@ -47,7 +47,7 @@ from mavdem.wind_velocity.vehicle_drag import (
 GUST_SECONDS = 3.0
 """Averaging time of a gust, s (WMO-No. 8, Guide to Instruments and Methods of Observation, vol. I, ch. 5).
 
-Winds that were measured beside the vehicle are averaged over it as well: only their slow part is the same air.
+Winds that were measured near the vehicle are averaged over it as well: only their slow part is the same air.
 """
 
 STEERED_SECONDS = 2.0
@@ -115,8 +115,8 @@ MAX_ITERATIONS = 40
 REPEATED_CHANGE = 0.5
 """Change of the log posterior over two iterations, in nats, below which the search repeats itself.
 
-A choice, small beside the 3 nats that are strong evidence. On 46 recorded and simulated flights the search then ends
-after 0.82 of the iterations, and the highest posterior is lower by 0.3 nats at most.
+A choice, small compared with the 3 nats that are strong evidence. On 46 recorded and simulated flights the search then
+ends after 0.82 of the iterations, and the highest posterior is lower by 0.3 nats at most.
 """
 
 SETTLED_CHANGE = 5.0

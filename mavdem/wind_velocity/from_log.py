@@ -478,7 +478,7 @@ def _has_valid_velocity(telemetry: Telemetry, boot: int, time: Array) -> Flags:
 
 
 def horizontal_velocity_valid(flags: Any) -> Any:
-    """Returns whether the flags of an estimator, integers of any shape, say that it knows the velocity.
+    """Returns whether the flags of an estimator, integers of any shape, state that its velocity is valid.
 
     It must not assume a standstill.
     """

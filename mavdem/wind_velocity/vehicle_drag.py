@@ -63,7 +63,8 @@ LEAN_SD = 0.18
 LEAN_CHANGE_SD = 0.1
 """Standard deviation of the part of the lean that changes from flight to flight, m/s².
 
-It is that of a Solo beside an anemometer. PX4's simulator draws 0.05 to 0.4 m/s² of accelerometer bias a flight.
+It was measured with a Solo next to an anemometer. PX4's simulator draws 0.05 to 0.4 m/s² of accelerometer bias a
+flight.
 """
 
 HALF_AIR_DENSITY = 1.225 / 2

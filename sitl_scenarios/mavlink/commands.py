@@ -221,7 +221,7 @@ class CommandHandler:
         Args:
             command: Number of the MAV_CMD.
             first: First parameter of the command; a value that is not finite is denied.
-            second: Second parameter of the command.
+            second: Second parameter of the command. What both parameters mean depends on the command.
 
         Returns:
             MAV_RESULT that acknowledges it.

@@ -1,6 +1,6 @@
 """Messages of instruments: MAVLink payload fields of barometer, satellites, vibration, power and estimator.
 
-Fields, units and scales are those of https://mavlink.io/en/messages/common.html and ardupilotmega.html,
+Fields, units and scales follow https://mavlink.io/en/messages/common.html and ardupilotmega.html,
 filled as PX4's ``src/modules/mavlink/streams`` and ArduPilot's ``GCS_Common.cpp`` fill them.
 """
 
@@ -241,8 +241,8 @@ def charge_share(motion: InstrumentedMotion, battery: int) -> NDArray[Any]:
 def _battery_fields(motion: InstrumentedMotion, boot_microseconds: NDArray[np.int64]) -> Fields:
     """Returns the fields of BATTERY_STATUS; two batteries are reported in turn, every other second.
 
-    Units are those of the message: mV, A / 100, mAh and percent. An autopilot that does not know the voltage of single
-    cells sends the battery's voltage as that of the first cell.
+    Units are as in the message: mV, A / 100, mAh and percent. An autopilot that does not know the voltage of single
+    cells sends the battery's voltage as the first cell's.
 
     Args:
         motion: N samples of the flight.
@@ -302,7 +302,7 @@ def system_status_fields(motion: InstrumentedMotion, sensors: int) -> Fields:
 def flight_modes(motion: InstrumentedMotion, autopilot: Autopilot) -> NDArray[Any]:
     """Returns base and custom mode of each row, as HEARTBEAT reports them.
 
-    They are those of the flight plan, which depend on the landed state, except where a pilot or a failsafe flies.
+    They are the flight plan's, which depend on the landed state, except where a pilot or a failsafe flies.
 
     Args:
         motion: N rows of the flight; ``mode`` is 0 where the plan is flown.

@@ -1,6 +1,6 @@
 """Messages: MAVLink payloads filled from a simulated flight, and the parameters that the simulated autopilot reports.
 
-Fields, units and signs are those of the definitions (https://mavlink.io/en/messages/common.html): angles rad, body
+Fields, units and signs follow the definitions (https://mavlink.io/en/messages/common.html): angles rad, body
 rates rad/s, north-east-down m and m/s, PWM µs; parameters travel in PARAM_VALUE's float as
 https://mavlink.io/en/services/parameter.html#parameter-encoding has it.
 """
@@ -129,7 +129,7 @@ def message_payloads(
         case "ATTITUDE_QUATERNION":
             fields |= named_columns("q1 q2 q3 q4", motion.known_attitude) | rates
         case "HIGHRES_IMU":
-            # This simulation has no accelerometer: its specific force is always that of hover.
+            # This simulation has no accelerometer: its specific force is always as in hover.
             fields = {"time_usec": boot_microseconds, "zacc": -GRAVITY}
             fields |= named_columns("xgyro ygyro zgyro", motion.gyro)
         case "ATTITUDE_TARGET":
@@ -278,7 +278,7 @@ class Parameter(NamedTuple):
                 value being converted (ArduPilot).
 
         Returns:
-            The float.
+            The float. If bytes were copied, its value as a number means nothing.
         """
         if bitwise and self.kind != REAL32:
             integer_bytes = struct.pack("<i", int(self.value))
@@ -296,7 +296,7 @@ class Parameter(NamedTuple):
 def parameters(scenario: Scenario, autopilot: Autopilot) -> list[Parameter]:
     """Lists all parameters that the autopilot of a scenario reports.
 
-    They are the autopilot's fixed ones, those of the MAVLink system id and the frame, and those of its controllers.
+    They are the autopilot's fixed ones, the MAVLink system id, the frame, and the parameters of its controllers.
     Where several have the same name, the value of the controllers counts.
 
     Args:

@@ -276,7 +276,7 @@ class Transmitter:
         An event has its time, s after arming, and a function of the time on the motion's clock that triggers it.
 
         Yields:
-            The events; those of the second ground station are repeated until the end of the scenario.
+            The events; the second ground station's are repeated until the end of the scenario.
         """
         faults = self._scenario.faults
         if faults.mavproxy_rate:
@@ -488,10 +488,10 @@ class LossyLink:
 
 
 def with_second_sender(scenario: Scenario, received_frames: list[TimedFrame]) -> list[TimedFrame]:
-    """Returns the frames that arrive, with those of a second link or a second vehicle if the mishap has one.
+    """Returns the frames that arrive, with the frames of a second link or a second vehicle if the mishap has one.
 
     The second vehicle flies the same plan elsewhere, with another seed and another boot clock, and counts its own
-    frames. Its stream begins half a second after that of the first.
+    frames. Its stream begins half a second after the first stream.
 
     Args:
         scenario: Scenario of the flight.

@@ -1,4 +1,4 @@
-"""Instruments: what sensors and power module of a simulated vehicle measure in each cycle, beside its motion."""
+"""Instruments: what sensors and power module of a simulated vehicle measure in each cycle, apart from its motion."""
 
 from __future__ import annotations
 
@@ -78,9 +78,9 @@ FORCE_NOISE_PER_VIBRATION = 0.1
 """Standard deviation of the accelerometer, m/s², for each m/s² of added vibration; a choice."""
 
 IMPACT_DIRECTION = (0.5, -0.4, -0.7)
-"""Share of the acceleration of an impact on the ground that each body axis of the accelerometer feels; a choice.
+"""Share of the acceleration of an impact on the ground that each body axis of the accelerometer measures; a choice.
 
-The ground pushes upwards against the vehicle, and turns it, so that no axis feels all of it.
+The ground pushes upwards against the vehicle, and turns it, so that no axis measures all of it.
 """
 
 IMPACT_CLIPS = 2
@@ -90,7 +90,7 @@ USED_CELL_VOLTAGE = 3.5
 """Voltage without load, V, with which each cell of a second battery that will be empty begins the flight; a choice."""
 
 SECOND_BATTERY_SHARE = 0.25
-"""Current of the second battery by that of the first, of a vehicle with two; a choice."""
+"""Current of the second battery divided by the first battery's, of a vehicle with two; a choice."""
 
 NO_BATTERY = np.nan
 """Voltage of a battery that is not there."""
@@ -195,7 +195,7 @@ class Instruments:
 
         All measurements depend on the rotor speeds relative to hover. Thrust, and the imbalance that shakes the frame,
         are proportional to the square of the rotor speeds, and the power, and so the current, to their cube. The method
-        must be called once per cycle, since noise and clipped samples continue those of the cycle before.
+        must be called once per cycle, since noise and clipped samples continue from the cycle before.
 
         Args:
             time: Seconds after arming.

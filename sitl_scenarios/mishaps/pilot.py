@@ -25,7 +25,7 @@ from sitl_scenarios.vectors import euler_angles
 from sitl_scenarios.vehicles import GRAVITY, Airframe
 
 MODES = ("plan", "stabilize", "flip", "land")
-"""Flight modes: that of the flight plan, and those in which pilot or failsafe fly."""
+"""Flight modes: the flight plan's, and the modes in which pilot or failsafe fly."""
 
 PILOT_SECONDS = 4.0
 """Time for which a pilot flies by hand before closing the throttle, s; a choice."""
@@ -114,9 +114,9 @@ class Pilot:
         return self.body.command_for(self.body.hover_speed) / self.body.full_command
 
     def reference(self, time: float, estimate: State, planned: Reference) -> Reference:
-        """Returns the setpoints that are flown: those of the plan, except in a landing without a position.
+        """Returns the setpoints that are flown: the plan's, except in a landing without a position.
 
-        It is called first in each cycle, and sets ``mode`` and ``throttle_stick`` to those of these setpoints;
+        It is called first in each cycle, and sets ``mode`` and ``throttle_stick`` to suit these setpoints;
         :meth:`control` may then change them.
 
         Args:
@@ -199,7 +199,7 @@ class Pilot:
             thrust: Thrust of all rotors, as a multiple of the weight.
 
         Returns:
-            Pulse widths of the motors, µs, and the demands and setpoints behind them.
+            Pulse widths of the motors, µs, and the demands and setpoints that led to them.
         """
         _, _, yaw = euler_angles(estimate.attitude)
         return self.controller.attitude_control(
@@ -279,7 +279,7 @@ class Pilot:
     def _run_on_bench(self, bench: BenchRun, time: float, estimate: State) -> ControlOutput:
         """Raises the throttle from idle and lowers it again, and moves the sticks of roll and pitch meanwhile.
 
-        The vehicle is tied down, so the controller answers setpoints that the attitude cannot follow.
+        The vehicle is tied down, so the controller responds to setpoints that the attitude cannot follow.
 
         Args:
             bench: The bench run, with its highest throttle.

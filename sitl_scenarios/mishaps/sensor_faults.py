@@ -1,6 +1,6 @@
 """Faults of sensors and estimator: what the autopilot measures and estimates wrongly, cycle by cycle.
 
-The estimated height is that of a complementary filter: the accelerometer integrated twice, and drawn to the barometer
+The estimated height comes from a complementary filter: the accelerometer integrated twice, and drawn to the barometer
 with the natural frequency ``HEIGHT_FILTER_FREQUENCY``, critically damped. Its error e (upwards, m) by a bias b of the
 accelerometer and an error z of the barometer follows ë = −b − 2ω ė − ω² (e − z).
 """
@@ -23,7 +23,7 @@ from sitl_scenarios.mishaps.specs import (
 from sitl_scenarios.vectors import Quaternion
 
 HEIGHT_FILTER_FREQUENCY = 0.5
-"""Natural frequency of the estimated height's filter, rad/s: that of ArduPilot's AP_InertialNav, 2 s."""
+"""Natural frequency of the estimated height's filter, rad/s, as in ArduPilot's AP_InertialNav with 2 s."""
 
 RESET_SECONDS = 0.3
 """Time constant with which an estimate that ran away comes back once its cause is gone, s; a choice."""
@@ -68,7 +68,7 @@ class Readings:
     satellites: int = 14
     """Satellites that are used."""
     vibration: float = 0.0
-    """Vibration beyond that of a sound vehicle, m/s²."""
+    """Vibration beyond a sound vehicle's, m/s²."""
     force_bias: float = 0.0
     """What the accelerometer reads too little of the upward force, m/s²."""
     position_ratio: float = 0.0

@@ -113,7 +113,7 @@ class InstrumentedSimulation(Simulation):
         return self._sensor_faults.faulty_estimate(self._flight_time, state, estimate)
 
     def _reference(self, estimate: State) -> Reference:
-        """Returns the setpoints that are flown: those of the plan, as pilot, failsafe and mishap change them.
+        """Returns the setpoints that are flown: the plan's, as pilot, failsafe and mishap change them.
 
         Args:
             estimate: The estimated state.
@@ -162,7 +162,7 @@ class InstrumentedSimulation(Simulation):
                 self._announcements.appendleft(Announcement(time, text, severity))
 
     def _control_output(self, estimate: State, reference: Reference) -> ControlOutput:
-        """Returns the output of the pilot or the failsafe, if one of them flies, or else that of the plan's autopilot.
+        """Returns the output of the pilot or the failsafe, if one of them flies, or else of the plan's autopilot.
 
         Args:
             estimate: The estimated state.

@@ -40,7 +40,7 @@ class Announcement(NamedTuple):
 def announcements(mishap: Mishap | None, *, is_px4: bool, duration: float) -> list[Announcement]:
     """Returns the texts that the autopilot sends about a mishap, as far as their times are known before the flight.
 
-    Texts whose times depend on the motion, such as that of a crash check, are sent by the simulation itself.
+    Texts whose times depend on the motion, such as the text of a crash check, are sent by the simulation itself.
 
     Args:
         mishap: Mishap of the flight; None for a flight without one.

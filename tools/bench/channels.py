@@ -21,7 +21,7 @@ ROWS = 6500
 """Messages of each channel: 65 s at 100 Hz."""
 
 COLUMN_COUNTS = (2, 4, 2, 4, 1, 5, 1, 1, 2, 2)
-"""Columns of each channel, as those of a learned flight."""
+"""Columns of each channel, as in a learned flight."""
 
 
 def made_up_series() -> dict[str, Series]:

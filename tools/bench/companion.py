@@ -284,7 +284,7 @@ def live_run(rate: float, python: str, checkout: Path, core: int, group: Path | 
 def table_row(run: LiveRun, rate: float) -> dict[str, object]:
     """Returns the row of a run, by the headers of the table.
 
-    The processor time is that of all processes of the session together, from the first message to the last.
+    The processor time is summed over all processes of the session, from the first message to the last.
 
     Args:
         run: the live session, with its document, the lines that it printed, and its use of the machine over time.

@@ -162,7 +162,7 @@ def _jittered_row(
         elif value is not None:
             columns[name] = value * factor
     if row.vehicle_basis is not None:
-        # The name of the real vehicle stays part of the name, which is as long as those of real ones.
+        # The name of the real vehicle stays part of the name, which is as long as real names.
         columns["vehicle"] = f"{row.vehicle}{columns['vehicle']}"
     else:
         del columns["vehicle"]
@@ -472,7 +472,7 @@ CLUSTER_HEADER = ["workers", "s", "logs/s", "times one worker", "flights in the 
 def cluster(logs: tuple[Path, ...], max_logs: int) -> None:
     """Reads LOGS on clusters of 1, 2 and 4 workers, and again where a worker is killed half way.
 
-    The time is that of the command, with its start and that of the readers. Each row is printed as it comes.
+    The time includes the start of the command and of the readers. Each row is printed as it comes.
     """
     sources, _ = find_logs([str(log) for log in logs])
     sources.sort(key=lambda source: source.size)

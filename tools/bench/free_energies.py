@@ -7,7 +7,7 @@ The first table has two figures of each recorded flight.
   VAR. Both approximate the log evidence of the same samples in the same units: rad, rad/s and that of the motors. The
   first 20 samples are given.
 - The log density of angle and rate in the 1.5 s after them, which no model was trained on, each sample given the motors
-  up to it and all samples before it. DEM's plant has one too. The errors' covariance is that of the training data.
+  up to it and all samples before it. DEM's plant has one too. The errors' covariance is taken from the training data.
 
 The second table has the squared error of forecasts that start anew at every k-th sample over that of joint VAR(10),
 motors known, or joint VAR(4), motors unknown: geometric means over flights. Half A are the flights whose name has an
@@ -47,7 +47,7 @@ DEM_PLANT = "DEM's plant"
 """DEM's model with the motors as causes."""
 
 MODELS = ("closed loop", "DEM's joint model")
-"""Models whose forecasts the second table compares with those of joint VARs."""
+"""Models whose forecasts the second table compares with the forecasts of joint VARs."""
 
 
 class FlightFigures(NamedTuple):
@@ -62,7 +62,7 @@ class FlightFigures(NamedTuple):
     log_densities: dict[str, float]
     """Mean log density of the outputs of a sample of the test part by model, nats."""
     error_ratios: dict[tuple[str, ForecastKind, int], float]
-    """Squared error over that of the joint VAR, by model, kind of forecast and number of steps."""
+    """Squared error over the joint VAR's, by model, kind of forecast and number of steps."""
     closed_loop: ClosedLoop
     """The closed loop."""
 
@@ -110,7 +110,7 @@ def flight_figures(window: Window) -> FlightFigures:
 
     joint = learned.joint
     rows = len(train) - GIVEN_SAMPLES
-    # F̄ of the joint VAR is that of samples in units of their standard deviations.
+    # F̄ of the joint VAR is of samples in units of their standard deviations.
     log_scale = np.log(joint.process.scaling.scale).sum()
     free_energy = closed_loop.free_energy
     free_energies = {
@@ -157,7 +157,7 @@ def _errors(model: Forecaster, kind: ForecastKind, window: Window) -> dict[int, 
         window: the window.
 
     Returns:
-        Mean squared error of the forecasts over that of the constant mean, by number of steps.
+        Mean squared error of the forecasts over the constant mean's, by number of steps.
     """
     method = Method("", learn, predicts=True)
     scores, _ = evaluate_model(method, window, model)

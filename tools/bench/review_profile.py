@@ -3,8 +3,8 @@
 
 Usage: tools/bench/review_profile.py LOG [--before CHECKOUT]
 
-A stage has the processor time of its functions without that of other stages within them. The functions are wrapped in a
-process of their own, so that the same stages can be measured in another checkout; a function that is missing there
+A stage has the processor time of its functions without the time of other stages within them. The functions are wrapped
+in a process of their own, so that the same stages can be measured in another checkout; a function that is missing there
 counts to the stage that calls its code.
 """
 
@@ -110,7 +110,7 @@ def measure(log: str) -> dict[str, float]:
         log: path of the log.
 
     Returns:
-        Seconds by name of the stage; imports are the first.
+        Processor time by name of the stage, s; imports are the first.
     """
     from mavdem.cli.commands import main
 

@@ -210,7 +210,7 @@ def list_command(logs: tuple[Path, ...], flights: int, library: str | None) -> N
 def multiply_flights(folder: Path, count: int) -> None:
     """Adds flights to a library until it has so many, each with entry, rows and result files of one that is there.
 
-    Its vehicle, date, wind and gains differ from those of the original.
+    Its vehicle, date, wind and gains differ from the original's.
 
     Args:
         folder: folder of the library, with at least one flight that was read.

@@ -263,7 +263,7 @@ def live(_: tuple[Path, ...]) -> None:
     """Prints what `mavdem live` costs: latency from a datagram's arrival to its estimate, and CPU seconds in all.
 
     The kernel stamps the arrival. A simulated flight is sent by another process over UDP for half a minute; dashboard
-    and raw stream are recorded. CPU seconds are those of the session with its workers.
+    and raw stream are recorded. CPU seconds are spent by the session with its workers.
 
     Args:
         _: logs, which this benchmark does not use.

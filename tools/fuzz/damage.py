@@ -141,7 +141,7 @@ def spliced(content: bytes, chance: random.Random, other_content: bytes) -> byte
 
 
 def with_huge_numbers(content: bytes, chance: random.Random, _: bytes) -> bytes:
-    """Returns a log in which bytes at some random places are those of a huge number, infinity or NaN.
+    """Returns a log in which bytes at some random places encode a huge number, infinity or NaN.
 
     Args:
         content: bytes of the log.
@@ -288,7 +288,7 @@ class DamagedLog(NamedTuple):
     """Bytes of the copy."""
 
     ending: str
-    """Ending under which it is given, which may be that of another format."""
+    """Ending under which it is given, which may belong to another format."""
 
     name: str
     """Name of the damage."""

@@ -41,7 +41,7 @@ MAX_FLIGHTS = 6
 """Most flights with gains of mavdem. An autopilot's tuner flies once."""
 
 TUNER_GRID = FrequencyGrid(0.05, 60.0, 150)
-"""Frequencies with which the autopilot's tuners are simulated: coarser than those of the result, for speed."""
+"""Frequencies with which the autopilot's tuners are simulated: coarser than the result's, for speed."""
 
 MEDIANS = ["bandwidth", "Ms", "lean", "flights"]
 """Columns with medians."""

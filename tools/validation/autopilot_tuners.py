@@ -81,7 +81,7 @@ def parameters_of(loop: Loop, gains: TunedGains, integral_ratio: float | None = 
     Args:
         loop: the loops, which give the autopilot and the axis.
         gains: P, D and the gain of the attitude controller.
-        integral_ratio: ratio of I to P, 1/s; that of the autopilot's defaults unless given.
+        integral_ratio: ratio of I to P, 1/s; the autopilot's default unless given.
     """
     defaults = ARDUPILOT_DEFAULTS if loop.controller.is_ardupilot else PX4_DEFAULTS
     if integral_ratio is None:

@@ -53,7 +53,7 @@ ROLL_GAIN_FACTOR = 0.7
 """Factor of P of roll in the last flight."""
 
 REMAINING_THRUST = 0.85
-"""Thrust of the weak motor, as a share of that of a sound one."""
+"""Thrust of the weak motor, as a share of a sound motor's."""
 
 COMPARISONS = {
     "same": ("first", "second"),
@@ -91,7 +91,7 @@ def evaluate_vehicle(seed: int, rate: float, with_models: bool) -> list[Values]:
         with_models: whether a model is learned of each flight.
 
     Returns:
-        A row for each of the ``COMPARISONS``, without those of flights in which the vehicle tumbles.
+        A row for each of the ``COMPARISONS``, without flights in which the vehicle tumbles.
     """
     scenario, _ = drawn_flight(seed)
     parameters = scenario.vehicle.parameters

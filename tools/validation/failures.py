@@ -73,8 +73,8 @@ GAINS = ("ATC_RAT_", "ATC_ANG_", "MC_ROLL", "MC_PITCH", "MC_YAW")
 SERIOUS = (Level.BAD, Level.WATCH)
 """Levels of facts by which a review says that something is wrong."""
 
-VERDICTS = ("right", "none", "wrong")
-"""What :func:`verdict` says of a review: it states the mishap, misses it, or states another one."""
+REVIEW_RESULTS = ("right", "none", "wrong")
+"""Results of :func:`review_result`: the review states the mishap, misses it, or states another one."""
 
 
 def scenario(kind: str, number: int) -> Scenario:
@@ -146,32 +146,34 @@ def without_gains(log: Log) -> Log:
     return replace(log, vehicles=tuple(vehicles))
 
 
-class Statement(NamedTuple):
-    """Something that a review says."""
+class ReportedFact(NamedTuple):
+    """A fact (a coded finding with the numbers of its sentence) that a review reports, and where."""
 
     fact: Fact
+    """The finding, with its code, its level, and what it is about (its subject)."""
+
     place: str
-    """Where it says it: "headline", "cause", "event", or the name of a light."""
+    """Where the review reports it: "headline", "cause", "event", or the name of a light."""
 
 
-def statements(review: Assessment) -> Iterator[Statement]:
-    """Yields what a review says: headline, causes, lights and events, in this order.
+def reported_facts(review: Assessment) -> Iterator[ReportedFact]:
+    """Yields the facts that a review reports: headline, causes, lights and events, in this order.
 
     Args:
         review: the review. A fact among the figures of the headline is a cause.
 
     Yields:
-        Each statement with the place at which the review makes it.
+        Each fact with the place at which the review reports it.
     """
     headline = review.headline
-    yield Statement(headline, "headline")
+    yield ReportedFact(headline, "headline")
     for figure in headline.figures.values():
         if isinstance(figure, Fact):
-            yield Statement(figure, "cause")
+            yield ReportedFact(figure, "cause")
     for name, light in review.lights.items():
-        yield Statement(light, name)
+        yield ReportedFact(light, name)
     for event in review.events:
-        yield Statement(event, "event")
+        yield ReportedFact(event, "event")
 
 
 def codes(kind: str, key: str) -> set[str]:
@@ -188,18 +190,21 @@ def motors_named(text: str) -> set[int]:
     return {int(match[1])} if match else set()
 
 
-def is_wrong_statement(statement: Statement, motor: int, permitted: set[str]) -> bool:
-    """Returns whether a statement of a review is wrong: it names a sound motor, or another serious event.
+def is_wrong_fact(reported: ReportedFact, motor: int, permitted: set[str]) -> bool:
+    """Returns whether a fact of a review is wrong: it names a sound motor, or another serious event.
 
     Only the headline, its cause and the light of the motors name a motor as faulty; other lights and events may mention
     motors that worked hard.
 
     Args:
-        statement: the statement.
+        reported: the fact and its place in the review.
         motor: number of the motor that failed; 0 for none.
         permitted: codes that a review of this mishap may have in its headline or the cause.
+
+    Returns:
+        False also for facts of another level than "bad" and "watch".
     """
-    fact, place = statement
+    fact, place = reported
     if fact.level not in SERIOUS:
         return False
     is_prominent = place in ("headline", "cause")
@@ -209,15 +214,15 @@ def is_wrong_statement(statement: Statement, motor: int, permitted: set[str]) ->
     return is_prominent and str(fact.code) not in permitted
 
 
-def states_mishap(statement: Statement, kind: str, motor: int) -> bool:
-    """Returns whether a statement of a review states the mishap, and names the failed motor where it must.
+def states_mishap(reported: ReportedFact, kind: str, motor: int) -> bool:
+    """Returns whether a fact of a review states the mishap, and names the failed motor where it must.
 
     Args:
-        statement: the statement.
+        reported: the fact and its place in the review.
         kind: what went wrong, a key of ``KINDS``.
         motor: number of the motor that failed; 0 for none.
     """
-    fact, place = statement
+    fact, place = reported
     code = str(fact.code)
     is_serious = fact.level in SERIOUS
     is_prominent = place in ("headline", "cause")
@@ -229,15 +234,15 @@ def states_mishap(statement: Statement, kind: str, motor: int) -> bool:
     return is_serious and motor in motors_named(fact.subject)
 
 
-def verdict(kind: str, motor: int, review: Assessment) -> str:
+def review_result(kind: str, motor: int, review: Assessment) -> str:
     """Judges what a review says of a simulated mishap, as "right", "wrong" or "none".
 
-    A review makes statements: its headline, the cause in it, its lights and its events. Each has a code, and
+    A review reports facts: its headline, the cause in it, its lights and its events. Each has a code, and
     failures.toml lists the codes that a kind of mishap expects or permits.
 
     - "wrong": the headline or its cause states a serious event that the kind neither expects nor permits, or a motor
       is named that did not fail.
-    - "right": a serious or prominent statement has an expected code, and names the failed motor where it must; or the
+    - "right": a serious or prominent fact has an expected code, and names the failed motor where it must; or the
       kind needs no alarm, and the headline is none.
     - "none": the review says nothing wrong, but misses the mishap.
 
@@ -247,17 +252,17 @@ def verdict(kind: str, motor: int, review: Assessment) -> str:
         review: the review.
 
     Returns:
-        One of ``VERDICTS``.
+        One of ``REVIEW_RESULTS``.
     """
     permitted = codes(kind, "expected") | codes(kind, "permitted")
     permitted |= set(TABLES["always_permitted"]) | set(TABLES["remarks"])
-    # The lights of tracking, margins and log say nothing of an event, unless they show that of the headline.
+    # The lights of tracking, margins and log say nothing of an event, unless they show the headline's event.
     light_codes = {review.lights[name].code for name in ("tracking", "margins", "log")}
     permitted |= {str(code) for code in light_codes - set(LIGHT_OF_EVENT)}
-    all_statements = list(statements(review))
-    if any(is_wrong_statement(statement, motor, permitted) for statement in all_statements):
+    all_facts = list(reported_facts(review))
+    if any(is_wrong_fact(reported, motor, permitted) for reported in all_facts):
         return "wrong"
-    if any(states_mishap(statement, kind, motor) for statement in all_statements):
+    if any(states_mishap(reported, kind, motor) for reported in all_facts):
         return "right"
     is_remark = str(review.headline.code) in TABLES["remarks"]
     is_alarm = review.headline.level is Level.BAD or is_remark
@@ -274,7 +279,7 @@ def review_row(case: tuple[str, int], folder: Path | None) -> list[Values]:
         folder: folder that keeps the logs of the flights; None to keep none.
 
     Returns:
-        One row: "kind", "half" and "number" of the flight, "verdict", a name of ``VERDICTS``, and as texts the
+        One row: "kind", "half" and "number" of the flight, "verdict", a name of ``REVIEW_RESULTS``, and as texts the
         "vehicle", the "code" and sentence of the "headline", the "lights" of a level of ``SERIOUS``, and those that
         are "false lights". A log that was refused has no vehicle and no code.
     """
@@ -298,7 +303,7 @@ def review_row(case: tuple[str, int], folder: Path | None) -> list[Values]:
     return [
         row
         | {
-            "verdict": verdict(kind, motor, review),
+            "verdict": review_result(kind, motor, review),
             "vehicle": f"{flight.stream.autopilot} {flight.vehicle.frame} {motor}",
             "code": str(review.headline.code),
             "headline": review.headline.sentence,
@@ -309,7 +314,7 @@ def review_row(case: tuple[str, int], folder: Path | None) -> list[Values]:
 
 
 def summary(rows: pd.DataFrame) -> list[Values]:
-    """Returns a line for each kind and half: the number of flights, and of those with each verdict.
+    """Returns a line for each kind and half: the number of flights, and of the flights with each result.
 
     Args:
         rows: rows of :func:`review_row`.
@@ -319,13 +324,13 @@ def summary(rows: pd.DataFrame) -> list[Values]:
     """
     lines = []
     for (kind, half), flights in rows.groupby(["kind", "half"], sort=False):
-        counts = {name: int((flights["verdict"] == name).sum()) for name in VERDICTS}
+        counts = {name: int((flights["verdict"] == name).sum()) for name in REVIEW_RESULTS}
         lines.append({"kind": kind, "half": half, "flights": len(flights), **counts})
     return lines
 
 
 def totals(rows: pd.DataFrame) -> list[Values]:
-    """Returns a line for each half: flights that went wrong, by verdict, and sound flights with a false light.
+    """Returns a line for each half: flights that went wrong, by result, and sound flights with a false light.
 
     Args:
         rows: rows of :func:`review_row`.
@@ -338,7 +343,7 @@ def totals(rows: pd.DataFrame) -> list[Values]:
         failed = flights[flights["kind"] != "sound"]
         sound = flights[flights["kind"] == "sound"]
         line: Values = {"half": half, "flights": len(failed)}
-        for name in VERDICTS:
+        for name in REVIEW_RESULTS:
             line[name] = f"{(failed['verdict'] == name).mean():.0%}" if len(failed) else "–"
         line["sound flights"] = len(sound)
         line["with a false light"] = int((sound["false lights"] != "").sum())

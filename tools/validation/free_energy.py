@@ -34,7 +34,7 @@ def offline_row(learned: Learned) -> dict[str, float]:
     """
     differences = []
     for name, terms_of_samples in learned.free_energy_terms_of_samples().items():
-        # The terms of F̄ are recorded at each iteration of the fit; the last ones are those of the model. Of F(t) there
+        # The terms of F̄ are recorded at each iteration of the fit; the last ones belong to the model. Of F(t) there
         # is one term more, the mean field, which sums to zero over the samples and is not a term of F̄.
         recorded_terms = learned.free_energy.terms.get(name)
         reported = 0.0 if recorded_terms is None else recorded_terms[-1]
@@ -72,7 +72,7 @@ def live_row(flight: Flight) -> dict[str, float]:
         if model is not None and (not models or model is not models[-1]):
             models.append(model)
     sums = np.array([model.free_energy_of_samples.sum() for model in models])
-    # F̄ of a model is that of the last iteration of its fit.
+    # F̄ of a model is F̄ in the last iteration of its fit.
     actions = np.array([model.free_energy[-1] for model in models])
     sample_counts = np.array([len(model.free_energy_of_samples) for model in models])
     return {
@@ -90,7 +90,7 @@ def live_row(flight: Flight) -> dict[str, float]:
 @click.option("--seconds", default=20.0, help="Longest part of a log that is learned from, s.")
 @click.argument("logs", nargs=-1, type=click.Path(exists=True, dir_okay=False, path_type=Path))
 def main(seconds: float, logs: tuple[Path, ...]) -> None:
-    """Prints two tables with a row for each log: the sum of F(t) beside F̄, offline and as streamed.
+    """Prints two tables with a row for each log: the sum of F(t) and F̄, offline and as streamed.
 
     A log from which nothing can be learned is named on standard error with the reason.
 

@@ -1,9 +1,9 @@
 #!/usr/bin/env python
 """Number of flights until the goal is met, where each flight is flown with the advised gains and identified anew.
 
-The vehicles are those of loops.py. After each flight the gains that mavdem advises with --more for all axes are loaded,
-and the vehicle flies again, in other wind of the same kind. The goal is that rate and attitude loop of the true plant
-have the margins that --margins names.
+The vehicles are the ones of loops.py. After each flight the gains that mavdem advises with --more for all axes are
+loaded, and the vehicle flies again, in other wind of the same kind. The goal is that rate and attitude loop of the true
+plant have the margins that --margins names.
 
 The table has one row. "met before" and "met in the end" are the numbers of loops that meet the goal, "lost" those whose
 vehicle tumbled. "flown again" is the number of flights until the goal is met, and "first plant" the same where the

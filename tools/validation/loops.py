@@ -1,7 +1,7 @@
 #!/usr/bin/env python
 """Margins of identified loops compared with the true ones, on flights whose messages are thinned to lower rates.
 
-The flights are simulated ones, drawn at random: those of one half choose a method, those of the other are reported.
+The flights are simulated ones, drawn at random: one half of them chooses a method, the other half is reported.
 They are flown once and kept in --cache. With LOGS, recorded flights are read instead. To thin messages to a rate, one
 of every few is kept. Stamps are exact, as in autopilots' own logs, or with --rounded partly in whole milliseconds, as
 MAVLink sends them.
@@ -193,7 +193,7 @@ def _random_gains(scenario: Scenario, rng: Generator) -> RandomGains:
     """Draws gains of all axes: P, I and D in the proportions of the autopilot's defaults, for a random gain margin.
 
     The loop gain is proportional to the common factor on P, I and D. So the factor that changes the gain margin of the
-    rate loop from that of the defaults to the random one is the difference of the two in dB. The gain of the attitude
+    rate loop from the defaults to the random one is the difference of the two in dB. The gain of the attitude
     controller is drawn by itself.
 
     Args:
@@ -238,7 +238,7 @@ def true_plant(
 ) -> AxisPlant:
     """Returns the true plant of one axis of a simulated vehicle, linearised about given motor outputs.
 
-    The lag is the mean of those with which rotors speed up and slow down. The delay is that of the sensors and half a
+    The lag is the mean of the lags with which rotors speed up and slow down. The delay is the sensors' and half a
     cycle of the controller, for which its output is kept on average.
 
     Args:
@@ -356,7 +356,7 @@ def true_figures_of_flight(scenario: Scenario, motion: Motion) -> FiguresByAxis:
     Returns:
         By axis, the parameters of the plant and the margins of both loops, as :func:`loop_figures` names them.
     """
-    # Pulse widths, µs, become fractions of the range from the pulse of no command to that of full command.
+    # Pulse widths, µs, become fractions of the range from the pulse of no command to the pulse of full command.
     mean_outputs = (_pulses_in_air(motion).mean(axis=0) - MIN_PULSE) / PULSE_RANGE
     motor_effects = truth(scenario, motion)
     figures: FiguresByAxis = {}
@@ -379,7 +379,7 @@ def simulated_log(seed: int, cache: Path, is_rounded: bool = False) -> tuple[Log
     Args:
         seed: seed of the flight.
         cache: folder of all flights.
-        is_rounded: whether stamps are those of MAVLink, of which some are whole milliseconds; else all are exact, as in
+        is_rounded: whether stamps are MAVLink's, some of which are whole milliseconds; else all are exact, as in
             autopilots' own logs.
     """
     folder = flight_folder(seed, cache)
@@ -626,7 +626,7 @@ def crossover_statistics(rows: pd.DataFrame) -> pd.Series:
 def error_statistics(rows: Any) -> pd.Series:
     """Returns statistics of the errors of one figure, and the share of intervals that contain the truth.
 
-    Errors are relative, except those of margins, whose units are dB and degrees.
+    Errors are relative, except the errors of margins, whose units are dB and degrees.
 
     Args:
         rows: rows of this figure, as :func:`evaluate_log` returns them, grouped by its name first.

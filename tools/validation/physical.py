@@ -1,5 +1,5 @@
 #!/usr/bin/env python
-"""Compares estimated physical parameters with the truth of simulated flights, and estimates those of a Crazyflie.
+"""Compares estimated physical parameters with the truth of simulated flights, and estimates a Crazyflie's parameters.
 
 "simulated" flies each vehicle in each wind with each steering. Sampling rate and autopilot take turns, and three
 flights in ten have another thrust curve, lag, inertia and battery. The tables have the shares of estimates by status,
@@ -151,7 +151,7 @@ def cases(seed: int, every: int) -> Iterator[Case]:
 def draw_vehicle_values(rng: Generator) -> dict[str, float]:
     """Draws a thrust curve, rotor lags (s), an inertia (relative) and a battery's sag, other than the published ones.
 
-    The ranges are a choice, about those of multirotors from racing quadrotors to slow, large ones.
+    The ranges are a choice, and cover multirotors from racing quadrotors to slow, large ones.
 
     Args:
         rng: generator of random numbers.
@@ -386,7 +386,7 @@ def crazyflie_log(path: Path) -> NDArray[Any]:
         path: the file.
 
     Returns:
-        Structured array (N,) with the fields ``event``, ``time`` (µs) and those of the variables.
+        Structured array (N,) with the fields ``event``, ``time`` (µs) and the variables.
     """
     content = path.read_bytes()
     # The head is shorter than 1000 bytes; what follows could look like a variable by chance.
@@ -484,7 +484,7 @@ CRAZYFLIE_TITLE = (
 @command(__doc__, seed=0, every=1)
 @click.argument("which", type=click.Choice(["simulated", "crazyflie", "steady"]))
 def main(which: str, seed: int, every: int, jobs: int) -> None:
-    """Prints tables of estimated physical parameters beside the truth, or of the steady torque by several models.
+    """Prints tables of estimated physical parameters and their true values, or of the steady torque by several models.
 
     Args:
         which: "simulated" for simulated flights, "crazyflie" for a real one without known truth, "steady" for the

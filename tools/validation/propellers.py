@@ -49,7 +49,7 @@ def health_row(flight: HealthFigures, assessment: HealthAssessment) -> Values:
 
     Args:
         flight: figures of the flight.
-        assessment: health of its motors, compared with that of healthy flights.
+        assessment: health of its motors, compared with healthy flights.
     """
     motor = ""
     if assessment.suspect_motor is not None:

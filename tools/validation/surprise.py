@@ -109,12 +109,12 @@ def flight_plan(kind: str, number: int) -> FlightPlan:
 
     Args:
         kind: kind of the flight, a key of ``KINDS``.
-        number: number of the flight among those of its kind. Kind and number seed the draw.
+        number: number of the flight among the flights of its kind. Kind and number seed the draw.
 
     Returns:
         The scenario, and the time since boot at which the disturbance begins, s; None for a flight without one.
     """
-    # The last entry of the seed keeps these flights apart from those of other tools.
+    # The last entry of the seed keeps these flights apart from the flights of other tools.
     rng = default_rng([list(KINDS).index(kind), number, 70])
     values = draw_values(SURPRISE["flight"], rng) | {"seed": number}
     kind_values = draw_values(KINDS[kind], rng)

@@ -180,7 +180,7 @@ def recorded_oscillation(path: str) -> Oscillation:
 
 
 def comparison_row(name: str, log: str, truth: Oscillation) -> list[Values]:
-    """Returns a row with the known oscillation of a vehicle, and that of the twin that is learned from its log.
+    """Returns a row with the known oscillation of a vehicle, and the oscillation of the twin learned from its log.
 
     Args:
         name: name of the vehicle for the table.
@@ -201,7 +201,7 @@ def comparison_row(name: str, log: str, truth: Oscillation) -> list[Values]:
 
 
 def evaluate_vehicle(number: int, seed: int) -> list[Values]:
-    """Returns the row of a simulated vehicle: its oscillation, and that of its twin.
+    """Returns the row of a simulated vehicle: its oscillation, and its twin's.
 
     Args:
         number: number of the vehicle.

@@ -113,8 +113,8 @@ def closed_loop(train: TrainingData, uses_recorded_gains: bool = True) -> Closed
 def turning_sense(record: Record, mixer: Array) -> float:
     """Returns the sense in which a combination of the motors accelerates the axis.
 
-    A vector autoregression of the outputs and the combination is fitted. The sign is that of the sum, over all lags, of
-    the coefficients with which the rate follows the combination.
+    A vector autoregression of the outputs and the combination is fitted. The sign is the sign of the sum, over all
+    lags, of the coefficients with which the rate follows the combination.
 
     Args:
         record: training data.
@@ -212,9 +212,9 @@ class ClosedLoop(ForecasterBase):
     def rate_loop(self, draws: int = MARGIN_DRAWS, seed: int = 0) -> OpenLoop:
         """Returns the rate loop, cut open, of the learned plant and the autopilot's controller, for stability margins.
 
-        Only the plant is taken from the posterior; the gains of the controller are those of the autopilot's parameters.
-        The posterior has estimates of the gains too, but they are biased: they are fitted to motor outputs that are
-        interpolated between messages. Interpolation smooths the fast changes, which lowers the estimate of the
+        Only the plant is taken from the posterior; the gains of the controller are taken from the autopilot's
+        parameters. The posterior has estimates of the gains too, but they are biased: they are fitted to motor outputs
+        that are interpolated between messages. Interpolation smooths the fast changes, which lowers the estimate of the
         derivative gain by up to two thirds.
 
         Args:
@@ -286,7 +286,7 @@ class ClosedLoop(ForecasterBase):
             innovations = samples - predicted_outputs
             rows = self._filter.gain_rows(len(samples))
             covariances = np.linalg.inv(self._filter.innovation_precisions[rows])
-            # Regression of each channel's innovation on that of the motors.
+            # Regression of each channel's innovation on the motors' innovation.
             gains = (
                 covariances[:, :, MOTORS_CHANNEL] / covariances[:, [MOTORS_CHANNEL], MOTORS_CHANNEL]
             )
@@ -326,7 +326,7 @@ class ClosedLoop(ForecasterBase):
 
         Args:
             steps: number of samples of a part.
-            inputs: (H, r) inputs after the training data; a forecast uses those of its part too.
+            inputs: (H, r) inputs after the training data; a forecast uses the inputs of its part too.
             outputs: (H, 2) outputs of the same samples; a forecast uses only those before its part.
             smooth: whether each sample is forecast with all motor samples of its part, and not only with those up to
                 it.

@@ -83,8 +83,8 @@ class NormalizedUnits(NamedTuple):
     def physical_model(self, model: StateSpace) -> StateSpace:
         """Converts a model that was fitted in normalized units to physical units.
 
-        Only matrices beside inputs and outputs change: B by the map of the inputs, C and K by the scale of the outputs.
-        The states stay in the units of the method.
+        Only matrices that act on inputs or give outputs change: B by the map of the inputs, C and K by the scale of the
+        outputs. The states stay in the units of the method.
 
         Args:
             model: model of u′ and y′; it must have no feedthrough D, and no input trim.

@@ -128,7 +128,7 @@ def _our_errors(runner: Runner) -> dict[str, dict[str, Array]]:
 
 
 def agreement_check(method: str, start: str, ours: Array, theirs: Array) -> Check:
-    """Checks that the errors of our method agree with those of the authors' code.
+    """Checks that the errors of our method agree with the errors of the authors' code.
 
     The authors' DEM result, of one random prior, must lie in the central 90 % of ours over random priors. Of EM we have
     one fit and they have five, so the median of ours must lie between the best and the worst of theirs.

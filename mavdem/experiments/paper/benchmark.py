@@ -1,4 +1,4 @@
-"""Section V.H of the paper: forecasts of DEM compared with those of PEM, subspace identification and EM."""
+"""Section V.H of the paper: forecasts of DEM compared with forecasts by PEM, subspace identification and EM."""
 
 from collections.abc import Mapping
 from functools import partial
@@ -177,7 +177,7 @@ def recorded_table(ratios: ErrorsByMethod) -> tuple[Block, ...]:
     Returns:
         A sentence and the table.
     """
-    # Errors are relative to those of the constant mean, whose own row would be 1.
+    # Errors are relative to the constant mean's, whose own row would be 1.
     methods = [name for name in ratios if name != CONSTANT_MEAN]
     methods.sort(key=lambda name: np.median(ratios[name]))
     rows = []

@@ -81,7 +81,7 @@ def joined_findings(checks: Sequence[Check]) -> str:
         checks: checks with their findings.
 
     Returns:
-        The findings of checks that fail, then, after "but", those of checks that hold.
+        The findings of checks that fail, then, after "but", the findings of checks that hold.
     """
     failing = [check.finding for check in checks if not check.holds]
     holding = [check.finding for check in checks if check.holds]

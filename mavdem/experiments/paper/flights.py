@@ -62,7 +62,7 @@ MATLAB_FILE_ERRORS = (
     OverflowError,
     zlib.error,
 )
-"""Errors that SciPy raises for damaged files and files of other kinds, and those of missing variables and fields."""
+"""Errors that SciPy raises for damaged files and files of other kinds, and errors by missing variables and fields."""
 
 TAKE_OFF_SECONDS = 3.0
 """s that are left out at the start of a simulated hover, while the motion of the take-off decays; a choice."""

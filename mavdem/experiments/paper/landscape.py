@@ -1,7 +1,7 @@
 """Section IV of the paper: the free energy F̄ᵒ over the parameters A and B, and ascents from a circle of priors.
 
 At each iteration of DEM the states x̃ and the hyperparameters λ are held as that iteration left them, so F̄ᵒ is another
-function of A and B at every iteration. The system is that of :mod:`~mavdem.experiments.paper.scalar_system`.
+function of A and B at every iteration. The system is in :mod:`~mavdem.experiments.paper.scalar_system`.
 """
 
 from dataclasses import replace
@@ -83,7 +83,7 @@ def run(runner: Runner) -> ExperimentResult:
         runner: not needed; all experiments take one.
 
     Returns:
-        Checks, figures of F̄ᵒ over A and B, and the figures behind the checks as ``numbers``.
+        Checks, figures of F̄ᵒ over A and B, and the figures that the checks use as ``numbers``.
     """
     settings = ScalarSettings()
     model = settings.model()

@@ -64,7 +64,7 @@ def run(runner: Runner) -> ExperimentResult:
 def analyse_process_noise(window: Window) -> NoiseAnalysis:
     """Learns a model by DEM with the paper's settings and analyses the process noise of the roll rate.
 
-    The process noise of the states, x′ − A x − B v as the D step estimates it, becomes that of the outputs by C. The
+    The process noise of the states, x′ − A x − B v as the D step estimates it, becomes noise of the outputs by C. The
     last output is the roll rate, whose noise w^φ̇ is in rad/s².
 
     Args:
@@ -122,8 +122,9 @@ def noise_checks(noises: Sequence[NoiseAnalysis], subject: str, pieces: str) -> 
 def _pictures(noises: Mapping[str, NoiseAnalysis]) -> tuple[Picture, ...]:
     """Returns the figures of the process noise: histograms and autocorrelations.
 
-    The histograms show whether the noise is Gaussian. The autocorrelations show whether it is white: those of white
-    noise lie within the 95 % bounds that are drawn with them. The first ``LAGS_SHOWN`` lags are shown.
+    The histograms show whether the noise is Gaussian. The autocorrelations show whether it is white: the
+    autocorrelations of white noise lie within the 95 % bounds that are drawn with them. The first ``LAGS_SHOWN`` lags
+    are shown.
 
     Args:
         noises: analyses of the noise series, by the name in the legend.

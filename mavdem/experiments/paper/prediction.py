@@ -155,7 +155,7 @@ def _convergence_checks(learned: Learned) -> tuple[Check, Check]:
             F̄ of the iterations, nats.
 
     Returns:
-        The check of convergence within ``MAX_ITERATIONS``, and that of F̄.
+        The check of convergence within ``MAX_ITERATIONS``, and the check of F̄.
     """
     iteration = first_converged_iteration(learned.learning.theta)
     free_energy_steps = np.diff(learned.free_energy.total)

@@ -87,7 +87,7 @@ class ItemReport:
         return f"{self.status.value.capitalize()}: {joined_findings(self.result.checks)}."
 
     def to_dict(self) -> JsonValues:
-        """Returns the entry of this claim in ``numbers.json``, the file with all figures behind the page.
+        """Returns the entry of this claim in ``numbers.json``, the file with all figures of the page.
 
         Returns:
             Values by key: ``paper`` is what the paper claims and where; ``verdict`` whether that is reproduced, and

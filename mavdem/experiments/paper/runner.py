@@ -129,7 +129,7 @@ class Runner:
     """Numbers of the paper's experiments that are simulated."""
 
     recorded_flights: Mapping[str, Flight] = field(default_factory=dict)
-    """Recorded flights of the AR.Drone by name, which are examined beside the simulated ones."""
+    """Recorded flights of the AR.Drone by name, which are examined as well as the simulated ones."""
 
     uses_authors_results: bool = True
     """Whether to use the results of the authors' own code where they are on this machine."""

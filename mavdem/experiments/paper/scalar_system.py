@@ -104,7 +104,7 @@ class ScalarSystem:
 def random_harmonics(
     rng: Generator, frequencies: Array, smoothness: float, standard_deviation: float
 ) -> Complex:
-    """Draws the Fourier coefficients of Gaussian noise whose autocorrelation is that of a Gaussian kernel.
+    """Draws the Fourier coefficients of Gaussian noise that is correlated like white noise after a Gaussian filter.
 
     Args:
         rng: generator of random numbers.
@@ -127,8 +127,8 @@ def random_harmonics(
 class ScalarSettings:
     """Settings of DEM for the scalar system: what the model assumes, and which data it uses.
 
-    The defaults suit the default :class:`ScalarSystem`. The precision of the measurement noise is known; that of the
-    process noise is learned, from a prior two standard deviations off.
+    The defaults suit the default :class:`ScalarSystem`. The precision of the measurement noise is known; the precision
+    of the process noise is learned, from a prior two standard deviations off.
     """
 
     p: int = 2
@@ -153,7 +153,7 @@ class ScalarSettings:
     """Prior precisions of [λᶻ, λʷ]."""
 
     theta_mean: tuple[float, float, float] = (-8.0, 8.0, 1.0)
-    """Prior means of A, B and C; those of A and B are the paper's (Fig. 3, ``para_FE_opt``)."""
+    """Prior means of A, B and C; the means of A and B are the paper's (Fig. 3, ``para_FE_opt``)."""
 
     theta_precision: tuple[float, float, float] = (e**-4, e**-4, KNOWN_PARAMETER_PRECISION)
     """Prior precisions of A, B and C."""

@@ -1,7 +1,7 @@
 """Model of the cross-spectral densities of rate, output and setpoint of one axis in its closed loop, with gradient.
 
 All sources of the loop (see :mod:`~mavdem.plant.closed_loop.response`) are Gaussian and stationary: the reference,
-white noise before and behind the gyro filters and of the angle, a share of the output's own density for what the output
+white noise before and after the gyro filters and of the angle, a share of the output's own density for what the output
 does besides the control law, and wind torque of three spectra. The larger that share, the more the output counts as a
 known input. Because the loop is closed in the model, noise that the loop feeds back is not attributed to wind.
 
@@ -509,7 +509,7 @@ class DensityModel:
 
         Let X be the body rate that a source causes, Q the quantities per body rate, S the sensitivity, and A the path
         from the controller's output to the body rate. A relative change dA/A changes the quantities by Q S X dA/A. For
-        wind torque, which enters behind the motors, it is Q (S − 1) X dA/A. A relative change of the plant alone
+        wind torque, which enters after the motors, it is Q (S − 1) X dA/A. A relative change of the plant alone
         changes them by Q S X for every source. A relative change of the controller acts like dA/A, with S − 1 for
         actuation, and also changes the output directly. With the response q of the quantities to a source, the
         derivative of q qᴴ is dq qᴴ plus its adjoint.

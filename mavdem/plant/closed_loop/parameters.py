@@ -61,7 +61,7 @@ class LoopParameters(NamedTuple):
     """Standard deviation of the white gyro noise before the gyro filters, one value a controller cycle, rad/s."""
 
     filtered_noise: float
-    """Standard deviation of white noise that is added behind the gyro filters, rad/s."""
+    """Standard deviation of white noise that is added after the gyro filters, rad/s."""
 
     angle_noise: float
     """Standard deviation of white noise of the estimated angle, rad."""

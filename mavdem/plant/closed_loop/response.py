@@ -4,7 +4,7 @@ With s = jω, the axis is modelled as this loop. Its controller C runs once a cy
 
     p   = G (b M e^(−sθ) u + w)     body rate p of the plant G = 1 / (s + d), with effect b, wind torque w,
                                     motor lag M = 1 / (τ s + 1) and dead time θ
-    y   = F p + n                   gyro rate behind the gyro filters F, with noise n
+    y   = F p + n                   gyro rate after the gyro filters F, with noise n
     r   = r₀ − K (p / s)            rate setpoint: reference r₀ and angle feedback with gain K
     u   = C_r r − C_y y + a         output (demand) of the controller, with actuation noise a
 

@@ -300,7 +300,7 @@ def _windowed_transform(stream: Messages, start: float) -> ComplexArray:
     first, last = np.searchsorted(stream.time, [start, start + SPECTRUM_SECONDS])
     time = stream.time[first:last] - start
     values = stream.values[first:last]
-    # Each sample is weighted by the time around it, as in an integral, but not by a gap beside it.
+    # Each sample is weighted by the time around it, as in an integral, but not by a gap next to it.
     steps = np.gradient(time)
     steps = steps.clip(max=MAX_SAMPLE_WEIGHT * np.median(steps))
     values = values - np.polyval(np.polyfit(time, values, 1), time)

@@ -5,7 +5,7 @@ motors' torque q and the wind torque w per moment of inertia (rad/s²), and the 
 the axis:
 
     dφ/dt = p        dp/dt = −d p + q + w        dq/dt = (b u(t − θ) − q) / τ
-    y     = F (p + n)                            gyro rate behind a second-order low-pass F, with gyro noise n
+    y     = F (p + n)                            gyro rate after a second-order low-pass F, with gyro noise n
     r     = K (s − φ) + f ds/dt                  rate setpoint of the angle's setpoint s, with feed-forward f of 0 or 1
     u     = P e + I ∫ e dt + D de/dt + c r + a   controller of the error e = r − y, with what else moves the motors, a
 
@@ -52,11 +52,11 @@ class State(IntEnum):
     TORQUE = 2
     """The motors' torque q per moment of inertia, rad/s²."""
     DELAY = 3
-    """The motors' combination u behind two lags, as the Padé approximation of the dead time has it."""
+    """The motors' combination u after two lags, as the Padé approximation of the dead time has it."""
     DELAY_SLOPE = 4
     """Its derivative."""
     GYRO = 5
-    """Gyro rate y behind its filter, rad/s."""
+    """Gyro rate y after its filter, rad/s."""
     GYRO_SLOPE = 6
     """Its derivative."""
     INTEGRAL = 7
@@ -64,7 +64,7 @@ class State(IntEnum):
     DERIVATIVE = 8
     """Low-pass of the quantity whose derivative the controller uses, rad/s."""
     TARGET = 9
-    """Rate setpoint behind its filter, rad/s."""
+    """Rate setpoint after its filter, rad/s."""
     SETPOINT = 10
     """Setpoint s of the angle, rad."""
     SETPOINT_SLOPE = 11
@@ -211,7 +211,7 @@ class GenerativeParameters(NamedTuple):
     angle_noise: Array
     """Standard deviation of the measured angle's white noise, rad."""
     filtered_noise: Array
-    """Standard deviation of the measured gyro rate's white noise behind the filter, rad/s."""
+    """Standard deviation of the measured gyro rate's white noise after the filter, rad/s."""
     output_noise: Array
     """Standard deviation of the white noise of the motors' measured combination."""
 

@@ -61,7 +61,7 @@ def innovation_correlation(record: NoisyRecord) -> Array:
 
     A filter with a fixed gain K predicts the outputs. With its prediction error ε⁺ = L ε + w − K z, L = Φ − K, and the
     innovation e = ε + z, the autocovariances of e are linear in the variances: P + R at lag 0, and Lʲ P − Lʲ⁻¹ K R at
-    lag j, where P is the covariance of ε and R that of z. R is fitted to the measured ones.
+    lag j, where P is the covariance of ε and R the covariance of z. R is fitted to the measured ones.
 
     B. J. Odelson, M. R. Rajamani and J. B. Rawlings, "A new autocovariance least-squares method for estimating noise
     covariances", Automatica 42, 2006.

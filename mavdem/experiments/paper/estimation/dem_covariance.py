@@ -48,7 +48,7 @@ def generative_model(record: NoisyRecord) -> GenerativeModel:
 
     Returns:
         The model of n states, all of which are measured, and r inputs. λ has the log precisions of the measurement
-        noises (n), whose prior is weak, and then those of the process noises (n), which are known.
+        noises (n), whose prior is weak, and then of the process noises (n), which are known.
     """
     n, r = record.B.shape
     # All states are measured: C is the identity.

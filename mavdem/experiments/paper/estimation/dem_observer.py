@@ -62,7 +62,7 @@ class DemObserver:
     state_precisions: Array
     """(n,) precisions of the process noise.
 
-    Bos et al. set the inverse variances of the discrete process noise, that of one sampling step, although the noise of
+    Bos et al. set the inverse variances of the discrete process noise, of one sampling step, although the noise of
     the continuous model has the unit of x per second.
     """
 
@@ -98,7 +98,7 @@ class DemObserver:
             q=self.p,
             output_temporal_precision=temporal_precision(self.p, self.smoothness),
             state_temporal_precision=temporal_precision(self.p, self.smoothness),
-            # Each noise is a group with a precision of its own: first those of the m outputs, then of the n states.
+            # Each noise is a group with a precision of its own: first the m outputs' noises, then the n states'.
             output_groups=np.arange(m),
             state_groups=m + np.arange(n),
             input_precision=np.asarray(

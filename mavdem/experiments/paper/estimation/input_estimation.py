@@ -135,7 +135,7 @@ def measured_states(window: RollWindow) -> Array:
 
 
 class SplitModel(NamedTuple):
-    """A window's discrete model x⁺ = Φ x + Γ v + g d, with the hidden command d beside the known ones."""
+    """A window's discrete model x⁺ = Φ x + Γ v + g d, with the hidden command d and the known ones v."""
 
     Phi: Array
     """(2, 2) state transition matrix."""
@@ -294,7 +294,7 @@ def input_errors(window: RollWindow) -> dict[str, float]:
 
 
 def run(runner: Runner) -> ExperimentResult:
-    """Compares DEM's estimates of a hidden motor command with those of unknown input observers, by their SSE.
+    """Compares estimates of a hidden motor command by DEM and by unknown input observers, by their SSE.
 
     Args:
         runner: runner that has the recorded flights, if there are any, and runs the windows in several processes.
@@ -341,10 +341,10 @@ def run(runner: Runner) -> ExperimentResult:
 
 
 def input_checks(errors: Mapping[str, Mapping[str, float]], data: str) -> list[Check]:
-    """Checks that DEM's SSE is similar to those of unknown input observers, and lower than that of the mean.
+    """Checks that DEM's SSE is similar to the SSE of unknown input observers, and lower than the constant mean's.
 
     Args:
-        errors: SSE by window and estimator.
+        errors: SSE by window and estimator, in the squared unit of the commands.
         data: name of the windows, for the text.
 
     Returns:
@@ -386,7 +386,7 @@ def recorded_table(errors_by_flight: Mapping[str, Mapping[str, float]]) -> tuple
     """Returns the tables of the errors (SSE) on the recorded flights, with the published ones.
 
     Args:
-        errors_by_flight: SSE by flight and estimator.
+        errors_by_flight: SSE by flight and estimator, in the squared unit of the commands.
 
     Returns:
         A sentence and a table for flights with wind, and for those without.

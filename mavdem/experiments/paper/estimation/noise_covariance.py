@@ -104,7 +104,7 @@ def record_errors(record: NoisyRecord) -> dict[str, RecordErrors]:
     """Estimates the variances of a record with all estimators, and returns their errors.
 
     An estimator of a whole record gives variances only, and its states come from a Kalman filter with these variances.
-    A recursive estimator and DEM estimate states too; those of DEM also use two later samples. A Kalman filter with the
+    A recursive estimator and DEM estimate states too; DEM's also use two later samples. A Kalman filter with the
     true variances shows the error that perfect estimates would have.
 
     Args:
@@ -214,7 +214,7 @@ def mean_errors(records: Sequence[Mapping[str, RecordErrors]]) -> dict[str, Mean
 
 
 def run(runner: Runner) -> ExperimentResult:
-    """Compares DEM's estimates of the variances of measurement noise with those of standard estimators.
+    """Compares estimates of the variances of measurement noise by DEM and by standard estimators.
 
     Args:
         runner: runner that has the recorded flights, if there are any, and runs the records in several processes.
@@ -327,7 +327,7 @@ def covariance_checks(errors: Mapping[str, Mapping[str, MeanErrors]], data: str)
 
 
 def state_check(means: Mapping[str, MeanErrors]) -> Check:
-    """Checks for the smoothest noise that DEM's states have a lower error than those of variational Bayes.
+    """Checks for the smoothest noise that DEM's states have a lower error than the states of variational Bayes.
 
     Args:
         means: errors with that noise, means over the records, by estimator.
@@ -346,7 +346,7 @@ def state_check(means: Mapping[str, MeanErrors]) -> Check:
 
 
 def online_check(factors: Mapping[str, float]) -> Check:
-    """Checks that after a step of the true variances DEM's online estimates are closer than those of all others.
+    """Checks that after a step of the true variances DEM's online estimates are closer than all others.
 
     Args:
         factors: factor by which the variances are wrong after the step, by name of the recursive estimator.

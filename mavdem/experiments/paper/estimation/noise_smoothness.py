@@ -4,7 +4,7 @@ A. Anil Meera and M. Wisse, "Free Energy Principle for the Noise Smoothness Esti
 Noise", 2022 (arXiv:2204.01796), known here by its abstract. The simulated systems and the criteria are this project's.
 
 For simulated noise of known smoothness the system and the variances are known, and s is learned with the states. On
-recorded flights everything is learned, and the forecasts are compared with those of the default, s = dt.
+recorded flights everything is learned, and the forecasts are compared with the default's, s = dt.
 """
 
 from __future__ import annotations
@@ -84,7 +84,7 @@ FLIGHT_SETTINGS = {
 
 
 class SimulatedResult(NamedTuple):
-    """The smoothness learned from one simulated record, beside the true one."""
+    """The smoothness learned from one simulated record, with the true one."""
 
     log_ratio: float
     """ln of the learned over the true smoothness."""

@@ -2,8 +2,8 @@
 
     x⁺ = Φ x + Γ v + w,   y = x + z
 
-All states are measured. The variances of the measurement noise z are to be estimated, those of the process noise w are
-known. Both noises are white, or have the autocorrelation exp(−τ²/4s²) of DEM's noise with the smoothness s.
+All states are measured. The variances of the measurement noise z are to be estimated, the variances of the process
+noise w are known. Both noises are white, or have the autocorrelation exp(−τ²/4s²) of DEM's noise with the smoothness s.
 """
 
 from __future__ import annotations

@@ -111,7 +111,7 @@ def with_noise_states(model: DiscreteModel, noise: Array, order: int) -> Discret
         Phi[latest_noise, columns] = np.diag([fit.coefficients[lag] for fit in fits])
     Q = np.zeros_like(Phi)
     Q[latest_noise, latest_noise] = np.diag([fit.variance for fit in fits])
-    # All other values of the noise are those of one sample before.
+    # All other values of the noise belong to one sample before.
     Phi[2 * n :, n:-n] = np.eye(noise_count - n)
     return DiscreteModel(
         Phi,
@@ -198,7 +198,7 @@ def fixed_lag_states(
     """
     model_with_past = with_past_states(model, kept_states, lag)
     states_with_past = kalman_states(model_with_past, outputs, inputs)
-    # The last of these states are those of ``lag`` samples before; the last samples have no estimate.
+    # The last of these states belong to ``lag`` samples before; the last samples have no estimate.
     delayed_states = states_with_past[:, -kept_states:]
     states = np.full((len(outputs), kept_states), np.nan)
     states[:-lag] = delayed_states[lag:]

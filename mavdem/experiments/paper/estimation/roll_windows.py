@@ -197,7 +197,7 @@ In the published flights with blower they are 5e-4 to 1.5e-3 rad and 0.05 to 0.0
 SIMULATED_SMOOTHNESS = {"white noise": 0.0, "s = 0.006 s": 0.006, "s = 0.02 s": 0.02}
 """Width s of the simulated process noise's kernel, seconds, by its name; DEM assumes 0.006 s throughout.
 
-Neighbouring samples of such noise correlate by 0, 0.62 and 0.96; those of the flights' by 0.4 to 0.6 without blower,
+Neighbouring samples of such noise correlate by 0, 0.62 and 0.96; of the flights' noise by 0.4 to 0.6 without blower,
 and by 0.7 to 0.9 with it.
 """
 
@@ -262,7 +262,7 @@ def simulated_window(seed: int, smoothness: float, samples: int = WINDOW_SAMPLES
 def smooth_noise(white_noise: Array, kernel_samples: float) -> Array:
     """Filters white noise by a Gaussian kernel, and scales it to its former variance.
 
-    The autocorrelation of the result is exp(−τ²/4s²), that of DEM's noise with the smoothness s.
+    The autocorrelation of the result is exp(−τ²/4s²), as of DEM's noise with the smoothness s.
 
     Args:
         white_noise: (T,) or (T, channels) samples.

@@ -156,7 +156,7 @@ def squared_error(rates: Array, window: RollWindow, delay: int = 0) -> float:
 
 
 def run(runner: Runner) -> ExperimentResult:
-    """Compares DEM's estimates of the hidden roll rate with those of Kalman filters, by their SSE.
+    """Compares estimates of the hidden roll rate by DEM and by Kalman filters, by their SSE.
 
     On simulated windows the true roll rate is known. On the recorded flights the measured one stands for it.
 
@@ -196,7 +196,7 @@ def _recorded_result(window_errors_by_wind: Mapping[str, list[WindowErrors]]) ->
         window_errors_by_wind: errors in the windows of the flights, as :func:`recorded_errors` returns them.
 
     Returns:
-        Checks, numbers, tables and a figure, without those of simulated windows.
+        Checks, numbers, tables and a figure; none of them is of simulated windows.
     """
     errors_by_delay = {}
     errors_with_published_timing = {}
