@@ -41,6 +41,9 @@ def learnability_of(signals: Signals, components: Sequence[Component] = ()) -> L
     Args:
         signals: Signals of the vehicle for an axis.
         components: All components in the log, for the advice on rates: one of them may request other rates.
+
+    Returns:
+        The checks of that segment with their figures, and the flight or the reason why nothing can be learned from it.
     """
     return next(segment_learnabilities(signals, components))
 

@@ -73,6 +73,7 @@ def rate_advice(
         if RATE_REQUEST_MESSAGE in component.messages and not is_vehicle:
             requesting_components.append(f"{component.system}:{component.component}")
     remedy = _settings_advice(telemetry, rate, is_requested=bool(requesting_components))
+    # An acknowledged request shows that some component requests rates, even if its request was not recorded.
     acknowledged_commands = telemetry.messages.get("COMMAND_ACK", {}).get("command", ())
     if requesting_components or SET_MESSAGE_INTERVAL in acknowledged_commands:
         return Fact(Remedy.STOP_ASKING_FOR_RATES, names=requesting_components, remedy=remedy)

@@ -48,6 +48,9 @@ def geographic_paths(vehicle: Telemetry) -> list[GeographicPath]:
     Args:
         vehicle: messages of the vehicle.
 
+    Returns:
+        The paths in the order of boots, all from the first of ``POSITION_MESSAGES`` that has any.
+
     Raises:
         Unreadable: no message has geographic positions.
     """

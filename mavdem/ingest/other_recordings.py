@@ -400,8 +400,9 @@ def _chains(runs: list[_Run], max_gap: float, rules: ClockRules) -> list[_Chain]
 def _may_be_same_recording(chain: _Chain, kept_chain: _Chain, rules: ClockRules) -> bool:
     """Returns whether a chain can belong to the same recording as a larger one that is kept.
 
-    One of the two must lie before the other in the file. The later one must continue in time, or be of another boot:
-    a log begins there, its clock begins near zero, or by UTC its boot began after the end of the earlier one.
+    One chain must lie before the other in the file. The later chain must continue the time of the earlier one, or be of
+    another boot: a log begins there, its clock begins near zero, or by UTC its boot began after the end of the earlier
+    chain. Where UTC is known for both, it must confirm a continued time and, if ``rules`` demand it, another boot.
 
     Args:
         chain, kept_chain: The chains; a chain is a sequence of runs of messages, each continuing the clock of the run

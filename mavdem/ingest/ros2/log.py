@@ -64,7 +64,9 @@ class _DecodedMessages(NamedTuple):
 def _decoded_messages(
     recording: McapRecording, second_reading: McapRecording, topics: Mapping[int, RosTopic]
 ) -> _DecodedMessages:
-    """Decodes the messages of some topics.
+    """Decodes the messages of some topics, and counts messages that cannot be decoded.
+
+    The recording is read twice: all channels and schemas must be known before the first message can be decoded.
 
     Args:
         recording: The recording after its messages were read, so that its channels and schemas are known.
@@ -72,7 +74,8 @@ def _decoded_messages(
         topics: The topics by the id of their channel.
 
     Returns:
-        The messages. A channel of which none can be decoded has an empty dictionary.
+        The messages by channel and position in the recording, with their receive times, UNIX ns, and the number of
+        undecodable messages by topic. A channel without a decodable message has an empty dictionary.
     """
     schema_of_channel = {
         channel_id: recording.channels[channel_id].schema_id for channel_id in topics
