@@ -129,6 +129,9 @@ class HeldOut(ImmutableResult):
 
         Args:
             name: name of the forecast.
+
+        Returns:
+            The ratio over all windows and outputs, without a unit; below 1 the forecast is better than the mean.
         """
         error = self._total_errors(name).mean()
         return float(error_over(error, self._total_errors(CONSTANT_MEAN).mean()))
@@ -156,6 +159,9 @@ class HeldOut(ImmutableResult):
 
         Args:
             baseline: name of the baseline.
+
+        Returns:
+            (W,) ratios without a unit: below 1 the forecast is better than the baseline.
         """
         return error_over(self._total_errors(FORECAST), self._total_errors(baseline))
 
@@ -284,6 +290,9 @@ def training_pieces(flights: Sequence[Flight], fold: Sequence[FoldPiece]) -> Ite
     Args:
         flights: segments of one vehicle.
         fold: the samples that are held out, at most one piece of each flight.
+
+    Yields:
+        Pieces in the order of the flights, each of at least ``MIN_PIECE_SECONDS``.
     """
     pieces = {piece.segment: piece for piece in fold}
     min_samples = max(MIN_PIECE_SECONDS / flights[0].dt, 1)

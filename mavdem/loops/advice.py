@@ -291,6 +291,9 @@ def _shows_lag(loop: Loop) -> bool:
 
     Args:
         loop: rate and attitude loop of one axis.
+
+    Returns:
+        True if the plant was identified with the rate setpoint, or the lag is at least one sample.
     """
     is_identified_in_loop = not loop.plant.filtered
     # The motor lag of the estimated plant, without the gyro's filters.

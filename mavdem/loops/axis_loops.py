@@ -272,6 +272,9 @@ def identified_loops(loops: Mapping[str, object]) -> LoopsByAxis:
 
     Args:
         loops: loops by axis, or the fact that states why they are not known.
+
+    Returns:
+        The loops by axis; empty if none is known.
     """
     return {axis: loop for axis, loop in loops.items() if isinstance(loop, Loop)}
 

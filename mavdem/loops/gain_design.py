@@ -549,11 +549,14 @@ class GainSearch:
 def logged_gains(loop: Loop) -> dict[str, float]:
     """Returns the logged gains that advice may change, by the autopilot's name.
 
-    They are those of P, I and D of the rate controller and the gain of the attitude controller that the log has. A gain
+    They are P, I and D of the rate controller and the gain of the attitude controller that the log has. A gain
     of 0 is left out: that term of the controller is switched off, and a factor does not change it.
 
     Args:
         loop: rate and attitude loop of one axis, with the parameters of the log.
+
+    Returns:
+        Gains in the autopilot's units, by the autopilot's name.
     """
     parameters = loop.controller.parameters
     gains = {}

@@ -359,6 +359,9 @@ def _decimation(sampling_rate: float, min_rate: float, spectra: WelchSpectra) ->
         sampling_rate: rate of the samples, Hz.
         min_rate: lowest accepted rate, Hz.
         spectra: cross-spectra of setpoint and response.
+
+    Returns:
+        The divisor, at least 1.
     """
     is_coherent = _coherence_where_driven(spectra) >= MIN_COHERENCE
     highest_coherent = spectra.frequency[is_coherent].max(initial=0.0)
@@ -442,6 +445,9 @@ def _is_corrected(sampling_rate: float, pieces: Sequence[Array], angle_gain: flo
         pieces: rate setpoint, rad/s, rate, rad/s, angle, rad, and angle setpoint, rad, in the rows of each piece
             (4, N).
         angle_gain: gain of the attitude controller, 1/s.
+
+    Returns:
+        Whether the coefficient exceeds ``MIN_CORRECTION``.
     """
     rate_setpoint, _, angle, angle_setpoint = np.concatenate(pieces, axis=1)
     # The derivative is taken piece by piece: between two pieces the angle setpoint jumps.

@@ -174,6 +174,9 @@ def _level_changes(
         reach: number of samples before and after it whose medians are compared, within its segment.
         threshold: difference of the medians that counts, rad/s².
         record: the segments.
+
+    Returns:
+        Whether it is a step; False at an end of the segment, where there is nothing to compare with.
     """
     starts = record.segment_starts
     segment_start = starts[starts <= start].max()

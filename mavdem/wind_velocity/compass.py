@@ -129,6 +129,9 @@ def _nearest_point(direction: float, points: Sequence[str]) -> str:
     Args:
         direction: degrees clockwise from north.
         points: names of points at equal angles over the whole circle, clockwise from north.
+
+    Returns:
+        One of the names.
     """
     angle_between_points = 360 / len(points)
     # Directions just below 360° are rounded to the first point, which is north.

@@ -252,6 +252,9 @@ def _has_settled(values: Sequence[float]) -> bool:
 
     Args:
         values: log posterior of each iteration, nats.
+
+    Returns:
+        False before the fourth iteration.
     """
     if len(values) < 4:
         return False

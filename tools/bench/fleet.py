@@ -502,6 +502,9 @@ def _cluster_row(name: str, seconds: float, logs: int, gain: float, flights: int
         logs: number of logs.
         gain: how many times as fast as one worker.
         flights: flights in the table of the fleet.
+
+    Returns:
+        Name, seconds, logs a second, gain and flights, as texts.
     """
     return [name, f"{seconds:.0f}", f"{logs / seconds:.2f}", f"{gain:.2f}", str(flights)]
 

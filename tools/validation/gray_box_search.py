@@ -120,7 +120,9 @@ def rows_of_log(path: Path) -> Iterator[dict[str, object]]:
         was gained, nats.
     """
     log = read_log(path)
-    half = "AB"[hashlib.sha256(path.name.encode()).digest()[0] % 2]
+    # A digest of the name assigns each log to one half, A or B, whatever other logs there are.
+    first_byte = hashlib.sha256(path.name.encode()).digest()[0]
+    half = "A" if first_byte % 2 == 0 else "B"
     signals = Signals(log.vehicles[0])
     for axis in AXES:
         flights, _ = usable_segments(signals.for_axis(axis, None), log.components)
@@ -133,12 +135,12 @@ def rows_of_log(path: Path) -> Iterator[dict[str, object]]:
             continue
         directions = estimation._mixer_directions(record)
         plain = plain_search(windows, directions)
-        now = counted_search(windows, directions)
+        current = counted_search(windows, directions)
         yield {
             "half": half,
             "before": plain.evaluations,
-            "now": now.evaluations,
-            "gain": now.evidence - plain.evidence,
+            "now": current.evaluations,
+            "gain": current.evidence - plain.evidence,
         }
 
 

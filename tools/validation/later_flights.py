@@ -101,6 +101,9 @@ def reflown(scenario: Scenario, gains: Parameters, number: int) -> dict[str, Loo
         gains: gains to set, by the autopilot's names.
         number: number of the flight.
 
+    Returns:
+        By axis the identified loop, or why there is none.
+
     Raises:
         ValueError: the vehicle tumbles.
     """
@@ -182,6 +185,9 @@ def _advised_changes(loops: Sequence[Loop | NoLoop], margins: str) -> dict[str, 
     Args:
         loops: the loops of all axes that the flight identified, or why there is none.
         margins: name of the stability margins that are the goal, a key of ``MARGIN_TARGETS``.
+
+    Returns:
+        New values by name; empty if nothing is to be changed.
     """
     changes: dict[str, float] = {}
     for loop in loops:

@@ -469,6 +469,9 @@ def estimated_figures(loop: Loop) -> dict[str, FigureEstimate]:
 
     Args:
         loop: the identified loop.
+
+    Returns:
+        Estimate and both ends of the interval by name, in the units of :func:`figures_of_plants`.
     """
     figures = figures_of_plants(loop.effectiveness, loop.dynamics, loop.rate, loop.attitude)
     estimates = {}

@@ -155,6 +155,10 @@ def draw_vehicle_values(rng: Generator) -> dict[str, float]:
 
     Args:
         rng: generator of random numbers.
+
+    Returns:
+        Values by name: share of the thrust that is quadratic in the command, time constants of speeding up and slowing
+        down, s, moment of inertia relative to the published one, and share of the voltage that is lost over the flight.
     """
     lag_up = rng.uniform(0.015, 0.06)
     return {
@@ -217,6 +221,9 @@ def estimate_with_half_width(plant: Physical, name: str) -> tuple[float, float]:
     Args:
         plant: physical parameters.
         name: "effect" for the mean of all motors, "damping" or "lag".
+
+    Returns:
+        Both in the unit of the parameter: rad/s² per unit of command, 1/s or s.
     """
     if name == "effect":
         return plant.mean_effect()
@@ -309,6 +316,9 @@ def status_statistics(rows: Any, name: str) -> pd.Series:
     Args:
         rows: rows of flights or windows, as :func:`evaluate_case` returns them.
         name: name of the parameter.
+
+    Returns:
+        Percentages as texts, the number of rows, and the worst relative error of a reported estimate.
     """
     status = rows[f"{name} status"]
     line = {"number": len(rows)} | {kind: percent_true(status == kind) for kind in STATUSES}

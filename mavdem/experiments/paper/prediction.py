@@ -206,6 +206,9 @@ def first_converged_iteration(theta: Array) -> int:
 
     Args:
         theta: (iterations + 1, k) parameters at the start and after each iteration.
+
+    Returns:
+        The number of the iteration; 0 if the start is already close.
     """
     distance = abs(theta - theta[-1]).max(axis=1)
     distant_iterations = np.flatnonzero(distance > CONVERGED_FRACTION * distance.max())
