@@ -401,18 +401,19 @@ def _common_step(steps: Sequence[float]) -> float:
     return steps[0]
 
 
-def _start_times(flights: Sequence[UniformSamples]) -> Numbers:
+def _start_times(segments: Sequence[UniformSamples]) -> Numbers:
     """Returns the time of each segment's first sample on the flight's clock.
 
-    Samples without a clock have no ``time``. The field ``begins`` of a record has a time for every segment, or none.
+    Segments that were made from arrays without stamps have no ``time``. A record stores either a time for every
+    segment, or none.
 
     Args:
-        flights: The segments.
+        segments: The segments of the flight that a model was learned from.
 
     Returns:
         Times, s; empty if a segment has no time.
     """
-    times: list[Sequence[float]] = [getattr(flight, "time", ()) for flight in flights]
+    times: list[Sequence[float]] = [getattr(segment, "time", ()) for segment in segments]
     if not all(len(time) for time in times):
         return ()
     return tuple(float(time[0]) for time in times)

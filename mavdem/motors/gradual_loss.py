@@ -205,23 +205,23 @@ def _variance_of_change(balances: Array, ramp: Ramp) -> Array:
     """Returns the variance of a ramp's change: the variance of a least-squares slope, plus the slow wander of balances.
 
     Residuals of neighbouring blocks are correlated, so their long-run variance is used: n times the variance of the
-    mean of n blocks.
+    mean of n blocks. It has a prior, since a short flight has few blocks.
 
     Args:
-        balances: (B, a) balance of each block.
+        balances: (B, a) balance of each block about a axes, relative to the thrust.
         ramp: the ramp that was fitted to them.
 
     Returns:
-        (a,) variances.
+        (a,) variances, of the square of a balance.
     """
-    count, axes = balances.shape
+    block_count, axis_count = balances.shape
     residuals = balances - ramp.before - ramp.course[:, None] * ramp.change
     # One window with all blocks; residuals have the mean 0.
     noise = long_run_variance(
         residuals,
-        selection=np.ones((1, count), dtype=bool),
-        mean=np.zeros((1, axes)),
-        prior_variance=np.full(axes, PRIOR_BLOCK_SD**2),
+        selection=np.ones((1, block_count), dtype=bool),
+        mean=np.zeros((1, axis_count)),
+        prior_variance=np.full(axis_count, PRIOR_BLOCK_SD**2),
         prior_freedom=PRIOR_FREEDOM,
     )[0]
     centred_course = ramp.course - ramp.course.mean()

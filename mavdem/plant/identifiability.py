@@ -334,9 +334,10 @@ def _checks(name: str, figures: IdentifiabilityFigures) -> Iterator[_Check]:
         filter_as_lag = Fact(ParameterDoubt.FILTER_TAKEN_FOR_LAG, bias=OmissionErrors.lag_bias)
         yield _Check(Status.BIASED, filter_as_lag)
 
-    # The prior of the motors' effects is the mixer. A flight that contradicts it has motors that do not answer their
-    # commands alike, so that neither single effects nor their errors are right.
-    if name == "effect":
+    # The prior of the motors' effects is the mixer. Where a flight contradicts it, a motor does not answer its command,
+    # or the model does not describe the axis: neither single effects nor their errors are right. An effect that is
+    # biased by a filter that was taken for lag contradicts the mixer too, and says nothing about the motors.
+    if name == "effect" and not figures.lag_unresolved:
         is_contradicted = figures.motor_deviation > SIGNIFICANT_SIGMAS * figures.motor_deviation_sd
         motors_differ = Fact(ParameterDoubt.MOTORS_DIFFER, share=figures.motor_deviation)
         yield _Check(Status.BIASED if is_contradicted else Status.REPORTED, motors_differ)

@@ -188,12 +188,24 @@ def test_a_motor_that_does_not_do_what_it_is_commanded_is_no_right_effect():
     found = physical(replace(flight, inputs=inputs, effect_directions=np.sign(MOTORS)))
     assert found.status["effect"] == Status.BIASED
     assert found.reasons["effect"].code is ParameterDoubt.MOTORS_DIFFER
-    assert "motor is stuck or weak" in found.reasons["effect"].sentence
+    assert "does not answer its command" in found.reasons["effect"].sentence
 
 
 SDS = dict.fromkeys(PARAMETERS, 0.05)
 SPREADS = dict.fromkeys(PARAMETERS, 0.02)
 SOUND = limits.IdentifiabilityFigures(0.1, 0.01, SDS, SPREADS, lag=0.03, dt=0.01)
+
+
+def test_an_effect_that_a_filter_biases_says_nothing_about_the_motors():
+    contradicting = SOUND._replace(motor_deviation=0.9, motor_deviation_sd=0.01)
+    assert [
+        {
+            check.doubt.code
+            for check in limits._checks("effect", figures)
+            if check.status != Status.REPORTED
+        }
+        for figures in (contradicting, contradicting._replace(lag=0.001))
+    ] == [{ParameterDoubt.MOTORS_DIFFER}, {ParameterDoubt.FILTER_TAKEN_FOR_LAG}]
 
 
 DOUBTS = {

@@ -116,26 +116,29 @@ def _ardupilot_sensors(parameters: Parameters) -> Iterator[CalibratedSensor]:
     for sensor in ARDUPILOT_SENSORS:
         is_enabled = parameters.get(sensor.enable_name, 1) > 0
         numbers = _numbers_by_identifier(parameters, sensor.identifier_name)
-        is_calibrated = {}
+        calibrated_by_identifier = {}
         for identifier, number in numbers.items():
             prefix = sensor.offset_prefix.format(_number_in_name(number))
             offset_names = [f"{prefix}{axis}" for axis in "XYZ"]
             # A stream may have only some of the parameters.
             if all(name in parameters for name in offset_names):
-                is_calibrated[identifier] = any(parameters[name] for name in offset_names)
+                has_offset = any(parameters[name] for name in offset_names)
+                calibrated_by_identifier[identifier] = has_offset
+        # Logs number compasses by their priority, where parameters define one.
+        logged_numbers = numbers
         if sensor.priority_name and parameters.get(sensor.priority_name.format(1), 0):
-            numbers = _numbers_by_identifier(
+            logged_numbers = _numbers_by_identifier(
                 parameters, sensor.priority_name, is_first_numbered=True
             )
-        for identifier, number in numbers.items():
-            if identifier not in is_calibrated:
+        for identifier, number in logged_numbers.items():
+            if identifier not in calibrated_by_identifier:
                 continue
             use_name = sensor.use_name.format(_number_in_name(number))
             yield CalibratedSensor(
                 f"{sensor.kind} {number}",
                 bus_name(identifier),
                 is_used=is_enabled and parameters.get(use_name, 1) > 0,
-                is_calibrated=is_calibrated[identifier],
+                is_calibrated=calibrated_by_identifier[identifier],
             )
 
 

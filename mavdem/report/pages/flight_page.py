@@ -236,11 +236,13 @@ def opened_where_not_good(
 
 
 def _levels_of_chapter(chapter: Chapter, lights: NamedFacts) -> set[Level]:
-    """Returns the levels of the lights that a chapter explains, and the worst level of its own sections.
+    """Returns the levels of what a chapter of the page is about: of the lights that it explains, and of its sections.
+
+    A light is the judgement of one part of the vehicle, such as its motors.
 
     Args:
-        chapter: the chapter; one of sections has the worst of their levels as its level.
-        lights: the judgement of each part of the vehicle, such as its motors: a fact with a level, by name.
+        chapter: the chapter. If it has sections, its level is the worst of theirs.
+        lights: the lights by name, each a fact with a level.
 
     Returns:
         The levels; empty for a chapter that nothing judges.

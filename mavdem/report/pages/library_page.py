@@ -90,13 +90,18 @@ def _environment() -> Environment:
 
 
 def _lights_beside_fleet(lights: Mapping[str, str], row: FlightRow | None) -> dict[str, str]:
-    """Returns the level of each light of a flight, that of the motors in comparison with the vehicle's other flights.
+    """Returns the levels of a flight's lights, with a comparison of its motors with the vehicle's other flights.
 
-    A light is the judgement of one part of the vehicle. The page of the flight shows the same levels.
+    A light is the judgement of one part of the vehicle, such as its motors, with a level: good, watch, bad or unknown.
+    The comparison changes the level of the motors' light only. The page of the flight shows the same levels.
 
     Args:
         lights: level of each light by the log alone; empty before the log is judged.
-        row: the flight's row in the fleet's table if its motors are in trouble; None if they are not.
+        row: the flight's row in the fleet's table, if its motors differ from those of the other flights; otherwise
+            None.
+
+    Returns:
+        The level of each light, by name.
     """
     levels = dict(lights)
     if levels and row is not None:
