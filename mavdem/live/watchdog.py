@@ -763,7 +763,8 @@ class Watchdog:
     def _ended_alarms(self, review: _Review) -> list[Fact]:
         """Removes the active alarms that are over, and returns their ends as facts.
 
-        An alarm is over on the ground, or when its reason has not been seen for ``CALM_SECONDS``. This time is doubled
+        An alarm is over on the ground, or when its reason has not been seen for ``CALM_SECONDS``. What is judged more
+        rarely than that, the tracking, is not over before it was judged again without a fault. The calm time is doubled
         with each end of the alarm in a flight, so that an alarm which comes and goes is reported less and less often.
         The alarm of a loss of control stays on the ground. If an alarm of ``PRESENT_FAULTS`` ends in flight, its light
         says that it is over; the lights of all other alarms keep stating what was wrong.
@@ -784,6 +785,10 @@ class Watchdog:
             last_seen = self._last_seen[kind]
             calm_seconds = self._calm_seconds.get(kind, CALM_SECONDS)
             if review.is_flying and review.now - last_seen < calm_seconds:
+                continue
+            # The latest judgement of the tracking holds until the next one.
+            is_tracking = kind is WatchedQuantity.TRACKING
+            if review.is_flying and is_tracking and last_seen >= self._tracking_time:
                 continue
             ended_alarm = self.active.pop(kind)
             self._calm_seconds[kind] = 2 * calm_seconds

@@ -190,6 +190,17 @@ def test_motors_are_not_checked_for_what_new_gains_explain():
     assert "Doubtful" not in plain_text(difference_blocks(difference, gains))
 
 
+def test_the_bound_on_false_changes_is_that_of_the_families_that_were_tested():
+    flights = flown(0), flown(1, voltage_mean=15.0)
+    text = plain_text(difference_blocks(vehicle_difference(*flights)))
+    assert "(trims and physical parameters). Of a family's changes found so, at most 5 %" in text
+    assert "on average over the families with any (Benjamini and Bogomolov)." in text
+    without_models = {f"{name}_status": "refused" for name in ("effect", "damping", "lag")}
+    flights = [[replace(row, **without_models) for row in rows] for rows in flights]
+    text = plain_text(difference_blocks(vehicle_difference(*flights)))
+    assert "4 figures (trims). Of the changes found so, at most 5 % are expected to be" in text
+
+
 def test_the_latest_flight_of_each_vehicle_is_compared_with_the_baseline():
     baseline = [row for number in range(4) for row in flown(number)]
     later = [row for number in range(4, 8) for row in flown(number, **WEAK)]
