@@ -24,16 +24,23 @@ from mavdem.facts.estimator import EstimatorLight
 from mavdem.facts.events import ReportedEvent
 from mavdem.facts.lights import Light
 from mavdem.facts.log import LogLight
-from mavdem.facts.margins import MarginsLight
+from mavdem.facts.margins import MarginsLight, TrackingLight
 from mavdem.facts.motors import MotorsLight
 from mavdem.facts.power import PowerLight
 from mavdem.facts.session import LinkFact, MissingMessages, RowsFact, SessionFact, VehicleFact
 from mavdem.facts.vibration import VibrationLight
 from mavdem.facts.watch import WatchedQuantity, WatchFact
+from mavdem.ingest.telemetry import Telemetry
 from mavdem.live import LiveStream
 from mavdem.live.recent_messages import MAX_ROWS, RecentMessages
 from mavdem.live.session_status import Latency, SessionStatus
-from mavdem.live.watchdog import ALARMING_SHARE, CALM_SECONDS, DECISION_SECONDS
+from mavdem.live.watchdog import (
+    ALARMING_SHARE,
+    CALM_SECONDS,
+    DECISION_SECONDS,
+    TRACKING_PERIOD,
+    Watchdog,
+)
 from mavdem.live.wind import WindEstimate
 from mavdem.report.live import watched_quantities_text
 
@@ -194,6 +201,27 @@ def test_motors_that_take_turns_at_their_limit_are_one_alarm():
     assert not rest
     active = made.stream.status().active_alarms[-1]
     assert len(active.figures["names"]) == 2
+
+
+def test_a_lasting_fault_of_the_tracking_is_one_alarm_until_it_is_judged_to_be_over():
+    """Reviews come a little faster than usual, so that the calm time is over before the tracking is judged again."""
+    watchdog = Watchdog(RecentMessages())
+    light = Mock()
+    vehicle = Telemetry(1, 1, "quadrotor", "px4", {})
+    watchdog._tracking.light = light
+    reported = []
+    now = 30.0
+    while now < 80.0:
+        now += 0.49
+        level = Level.BAD if now < 60.0 else Level.GOOD
+        light.return_value = Fact(TrackingLight.FOLLOWS_SETPOINT, level)
+        watchdog.begin_review(now, vehicle, is_flying=True, settled_start=0.0)
+        if watchdog.is_thorough and watchdog.is_tracking_due:
+            watchdog.review_tracking(0.0)
+        reported += watchdog.finish_review(None)
+    alarm, over = reported
+    assert alarm.code is SessionFact.ALARM and over.code is WatchFact.ALARM_OVER
+    assert 60.0 - TRACKING_PERIOD - 2.0 < over.time < 60.0
 
 
 def test_a_single_output_shows_no_motor_that_stays_at_its_limit():
