@@ -92,7 +92,7 @@ class Difference(Document):
     flights: list[int]
     """number of flights of A and of B"""
     false_discovery_rate: float
-    """largest expected share of false ones among the tested changes of a family (Benjamini and Bogomolov)"""
+    """bound of the expected share of false ones among a family's tested changes, averaged over families with any"""
     axes_with_other_gains: list[str]
     """axes whose rate loop has other gains or filters in B: its figures are not tested"""
     level: float

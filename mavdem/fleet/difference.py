@@ -20,6 +20,7 @@ from mavdem.fleet.quantities import LOOP_KINDS, SHARE, flight_estimates
 from mavdem.fleet.random_effects import (
     SD_BETWEEN_FLIGHTS,
     QuantityChange,
+    family_of,
     follows_from_gains,
     quantity_change,
     with_outcomes,
@@ -67,7 +68,7 @@ class VehicleDifference(NamedTuple):
     """Axes whose rate loop is known to have other gains or filters, so that its figures are not tested."""
 
     false_discovery_rate: float = SIGNIFICANCE
-    """Largest expected share of false alarms among the tested quantities of a family that are called changed.
+    """Bound of the expected share of false alarms among a family's tested changes, averaged over families with any.
 
     Where nothing changed, it is the largest probability that any quantity is called changed.
     """
@@ -94,6 +95,11 @@ class VehicleDifference(NamedTuple):
     def tested(self) -> list[QuantityChange]:
         """The changes that are tested: all but those that follow from other gains."""
         return [change for change in self.changes if not self.follows_from_gains(change)]
+
+    @property
+    def tested_families(self) -> list[str]:
+        """Names of the families, of ``FAMILIES``, that have a tested change, each once."""
+        return [*dict.fromkeys(family_of(change.quantity.kind) for change in self.tested)]
 
 
 BaselineDifferences = dict[str, tuple[FlightRow, VehicleDifference | None]]

@@ -2,9 +2,10 @@
 
 The variance of a difference has two parts: that within the flights, by their intervals, and that between flights, which
 several flights of a group show. ``SD_BETWEEN_FLIGHTS`` is assumed beforehand (random effects, L. V. Hedges and I.
-Olkin, "Statistical Methods for Meta-Analysis", 1985). The quantities are tested by families: of those that are called
-changed, a share of at most ``SIGNIFICANCE`` is expected to be false in each family with changes, on average, where the
-intervals hold; if nothing changed, that is the probability that any is called so (Y. Benjamini and M. Bogomolov,
+Olkin, "Statistical Methods for Meta-Analysis", 1985). The quantities are tested by families. Of those of a family that
+are called changed some share is false: the expected mean of this share over the families with changes is at most
+``SIGNIFICANCE``, where the intervals hold. The share among the changes of all families together is not bounded. If
+nothing changed, ``SIGNIFICANCE`` bounds the probability that any is called so (Y. Benjamini and M. Bogomolov,
 "Selective inference on multiple families of hypotheses", 2014).
 """
 
@@ -83,7 +84,11 @@ The whole interval of the difference must lie within it (an equivalence test). T
 """
 
 
-FAMILIES = (SHARE,), (EFFECT, MEAN_EFFECT, DAMPING, LAG), LOOP_KINDS
+FAMILIES = {
+    "trims": (SHARE,),
+    "physical parameters": (EFFECT, MEAN_EFFECT, DAMPING, LAG),
+    "loops": LOOP_KINDS,
+}
 """Kinds of quantities by family: each family is estimated in another way, and changes for other reasons.
 
 They are the motors' outputs in hover, the physical parameters of the models, and the figures of the identified loops.
@@ -307,7 +312,7 @@ def _changed_quantities(changes: Sequence[QuantityChange]) -> set[Quantity]:
     """
     if not changes:
         return set()
-    changes_by_family = group_by(changes, lambda change: _family(change.quantity.kind))
+    changes_by_family = group_by(changes, lambda change: family_of(change.quantity.kind))
     # Adjusted p-values of each family; the smallest is the p-value of Simes.
     adjusted_by_family = {
         family: scipy.stats.false_discovery_control([change.p for change in changes_of_family])
@@ -328,6 +333,6 @@ def _changed_quantities(changes: Sequence[QuantityChange]) -> set[Quantity]:
     return changed
 
 
-def _family(kind: str) -> int:
-    """Returns the index of the family that a kind of quantities belongs to."""
-    return next(index for index, kinds in enumerate(FAMILIES) if kind in kinds)
+def family_of(kind: str) -> str:
+    """Returns the name of the family, of ``FAMILIES``, that a kind of quantities belongs to."""
+    return next(name for name, kinds in FAMILIES.items() if kind in kinds)

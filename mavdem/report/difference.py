@@ -167,6 +167,7 @@ def difference_blocks(
         difference,
         between=SD_BETWEEN_FLIGHTS,
         tested_count=len(difference.tested),
+        families=difference.tested_families,
         others=_are_two_vehicles(difference),
     )
     parameter_sentences = render_section(
