@@ -10,8 +10,8 @@ from mavdem.dataset.axes import AXES
 from mavdem.fleet.comparability import STATE_NAMES
 from mavdem.ingest.telemetry import Parameters
 from mavdem.ingest.vocabulary import (
-    ATTITUDE_GAINS,
     AUTOPILOT_SET_PARAMETERS,
+    AXIS_RATE_LOOP_PARAMETERS,
     CONTROL_PARAMETERS,
     RATE_GAIN,
 )
@@ -77,13 +77,18 @@ def axes_with_other_gains(parameters: Iterable[ParameterChange]) -> Names:
 
     Returns:
         "roll", "pitch" and "yaw", in this order, as far as they are concerned. A parameter of control that names no
-        axis, such as a filter of the gyro, concerns all. Gains of the attitude controller concern no rate loop.
+        axis, such as a filter of the gyro, concerns all. Limits, such as that of the integrator or of the commanded
+        rate, and gains of the attitude controller concern no rate loop.
     """
     axes: set[str] = set()
     for parameter in parameters:
-        name = parameter.name
-        if CONTROL_PARAMETERS.match(name) and not ATTITUDE_GAINS.match(name):
-            axes.update(axes_of_parameter(name) or AXES)
+        if not CONTROL_PARAMETERS.match(parameter.name):
+            continue
+        named_axes = axes_of_parameter(parameter.name)
+        if not named_axes:
+            axes.update(AXES)
+        elif AXIS_RATE_LOOP_PARAMETERS.match(parameter.name):
+            axes.update(named_axes)
     return tuple(axis for axis in AXES if axis in axes)
 
 

@@ -106,8 +106,11 @@ CONTROL_PARAMETERS = re.compile(
 RATE_GAIN = re.compile(r"(ATC_RAT|RATE)_RLL_P$|MC_ROLLRATE_P$")
 """Names of the proportional gain of the roll rate, which each version of each autopilot has."""
 
-ATTITUDE_GAINS = re.compile(r"ATC_ANG_(RLL|PIT|YAW)_P$|STB_(RLL|PIT|YAW)_P$|MC_(ROLL|PITCH|YAW)_P$")
-"""Names of the gains from attitude to rate, on which the margins of the rate loops do not depend."""
+AXIS_RATE_LOOP_PARAMETERS = re.compile(
+    r"(ATC_RAT|RATE)_(RLL|PIT|YAW)_(P|I|D|FF|D_FF|FILT|FILT_HZ|FLT[TED]|N[TE]F)$|"
+    r"MC_(ROLL|PITCH|YAW)RATE_([PIDK]|FF)$|MC_YAW_TQ_CUTOFF$"
+)
+"""Names of the gains and filters of one axis' rate loop: no limits, and no gains from attitude to rate."""
 
 RATE_PID_GAINS = re.compile(r"(ATC_RAT|RATE)_(RLL|PIT|YAW)_[PID]$|MC_(ROLL|PITCH|YAW)RATE_[PIDK]$")
 """Names of the gains of rate control on all axes."""

@@ -356,7 +356,7 @@ def _conclusion(difference: VehicleDifference, changed: Sequence[QuantityChange]
         changed: the changed quantities that do not follow from other gains. The sentence names the first one or, if
             there is none, the doubtful figure with the lowest p-value.
     """
-    tested_outcomes = Counter(change.outcome for change in difference.tested)
+    outcomes = Counter(change.outcome for change in difference.changes)
     doubtful = sorted(filter(_is_doubtful, difference.tested), key=lambda change: change.p)
     named = changed or doubtful
     return render_section(
@@ -364,8 +364,8 @@ def _conclusion(difference: VehicleDifference, changed: Sequence[QuantityChange]
         change=change_text(named[0], difference) if named else "",
         more=len(named) - 1,
         is_doubtful=not changed,
-        unknown=tested_outcomes[QuantityOutcome.UNCERTAIN],
-        same=tested_outcomes[QuantityOutcome.SAME],
+        unknown=outcomes[QuantityOutcome.UNCERTAIN],
+        same=outcomes[QuantityOutcome.SAME],
         has_figures=bool(difference.changes),
         has_effects=any(
             map(
@@ -390,7 +390,8 @@ def _change_sentences(difference: VehicleDifference) -> list[Sentence]:
     """Returns sentences on what changed, where that is more than one quantity, stayed the same or is uncertain.
 
     A quantity is uncertain if the data show neither a change nor its absence. Uncertain quantities whose intervals
-    do not contain "no change" are named first: the joint test of many quantities makes them doubtful.
+    do not contain "no change" are named first: the joint test of many quantities makes them doubtful. A figure of a
+    loop with other gains is said to differ only if its own interval does not contain "no change".
 
     Args:
         difference: comparison of two groups of flights of a vehicle, quantity by quantity.
@@ -400,13 +401,14 @@ def _change_sentences(difference: VehicleDifference) -> list[Sentence]:
     """
     doubtful = []
     unknown = list[QuantityChange]()
-    for change in difference.tested:
+    for change in difference.changes:
         if _is_doubtful(change):
             doubtful.append(change_text(change, difference))
         elif change.outcome is QuantityOutcome.UNCERTAIN:
             unknown.append(change)
-    changed = [*filterfalse(difference.follows_from_gains, _changes_by_relevance(difference))]
-    by_gains = [*filter(difference.follows_from_gains, difference.changes)]
+    changes = _changes_by_relevance(difference)
+    changed = [*filterfalse(difference.follows_from_gains, changes)]
+    by_gains = [*filter(difference.follows_from_gains, changes)]
     tested = len(difference.tested)
     sentences = render_section(
         "difference_changes",
@@ -422,8 +424,7 @@ def _change_sentences(difference: VehicleDifference) -> list[Sentence]:
         # Probability that at least one interval misses its true value, if the figures were independent.
         chance_of_any=1 - difference.level**tested,
     )
-    same = [change for change in difference.tested if change.outcome is QuantityOutcome.SAME]
-    return [*sentences, *same_sentences(same)]
+    return [*sentences, *same_sentences(difference.changes_with(QuantityOutcome.SAME))]
 
 
 def same_sentences(same: Sequence[QuantityChange]) -> list[Sentence]:

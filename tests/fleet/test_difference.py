@@ -193,11 +193,22 @@ def test_many_loops_that_did_not_change_do_not_hide_one_motor():
         assert found == {Quantity(SHARE, 4)} | changed
 
 
-def test_gains_of_the_attitude_change_no_rate_loop():
+def test_limits_and_gains_of_the_attitude_change_no_rate_loop():
     names = ["MC_ROLL_P", "ATC_ANG_PIT_P", "MC_PITCHRATE_D"]
     changes = [ParameterChange(name, 1.0, 2.0) for name in names]
     assert axes_with_other_gains(changes[:2]) == ()
     assert axes_with_other_gains(changes) == ("pitch",)
+    limits = [
+        "MC_ROLLRATE_MAX",
+        "MC_YAWRAUTO_MAX",
+        "ATC_RAT_RLL_IMAX",
+        "ATC_RAT_YAW_SMAX",
+        "RATE_RLL_IMAX",
+    ]
+    assert axes_with_other_gains(ParameterChange(name, 1.0, 2.0) for name in limits) == ()
+    of_one_axis = ["ATC_RAT_YAW_FLTE", "RATE_YAW_I", "MC_YAWRATE_FF", "ATC_RAT_YAW_NEF"]
+    for name in of_one_axis:
+        assert axes_with_other_gains([ParameterChange(name, 1.0, 2.0)]) == ("yaw",)
     filters = [ParameterChange("INS_GYRO_FILTER", 20.0, 30.0)]
     assert axes_with_other_gains(filters) == ("roll", "pitch", "yaw")
 

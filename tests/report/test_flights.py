@@ -190,6 +190,17 @@ def test_motors_are_not_checked_for_what_new_gains_explain():
     assert "Doubtful" not in plain_text(difference_blocks(difference, gains))
 
 
+def test_a_figure_of_a_loop_with_other_gains_differs_only_by_its_own_interval():
+    before = flown(0, phase_margin=1.0, phase_margin_interval=0.2, ms=1.4, ms_interval=0.01)
+    after = flown(1, phase_margin=1.1, phase_margin_interval=0.2, ms=3.0, ms_interval=0.01)
+    gains = [ParameterChange("ATC_RAT_RLL_P", 0.1, 0.2), ParameterChange("ATC_RAT_PIT_P", 0.1, 0.2)]
+    sentences = difference_blocks(vehicle_difference(before, after, gains), gains)
+    texts = {sentence.lead: sentence.text for sentence in sentences}
+    assert texts["By the changed gains:"].startswith("Ms on ")
+    assert "phase margin" not in texts["By the changed gains:"]
+    assert "phase margin on roll 57 → 63°" in texts["Uncertain:"]
+
+
 def test_the_bound_on_false_changes_is_that_of_the_families_that_were_tested():
     flights = flown(0), flown(1, voltage_mean=15.0)
     text = plain_text(difference_blocks(vehicle_difference(*flights)))
