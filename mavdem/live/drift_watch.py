@@ -64,6 +64,8 @@ class DriftWatch:
         # Those of the last ``DRIFT_SECONDS``.
         self._samples: deque[_DriftSample] = deque()
         self._is_active = False
+        # The end of the latest alarm.
+        self._over: Fact | None = None
         # Whether the flight of ``latest`` has ended.
         self._has_landed = False
 
@@ -74,13 +76,21 @@ class DriftWatch:
 
     @property
     def lights(self) -> dict[str, Fact]:
-        """The light of the wind, if the vehicle was carried away; without one otherwise."""
-        return {} if self.latest is None else {Light.WIND: self.latest}
+        """The light of the wind, if the vehicle was carried away; without one otherwise.
+
+        Once that is over the light says so, at the same level.
+        """
+        if self.latest is None:
+            return {}
+        if self._is_active:
+            return {Light.WIND: self.latest}
+        return {Light.WIND: self._over.replace(self.latest.level)} if self._over else {}
 
     def end_flight(self) -> None:
         """Ends an alarm after a landing; what happened stays known until the next take-off."""
         self._has_landed = True
-        self._is_active = False
+        if self._samples:
+            self._end(self._samples[-1].time)
         self._samples.clear()
 
     def add_sample(
@@ -137,7 +147,8 @@ class DriftWatch:
         if not self._is_active or self.latest is None:
             return None
         self._is_active = False
-        return Fact(WatchFact.ALARM_OVER, time=time, reason=self.latest)
+        self._over = Fact(WatchFact.ALARM_OVER, time=time, reason=self.latest)
+        return self._over
 
 
 def lean_limit(parameters: Parameters) -> float:

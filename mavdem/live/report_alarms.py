@@ -70,10 +70,8 @@ class ReportAlarms:
         """
         for report in reports:
             if report.code in self._reports:
-                # A report is the text of a message, whose end is the time at which it came last, or the interval of a
-                # state, which has no end while the state lasts.
-                is_lasting_state = report.end_time is None and "text" not in report.figures
-                time = now if is_lasting_state else report.end_time or report.start_time
+                # The end of a text is the time at which it came last.
+                time = now if is_lasting_state(report) else report.end_time or report.start_time
                 self._report_times[report.code] = max(self._report_times[report.code], time)
         for code, report in list(self._reports.items()):
             if not report.is_bad and now - self._report_times[code] > REPEAT_SECONDS:
@@ -82,6 +80,16 @@ class ReportAlarms:
     def end_flight(self) -> None:
         """Drops all alarms, after a landing or before a take-off."""
         self._reports.clear()
+
+
+def is_lasting_state(report: Fact) -> bool:
+    """Returns whether a report of the autopilot is a state that still lasts, such as no fix of the GPS receiver.
+
+    Args:
+        report: the text of a message, or the interval of a state, which has no end while the state lasts.
+    """
+    is_state = isinstance(report.code, ReportedEvent) and "text" not in report.figures
+    return is_state and report.end_time is None
 
 
 def is_alarming(report: Fact) -> bool:

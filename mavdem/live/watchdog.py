@@ -49,7 +49,7 @@ from mavdem.live.control_watch import ControlWatch
 from mavdem.live.live_signals import LiveFindings, LiveSignals, RecentMotion, live_evidence
 from mavdem.live.messages import STATUS_MESSAGES, Message
 from mavdem.live.recent_messages import MAX_EVENTS, RecentMessages
-from mavdem.live.report_alarms import ReportAlarms
+from mavdem.live.report_alarms import ReportAlarms, is_lasting_state
 from mavdem.live.samples import DECISION_SECONDS
 from mavdem.live.tracking_watch import TrackingWatch
 from mavdem.loops.advice import gain_reduction_advice
@@ -426,7 +426,7 @@ class Watchdog:
         estimator = estimator_light(evidence)
         if estimator.code is not EstimatorLight.ESTIMATOR_UNMEASURED:
             review.facts[WatchedQuantity.ESTIMATOR] = estimator
-            if estimator.warns and estimator.time is not None:
+            if estimator.warns and estimator.time is not None and not is_lasting_state(estimator):
                 end_time = estimator.time + estimator.figures.get("duration", 0.0)
                 review.latest_times[WatchedQuantity.ESTIMATOR] = end_time
         if review.has_settled:
@@ -774,7 +774,7 @@ class Watchdog:
 
         Returns:
             The ends to report. After a loss of control no end is reported, since a wreck is no sound vehicle; nor is
-            that of a battery's alarm on the ground, since landing does not charge the battery.
+            that of an alarm on the ground about a battery, or about a state that lasts.
         """
         is_wreck = self.loss is not None and not review.is_flying
         ends = []
@@ -794,8 +794,9 @@ class Watchdog:
             self._calm_seconds[kind] = 2 * calm_seconds
             if kind is WatchedQuantity.CONTROL:
                 self.loss = None
-            is_empty_battery = kind is WatchedQuantity.BATTERY and not review.is_flying
-            if is_wreck or is_empty_battery:
+            # A landing neither charges a battery nor ends a state such as no fix of the GPS receiver.
+            is_lasting = kind is WatchedQuantity.BATTERY or is_lasting_state(ended_alarm)
+            if is_wreck or (is_lasting and not review.is_flying):
                 continue
             end = Fact(WatchFact.ALARM_OVER, time=last_seen, reason=ended_alarm)
             ends.append(end)

@@ -45,7 +45,9 @@ def test_a_vehicle_that_moves_against_its_thrust_is_carried_away():
         for time in np.arange(110.0, 114.0, 0.25)
     ]
     [over] = [fact for fact in ends if fact is not None]
-    assert over.code is WatchFact.ALARM_OVER and not watch.active and watch.lights
+    assert over.code is WatchFact.ALARM_OVER and not watch.active
+    # The light keeps its level, and says that it is over.
+    assert watch.lights == {Light.WIND: over.replace(Level.BAD)}
     watch.end_flight()
     watch.add_sample(200.0, (0.0, 0.0, 0.0), (0.0, 0.0), {})
     assert not watch.lights

@@ -182,6 +182,24 @@ def test_the_estimator_is_judged_in_flight_as_in_a_log():
     assert len(said(made, EstimatorLight.FILTER_DOUBTED)) == 1
 
 
+def test_a_receiver_without_a_fix_is_not_said_to_be_over_while_it_has_none():
+    """The report is of the moment when the fix was lost, and the state lasts until the end, after the landing too."""
+    fixes = [
+        (at, "GPS_RAW_INT", {"fix_type": 3 if at < 10.0 else 1, "satellites_visible": 12})
+        for at in np.arange(4.0, 38.0, 0.5).tolist()
+    ]
+    estimates = [
+        (at, "EKF_STATUS_REPORT", {"pos_horiz_variance": 0.1})
+        for at in np.arange(4.0, 38.0, 0.5).tolist()
+    ]
+    made = told(*fixes, *estimates, until=36.0)
+    [lost] = [fact for fact in said(made, ReportedEvent.GPS_LOST) if fact.warns]
+    assert lost.code is SessionFact.ALARM
+    assert not [
+        fact for fact in said(made, ReportedEvent.GPS_LOST) if fact.code is WatchFact.ALARM_OVER
+    ]
+
+
 def test_motors_that_take_turns_at_their_limit_are_one_alarm():
     """Each comes to its limit for two seconds; between them none is there, for longer than an alarm lasts."""
     turns = {10.0: 0, 13.0: 1, 28.0: 2, 45.0: 0}
