@@ -12,7 +12,7 @@ import numpy as np
 from numpy.linalg import LinAlgError
 
 from mavdem.arrays import Array
-from mavdem.confidence import STRONG_EVIDENCE_NATS
+from mavdem.confidence import SIGNIFICANT_SIGMAS, STRONG_EVIDENCE_NATS
 from mavdem.dem.engine.linalg import ROUNDING_TOLERANCE, inverse, one_thread
 from mavdem.dem.forecast.joint import axis_mixer
 from mavdem.dem.record import MIN_MOTORS, Record, TrainingData
@@ -36,7 +36,7 @@ from mavdem.plant.identifiability import (
     OmissionErrors,
     identifiability,
 )
-from mavdem.plant.likelihood import GrayBoxModel
+from mavdem.plant.likelihood import DELAY_PRIOR, GrayBoxModel
 from mavdem.plant.parameters import (
     DAMPING,
     DELAY,
@@ -423,19 +423,22 @@ def with_omission_errors(
         damping_error = errors.unresolved_lag_damping
     damping_variance = damping_spectrum_variance * damping**2 + damping_error**2
     damping_variance += figures.thrust_curve_damping_error**2
-    # Relative variance of the lag.
     lag_variance = lag_spectrum_variance + errors.lag**2
     lag_variance += (errors.unpredicted_lag * figures.unpredicted_share) ** 2
+    lag_variance *= lag**2
     separate_variances = [
         *(effect * errors.motor) ** 2,
         damping_variance,
-        lag**2 * lag_variance,
+        lag_variance,
         errors.delay**2,
     ]
     covariance = covariance + np.diag(separate_variances)
-    # The flight determines the sum of lag and delay better than either, so that a lag that is too long comes with a
-    # delay that is too short by as much. The prior of the delay, and its bound at 0, hide that from the likelihood.
-    covariance[DELAY, DELAY] = max(covariance[DELAY, DELAY], covariance[LAG, LAG])
+    # A lag that is too long comes with a delay that is too short, but no further from its prior than is credible. The
+    # flight determines their sum better than either: the covariance leaves the variance of the sum as it is.
+    exchanged_variance = min(lag_variance, (SIGNIFICANT_SIGMAS * DELAY_PRIOR.sd) ** 2)
+    covariance[DELAY, DELAY] += exchanged_variance
+    covariance[LAG, DELAY] -= exchanged_variance / 2
+    covariance[DELAY, LAG] -= exchanged_variance / 2
     return covariance
 
 

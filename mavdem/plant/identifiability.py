@@ -100,7 +100,7 @@ class OmissionErrors:
     """Error of the lag, relative to the lag."""
 
     delay = 0.002
-    """Error of the delay, s."""
+    """Error of the delay, s, besides that by a lag that is taken for it."""
 
     unpredicted_effect = 0.25
     """Error common to the effects by commands that nothing predicts, for each unit of their share of the variance.
@@ -111,7 +111,7 @@ class OmissionErrors:
     """
 
     unpredicted_lag = 1.0
-    """Relative error of the lag for each unit of that share; the delay errs by as much as the lag."""
+    """Relative error of the lag for each unit of that share."""
 
     thrust_curve = 3**-0.5
     """Error common to the effects for each unit of their relative change over one standard deviation of the commands.

@@ -395,8 +395,9 @@ def test_what_the_model_leaves_out_adds_its_variances():
     effects = ESTIMATES[:2]
     assert_allclose(covariance[:2, :2], np.outer(effects, effects) * relative)
     lag_variance = (0.05 * errors.lag) ** 2
-    others = [errors.damping**2, lag_variance, max(errors.delay**2, lag_variance)]
-    assert_allclose(covariance[2:, 2:], np.diag(others))
+    assert_allclose(covariance[2, 2:], [errors.damping**2, 0, 0])
+    exchanged = lag_variance * np.array([[0, -0.5], [-0.5, 1]])
+    assert_allclose(covariance[3:, 3:], np.diag([lag_variance, errors.delay**2]) + exchanged)
 
 
 def test_an_effect_that_changes_with_the_command_widens_intervals():
@@ -425,11 +426,18 @@ def test_commands_that_nothing_predicts_widen_the_intervals():
     assert_allclose(added.diagonal(), expected, atol=1e-15)
 
 
-def test_the_delay_is_known_no_better_than_the_lag():
-    """A lag that is too long comes with a delay that is too short: the flight shows their sum."""
-    covariance = covariance_by_omissions(spectrum_range=(0.0, 0.0, 0.3))
-    lag_variance = 0.05**2 * (np.pi * 0.1**2 + limits.OmissionErrors.lag**2)
-    assert covariance.diagonal()[3:] == approx([lag_variance, lag_variance])
+@mark.parametrize("spectrum_range", [0.0, 0.3, 30.0], ids=["little", "some", "no idea"])
+def test_the_delay_errs_by_the_lag_that_is_taken_for_it(spectrum_range):
+    """Their sum is as certain as without that error, and the delay's error stays credible where the lag is unknown."""
+    covariance = covariance_by_omissions(spectrum_range=(0.0, 0.0, spectrum_range))
+    lag_variance, delay_variance = covariance.diagonal()[3:]
+    expected = 0.05**2 * (np.pi * (spectrum_range / 3) ** 2 + limits.OmissionErrors.lag**2)
+    assert lag_variance == approx(expected)
+    own_variance = limits.OmissionErrors.delay**2
+    credible_variance = (3 * DELAY_PRIOR.sd) ** 2
+    assert delay_variance == approx(own_variance + min(lag_variance, credible_variance))
+    assert covariance[3:, 3:].sum() == approx(lag_variance + own_variance)
+    assert np.linalg.eigvalsh(covariance).min() > 0
 
 
 def test_noise_of_commands_is_what_nothing_predicts():
