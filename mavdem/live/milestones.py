@@ -42,6 +42,8 @@ class Milestones:
         self.margins_follow = False
         self._has_model = False
         self._has_parameters = False
+        # Number of the boot at the latest update.
+        self._boot = 0
         # Whether the vehicle has flown since a flight was reported last, and why there was no wind in that flight.
         self._has_flown = False
         self._wind_obstacle: Fact | None = None
@@ -73,7 +75,9 @@ class Milestones:
         first_model = Fact(SessionFact.FIRST_MODEL, clock=now, axis=self._axis, duration=duration)
         self._log(first_model)
 
-    def update(self, learning: FlightLearning, status: SessionStatus, now: float) -> None:
+    def update(
+        self, learning: FlightLearning, status: SessionStatus, now: float, boot: int = 0
+    ) -> None:
         """Reports two milestones as they are reached; it is called once in a status period.
 
         The first is that physical parameters with an identifiable control effectiveness are known. The second, at each
@@ -84,7 +88,12 @@ class Milestones:
             learning: learning that has the latest estimates.
             status: status of the session, with the judgement of the model and the wind.
             now: present time on the boot clock, s.
+            boot: number of the present boot. Just after a restart it is not known whether the vehicle flies: that is no
+                landing.
         """
+        if boot != self._boot:
+            self._boot = boot
+            self._was_flying = False
         physical = _latest_physical(learning)
         if physical is not None and physical.identifiable and not self._has_parameters:
             self._has_parameters = True

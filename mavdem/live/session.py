@@ -213,7 +213,7 @@ class LiveSession:
         self.report_gain_advice()
         status = self._update_status(now)
         self._milestone_reporter.margins_follow = self.gain_adviser is not None
-        self._milestone_reporter.update(self._learning, status, self.stream.now)
+        self._milestone_reporter.update(self._learning, status, self.stream.now, self.stream.boot)
 
     def _postpone_tasks(self) -> None:
         """Puts off the tasks that a computer which falls behind the link can do without, before any analysis.

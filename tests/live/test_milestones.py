@@ -88,6 +88,16 @@ def test_a_landing_says_why_nothing_is_known():
     assert len(facts) == 1, "a flight is reported once"
 
 
+def test_a_restart_in_flight_is_no_landing_and_the_landing_after_it_is():
+    facts = []
+    milestones = Milestones("roll", facts.append)
+    flight = [(True, 21.0, 0), (False, 1.0, 1), (True, 2.0, 1), (True, 23.0, 1), (False, 24.0, 1)]
+    for is_flying, now, boot in flight:
+        milestones.update(learning_with("model"), SessionStatus(is_flying=is_flying), now, boot)
+    [landed] = facts
+    assert str(landed).startswith("Landed at 24 s.")
+
+
 def test_a_flight_that_ends_in_the_air_is_no_landing():
     facts = []
     milestones = Milestones("roll", facts.append)
