@@ -37,7 +37,7 @@ def test_a_vehicle_that_moves_against_its_thrust_is_carried_away():
     assert alarm.code is SessionFact.ALARM and alarm.level is Level.BAD and alarm.time == 100.0
     assert alarm.advised == (
         "Alarm: wind carries the vehicle away since 100 s: it leans 45° against its motion, as far as it may, and "
-        "still moves at 2.0 m/s. Descend to where the wind is weaker, and land. Do not fly in this wind."
+        "still moves at 2.0 m/s. Descend to where the wind is weaker, and land. Fly in less wind."
     )
     assert watch.active and watch.lights[Light.WIND] == alarm.figures["reason"]
     ends = [

@@ -186,7 +186,7 @@ def test_motors_are_not_checked_for_what_new_gains_explain():
     # The gains are the cause, and what follows from them is neither doubtful nor tested.
     headline = plain_text(headline_of_comparison({}, difference, gains))
     assert "0.1 → 0.2; by them phase margin on pitch 57 → 17°" in headline
-    assert "No other figure changed." in headline
+    assert "No compared figure changed, but for what other gains explain." in headline
     assert "Doubtful" not in plain_text(difference_blocks(difference, gains))
 
 
