@@ -23,8 +23,9 @@ from mavdem.containers import JsonValues
 from mavdem.dataset.axes import TILT_AXES
 from mavdem.dem import Learned, Settings
 from mavdem.dem.parallel import LearningProcess
+from mavdem.documents.session import Live as LiveDocument
 from mavdem.documents.session import live_document
-from mavdem.errors import Unreadable
+from mavdem.errors import Unreadable, error_message
 from mavdem.export.conversion import STREAM_WRITERS
 from mavdem.facts import Fact
 from mavdem.facts.session import LinkFact
@@ -37,6 +38,7 @@ from mavdem.live.raw_recording import RawRecording
 from mavdem.live.session import LiveSession
 from mavdem.live.session_loop import run_session
 from mavdem.live.session_status import STATUS_PERIOD, SessionStatus
+from mavdem.live.vehicle_selection import Component
 from mavdem.report.live import verdict_lines
 from mavdem.report.pages.flight_page import live_page
 from mavdem.report.templates import as_clause
@@ -94,7 +96,7 @@ class LiveOptions:
     """Whether the user has chosen the vehicle, so that no other one is followed."""
 
     as_json: bool
-    """Whether a document of each flight is printed."""
+    """Whether a document of all flights is printed."""
 
     plain: bool
     """Whether the status is printed as lines below each other."""
@@ -107,11 +109,33 @@ class FollowedFlight:
     code: int
     """Exit code of the command if no other session follows."""
 
-    next_vehicle: str | None = None
+    document: LiveDocument | None
+    """Its JSON document, whose number of recorded frames is that at the end of the session; None without --json."""
+
+    recording: RawRecording | None
+    """Recording of the raw stream; None for none, and after it has failed."""
+
+    vehicle: Component | None
+    """The vehicle that was followed; None for none."""
+
+    next_vehicle: str | None
     """Name of the vehicle to follow next; None if the command is to end."""
 
-    next_pieces: Sequence[ReceivedPiece] = ()
-    """What came of that vehicle while the one before was silent."""
+    def move_frames_of_next_vehicle(self, recording: RawRecording) -> list[ReceivedPiece]:
+        """Moves what came of the next vehicle, while this one was silent, to the recording of the next session.
+
+        Args:
+            recording: Recording of the next session, which begins with it.
+
+        Returns:
+            The moved frames with their times of arrival; none if this session has no complete recording.
+
+        Raises:
+            OSError: One of the files cannot be read or written; nothing is lost then.
+        """
+        if self.recording is None or self.vehicle is None:
+            return []
+        return self.recording.move_after(self.vehicle.system, self.vehicle.component, recording)
 
 
 @click.command("live")
@@ -194,7 +218,7 @@ def live_command(
     files of its own: flight-2.tlog. With --vehicle none but that one is followed.
 
     The exit code is 0 with a model, 1 without one, also if nothing took off, and 2 if a file could not be written
-    completely. --json prints a document of each flight in each case.
+    completely. --json prints one document in each case: of the last vehicle, with those before under "earlier".
 
     \b
     Examples:
@@ -222,15 +246,20 @@ def live_command(
     )
     paths = _output_paths(rrd, record, model, html)
     start_time = monotonic()
+    flights = []
     codes = []
     number = 1
     # The process that learns starts first: it may be a fork, which keeps open what was open before.
     with LearningProcess() as executor, closing(Link(link)) as opened_link:
         if request_rate is None:
             _refuse_silent_link(opened_link, link)
-        flight = _follow_vehicle(options, paths, opened_link, executor, vehicle, (), duration)
+        flight = _follow_vehicle(options, paths, opened_link, executor, vehicle, None, duration)
+        flights.append(flight)
         codes.append(flight.code)
         while flight.next_vehicle is not None:
+            remaining = None if duration is None else duration - (monotonic() - start_time)
+            if remaining is not None and remaining <= 0:
+                break
             # The earlier model is of the first vehicle.
             options = replace(options, earlier_model=None, prior=None)
             number += 1
@@ -243,17 +272,24 @@ def live_command(
                 None if path is None else _with_number(path, number)
                 for path in (rrd, record, model, html)
             ]
-            remaining = None if duration is None else duration - (monotonic() - start_time)
-            flight = _follow_vehicle(
-                options,
-                _output_paths(*named),
-                opened_link,
-                executor,
-                flight.next_vehicle,
-                flight.next_pieces,
-                remaining,
-            )
+            try:
+                flight = _follow_vehicle(
+                    options,
+                    _output_paths(*named),
+                    opened_link,
+                    executor,
+                    flight.next_vehicle,
+                    flight,
+                    remaining,
+                )
+            except Unreadable as error:
+                print_to_stderr(f"The next vehicle cannot be followed: {as_clause(error)}.")
+                codes.append(EXIT_ERROR)
+                break
+            flights.append(flight)
             codes.append(flight.code)
+    if as_json:
+        print_json(_document_of_flights(flights))
     worst_first = (EXIT_ERROR, EXIT_DONE, EXIT_UNSUPPORTED)
     click.get_current_context().exit(next(code for code in worst_first if code in codes))
 
@@ -264,7 +300,7 @@ def _follow_vehicle(
     link: Link,
     executor: LearningProcess,
     vehicle: str | None,
-    first_pieces: Sequence[ReceivedPiece],
+    former_flight: FollowedFlight | None,
     duration: float | None,
 ) -> FollowedFlight:
     """Runs the session of one vehicle, until the user ends it or another vehicle is to be followed; writes its files.
@@ -275,11 +311,14 @@ def _follow_vehicle(
         link: Link that is open.
         executor: Process that learns; it is shut down unless another vehicle is to be followed.
         vehicle: Name of the vehicle to follow; None for the only one on the link.
-        first_pieces: What came of it while the vehicle before was silent.
+        former_flight: Flight of the vehicle before, in whose recording this one's first messages are; None for none.
         duration: Seconds until the end; None for no limit.
 
     Returns:
-        The exit code of this session, and what the next one is to follow.
+        The exit code and the document of this session, and what the next one is to follow.
+
+    Raises:
+        Unreadable: A file cannot be created, or the first messages cannot be moved to the recording of this session.
     """
     stream = _stream_with_prior(options, vehicle)
     # The handlers of signals outlast the resources, so that Ctrl-C cannot prevent the files from being completed.
@@ -297,6 +336,14 @@ def _follow_vehicle(
         )
         record = paths.record
         recording = None if record is None else RawRecording(record)
+        first_pieces: list[ReceivedPiece] = []
+        if former_flight is not None and recording is not None:
+            try:
+                first_pieces = former_flight.move_frames_of_next_vehicle(recording)
+            except OSError as error:
+                raise Unreadable(
+                    LinkFact.STREAM_FILE_FAILED, path=record, error=error_message(error)
+                ) from None
         session = LiveSession(
             link=link,
             stream=stream,
@@ -336,7 +383,8 @@ def _follow_vehicle(
             duration,
             plain=options.plain,
         )
-        successor = session.successor
+        # Where the user ends it, no other session follows.
+        successor = None if is_end_requested() else session.successor
         if successor is None:
             session.intake.record_rest()
         account = session.time_account()
@@ -346,7 +394,6 @@ def _follow_vehicle(
             print_fact(Fact(LinkFact.DATAGRAMS_LOST, count=dropped))
         print_to_stderr("Ending takes some seconds: model, message rates and files are completed.")
         learned = _final_model(session, session_end)
-        next_pieces = [] if recording is None else _pieces_of_successor(session, recording)
         # The model is written first, since what follows may fail or take its time.
         code = EXIT_UNSUPPORTED
         if learned is not None:
@@ -374,44 +421,44 @@ def _follow_vehicle(
                 link.name, options.axis, session.history, status, account, judged_model
             )
             is_page_lost = not _write_text(paths.page, page, "page")
-        if options.as_json:
-            written_paths = OutputPaths(
-                rrd=paths.rrd if dashboard.has_recording else None,
-                record=record,
-                model=paths.model if code == EXIT_DONE else None,
-                page=None if is_page_lost else paths.page,
-            )
-            files = _written_files(written_paths, recording)
-            print_json(live_document(session, status, account, files))
+        written_paths = OutputPaths(
+            rrd=paths.rrd if dashboard.has_recording else None,
+            record=record,
+            model=paths.model if code == EXIT_DONE else None,
+            page=None if is_page_lost else paths.page,
+        )
+        files = _written_files(written_paths, recording)
+        document = live_document(session, status, account, files) if options.as_json else None
         is_ended_by_user = is_end_requested()
     # The session gives up a recording of the stream that it cannot write.
     is_stream_lost = session.intake.recording is not recording
     if is_stream_lost or is_page_lost or dashboard.is_recording_broken:
         code = EXIT_ERROR
-    if successor is None or is_ended_by_user:
-        return FollowedFlight(code)
-    return FollowedFlight(code, successor.name, next_pieces)
+    return FollowedFlight(
+        code,
+        document,
+        recording=None if is_stream_lost else recording,
+        vehicle=session.stream.followed_vehicle,
+        next_vehicle=None if successor is None or is_ended_by_user else successor.name,
+    )
 
 
-def _pieces_of_successor(session: LiveSession, recording: RawRecording) -> list[ReceivedPiece]:
-    """Moves the messages of the next vehicle, which came while this one was silent, out of the recording of a session.
-
-    The recording of the next session begins with them.
+def _document_of_flights(flights: Sequence[FollowedFlight]) -> LiveDocument:
+    """Returns the JSON document of the last flight, with those before it as earlier ones.
 
     Args:
-        session: Session that has ended.
-        recording: Recording of the session.
-
-    Returns:
-        The removed bytes with their times of arrival; none if no vehicle is to be followed next, or the recording
-        failed.
+        flights: Flights of one vehicle after the other, at least one, each with its document.
     """
-    vehicle = session.stream.followed_vehicle
-    # A session drops a recording that cannot be written.
-    is_complete = session.intake.recording is recording
-    if session.successor is None or vehicle is None or not is_complete:
-        return []
-    return recording.cut_after(vehicle.system, vehicle.component)
+    documents = []
+    for flight in flights:
+        document = flight.document
+        assert document is not None
+        if flight.recording is not None:
+            # The frames of the next vehicle were moved out of the recording after the document was made.
+            document = document.with_frames(flight.recording.frame_count)
+        documents.append(document)
+    *earlier, last = documents
+    return last.model_copy(update={"earlier": earlier}) if earlier else last
 
 
 def _with_number(path: Path, number: int) -> Path:

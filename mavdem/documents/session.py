@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Self
 
 from pydantic import Field
 
@@ -104,8 +104,8 @@ class Recorded(Document):
     """number of frames"""
 
 
-class Live(MotorHealth):
-    """`--json` of live."""
+class LiveFlight(MotorHealth):
+    """Session with one vehicle."""
 
     link: str
     """as on the command line"""
@@ -161,6 +161,19 @@ class Live(MotorHealth):
     """file of the model"""
     html: str | None
     """page of the session"""
+
+
+class Live(LiveFlight):
+    """`--json` of live: the session with the vehicle that was followed last."""
+
+    earlier: list[LiveFlight] | None = None
+    """sessions with the vehicles that were followed before, the first one first; absent if there was no other"""
+
+    def with_frames(self, count: int) -> Self:
+        """Returns the document with another number of recorded frames; the same if there is no recording."""
+        if self.record is None:
+            return self
+        return self.model_copy(update={"record": self.record.model_copy(update={"frames": count})})
 
 
 WIND_KEYS = ("speed", "speed_from", "speed_to", "direction", "direction_interval")

@@ -36,6 +36,9 @@ It is a fifth of the first delay above: a fit that runs takes longer, and no tas
 BEHIND_DELAY = POSTPONING_DELAYS[DelayedWork.REFITS]
 """Delay of the analysis from which on the computer is reported to be too slow, s."""
 
+CATCH_UP_SECONDS = 10.0
+"""Time from the beginning of a session that begins late within which its delay is not reported, s: a choice."""
+
 
 class Backlog:
     """The queue of received frames in the order of arrival, and the tasks that are put off while they wait for long.
@@ -46,7 +49,12 @@ class Backlog:
         suspends_learning: whether the process that learns is to be paused, so that the analysis has its time.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, *, begins_late: bool = False) -> None:
+        """Begins without a frame.
+
+        Args:
+            begins_late: whether the session first analyses frames from before its beginning.
+        """
         self.postponed = set[DelayedWork]()
         self.longest_delay = 0.0
         self.suspends_learning = False
@@ -56,6 +64,8 @@ class Backlog:
         self._behind_time: float | None = None
         self._report_time = 0.0
         self._reported_delay = 0.0
+        # Until then, s of that clock, a delay is of frames from before the session.
+        self._catch_up_end = clock.monotonic() + (CATCH_UP_SECONDS if begins_late else 0.0)
 
     def __len__(self) -> int:
         """The number of batches that wait."""
@@ -133,7 +143,8 @@ class Backlog:
 
         A delay that has doubled since its last report is reported again, at most once in ``REPEAT_SECONDS``: alarms
         come so much later. Recovery is reported only after ``REPEAT_SECONDS`` without a long delay, so that a delay
-        around the limit is not reported all the time.
+        around the limit is not reported all the time. In a session that begins late, a delay is reported
+        only if it lasts for longer than ``CATCH_UP_SECONDS``.
 
         Args:
             dropped_datagrams: number of datagrams lost so far, because they were not read in time.
@@ -147,6 +158,8 @@ class Backlog:
         delay = now - self.analysed_until
         self._postpone_tasks(delay)
         self.longest_delay = max(self.longest_delay, delay)
+        if now < self._catch_up_end:
+            return None
         if delay >= BEHIND_DELAY:
             is_new = self._behind_time is None
             has_doubled = (

@@ -61,7 +61,7 @@ class LinkIntake:
             frame_reader: finds the frames in its bytes.
             recording: recording of the raw stream; None for none.
             log: is called with each fact about link and recording.
-            first_pieces: bytes that the link delivered before this session, which belong to its recording.
+            first_pieces: frames that the link delivered before this session, which the recording has already.
         """
         self.recording = recording
         self.is_lost = False
@@ -91,13 +91,12 @@ class LinkIntake:
         try:
             if self.is_lost and not self._reopen(timeout):
                 return []
-            pieces = self._first_pieces + self._link.receive(timeout)
-            self._first_pieces = []
+            pieces = self._link.receive(timeout)
         except LinkLost as error:
             self.is_lost = True
             self._log(error.fact.replace(reopening=True))
             return []
-        stamped_frames = self._record(pieces)
+        stamped_frames = self._frames_of_first_pieces() + self._record(pieces)
         now = clock.monotonic()
         wall_time = clock.unix_time()
         emptied_time = self._emptied_time
@@ -109,6 +108,20 @@ class LinkIntake:
             arrival_time = now - (wall_time - stamp)
             batches.append(FrameBatch(min(max(arrival_time, emptied_time), now), stamp, frames))
         return batches
+
+    def _frames_of_first_pieces(self) -> list[_StampedFrames]:
+        """Returns the frames that the link delivered before this session; none after the first call.
+
+        A reader of their own finds them: a frame that it keeps back, since its end is in doubt, must not be recorded
+        again with the next one.
+        """
+        reader = FrameReader()
+        stamped_frames = [
+            _StampedFrames(piece.arrival_time, reader.feed(piece.data))
+            for piece in self._first_pieces
+        ]
+        self._first_pieces = []
+        return stamped_frames
 
     def _reopen(self, timeout: float) -> bool:
         """Tries to open the lost link again.

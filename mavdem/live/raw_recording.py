@@ -1,5 +1,7 @@
 """Recording of what a link receives, frame by frame, in a file that grows."""
 
+from __future__ import annotations
+
 from collections.abc import Sequence
 from math import nan
 from pathlib import Path
@@ -130,45 +132,57 @@ class RawRecording:
             if self._mcap is not None:
                 self._mcap.finish()  # type: ignore[no-untyped-call]
 
-    def cut_after(self, system: int, component: int) -> list[ReceivedPiece]:
-        """Removes all frames after the last frame of a sender from a closed .tlog, since they belong to another flight.
+    def move_after(self, system: int, component: int, other: RawRecording) -> list[ReceivedPiece]:
+        """Moves all frames after the last frame of a sender from a closed .tlog to the recording of another flight.
 
-        They were sent by other vehicles, while this one was silent. An .mcap stays as it is.
+        They were sent by other vehicles, while this one was silent. They are cut here only once the operating system
+        has them in the other file, so that whatever fails loses none. An .mcap stays as it is.
 
         Args:
             system: system id of the sender.
             component: its component id.
+            other: an open recording of the same format.
 
         Returns:
-            The removed frames with their stamps, for the recording of another vehicle.
+            The moved frames with their stamps.
 
         Raises:
-            OSError: the file cannot be read or cut.
+            OSError: one of the files cannot be read, written or cut.
         """
         end = self._sizes_by_sender.get((system, component))
         if self._mcap is not None or end is None:
             return []
         with open(self._path, "r+b") as file:
             file.seek(end)
-            removed = file.read(self._size - end)
+            pieces = other._add_records(file.read(self._size - end))
             file.truncate(end)
-        pieces = _pieces(removed)
         self.frame_count -= len(pieces)
         return pieces
 
+    def _add_records(self, records: bytes) -> list[ReceivedPiece]:
+        """Adds records of another .tlog to this one, and passes them on to the operating system.
 
-def _pieces(records: bytes) -> list[ReceivedPiece]:
-    """Splits the bytes of a .tlog into frames with their times of arrival.
+        Args:
+            records: complete records: a time stamp, UNIX µs in ``STAMP_BYTES`` bytes, and a MAVLink frame each.
 
-    Args:
-        records: complete records of a .tlog: a time stamp, UNIX µs in ``STAMP_BYTES`` bytes, and a MAVLink frame each.
+        Returns:
+            For each frame its bytes, and when it arrived, UNIX s.
 
-    Returns:
-        For each frame its bytes, and when it arrived, UNIX s.
-    """
-    frames = find_frames(np.frombuffer(records, dtype=np.uint8), crc_extra_table(), STAMP_BYTES)
-    pieces = []
-    for start, end in zip(frames.start.tolist(), frames.end.tolist(), strict=True):
-        microseconds = int.from_bytes(records[start - STAMP_BYTES : start], "big")
-        pieces.append(ReceivedPiece(microseconds / 1e6, records[start:end]))
-    return pieces
+        Raises:
+            OSError: they cannot be written.
+        """
+        self._file.write(records)
+        self._file.flush()
+        frames = find_frames(np.frombuffer(records, dtype=np.uint8), crc_extra_table(), STAMP_BYTES)
+        ends = frames.end.tolist()
+        senders = zip(frames.system.tolist(), frames.component.tolist(), strict=True)
+        pieces = []
+        for sender, start, end in zip(senders, frames.start.tolist(), ends, strict=True):
+            self._sizes_by_sender[sender] = self._size + end
+            microseconds = int.from_bytes(records[start - STAMP_BYTES : start], "big")
+            pieces.append(ReceivedPiece(microseconds / 1e6, records[start:end]))
+        if pieces and self.frame_count == 0:
+            self.first_stamp = pieces[0].arrival_time
+        self.frame_count += len(pieces)
+        self._size += len(records)
+        return pieces

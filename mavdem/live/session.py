@@ -109,7 +109,7 @@ class LiveSession:
             gain_adviser: advises gains after a landing and at the end; None for no advice.
             recording_name: file in which the user has the recording; empty if that is known later, None without one.
             keeps_vehicle: whether the user has chosen the vehicle: it then has no successor.
-            first_pieces: what the link delivered before, of the vehicle that succeeds another one.
+            first_pieces: frames of the vehicle that succeeds another one, which the recording has already.
         """
         self.link = link
         self.stream = stream
@@ -123,7 +123,7 @@ class LiveSession:
         self.history = self._presentation.history
         log = self._presentation.log
         self.intake = LinkIntake(link, stream.frame_reader, recording, log, first_pieces)
-        self.backlog = Backlog()
+        self.backlog = Backlog(begins_late=bool(first_pieces))
         self._latencies = LatencyMeter()
         self._silence_monitor = SilenceMonitor()
         self._learning = FlightLearning(stream.axis, settings, executor, prior, log)

@@ -4,8 +4,10 @@ from collections.abc import Callable
 from dataclasses import replace
 from datetime import UTC, datetime
 from math import nan
+from pathlib import Path
 from threading import Event as ThreadEvent
 from threading import Thread
+from typing import NamedTuple
 
 from mavdem.dem import Settings
 from mavdem.dem.parallel import LearningProcess
@@ -63,6 +65,16 @@ MODEL_AXIS = "roll"
 """Axis whose model a session learns."""
 
 
+class _IncomingRecording(NamedTuple):
+    """The recording of a session before the library has it."""
+
+    recording: RawRecording
+    """The recording."""
+
+    path: Path
+    """Path of its file."""
+
+
 class LinkMonitor:
     """Runs live sessions on a link, one after the other, in a thread; nothing is sent to the vehicle unless asked for.
 
@@ -116,6 +128,8 @@ class LinkMonitor:
         self._next_vehicle: str | None = None
         # The messages of that vehicle that came in the session before, while the former vehicle was silent.
         self._next_pieces: list[ReceivedPiece] = []
+        # The recording of the next session, where it has these messages already.
+        self._next_recording: _IncomingRecording | None = None
         self._is_stopping = ThreadEvent()
         self._silent_pages = 0
         self._frames_at_last_page = 0
@@ -150,7 +164,8 @@ class LinkMonitor:
         """Runs in the thread: runs one session after the other until the server ends or a session fails."""
         try:
             with LearningProcess() as executor:
-                while not self._is_stopping.is_set():
+                # A recording that has begun is added to the library by its session, however short that is.
+                while not self._is_stopping.is_set() or self._next_recording is not None:
                     self._run_one_session(executor)
         except Exception as error:
             # No caller would see the error in this thread, so any kind of it is reported.
@@ -173,8 +188,8 @@ class LinkMonitor:
             OSError: the recording cannot be written any more.
             Refusal: the library has no room.
         """
-        path = self._library.new_incoming_path(_recording_name(datetime.now(UTC)))
-        recording = RawRecording(path)
+        recording, path = self._next_recording or self._new_recording()
+        self._next_recording = None
         session = LiveSession(
             self._link,
             LiveStream(
@@ -207,15 +222,21 @@ class LinkMonitor:
                 )
                 # A flight whose landing was reported is not reported again.
                 session.report_end(session.status, None)
-                if session.successor is None:
+                # Where the server ends, no other session follows.
+                successor = None if self._is_stopping.is_set() else session.successor
+                if successor is None:
                     session.intake.record_rest()
                 else:
-                    self._next_vehicle = session.successor.name
+                    self._next_vehicle = successor.name
             finally:
                 session.end()
             vehicle = session.stream.followed_vehicle
-            if session.successor is not None and vehicle is not None:
-                self._next_pieces = recording.cut_after(vehicle.system, vehicle.component)
+            if successor is not None and vehicle is not None:
+                next_recording = self._new_recording()
+                self._next_pieces = recording.move_after(
+                    vehicle.system, vehicle.component, next_recording.recording
+                )
+                self._next_recording = next_recording
         finally:
             newly_lost = self._link.dropped_datagrams - self._lost_datagrams
             self._lost_datagrams += newly_lost
@@ -234,6 +255,11 @@ class LinkMonitor:
                     )
             else:
                 path.unlink()
+
+    def _new_recording(self) -> _IncomingRecording:
+        """Creates the recording of a session, among the incoming files of the library."""
+        path = self._library.new_incoming_path(_recording_name(datetime.now(UTC)))
+        return _IncomingRecording(RawRecording(path), path)
 
     def _take_event(self, event: Event) -> None:
         """Passes on an event of a session that the server's terminal prints: a warning, or one of ``REPORTED_CODES``.

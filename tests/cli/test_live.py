@@ -7,11 +7,13 @@ import signal
 import socket
 from concurrent.futures import wait
 from contextlib import closing
+from math import inf
 from types import SimpleNamespace
 from unittest.mock import Mock
 
 from command_line import free_port, refused, run, strict_json
 from live_faults import Wire
+from mavlink_streams import flight, heartbeat
 from patience import PATIENCE
 from pytest import approx, mark, raises
 from rerun_file import drawn
@@ -24,6 +26,7 @@ from mavdem.dem.parallel import LearningProcess
 from mavdem.ingest import read_log
 from mavdem.live.session import LiveSession
 from mavdem.live.vehicle_selection import Component
+from mavdem.processes import TERMINATION_SIGNALS
 from sitl_scenarios.files import load
 from sitl_scenarios.mavlink.live import Ground, fly_live
 from sitl_scenarios.simulation import Simulation
@@ -89,6 +92,20 @@ def test_a_model_that_cannot_be_written_costs_nothing_else(tmp_path, capsys, mon
     assert "there is no folder" in said.err
 
 
+def taken_over(session):
+    """Lets a session record 1:1, which falls silent, and then 2:1, which another session is to follow."""
+    for system in (1, 2):
+        pieces = [heartbeat(system)] * 5 + flight([1.0, 1.01, 1.02], system=system)
+        frames = session.stream.frame_reader.feed(b"".join(pieces))
+        session.intake.recording.add(1.7e9 + system, frames)
+        list(session.stream.take_frames(1.7e9 + system, frames))
+    session.successor = Component(2, 1)
+
+
+def systems_in(path):
+    return [telemetry.system for telemetry in read_log(path).vehicles]
+
+
 @mark.slow
 def test_the_vehicle_that_sends_after_the_followed_one_has_files_of_its_own(
     here, capsys, monkeypatch
@@ -96,19 +113,62 @@ def test_the_vehicle_that_sends_after_the_followed_one_has_files_of_its_own(
     wanted = []
 
     def fly(session, is_end_requested, *_):
-        wanted.append(session.stream.status().obstacle.subject)
+        wanted.append(session)
         if len(wanted) == 1:
-            session.successor = Component(2, 1)
+            taken_over(session)
         assert is_end_requested() == (len(wanted) == 1)
 
     monkeypatch.setattr("mavdem.cli.live.run_session", fly)
     (here / "f-2.html").touch()
-    assert (
-        run("live", f"udpin:127.0.0.1:{free_port()}", "--record", "f.tlog", "--html", "f.html") == 1
-    )
-    assert wanted == ["", "2:1"]
+    words = f"udpin:127.0.0.1:{free_port()} --record f.tlog --html f.html --json"
+    assert run("live", *words.split()) == 1
+    _, second = wanted
+    assert second.stream.status().obstacle.subject == "2:1"
     names = {path.name for path in here.iterdir()}
     assert {"f.tlog", "f.html", "f-3.tlog", "f-3.html"} <= names and "f-2.tlog" not in names
+    # The session of 2:1 ends before it has analysed anything, and its recording has the frames all the same.
+    assert systems_in(here / "f.tlog") == [1] and systems_in(here / "f-3.tlog") == [2]
+    told = strict_json(capsys.readouterr().out)
+    (earlier,) = told["earlier"]
+    assert earlier["html"] == "f.html" and "earlier" not in earlier
+    assert earlier["record"]["frames"] == told["record"]["frames"] > 0
+    assert told["record"]["file"] == "f-3.tlog"
+
+
+@mark.slow
+@mark.parametrize("end", ["signal", "late signal", "duration", "folder"])
+def test_what_was_recorded_of_a_vehicle_that_is_not_followed_any_more_stays_where_it_is(
+    here, monkeypatch, end
+):
+    """The user ends the command in a take-over, its duration is over, or no further file can be created."""
+    folder = here / "flights"
+    folder.mkdir()
+
+    def fly(session, *_):
+        taken_over(session)
+        if end == "signal":
+            signal.raise_signal(signal.SIGINT)
+
+    def page(*_):
+        if end == "late signal":
+            signal.raise_signal(signal.SIGINT)
+        elif end == "duration":
+            monkeypatch.setattr("mavdem.cli.live.monotonic", lambda: inf)
+        elif end == "folder":
+            folder.rename(here / "renamed")
+        return ""
+
+    monkeypatch.setattr("mavdem.cli.live.run_session", fly)
+    monkeypatch.setattr("mavdem.cli.live.live_page", page)
+    handlers = {number: signal.getsignal(number) for number in TERMINATION_SIGNALS}
+    words = f"udpin:127.0.0.1:{free_port()} --record flights/f.tlog --duration 1000"
+    try:
+        assert run("live", *words.split()) == (2 if end == "folder" else 1)
+    finally:
+        for number, handler in handlers.items():
+            signal.signal(number, handler)
+    (recording,) = here.glob("*/*.tlog")
+    assert sorted(systems_in(recording)) == [1, 2]
 
 
 @mark.slow

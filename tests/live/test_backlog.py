@@ -25,6 +25,21 @@ def test_learning_is_suspended_until_the_analysis_has_caught_up(monkeypatch):
     assert not backlog.postponed
 
 
+def test_a_session_that_begins_late_is_too_slow_only_where_it_does_not_catch_up(monkeypatch):
+    now = [100.0]
+    monkeypatch.setattr("mavdem.live.clock.monotonic", lambda: now[0])
+    reported = []
+    for delays in ([1.2, 0.5, 0.0], [1.2] * 13):
+        backlog = Backlog(begins_late=True)
+        for delay in delays:
+            backlog.add([FrameBatch(now[0] - delay, 0.0, [])])
+            reported.append(backlog.update(0))
+            backlog.pop_simultaneous()
+            now[0] += 1.0
+    (fact,) = filter(None, reported)
+    assert fact.code is SessionFact.COMPUTER_BEHIND and reported.index(fact) == 3 + 10
+
+
 def test_a_delay_that_doubles_is_reported_again(monkeypatch):
     now = [100.0]
     monkeypatch.setattr("mavdem.live.clock.monotonic", lambda: now[0])

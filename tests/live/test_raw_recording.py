@@ -3,7 +3,7 @@
 import shutil
 
 from mavlink_streams import flight, frame, heartbeat
-from pytest import approx, mark
+from pytest import approx, mark, raises
 from refusals import unreadable
 
 from mavdem.facts.session import LinkFact
@@ -85,17 +85,30 @@ def test_it_replaces_nothing(tmp_path):
     )
 
 
-def test_what_others_sent_after_the_last_frame_of_a_vehicle_is_cut_for_its_successor(tmp_path):
+def test_what_others_sent_after_the_last_frame_of_a_vehicle_is_moved_for_its_successor(tmp_path):
     path = tmp_path / "flight.tlog"
     recording = RawRecording(path)
     other = [heartbeat(4), *flight([1.0, 1.01, 1.02], system=4)]
     taken(recording, [*FRAMES, *other], 0.005)
     recording.close()
     begin = len(FRAMES)
-    pieces = recording.cut_after(1, 1)
+    full = RawRecording(tmp_path / "full.tlog")
+    full.close()
+    with raises(ValueError, match="closed"):
+        recording.move_after(1, 1, full)
+    assert len(recorded(path)) == recording.frame_count
+    successor = RawRecording(tmp_path / "flight-2.tlog")
+    pieces = recording.move_after(1, 1, successor)
     assert [piece.data for piece in pieces] == other
     assert [piece.arrival_time for piece in pieces] == approx(
         [NOW + 0.005 * row for row in range(begin, begin + len(other))]
     )
     assert [frame for _, frame in recorded(path)] == FRAMES
-    assert recording.frame_count == len(FRAMES) and recording.cut_after(9, 1) == []
+    assert recording.frame_count == len(FRAMES) and recording.move_after(9, 1, successor) == []
+    # They are in the other file before it is closed.
+    assert [frame for _, frame in recorded(tmp_path / "flight-2.tlog")] == other
+    assert (successor.frame_count, successor.first_stamp) == (len(other), pieces[0].arrival_time)
+    taken(successor, FRAMES, 0.005)
+    successor.close()
+    third = RawRecording(tmp_path / "flight-3.tlog")
+    assert [piece.data for piece in successor.move_after(4, 1, third)] == FRAMES

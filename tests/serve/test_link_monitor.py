@@ -5,10 +5,12 @@ import socket
 import time
 from dataclasses import replace
 from datetime import UTC, datetime
+from itertools import count
 from threading import Event
 from unittest.mock import Mock
 
 from command_line import free_port
+from mavlink_streams import flight, heartbeat
 from patience import PATIENCE, until
 from pytest import fixture, mark, raises
 from recorded_flights import FLIGHT
@@ -254,5 +256,39 @@ def test_the_flight_of_a_silent_vehicle_is_saved_and_the_one_that_sends_is_follo
         SessionFact.FLIGHT_LEARNED,
         LinkFact.FLIGHT_SAVED,
     ]
-    _, count = live._library.find("1", [], 10)
-    assert count == 1
+    _, found = live._library.find("1", [], 10)
+    assert found == 1
+
+
+@mark.parametrize("end", ["in the session", "after the session", "no file"])
+def test_no_recorded_frame_of_the_next_vehicle_is_lost_when_the_server_ends(idle, monkeypatch, end):
+    """Nor where the next recording cannot be created."""
+    live, _ = idle
+
+    def fly(session, is_over, *_):
+        if is_over():
+            return
+        for system in (1, 2):
+            pieces = [heartbeat(system)] * 5 + flight([1.0, 1.01, 1.02], system=system)
+            frames = session.stream.frame_reader.feed(b"".join(pieces))
+            session.intake.recording.add(1.7e9 + system, frames)
+            list(session.stream.take_frames(1.7e9 + system, frames))
+        session.successor = Component(2, 1)
+        if end == "in the session":
+            live._is_stopping.set()
+        elif end == "no file":
+            monkeypatch.setattr(link_monitor, "RawRecording", Mock(side_effect=OSError))
+
+    monkeypatch.setattr(link_monitor, "live_page", Mock(return_value=""))
+    monkeypatch.setattr(link_monitor, "run_session", fly)
+    # A take-over takes longer than the second by which recordings are named.
+    numbers = count()
+    monkeypatch.setattr(link_monitor, "_recording_name", lambda _: f"{next(numbers)}.tlog")
+    live._log_added = live._is_stopping.set
+    live._run()
+    entries, _ = live._library.find("1", [], 10)
+    systems = [
+        [telemetry.system for telemetry in read_log(live._library.log_path(entry)).vehicles]
+        for entry in entries
+    ]
+    assert sorted(map(sorted, systems)) == ([[1], [2]] if end == "after the session" else [[1, 2]])
