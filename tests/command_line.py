@@ -3,6 +3,7 @@
 import json
 import socket
 import sys
+from contextlib import suppress
 
 from mavdem.cli.commands import load_command, main
 from mavdem.cli.commands import mavdem as mavdem_command
@@ -55,7 +56,14 @@ def refused(capsys, code, *words):
 
 
 def free_port():
-    """A port of UDP that nobody has."""
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-        probe.bind(("127.0.0.1", 0))
-        return int(probe.getsockname()[1])
+    """A port that nobody has, neither of UDP nor of TCP: connections of other tests use the same range of ports."""
+    while True:
+        with (
+            socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as udp_probe,
+            socket.socket(socket.AF_INET, socket.SOCK_STREAM) as tcp_probe,
+        ):
+            udp_probe.bind(("127.0.0.1", 0))
+            port = int(udp_probe.getsockname()[1])
+            with suppress(OSError):
+                tcp_probe.bind(("127.0.0.1", port))
+                return port

@@ -7,6 +7,7 @@ import termios
 import time
 from contextlib import closing, contextmanager
 
+from command_line import free_port
 from mavlink_streams import message
 from pytest import fixture, mark, raises
 from refusals import refused, unreadable
@@ -39,8 +40,7 @@ def port_of(one):
 
 @contextmanager
 def listening(form="udpin:127.0.0.1:{}"):
-    with udp() as one:
-        port = port_of(one)
+    port = free_port()
     with closing(Link(form.format(port))) as link:
         yield link, ("127.0.0.1", port)
 
