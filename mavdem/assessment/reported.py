@@ -20,7 +20,6 @@ from mavdem.dataset.flight_states import SURFACE_VEHICLES, armed_intervals
 from mavdem.dataset.grounded import without_grounded
 from mavdem.dataset.intervals import (
     Intervals,
-    TimeInterval,
     in_intervals,
     intersection,
     true_intervals,
@@ -29,7 +28,7 @@ from mavdem.dataset.motor_outputs import DEMAND_MESSAGE
 from mavdem.dataset.position_fix import has_position_fix
 from mavdem.dataset.segments import Segment, recorded_spans
 from mavdem.dataset.signals import Signals
-from mavdem.dataset.time_series import AVERAGING_SECONDS, series_of_boot
+from mavdem.dataset.time_series import AVERAGING_SECONDS, TimeSeries, series_of_boot
 from mavdem.facts import Fact, Facts, Level
 from mavdem.facts.events import ReportedEvent
 from mavdem.ingest.motors import POSSIBLE_MULTIROTORS
@@ -362,10 +361,11 @@ def _take_offs_and_landings(signals: Signals, recorded_part: Segment) -> Iterato
                 detected_time = detected_changes[np.argmin(distances)]
                 yield _event(signals, recorded_part, "EXTENDED_SYS_STATE", code, detected_time)
                 continue
-            is_stopped_in_air = code is ReportedEvent.ON_GROUND and stopped_in_air(
-                signals, recorded_part.boot, flight
-            )
-            if vehicle in POSSIBLE_MULTIROTORS and not is_stopped_in_air:
+            if vehicle not in POSSIBLE_MULTIROTORS:
+                continue
+            sensors = BootSensors(signals, recorded_part.boot, take_off)
+            is_landing = code is ReportedEvent.ON_GROUND
+            if not (is_landing and stopped_in_air(sensors.height_above_take_off, landing)):
                 yield _event(signals, recorded_part, motor_message, code, time)
 
 
@@ -389,39 +389,31 @@ def _detected_changes(signals: Signals, boot: int) -> Array:
     return landed_state.time[is_defined][is_change]
 
 
-def stopped_in_air(signals: Signals, boot: int, flight_interval: TimeInterval) -> bool:
+def stopped_in_air(height: TimeSeries | None, end: float) -> bool:
     """Returns whether the vehicle was in the air when a flight ended by its motor outputs, or by disarming.
 
     It was if it sank by more than ``MAX_TOUCH_DOWN_DROP`` afterwards. If the record ends within a second, its height
     above the take-off must exceed that instead.
 
     Args:
-        signals: signals of the vehicle.
-        boot: number of the boot.
-        flight_interval: start and end of the flight, s since boot.
+        height: height (N,) above the take-off, m; None if it is not known, and then the vehicle counts as landed.
+        end: end of the flight, s since boot.
     """
-    take_off, end = flight_interval
-    height = BootSensors(signals, boot, take_off).height_above_take_off
     if height is None:
         return False
     if height.time[-1] >= end + 1.0:
-        return has_sunk_after(signals, boot, flight_interval)
-    return bool(np.interp(end, height.time, height.values) > MAX_TOUCH_DOWN_DROP)
+        return has_sunk_after(height, end)
+    return height.value_at(end) > MAX_TOUCH_DOWN_DROP
 
 
-def has_sunk_after(signals: Signals, boot: int, flight_interval: TimeInterval) -> bool:
+def has_sunk_after(height: TimeSeries, end: float) -> bool:
     """Returns whether the vehicle sank by more than ``MAX_TOUCH_DOWN_DROP`` after the end of a flight.
 
     Args:
-        signals: signals of the vehicle.
-        boot: number of the boot.
-        flight_interval: start and end of the flight, s since boot.
+        height: height (N,) above the take-off, m.
+        end: end of the flight, s since boot.
     """
-    take_off, end = flight_interval
-    height = BootSensors(signals, boot, take_off).height_above_take_off
-    if height is None:
-        return False
-    end_height = np.interp(end, height.time, height.values)
+    end_height = height.value_at(end)
     is_after = in_intervals(height.time, [(end, end + RECOVERY_SECONDS)])
     seconds = height.time[is_after] - end
     drops = end_height - height.values[is_after]

@@ -159,17 +159,18 @@ class ControlWatch:
         """
         signals = self._signals(vehicle, motion)
         boot = self._recent.boot
-        is_in_air = stopped_in_air(signals, boot, flight_interval)
-        take_off, _ = flight_interval
+        take_off, end = flight_interval
+        sensors = BootSensors(signals, boot, take_off)
+        height = sensors.height_above_take_off
+        is_in_air = stopped_in_air(height, end)
+        is_falling = height is not None and is_in_air and has_sunk_after(height, end)
         attitude_loss = self._attitude_loss
         if attitude_loss is not None and attitude_loss.start_time < take_off:
             # The attitude was lost in an earlier flight.
             attitude_loss = None
         error = attitude_error(signals, boot)
-        is_falling = is_in_air and has_sunk_after(signals, boot, flight_interval)
         if error is None or (attitude_loss is None and not is_in_air):
             return FlightEnd(is_in_air, is_falling, loss=None)
-        sensors = BootSensors(signals, boot, take_off)
         contact = ground_contact(sensors, error, flight_interval, attitude_loss, reports)
         losses = flight_losses(attitude_loss, contact)
         if losses.contact is None:
