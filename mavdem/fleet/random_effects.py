@@ -122,6 +122,11 @@ class QuantityChange(NamedTuple):
     outcome: QuantityOutcome = QuantityOutcome.SAME
     """Changed; the same; or uncertain, where the interval reaches beyond what is called the same."""
 
+    @property
+    def interval_contains_zero(self) -> bool:
+        """Whether the interval of the difference, without regard to other quantities, contains "no change"."""
+        return abs(self.difference) <= self.half_width
+
 
 class StateEstimates(NamedTuple):
     """The estimates of one quantity in the f flights of a state."""
@@ -267,7 +272,7 @@ def with_outcomes(
     for change in changes:
         if not follows_from_gains(change.quantity, axes_with_other_gains):
             tested.append(change)
-        elif abs(change.difference) > change.half_width:
+        elif not change.interval_contains_zero:
             changed_quantities.add(change.quantity)
     changed_quantities |= _changed_quantities(tested)
 

@@ -382,8 +382,7 @@ def _is_doubtful(change: QuantityChange) -> bool:
 
     That interval disregards how many quantities are tested.
     """
-    is_uncertain = change.outcome is QuantityOutcome.UNCERTAIN
-    return is_uncertain and abs(change.difference) > change.half_width
+    return change.outcome is QuantityOutcome.UNCERTAIN and not change.interval_contains_zero
 
 
 def _change_sentences(difference: VehicleDifference) -> list[Sentence]:

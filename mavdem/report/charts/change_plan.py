@@ -65,10 +65,7 @@ def drawn_changes(difference: VehicleDifference) -> list[QuantityChange]:
     ]
     return sorted(
         changes or difference.changes,
-        key=lambda change: (
-            outcomes.index(change.outcome),
-            abs(change.difference) <= change.half_width,
-        ),
+        key=lambda change: (outcomes.index(change.outcome), change.interval_contains_zero),
     )
 
 
