@@ -1,7 +1,7 @@
 """Events that the autopilot reports, as facts (coded findings): states, texts, error codes, and faults of sensors."""
 
 from collections.abc import Iterator, Sequence
-from math import inf, isfinite
+from math import isfinite
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -35,7 +35,6 @@ from mavdem.ingest.motors import POSSIBLE_MULTIROTORS
 from mavdem.ingest.vocabulary import OFF_GROUND
 from mavdem.physical_constants import GRAVITY
 from mavdem.witnesses.boot_sensors import BootSensors
-from mavdem.witnesses.height import trusted_height_at
 
 MAX_TOUCH_DOWN_DROP = 3.0
 """Height, m, by which a vehicle that has landed may still seem to sink: a choice, beyond the barometer's error in the
@@ -202,8 +201,8 @@ def _height_at(signals: Signals, boot: int, flights: Intervals, time: float) -> 
     take_offs = [take_off for take_off, _ in flights if take_off <= time]
     if take_offs:
         take_off = max(take_offs)
-        return trusted_height_at(signals, boot, take_off, time)
-    return None if trusted_height_at(signals, boot, -inf, time) is None else 0.0
+        return BootSensors(signals, boot, take_off).height_at(time)
+    return None if BootSensors(signals, boot).height_at(time) is None else 0.0
 
 
 def _is_watchdog_report(fact: Fact) -> bool:

@@ -37,6 +37,7 @@ from mavdem.witnesses.height import (
     HeightComparison,
     TrustedHeight,
     trusted_height,
+    trusted_height_at,
 )
 from mavdem.witnesses.statements import (
     ACCELEROMETER,
@@ -188,8 +189,7 @@ class BootSensors:
 
     def height_at(self, time: float) -> float | None:
         """Returns the height above the take-off at a time, m, by a source that can be trusted; None without any."""
-        height = self.height_above_take_off
-        return None if height is None else height.value_at(time)
+        return trusted_height_at(self.signals, self.boot, self.take_off, time)
 
     def height_statements(self, min_height: float, time: float) -> tuple[Fact, ...]:
         """Returns a statement of each height sensor on whether the vehicle was above a height at some time.
