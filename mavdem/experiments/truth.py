@@ -17,6 +17,7 @@ from mavdem.facts.forecasts import ComparedWithTruth, ForecastFact
 from mavdem.facts.identifiability import Status
 from mavdem.files import PathName
 from mavdem.flight import Flight
+from mavdem.ingest.motors import name_without_place
 from mavdem.plant import Physical, WindTorque
 
 MAX_RATE_DIFFERENCE = 0.3
@@ -252,10 +253,8 @@ def compared_effects(
     # Half widths (r,) of the 90 % intervals.
     half_widths = physical.interval()[0]
     for motor, input_name in enumerate(flight.input_names):
-        # The text in brackets states the position of the motor.
-        motor_name = input_name.split(" (")[0]
         yield ComparedParameter(
-            f"{ComparedWithTruth.EFFECT_OF} {motor_name}",
+            f"{ComparedWithTruth.EFFECT_OF} {name_without_place(input_name)}",
             unit=unit,
             estimate=float(physical.effect[motor]),
             half_width=float(half_widths[motor]),

@@ -5,7 +5,7 @@ from frames import FRAMES, geometry
 from pytest import approx, mark
 
 from mavdem.facts.motors import TrimFact
-from mavdem.ingest.motors import PositionSource
+from mavdem.ingest.motors import PositionSource, name_without_place
 from mavdem.motors.balance_figures import BalanceFigures
 from mavdem.motors.change_hypotheses import FAULT_RISE
 from mavdem.motors.signatures import motor_signatures
@@ -68,7 +68,7 @@ def test_two_motors_that_explain_a_trim_alike_are_suspects_both():
     found = trim(0.4 * motor_signatures(plan).weak_motor_balance[0, 1:], plan)
     assert (found.code, found.subject) == (TrimFact.TRIM_OF_SEVERAL, "")
     assert set(found.figures["names"]) == set(plan.names[:2])
-    first, second = (name.partition(" (")[0] for name in plan.names[:2])
+    first, second = map(name_without_place, plan.names[:2])
     assert f"{first} or {second} may be weak" in found.sentence
 
 
