@@ -318,6 +318,7 @@ def _environment() -> Environment:
         "abbreviated_list": abbreviated_list,
         "advised": attrgetter("advised"),
         "as_clause": as_clause,
+        "baseline_flights": _baseline_flights,
         "further_clauses": _further_clauses,
         "capitalize_first": capitalize_first,
         "step_in_flight": _step_in_flight,
@@ -493,6 +494,18 @@ def _weak_motor_clause(weak_motor: Fact | None) -> str:
     if weak_motor is None:
         return ""
     return f"; the flight before shows that {as_clause(headline(weak_motor))}"
+
+
+def _baseline_flights(count: int, are_chosen: bool) -> str:
+    """Returns the flights that the motors of a flight are compared with, in words: "6 healthy flights".
+
+    Args:
+        count: number of these flights.
+        are_chosen: whether a user named them as healthy; otherwise they are the vehicle's first sound ones.
+    """
+    if are_chosen:
+        return counted(count, "healthy flight")
+    return f"{count} of the vehicle's first sound flights, taken for healthy"
 
 
 def forbids_flight(fact: Fact) -> bool:
