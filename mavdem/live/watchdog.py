@@ -728,7 +728,8 @@ class Watchdog:
         for kind, latest_time in review.latest_times.items():
             is_over = review.now - latest_time >= CALM_SECONDS
             if is_over and kind not in self.active:
-                del review.facts[kind]
+                # After a loss of control, the fact may have been removed already (``EXPLAINED_BY_LOSS``).
+                review.facts.pop(kind, None)
         for kind, fact in review.facts.items():
             self._worsen_light(LIGHTS[kind], fact)
         return [*self._begun_alarms(review), *self._ended_alarms(review)]

@@ -14,6 +14,7 @@ from mavdem.facts.ending import Ending, FailedFirst
 from mavdem.facts.events import ReportedEvent
 from mavdem.facts.lights import Light
 from mavdem.facts.session import SessionFact
+from mavdem.facts.vibration import VibrationLight
 from mavdem.facts.watch import WatchFact
 
 LOST = 18.0
@@ -100,6 +101,18 @@ def test_after_a_loss_nothing_speaks_as_of_a_landing(lost):
     # Motors that fought the loss are not called sound.
     assert not judgement.lights[Light.MOTORS].is_good
     assert status.active_alarms == (status.loss,)
+
+
+def test_a_loss_after_vibration_that_is_over_is_alarmed():
+    """The vibration of the last minute is judged still, but neither reported nor shown after the loss."""
+    clips = [
+        (time, "VIBRATION", {"vibration_x": 5.0, "clipping_0": 0 if time < 9.0 else 5000})
+        for time in ticks(4.0, 27.0, 2.0)
+    ]
+    made = flown(Leaving(hovering=12.0), *clips)
+    shaken, loss = [alarm.figures["reason"].code for alarm in alarms(made)]
+    assert shaken is VibrationLight.VIBRATION_MEASURED and loss is Ending.CONTROL_LOST
+    assert made.stream.status().active_alarms == (made.stream.status().loss,)
 
 
 @mark.parametrize(
