@@ -91,6 +91,7 @@ def test_a_motor_without_headroom_works_harder_where_the_trim_is_not_known(monke
     assert all_alike.figures["excess"] is None
 
 
+@mark.slow
 def test_what_names_a_motor_before_its_balance_goes_first():
     even = evidence()
     named, failed, other = (
