@@ -110,8 +110,7 @@ def _step_chapter(tuning: Tuning, assessment: Assessment) -> Chapter:
         panels[axis] = {}
         for loop_name in STEP_SECONDS:
             response = responses[axis].get(loop_name)
-            is_measured = response is not None and isinstance(response.measured, StepResponse)
-            if response is not None and is_measured:
+            if response is not None and isinstance(response.measured, StepResponse):
                 # The chart has the measured response, the predicted one, and that with the advised gains.
                 response_of_loop = {axis: {loop_name: response}}
                 panels[axis][loop_name] = step_charts(response_of_loop, steps, has_gain=False)[axis]
