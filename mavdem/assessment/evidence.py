@@ -18,10 +18,15 @@ from mavdem.assessment.axis.tracking import MODES_WITHOUT_ANGLE_SETPOINT, tracki
 from mavdem.assessment.condition import Condition
 from mavdem.assessment.flights import loss_onset, settled_flight
 from mavdem.assessment.time_history import TimeHistory, time_history
-from mavdem.dataset import flight_states, phases, time_series
-from mavdem.dataset.intervals import Intervals, complement, in_intervals, intersection
+from mavdem.dataset import phases, time_series
+from mavdem.dataset.intervals import Intervals, in_intervals, intersection
 from mavdem.dataset.segment_learnability import Learnability
-from mavdem.dataset.segments import Segment, Segments, recorded_spans
+from mavdem.dataset.segments import (
+    Segment,
+    Segments,
+    recorded_spans,
+    segments_without_modes,
+)
 from mavdem.dataset.signals import Signals
 from mavdem.dataset.time_series import TimeSeries
 from mavdem.facts import Code, Fact, Facts, NamedFacts
@@ -254,13 +259,12 @@ class Evidence:
         Args:
             excluded_modes: names of ArduPilot's flight modes.
         """
+        settled = settled_flight(self.signals)
         segments = []
-        for settled in settled_flight(self.signals):
-            boot = settled.boot
-            excluded = flight_states.mode_intervals(self.signals, boot, excluded_modes)
-            intervals = intersection([(settled.start, settled.end)], complement(excluded))
-            intervals = intersection(intervals, self._intervals_before_loss(boot))
-            segments += [Segment(boot, start, end) for start, end in intervals]
+        for segment in segments_without_modes(self.signals, settled, excluded_modes):
+            before_loss = self._intervals_before_loss(segment.boot)
+            for start, end in intersection([(segment.start, segment.end)], before_loss):
+                segments.append(Segment(segment.boot, start, end))
         return tuple(segments)
 
     def warnings_in_flight(self, codes: Container[Code]) -> Iterator[Fact]:

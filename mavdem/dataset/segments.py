@@ -1,6 +1,6 @@
 """Segments of a log: parts of one boot in which attitude and model inputs were recorded without gaps."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Container, Sequence
 from dataclasses import dataclass
 from math import inf
 
@@ -10,7 +10,8 @@ import scipy
 from mavdem.arrays import Array, Flags
 from mavdem.dataset import phases
 from mavdem.dataset.attitude import Attitude
-from mavdem.dataset.intervals import Intervals, intersection, split_at_gaps
+from mavdem.dataset.flight_states import mode_intervals
+from mavdem.dataset.intervals import Intervals, complement, intersection, split_at_gaps
 from mavdem.dataset.motor_outputs import MotorOutputs
 from mavdem.dataset.resampling import STAMP_RESOLUTION
 from mavdem.dataset.signals import MIN_STREAM_RATE, Signals
@@ -130,6 +131,25 @@ def longest_recorded_segment(signals: Signals) -> Segment | None:
     for boot in _boots_with_both_streams(signals):
         segments += _sampled_segments(signals, boot, [(-inf, inf)], _runs_at_any_rate)
     return max(segments, key=lambda segment: segment.duration, default=None)
+
+
+def segments_without_modes(signals: Signals, segments: Segments, modes: Container[str]) -> Segments:
+    """Returns the parts of segments in which the vehicle is in none of some flight modes.
+
+    Args:
+        signals: signals of the vehicle.
+        segments: parts of the log.
+        modes: names of the flight modes.
+
+    Returns:
+        The remaining segments, in the order of those that they belong to.
+    """
+    remaining_segments = []
+    for segment in segments:
+        in_modes = mode_intervals(signals, segment.boot, modes)
+        for start, end in intersection([(segment.start, segment.end)], complement(in_modes)):
+            remaining_segments.append(Segment(segment.boot, start, end))
+    return tuple(remaining_segments)
 
 
 def in_segments(

@@ -13,9 +13,9 @@ from mavdem.assessment.axis.reached_rate import ReachedRate, reached_rate
 from mavdem.assessment.limits import Limits
 from mavdem.confidence import MIN_SAMPLES_FOR_STATISTICS, coverage_factor
 from mavdem.dataset.axes import AXES, TILT_AXES
-from mavdem.dataset.flight_states import POSITION_CONTROL_MODES, mode_intervals
+from mavdem.dataset.flight_states import POSITION_CONTROL_MODES
 from mavdem.dataset.intervals import complement, intersection
-from mavdem.dataset.segments import Segment, Segments, in_segments
+from mavdem.dataset.segments import Segment, Segments, in_segments, segments_without_modes
 from mavdem.dataset.signals import MIN_SLOW_MOTION_RATE, Signals
 from mavdem.dataset.time_series import TimeSeries
 from mavdem.facts import Fact, Level, NamedFacts
@@ -305,16 +305,9 @@ def _response_peak_without_position_control(
     assert signals.angle_setpoint is not None
     assert signals.attitude is not None
     angle = signals.attitude.angle_series
-    if signals.axis not in TILT_AXES:
-        return _response_peak(signals.angle_setpoint, angle, segments)
-    segments_without_position_control = []
-    for segment in segments:
-        position_controlled = mode_intervals(signals, segment.boot, POSITION_CONTROL_MODES)
-        for start, end in intersection(
-            [(segment.start, segment.end)], complement(position_controlled)
-        ):
-            segments_without_position_control.append(Segment(segment.boot, start, end))
-    return _response_peak(signals.angle_setpoint, angle, tuple(segments_without_position_control))
+    if signals.axis in TILT_AXES:
+        segments = segments_without_modes(signals, segments, POSITION_CONTROL_MODES)
+    return _response_peak(signals.angle_setpoint, angle, segments)
 
 
 def _segments_without_turns(setpoint: TimeSeries, segments: Segments) -> Segments:
