@@ -271,12 +271,11 @@ def _tracking_rating(
     response = attitude_step_response(signals, segments)
     # A fact states why the flight shows no step response.
     if isinstance(response, Fact):
+        # A position controller commands roll and pitch, not yaw.
+        if signals.axis in TILT_AXES:
+            peak = _response_peak_without_position_control(signals, segments)
         # The peak alone decides, so the lower end of its interval is compared.
-        peak_without_position_control = _response_peak_without_position_control(signals, segments)
-        if (
-            peak_without_position_control is not None
-            and peak_without_position_control.lowest_ratio > MAX_RESPONSE_PEAK
-        ):
+        if peak is not None and peak.lowest_ratio > MAX_RESPONSE_PEAK:
             return _TrackingRating(TrackingLight.AMPLIFIES_SETPOINT, Level.WATCH)
         return _TrackingRating(TrackingLight.FOLLOWS_SETPOINT, Level.GOOD)
     overshoot = response.overshoot.value
@@ -292,11 +291,10 @@ def _response_peak_without_position_control(
 
     A controller of the position counters how wind has moved the vehicle. Where it makes the setpoint, the ratio of
     angle and setpoint is that of this controller, inverted, unless something else moves the setpoint more
-    (L. Ljung, System Identification, sec. 13.4, on the spectral estimate in closed loop). It commands roll and pitch,
-    not yaw.
+    (L. Ljung, System Identification, sec. 13.4, on the spectral estimate in closed loop).
 
     Args:
-        signals: signals of the vehicle and axis, with the setpoint of the angle and the attitude.
+        signals: signals of the vehicle for roll or pitch, with the setpoint of the angle and the attitude.
         segments: parts of the flight in which the angle is judged.
 
     Returns:
@@ -304,10 +302,11 @@ def _response_peak_without_position_control(
     """
     assert signals.angle_setpoint is not None
     assert signals.attitude is not None
-    angle = signals.attitude.angle_series
-    if signals.axis in TILT_AXES:
-        segments = segments_without_modes(signals, segments, POSITION_CONTROL_MODES)
-    return _response_peak(signals.angle_setpoint, angle, segments)
+    return _response_peak(
+        signals.angle_setpoint,
+        signals.attitude.angle_series,
+        segments_without_modes(signals, segments, POSITION_CONTROL_MODES),
+    )
 
 
 def _segments_without_turns(setpoint: TimeSeries, segments: Segments) -> Segments:
