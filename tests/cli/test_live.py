@@ -13,10 +13,10 @@ from unittest.mock import Mock
 
 from command_line import free_port, refused, run, strict_json
 from live_faults import Wire
-from mavlink_streams import flight, heartbeat
 from patience import PATIENCE
 from pytest import approx, mark, raises
 from rerun_file import drawn
+from take_over import record_take_over, systems_in
 
 import mavdem
 from mavdem.cli import live
@@ -25,7 +25,6 @@ from mavdem.dem.learning import MIN_SAMPLES
 from mavdem.dem.parallel import LearningProcess
 from mavdem.ingest import read_log
 from mavdem.live.session import LiveSession
-from mavdem.live.vehicle_selection import Component
 from mavdem.processes import TERMINATION_SIGNALS
 from sitl_scenarios.files import load
 from sitl_scenarios.mavlink.live import Ground, fly_live
@@ -92,20 +91,6 @@ def test_a_model_that_cannot_be_written_costs_nothing_else(tmp_path, capsys, mon
     assert "there is no folder" in said.err
 
 
-def taken_over(session):
-    """Lets a session record 1:1, which falls silent, and then 2:1, which another session is to follow."""
-    for system in (1, 2):
-        pieces = [heartbeat(system)] * 5 + flight([1.0, 1.01, 1.02], system=system)
-        frames = session.stream.frame_reader.feed(b"".join(pieces))
-        session.intake.recording.add(1.7e9 + system, frames)
-        list(session.stream.take_frames(1.7e9 + system, frames))
-    session.successor = Component(2, 1)
-
-
-def systems_in(path):
-    return [telemetry.system for telemetry in read_log(path).vehicles]
-
-
 @mark.slow
 def test_the_vehicle_that_sends_after_the_followed_one_has_files_of_its_own(
     here, capsys, monkeypatch
@@ -115,7 +100,7 @@ def test_the_vehicle_that_sends_after_the_followed_one_has_files_of_its_own(
     def fly(session, is_end_requested, *_):
         wanted.append(session)
         if len(wanted) == 1:
-            taken_over(session)
+            record_take_over(session)
         assert is_end_requested() == (len(wanted) == 1)
 
     monkeypatch.setattr("mavdem.cli.live.run_session", fly)
@@ -145,7 +130,7 @@ def test_what_was_recorded_of_a_vehicle_that_is_not_followed_any_more_stays_wher
     folder.mkdir()
 
     def fly(session, *_):
-        taken_over(session)
+        record_take_over(session)
         if end == "signal":
             signal.raise_signal(signal.SIGINT)
 

@@ -10,11 +10,11 @@ from threading import Event
 from unittest.mock import Mock
 
 from command_line import free_port
-from mavlink_streams import flight, heartbeat
 from patience import PATIENCE, until
 from pytest import fixture, mark, raises
 from recorded_flights import FLIGHT
 from serving import serving
+from take_over import record_take_over, systems_in
 
 from mavdem.cli.serve import serve_command
 from mavdem.facts import Fact, Level
@@ -268,12 +268,7 @@ def test_no_recorded_frame_of_the_next_vehicle_is_lost_when_the_server_ends(idle
     def fly(session, is_over, *_):
         if is_over():
             return
-        for system in (1, 2):
-            pieces = [heartbeat(system)] * 5 + flight([1.0, 1.01, 1.02], system=system)
-            frames = session.stream.frame_reader.feed(b"".join(pieces))
-            session.intake.recording.add(1.7e9 + system, frames)
-            list(session.stream.take_frames(1.7e9 + system, frames))
-        session.successor = Component(2, 1)
+        record_take_over(session)
         if end == "in the session":
             live._is_stopping.set()
         elif end == "no file":
@@ -287,8 +282,5 @@ def test_no_recorded_frame_of_the_next_vehicle_is_lost_when_the_server_ends(idle
     live._log_added = live._is_stopping.set
     live._run()
     entries, _ = live._library.find("1", [], 10)
-    systems = [
-        [telemetry.system for telemetry in read_log(live._library.log_path(entry)).vehicles]
-        for entry in entries
-    ]
+    systems = [systems_in(live._library.log_path(entry)) for entry in entries]
     assert sorted(map(sorted, systems)) == ([[1], [2]] if end == "after the session" else [[1, 2]])
