@@ -4,17 +4,17 @@ Braking looks the same, but is over soon: at a lean of 40° a vehicle loses 8 m/
 """
 
 from collections import deque
-from math import acos, cos, hypot, inf, radians, sin
+from math import acos, cos, hypot, radians, sin
 from statistics import fmean
 from typing import NamedTuple
 
-from mavdem.assessment.lights.wind import LEAN_LIMIT_PARAMETERS
+from mavdem.assessment.lights.wind import lean_limit
 from mavdem.containers import Numbers
 from mavdem.facts import Fact, Facts
 from mavdem.facts.lights import Light
-from mavdem.facts.session import SessionFact
 from mavdem.facts.watch import WatchFact
 from mavdem.ingest.telemetry import Parameters
+from mavdem.motors.motor_changes import event_or_alarm
 
 USUAL_LEAN_LIMIT = radians(45.0)
 """Largest lean where its parameter is not known, rad: the default of MPC_TILTMAX_AIR and ANGLE_MAX."""
@@ -110,6 +110,9 @@ class DriftWatch:
         if self._has_landed:
             self._has_landed = False
             self.latest = None
+        samples = self._samples
+        if samples and time < samples[-1].time + SAMPLE_PERIOD:
+            return None
         roll, pitch, yaw = angles
         lean = acos(min(max(cos(roll) * cos(pitch), -1.0), 1.0))
         # The horizontal part of the thrust, which points against the body's downward axis.
@@ -120,9 +123,6 @@ class DriftWatch:
         opposing_speed = 0.0
         if thrust > 0:
             opposing_speed = -(north * thrust_north + east * thrust_east) / thrust
-        samples = self._samples
-        if samples and time < samples[-1].time + SAMPLE_PERIOD:
-            return None
         samples.append(_DriftSample(time, lean, opposing_speed))
         while samples[0].time < time - DRIFT_SECONDS:
             samples.popleft()
@@ -130,7 +130,7 @@ class DriftWatch:
             return self._end(time)
         mean_lean = fmean(sample.lean for sample in samples)
         mean_speed = fmean(sample.opposing_speed for sample in samples)
-        is_leaned = mean_lean >= LIMIT_SHARE * lean_limit(parameters)
+        is_leaned = mean_lean >= LIMIT_SHARE * (lean_limit(parameters) or USUAL_LEAN_LIMIT)
         if not is_leaned or mean_speed < MIN_DRIFT_SPEED:
             return self._end(time)
         # What has come to rest in the end was braking.
@@ -140,7 +140,7 @@ class DriftWatch:
         self.latest = Fact(
             WatchFact.CARRIED_AWAY, time=samples[0].time, lean=mean_lean, speed=mean_speed
         )
-        return Fact(SessionFact.ALARM, self.latest.level, time=self.latest.time, reason=self.latest)
+        return event_or_alarm(self.latest, samples[0].time)
 
     def _end(self, time: float) -> Fact | None:
         """Returns that the alarm is over at a time on the boot clock, s; None where there was none."""
@@ -149,12 +149,3 @@ class DriftWatch:
         self._is_active = False
         self._over = Fact(WatchFact.ALARM_OVER, time=time, reason=self.latest)
         return self._over
-
-
-def lean_limit(parameters: Parameters) -> float:
-    """Returns the largest lean that the autopilot allows, rad; ``USUAL_LEAN_LIMIT`` where that is not known."""
-    for name, degrees_per_unit in LEAN_LIMIT_PARAMETERS.items():
-        limit = parameters.get(name, 0.0) * degrees_per_unit
-        if 0 < limit < inf:
-            return radians(limit)
-    return USUAL_LEAN_LIMIT

@@ -96,7 +96,7 @@ def event_or_alarm(fact: Fact, time: float) -> Fact:
     """Converts a fact to an event in flight: an alarm if its level is bad.
 
     Args:
-        fact: The fact about a motor.
+        fact: What was found, such as a fault of a motor.
         time: Time when it was detected, s on the boot clock.
 
     Returns:

@@ -1,6 +1,6 @@
 """Status light of the wind, a fact (a coded finding): its speed, and the share of the largest lean that it needs."""
 
-from math import hypot, radians
+from math import hypot, inf, radians
 from typing import Any
 
 from mavdem.assessment.condition import Condition
@@ -8,7 +8,7 @@ from mavdem.assessment.evidence import Evidence
 from mavdem.facts import Fact, Level
 from mavdem.facts.sources import Repair
 from mavdem.facts.wind import WindLight
-from mavdem.ingest.telemetry import Telemetry
+from mavdem.ingest.telemetry import Parameters, Telemetry
 
 LEAN_LIMIT_PARAMETERS = {"ANGLE_MAX": 0.01, "ATC_ANGLE_MAX": 1.0, "MPC_TILTMAX_AIR": 1.0}
 """Parameters with the largest lean, and the factor that converts them to degrees."""
@@ -97,9 +97,20 @@ def _lean_share(condition: Condition, telemetry: Telemetry) -> float:
     Returns:
         Mean lean over the limit; 0 if lean or limit is not known.
     """
-    mean_lean = hypot(*(lean.mean for lean in condition.lean.values()))
+    limit = lean_limit(telemetry.parameters)
+    if limit is None:
+        return 0.0
+    return hypot(*(lean.mean for lean in condition.lean.values())) / limit
+
+
+def lean_limit(parameters: Parameters) -> float | None:
+    """Returns the largest lean that the autopilot allows, rad; None if no parameter limits it.
+
+    Args:
+        parameters: parameters of the autopilot that are known, of which one of ``LEAN_LIMIT_PARAMETERS`` limits it.
+    """
     for name, degrees_per_unit in LEAN_LIMIT_PARAMETERS.items():
-        limit = telemetry.parameters.get(name, 0.0) * degrees_per_unit
-        if limit > 0:
-            return mean_lean / radians(limit)
-    return 0.0
+        limit = parameters.get(name, 0.0) * degrees_per_unit
+        if 0 < limit < inf:
+            return radians(limit)
+    return None
