@@ -188,7 +188,7 @@ class Pages:
         return HTMLResponse(
             with_bar(
                 html,
-                given_name=self._library.names.flights.get(entry.content_hash, ""),
+                given_name=values["given"].flights.get(entry.content_hash, ""),
                 fleet_remark=fleet_remark,
                 files=files,
                 missing=missing_recordings,

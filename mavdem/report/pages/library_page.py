@@ -186,7 +186,13 @@ def with_bar(
         The page as HTML.
     """
     pattern = AUTOPILOT_SET_PARAMETERS.pattern
-    bar = render_server_page("bar", self_set_parameters=pattern, trouble=fleet_remark, **values)
+    bar = render_server_page(
+        "bar",
+        self_set_parameters=pattern,
+        given_name=given_name,
+        trouble=fleet_remark,
+        **values,
+    )
     if given_name:
         # A function makes the replacement, since backslashes of the name would be taken for references to groups.
         page = TITLE.sub(
