@@ -69,7 +69,7 @@ def test_a_model_that_cannot_be_written_costs_nothing_else(tmp_path, capsys, mon
         folder.rmdir()
         # What takes its time at the end is no silence of the link's.
         session._learning.learner = Mock(
-            obstacle=None, **{"learn_now.side_effect": lambda _: late(session)}
+            no_model_reason=None, **{"learn_now.side_effect": lambda _: late(session)}
         )
 
     def late(session):
