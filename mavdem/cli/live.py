@@ -482,7 +482,7 @@ def _stream_with_prior(options: LiveOptions, vehicle: str | None) -> LiveStream:
     if options.prior is not None:
         # The drag is in the report, in the folder of the model; there may be none.
         with suppress(Unreadable):
-            stream.wind.earlier_drag = earlier_drag(options.prior)
+            stream.wind.earlier_drag = earlier_drag(options.prior).drag
     return stream
 
 

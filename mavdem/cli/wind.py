@@ -19,7 +19,7 @@ from mavdem.cli.sources import assess_without_model
 from mavdem.documents.wind import Wind
 from mavdem.errors import NotLearnable
 from mavdem.facts.vehicle import Basis
-from mavdem.fleet.priors import earlier_drag, vehicle_of_drag
+from mavdem.fleet.priors import earlier_drag
 from mavdem.report.blocks import Blocks, Sentence, caution
 from mavdem.report.condition import WIND_LIGHTS, drag_table, wind_blocks, wind_tables
 from mavdem.report.pages.wind_page import wind_page
@@ -76,13 +76,13 @@ def wind_command(
     if prior is not None:
         # The estimate is made anew with the earlier drag as its prior. A hover in one place does not show the drag that
         # relates tilt to wind speed; an earlier flight may.
-        wind = wind_of_signals(signals, earlier_drag(prior, wind.speed))
+        earlier = earlier_drag(prior, wind.speed)
+        wind = wind_of_signals(signals, earlier.drag)
         wind_evidence = wind_evidence._replace(estimate=wind)
         assessment = with_wind(assessment, wind_evidence)
-        vehicle_of_prior = vehicle_of_drag(prior)
         is_named = identity.basis is not Basis.SYSTEM_ID
-        if is_named and vehicle_of_prior not in ("", identity.name):
-            doubts = render_section("wind_prior", earlier=vehicle_of_prior, name=identity.name)
+        if is_named and earlier.vehicle not in ("", identity.name):
+            doubts = render_section("wind_prior", earlier=earlier.vehicle, name=identity.name)
             cautions = [caution(doubt.text) for doubt in doubts]
     parameters_to_set = drag_settings(wind.drag, signals.telemetry)
     document = Wind.from_results(

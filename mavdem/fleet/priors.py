@@ -2,6 +2,7 @@
 
 import json
 from pathlib import Path
+from typing import NamedTuple
 
 from mavdem.dem import Learned
 from mavdem.errors import Unreadable
@@ -36,8 +37,21 @@ def earlier_flight(path: Path, axis: str) -> Learned:
     return learned
 
 
-def earlier_drag(path: Path, wind_speed: float | None = None) -> Drag:
-    """Returns the drag of an earlier flight as a prior for the next one.
+class EarlierDrag(NamedTuple):
+    """The drag of an earlier flight, as a prior for the next one."""
+
+    drag: Drag
+    """The drag, with an uncertainty for the next flight."""
+
+    vehicle: str
+    """Name of the vehicle that flew; empty if the document has none.
+
+    A name by the MAVLink system id, which many vehicles share, is no name.
+    """
+
+
+def earlier_drag(path: Path, wind_speed: float | None = None) -> EarlierDrag:
+    """Reads the drag of an earlier flight as a prior for the next one.
 
     A vehicle roughly keeps its drag coefficients from flight to flight, so the next flight need not estimate them from
     nothing.
@@ -49,40 +63,28 @@ def earlier_drag(path: Path, wind_speed: float | None = None) -> Drag:
             flight, which cannot be its own prior.
 
     Returns:
-        The drag, with an uncertainty for the next flight.
+        The drag, and whose it is.
 
     Raises:
         Unreadable: the document cannot be read, contains no drag, or is of the same flight.
     """
-    file = _report_path(path)
+    if path.is_dir():
+        file = path / REPORT
+    elif path.name == MODEL:
+        file = path.with_name(REPORT)
+    else:
+        file = path
     try:
         document = json.loads(file_text(file))
         # In a report the wind is one part; the document of `mavdem wind` is the wind itself.
         wind = document.get("wind_velocity", document)
         drag = Drag.from_dict(wind["drag"]).for_next_flight()
+        identity = document.get("identity") or {}
+        is_named = identity.get("basis") != SYSTEM_ID_BASIS
+        vehicle = str(identity.get("name", "")) if is_named else ""
     except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
         reason = error.strerror if isinstance(error, OSError) else None
         raise Unreadable(NoPrior.DRAG_UNREADABLE, path=file, reason=reason) from error
     if wind_speed is not None and wind.get("speed") == wind_speed:
         raise Unreadable(NoPrior.DRAG_OF_THIS_FLIGHT, path=file)
-    return drag
-
-
-def vehicle_of_drag(path: Path) -> str:
-    """Returns the name of the vehicle whose drag a document has; empty where its log does not name the vehicle.
-
-    A name by the MAVLink system id, which many vehicles share, is no name.
-
-    Args:
-        path: document with a drag, as for :func:`earlier_drag`, which can be read.
-    """
-    document = json.loads(file_text(_report_path(path)))
-    identity = document.get("identity") or {}
-    return "" if identity.get("basis") == SYSTEM_ID_BASIS else str(identity.get("name", ""))
-
-
-def _report_path(path: Path) -> Path:
-    """Returns the path of the document with the drag: for a folder, or a ``model.json``, the report beside it."""
-    if path.is_dir():
-        return path / REPORT
-    return path.with_name(REPORT) if path.name == MODEL else path
+    return EarlierDrag(drag, vehicle)

@@ -40,7 +40,7 @@ def test_the_wind_is_shown_as_it_is_estimated(tmp_path, capsys):
     off = np.interp(found.time, table["time_s"], table["wind_north_m_s"]) - found.velocity[:, 0]
     assert np.nanmax(abs(off)) < 0.02 and np.isnan(table["wind_east_band_m_s"][0])
     (row, *_), _ = rows_of_log(log)
-    earlier = earlier_drag(learnt / "model.json")
+    earlier = earlier_drag(learnt / "model.json").drag
     assert earlier.linear == approx(row.drag[:2]) and earlier.relative_sd(5) < 0.2
     assert (row.wind_speed, degrees(row.wind_direction)) == approx((found.speed, found.direction))
     # A list shows no wind that its light does not judge.

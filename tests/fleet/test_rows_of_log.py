@@ -17,7 +17,7 @@ from mavdem.facts.fleet import NoPrior
 from mavdem.facts.identifiability import Status
 from mavdem.fleet import priors
 from mavdem.fleet import rows_of_log as module
-from mavdem.fleet.priors import earlier_drag, earlier_flight, vehicle_of_drag
+from mavdem.fleet.priors import earlier_drag, earlier_flight
 from mavdem.fleet.row import FlightRow
 from mavdem.fleet.rows_of_log import rows_of_log
 from mavdem.loops.axis_loops import Loop
@@ -123,8 +123,8 @@ def test_what_says_nothing_of_the_next_flight_is_refused(tmp_path, read, text, c
 @mark.parametrize("basis, name", [("board", "quad-7"), ("system id", "")])
 def test_the_drag_of_an_earlier_flight_names_its_vehicle(tmp_path, basis, name):
     identity = {"name": "quad-7", "basis": basis}
-    (tmp_path / "report.json").write_text(json.dumps({"identity": identity}))
-    assert vehicle_of_drag(tmp_path) == vehicle_of_drag(tmp_path / "model.json") == name
+    (tmp_path / "report.json").write_text(json.dumps(json.loads(DRAG) | {"identity": identity}))
+    assert earlier_drag(tmp_path).vehicle == earlier_drag(tmp_path / "model.json").vehicle == name
 
 
 def test_a_model_of_the_axis_whose_effect_is_known_is_a_prior_and_no_other(tmp_path, monkeypatch):
