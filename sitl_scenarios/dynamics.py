@@ -243,7 +243,7 @@ def _flat_dynamics(
     def accelerations(
         attitude: Any, velocity: Any, rates: Any, rotors: Any, air: Any
     ) -> tuple[Any, ...]:
-        """Returns accelerations and disturbance in one state; arguments and values as for ``_flat_dynamics``."""
+        """Returns accelerations and disturbance of one state, or of the states in arrays; see ``_flat_dynamics``."""
         # Written out in floats: NumPy's calls on arrays of three would take ten times as long, and loops over three
         # numbers twice as long.
         p, q, r = rates
