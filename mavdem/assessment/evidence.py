@@ -226,12 +226,12 @@ class Evidence:
         """
         if series is None:
             return
-        for boot in np.unique(series.boot):
-            is_in_boot = series.boot == boot
-            for flight in self.flights(int(boot)):
-                is_in_interval = is_in_boot & in_intervals(series.time, [flight])
-                if is_in_interval.any():
-                    yield series.select(is_in_interval)
+        for boot in np.unique(series.boot).tolist():
+            series_of_boot = series.of_boot(boot)
+            for flight in self.flights(boot):
+                samples = series_of_boot.within(flight)
+                if len(samples.time):
+                    yield samples
 
     def values_in_flight(self, series: TimeSeries | None) -> Array:
         """Returns the samples (N,) or (N, k) of a series in flight, one flight after another; (0,) without any."""
