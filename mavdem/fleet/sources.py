@@ -229,6 +229,6 @@ def _url_error(url: str, error: Exception, *, is_fetched: bool) -> Unreadable:
         is_fetched: whether a file was to be fetched; otherwise the URL was to be listed.
     """
     lines = str(error).strip().splitlines()
-    reason = lines[0].rstrip(".") if lines else ""
-    reason = f"{type(error).__name__}: {reason}"
+    message = lines[0].rstrip(".") if lines else ""
+    reason = f"{type(error).__name__}: {message}"
     return Unreadable(FleetFolderFact.URL_UNREADABLE, path=url, reason=reason, fetched=is_fetched)
