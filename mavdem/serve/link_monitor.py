@@ -1,6 +1,6 @@
 """Live sessions on a link that the server monitors: a page while the vehicle flies, then its log in the library."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from datetime import UTC, datetime
 from math import nan
@@ -74,6 +74,9 @@ class _IncomingRecording(NamedTuple):
     path: Path
     """Path of its file."""
 
+    first_pieces: Sequence[ReceivedPiece] = ()
+    """What it has already: messages of its vehicle that came while the vehicle of the session before was silent."""
+
 
 class LinkMonitor:
     """Runs live sessions on a link, one after the other, in a thread; nothing is sent to the vehicle unless asked for.
@@ -126,9 +129,7 @@ class LinkMonitor:
         self._request_rate = request_rate
         # Name of the vehicle that the next session is to follow; None for the only one on the link.
         self._next_vehicle: str | None = None
-        # The messages of that vehicle that came in the session before, while the former vehicle was silent.
-        self._next_pieces: list[ReceivedPiece] = []
-        # The recording of the next session, where it has these messages already.
+        # The recording of that session, where it has messages of that vehicle already.
         self._next_recording: _IncomingRecording | None = None
         self._is_stopping = ThreadEvent()
         self._silent_pages = 0
@@ -188,7 +189,7 @@ class LinkMonitor:
             OSError: the recording cannot be written any more.
             Refusal: the library has no room.
         """
-        recording, path = self._next_recording or self._new_recording()
+        recording, path, first_pieces = self._next_recording or self._new_recording()
         self._next_recording = None
         session = LiveSession(
             self._link,
@@ -204,12 +205,11 @@ class LinkMonitor:
             self._request_rate,
             # An empty name: the user finds the recording in the library when the session has ended.
             recording_name="",
-            first_pieces=self._next_pieces,
+            first_pieces=first_pieces,
         )
         self._silent_pages = 0
         self._frames_at_last_page = 0
         self._next_vehicle = None
-        self._next_pieces = []
         try:
             try:
                 self._update_page(session)
@@ -233,10 +233,10 @@ class LinkMonitor:
             vehicle = session.stream.followed_vehicle
             if successor is not None and vehicle is not None:
                 next_recording = self._new_recording()
-                self._next_pieces = recording.move_after(
+                pieces = recording.move_after(
                     vehicle.system, vehicle.component, next_recording.recording
                 )
-                self._next_recording = next_recording
+                self._next_recording = next_recording._replace(first_pieces=pieces)
         finally:
             newly_lost = self._link.dropped_datagrams - self._lost_datagrams
             self._lost_datagrams += newly_lost
