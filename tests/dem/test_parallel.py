@@ -8,6 +8,7 @@ import time
 from concurrent.futures import BrokenExecutor, ThreadPoolExecutor
 from subprocess import PIPE, run
 
+from patience import until
 from pytest import fixture, mark, raises, skip
 
 from mavdem.dem import parallel
@@ -117,8 +118,7 @@ def test_a_second_process_ends_with_its_block_and_takes_no_interrupt(two_cores, 
 
     began = time.monotonic()
     with raises(KeyboardInterrupt), in_second_process(work):
-        while not number.exists() or not number.read_text(encoding="utf-8").endswith("\n"):
-            time.sleep(0.01)
+        until(lambda: number.exists() and number.read_text(encoding="utf-8").endswith("\n"))
         pid = int(number.read_text(encoding="utf-8"))
         os.kill(pid, signal.SIGINT)
         time.sleep(0.1)

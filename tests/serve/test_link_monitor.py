@@ -210,8 +210,7 @@ def test_what_the_socket_holds_when_the_server_ends_is_recorded(tmp_path, monkey
 
     def wait_for_the_end(session, is_over, *_):
         has_begun.set()
-        while not is_over():
-            time.sleep(0.01)
+        until(is_over)
 
     monkeypatch.setattr(link_monitor, "live_page", Mock(return_value=""))
     monkeypatch.setattr(link_monitor, "run_session", wait_for_the_end)
