@@ -44,14 +44,9 @@ class BalanceModel:
         return self.mixer.mixer_rows[1:]
 
     @cached_property
-    def own_rise_ratios(self) -> Array:
-        """(k,) rise of a motor's own command if it must work harder by 1; its neighbours supply the rest."""
-        return self.mixer.own_rise_ratios
-
-    @cached_property
     def signatures(self) -> Array:
         """(k, a) change of the balance where the own command of the motor of the row rises by 1."""
-        return self.torque_rows.T / self.own_rise_ratios[:, None]
+        return self.torque_rows.T / self.mixer.own_rise_ratios[:, None]
 
     @cached_property
     def allocation(self) -> Array:
@@ -84,7 +79,7 @@ class BalanceModel:
         Returns:
             Rises (k,) as fractions of the commands before, with the half widths of their 90 % intervals.
         """
-        mean_rise = (rises / self.own_rise_ratios).mean()
+        mean_rise = (rises / self.mixer.own_rise_ratios).mean()
         signature = rises @ self.signatures - mean_rise * balance_after
         weighted_signature = signature / variance
         precision = weighted_signature @ signature
@@ -101,8 +96,7 @@ class BalanceModel:
         """Returns an interval for the fraction of its thrust that a motor lost.
 
         Two things are uncertain: how far the command rose, and the exponent with which thrust depends on the command
-        (``THRUST_EXPONENTS``). On vehicles with more than four motors the neighbours of a weak motor help it, so that
-        its command rises by less than the thrust it lacks; the loss is divided by this ratio. It is at most 1.
+        (``THRUST_EXPONENTS``). The loss at either end is that of :func:`mavdem.motors.thrust_loss.lost_thrust`.
 
         Args:
             motor: Index of the motor.
@@ -113,7 +107,7 @@ class BalanceModel:
             Lower and upper end, fractions of the thrust.
         """
         smallest_exponent, largest_exponent = THRUST_EXPONENTS
-        own_rise_ratio = self.own_rise_ratios[motor]
+        own_rise_ratio = self.mixer.own_rise_ratios[motor]
         return (
             float(lost_thrust(lowest_rise, own_rise_ratio, smallest_exponent)),
             float(lost_thrust(highest_rise, own_rise_ratio, largest_exponent)),

@@ -265,7 +265,7 @@ def _motor_of_change(
     # The log likelihood of normal errors is minus half of the misfit.
     log_odds = float((min(rival_misfits) - misfits[motor]) / 2)
     # The neighbours supply a part of the missing thrust, so that the motor's own command rises by less than its work.
-    work_rise = rises[motor] / model.own_rise_ratios[motor]
+    work_rise = rises[motor] / model.mixer.own_rise_ratios[motor]
     is_explained = misfits[motor] <= MAX_MISFIT and log_odds >= STRONG_EVIDENCE_NATS
     if not is_explained or work_rise < MIN_WORK_RISE:
         return None, 0.0
