@@ -141,7 +141,7 @@ class Fact:
 
     @property
     def latest_time(self) -> float:
-        """Latest time at which it was so, s on the boot clock; infinite where it is still so."""
+        """Latest time at which it was so, s on the boot clock; infinite without an ``end_time``."""
         return inf if self.end_time is None else self.end_time
 
     @property

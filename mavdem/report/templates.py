@@ -3,9 +3,9 @@
 No other module has prose about a flight. Two folders beside this module hold the templates:
 
 - ``sentences/*.toml`` has a table for each code of a fact, with its ``sentence`` and, where there is something to do,
-  its ``remedy``. A ``headline`` is a shorter sentence, ``step_in_flight`` the step to take at once where a vehicle
-  cannot land any more. A table with ``advises_flight`` advises to fly: that part is left out for a fact with the figure
-  ``is_grounded``, whose vehicle must not fly. Further keys: ``forbids_flight`` (:func:`forbids_flight`) and
+  its ``remedy``. A ``headline`` is a shorter sentence, ``step_in_flight`` the step to take at once in flight; without
+  one it is to land now. A table with ``advises_flight`` advises to fly: that part is left out for a fact with the
+  figure ``is_grounded``, whose vehicle must not fly. Further keys: ``forbids_flight`` (:func:`forbids_flight`) and
   ``names_margins`` (:func:`_names_margins`).
 - ``sections/*.toml`` has the paragraphs of a section, each with a ``text``, a ``lead`` or both.
 
@@ -570,7 +570,7 @@ def _further_clauses(facts: Iterable[Fact]) -> str:
 
 
 def _step_in_flight(fact: Fact) -> str:
-    """Returns the step to take at once after a fact by which the vehicle cannot land any more; empty for others."""
+    """Returns the step to take at once in flight after a fact; empty if its table has none, so that it is to land."""
     return _render(fact, "step_in_flight")
 
 
