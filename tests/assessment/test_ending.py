@@ -7,6 +7,7 @@ from unittest.mock import Mock
 import numpy as np
 from frames import QUAD, geometry
 from hover import X_QUAD_PARAMETERS, Hover, changed, columns, only, pulses, with_pulses
+from instrumented import stamps
 from pytest import approx, mark
 
 from mavdem.assessment.assess import loss_of_flight
@@ -28,10 +29,6 @@ OPPOSITE = (1, 0, 3, 2)
 ALL = slice(None)
 RIGHT = (0.0, 1.0)
 ASIDE = (0.3, 1.0)
-
-
-def stamps(telemetry, message):
-    return telemetry.messages[message]["time"]
 
 
 def flight(rate=10.0):

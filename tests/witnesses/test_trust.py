@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 from hover import Hover, asking, changed, columns, with_pulses
+from instrumented import stamps
 from pytest import approx, mark
 
 from mavdem.dataset.signals import Signals
@@ -17,10 +18,6 @@ from mavdem.witnesses.sensors import barometer_altitude, throttle_stick
 
 GROUND_PRESSURE = 1000.0
 TAKE_OFF = 6.0
-
-
-def stamps(telemetry, message):
-    return telemetry.messages[message]["time"]
 
 
 def height(telemetry):
