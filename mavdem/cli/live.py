@@ -244,38 +244,28 @@ def live_command(
         as_json=as_json,
         plain=plain,
     )
-    paths = _output_paths(rrd, record, model, html)
+    named_paths = (rrd, record, model, html)
+    paths = _output_paths(*named_paths)
     start_time = monotonic()
-    flights = []
-    codes = []
     number = 1
+    is_next_refused = False
     # The process that learns starts first: it may be a fork, which keeps open what was open before.
     with LearningProcess() as executor, closing(Link(link)) as opened_link:
         if request_rate is None:
             _refuse_silent_link(opened_link, link)
         flight = _follow_vehicle(options, paths, opened_link, executor, vehicle, None, duration)
-        flights.append(flight)
-        codes.append(flight.code)
+        flights = [flight]
         while flight.next_vehicle is not None:
             remaining = None if duration is None else duration - (monotonic() - start_time)
             if remaining is not None and remaining <= 0:
                 break
             # The earlier model is of the first vehicle.
             options = replace(options, earlier_model=None, prior=None)
-            number += 1
-            while any(
-                path is not None and _with_number(path, number).exists()
-                for path in (rrd, record, model, html)
-            ):
-                number += 1
-            named = [
-                None if path is None else _with_number(path, number)
-                for path in (rrd, record, model, html)
-            ]
+            number = _unused_number(named_paths, number + 1)
             try:
                 flight = _follow_vehicle(
                     options,
-                    _output_paths(*named),
+                    _output_paths(*_numbered_paths(named_paths, number)),
                     opened_link,
                     executor,
                     flight.next_vehicle,
@@ -284,12 +274,14 @@ def live_command(
                 )
             except Unreadable as error:
                 print_to_stderr(f"The next vehicle cannot be followed: {as_clause(error)}.")
-                codes.append(EXIT_ERROR)
+                is_next_refused = True
                 break
             flights.append(flight)
-            codes.append(flight.code)
     if as_json:
         print_json(_document_of_flights(flights))
+    codes = [flight.code for flight in flights]
+    if is_next_refused:
+        codes.append(EXIT_ERROR)
     worst_first = (EXIT_ERROR, EXIT_DONE, EXIT_UNSUPPORTED)
     click.get_current_context().exit(next(code for code in worst_first if code in codes))
 
@@ -461,14 +453,27 @@ def _document_of_flights(flights: Sequence[FollowedFlight]) -> LiveDocument:
     return last.model_copy(update={"earlier": earlier}) if earlier else last
 
 
-def _with_number(path: Path, number: int) -> Path:
-    """Returns the path of a file for the flight of a further vehicle, such as "flight-2.tlog" for "flight.tlog".
+def _unused_number(paths: Sequence[Path | None], first_number: int) -> int:
+    """Returns the first number for the files of a further vehicle with which none of them exists yet.
 
     Args:
-        path: Path of the file for the flight of the first vehicle.
+        paths: Paths of the files for the flight of the first vehicle; None for a file that is not named.
+        first_number: First number that is tried.
+    """
+    number = first_number
+    while any(path is not None and path.exists() for path in _numbered_paths(paths, number)):
+        number += 1
+    return number
+
+
+def _numbered_paths(paths: Sequence[Path | None], number: int) -> list[Path | None]:
+    """Returns the paths of files for the flight of a further vehicle, such as "flight-2.tlog" for "flight.tlog".
+
+    Args:
+        paths: Paths of the files for the flight of the first vehicle; None for a file that is not named.
         number: Number of the vehicle, from 2 on.
     """
-    return path.with_stem(f"{path.stem}-{number}")
+    return [None if path is None else path.with_stem(f"{path.stem}-{number}") for path in paths]
 
 
 def _stream_with_prior(options: LiveOptions, vehicle: str | None) -> LiveStream:
