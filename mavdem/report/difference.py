@@ -125,7 +125,7 @@ def headline_of_comparison(
     return [
         *(_vehicle_doubts(difference) if _are_two_vehicles(difference) else ()),
         *light_sentences,
-        *_conclusion(difference, [*filterfalse(difference.follows_from_gains, changes)]),
+        *_conclusion(difference, changes),
         *render_section(
             "difference_gains",
             gains=shown_gains,
@@ -346,16 +346,17 @@ def _changes_by_relevance(
     return sorted(difference.changes_with(QuantityOutcome.CHANGED), key=rank)
 
 
-def _conclusion(difference: VehicleDifference, changed: Sequence[QuantityChange]) -> list[Sentence]:
+def _conclusion(difference: VehicleDifference, changes: Sequence[QuantityChange]) -> list[Sentence]:
     """Returns the sentence on all compared figures: what changed, what is doubtful, or whether none changed.
 
     A figure is doubtful if its own interval shows a change, but not the test of all figures together.
 
     Args:
         difference: comparison of two groups of flights of a vehicle, quantity by quantity.
-        changed: the changed quantities that do not follow from other gains. The sentence names the first one or, if
+        changes: the changed quantities. The sentence names the first one that does not follow from other gains or, if
             there is none, the doubtful figure with the lowest p-value.
     """
+    changed = [*filterfalse(difference.follows_from_gains, changes)]
     outcomes = Counter(change.outcome for change in difference.changes)
     doubtful = sorted(filter(_is_doubtful, difference.tested), key=lambda change: change.p)
     named = changed or doubtful
@@ -367,12 +368,7 @@ def _conclusion(difference: VehicleDifference, changed: Sequence[QuantityChange]
         unknown=outcomes[QuantityOutcome.UNCERTAIN],
         same=outcomes[QuantityOutcome.SAME],
         has_figures=bool(difference.changes),
-        has_effects=any(
-            map(
-                difference.follows_from_gains,
-                difference.changes_with(QuantityOutcome.CHANGED),
-            )
-        ),
+        has_effects=len(changed) < len(changes),
         others=_are_two_vehicles(difference),
     )
 
