@@ -1,11 +1,11 @@
 """Loss of a motor's thrust, from the rise of the command by which the controller compensates it."""
 
-from typing import Any
-
 import numpy as np
 
+from mavdem.arrays import Array
 
-def lost_thrust(rise: Any, own_rise_ratio: Any = 1.0, exponent: float = 2.0) -> Any:
+
+def lost_thrust(rise: Array | float, own_rise_ratio: Array | float, exponent: float = 2.0) -> Array:
     """Computes the fraction of its thrust that a motor lost whose command rose.
 
     The controller compensates the loss, so that the thrust stays the same: if the command is 1 + ``rise`` times as
@@ -22,4 +22,4 @@ def lost_thrust(rise: Any, own_rise_ratio: Any = 1.0, exponent: float = 2.0) -> 
     Returns:
         The lost fraction, of the shape of ``rise`` and ``own_rise_ratio``.
     """
-    return np.minimum((1 - (1 + rise) ** -exponent) / own_rise_ratio, 1.0)
+    return np.asarray(np.minimum((1 - (1 + rise) ** -exponent) / own_rise_ratio, 1.0))
