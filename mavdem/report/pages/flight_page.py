@@ -611,9 +611,9 @@ def live_page(
         link: address of the vehicle.
         axis: axis that was learned.
         history: history of the flight.
-        status: state of the session at its end.
+        status: state of the session now, or at its end.
         account: seconds of the flight by what they were used for.
-        learned: the model at the end; None if there was none.
+        learned: the latest model; None if there is none.
         back: the page that leads here, if any.
         latest_flight: the page of the flight before, if any.
         saved_flight: the page of this flight in the library of a server, where it is over; None for none.
@@ -661,10 +661,11 @@ def live_page(
     )
     flight_conclusion = conclusion(judgement)
     summary = [flight_conclusion.headline, flight_conclusion.next_step]
-    subtitle = f"What {axis} did, learned and predicted while it flew."
-    if status.vehicle is not None:
-        subtitle = f"Vehicle {status.vehicle}. {subtitle}"
-    if not status.is_over:
+    if status.is_over:
+        subtitle = f"What {axis} did, learned and predicted while it flew."
+        if status.vehicle is not None:
+            subtitle = f"Vehicle {status.vehicle}. {subtitle}"
+    else:
         subtitle = f"{vehicle_text(status)} As of {strftime('%H:%M:%S')}."
         if status.delay_fact is not None:
             subtitle = f"{subtitle} {status.delay_fact}"
