@@ -62,22 +62,11 @@ class TimeSeries:
             The value, in the unit of the series. Before the first sample it is the first value, after the last one the
             last value.
         """
-        # ``np.interp`` would copy the whole series, since it cannot be written to; so it gets only these two samples.
-        around = self.around(time)
-        return float(np.interp(time, around.time, around.values))
-
-    def around(self, time: float) -> TimeSeries:
-        """Returns the two samples between which a time lies; the series must be of one boot.
-
-        Args:
-            time: the time, s since boot.
-
-        Returns:
-            The sample before the time, and the sample at or after it. One of them alone, if the time is not after the
-            first sample or is after the last one.
-        """
+        # ``np.interp`` would copy the whole series, since it cannot be written to. So it gets only the sample before
+        # the time and the one at or after it.
         row_after = bisect_left(self.time, time)
-        return self.select(slice(max(row_after - 1, 0), row_after + 1))
+        around = slice(max(row_after - 1, 0), row_after + 1)
+        return float(np.interp(time, self.time[around], self.values[around]))
 
 
 def rows_of_boot(boots: Integers, boot: int) -> slice:

@@ -5,7 +5,7 @@ fall or rise without end while the vehicle hovers, and in automatic height modes
 barometer does not integrate anything; what it measures wrongly, by wind or its own downwash, is bounded.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from math import isinf
 from typing import NamedTuple
 
@@ -288,11 +288,8 @@ def trusted_height_at(signals: Signals, boot: int, take_off: float, time: float)
     height = _recorded_height(signals, boot, source)
     if height is None:
         return None
-    samples = height.around(time)
-    if isinf(take_off):
-        return samples.value_at(time)
-    heights = samples.values - height.value_at(take_off)
-    return replace(samples, values=heights).value_at(time)
+    recorded_height = height.value_at(time)
+    return recorded_height if isinf(take_off) else recorded_height - height.value_at(take_off)
 
 
 def _recorded_height(signals: Signals, boot: int, source: HeightSource) -> TimeSeries | None:
