@@ -34,7 +34,7 @@ from mavdem.report.loops import LOOP_FIGURES, TUNED_FIGURES
 from mavdem.report.numbers import counted, rounded
 from mavdem.report.pages.page import Chapter, PageLink, render_document
 from mavdem.report.palette import PREDICTED, TRUTH
-from mavdem.report.templates import render_section
+from mavdem.report.templates import render_section, rounded_up
 
 Reviews = Mapping[str, Review]
 """The reviews of both flights, by side: "A" and "B"."""
@@ -361,7 +361,7 @@ def _wind_rows(sides: Reviews) -> list[list[str]]:
             bool(wind) and not wind["calm"] and status.get("direction") != NOT_IDENTIFIABLE
         )
         if is_speed_known and wind.get("calm"):
-            speeds.append(f"below {rounded(wind['speed_interval'][1])}")
+            speeds.append(f"below {rounded_up(wind['speed_interval'][1], 1)}")
         else:
             speeds.append(_cell(wind, "speed") if is_speed_known else UNKNOWN_FIGURE)
         if is_direction_known:

@@ -87,6 +87,8 @@ def test_still_air_comes_from_nowhere():
     speeds, directions = _wind_rows({"A": calm, "B": windy})
     assert speeds[1:] == ["below 3.1", "1.3 (0 to 3.1)"]
     assert directions[1:] == ["-", "110 ± 12"]
+    calm["wind"]["speed_interval"] = [0.0, 3.14]
+    assert _wind_rows({"A": calm})[0][1] == "below 3.2"
 
 
 def test_a_change_that_has_no_room_in_the_drawing_is_an_arrow_at_its_edge(difference):
