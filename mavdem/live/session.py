@@ -248,7 +248,6 @@ class LiveSession:
         4. The end of a silence is reported.
         5. After a reboot or a silence the vehicle may have forgotten its message rates, which are requested again.
 
-
         Arrivals and silences are in s of the monotonic clock.
         """
         batches = self.backlog.pop_simultaneous()

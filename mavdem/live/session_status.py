@@ -91,7 +91,8 @@ class UsefulHorizon(NamedTuple):
 class SessionStatus(ImmutableResult):
     """The status of a live session at one moment.
 
-    ``LiveStream.status`` fills in what concerns the link and the vehicle, ``StatusReport.status`` adds the rest.
+    ``LiveStream.status`` fills in what concerns the link and the vehicle, ``StatusReport.status`` adds the model, and
+    ``LiveSession.status`` the ``shortfall``.
     """
 
     vehicle: str | None = None

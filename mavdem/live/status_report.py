@@ -54,7 +54,7 @@ class StatusReport:
 
     @property
     def status(self) -> SessionStatus:
-        """The present status of the session, for screen, log file and display.
+        """The present status of the session without its ``shortfall``, for screen, log file and display.
 
         It is the status of the stream with the model's findings, delays and predictions added. The stream advances
         with its messages only and does not notice when none come. On a silent link its last rates are therefore

@@ -286,8 +286,8 @@ class VehicleReview:
     def _begin_watchdog_review(self, _: RowBuilder) -> None:
         """Does the part of a review that reports new messages of the autopilot, and queues the watchdog's other parts.
 
-        The watchdog reviews the vehicle without a model. It judges battery and vibration in flight only, and only in
-        its thorough reviews, since that takes longer.
+        The watchdog reviews the vehicle without a model. It judges battery, estimator, vibration and tracking in flight
+        only, and only in its thorough reviews, since that takes longer.
 
         Args:
             _: unused; all parts of a review have the same arguments.

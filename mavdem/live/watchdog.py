@@ -169,11 +169,12 @@ class _StateSample(NamedTuple):
 
 
 class Watchdog:
-    """Watches one boot of one vehicle: control, oscillation, motors at their limits, vibration, battery and warnings.
+    """Watches one boot of one vehicle for each ``WatchedQuantity`` but the balance of the motors.
 
-    A review has up to three parts, so that no message waits for all of it: ``begin_review``, in flight
-    ``review_lights``, and ``finish_review``. Reports of the autopilot, battery and vibration are judged by thorough
-    reviews only, every second one.
+    A review has up to four parts, so that no message waits for all of it: ``begin_review``; in flight
+    ``review_lights`` and, every ``TRACKING_PERIOD``, ``review_tracking``; and ``finish_review``. Battery, estimator,
+    vibration and tracking are judged by thorough reviews only, every second one. So are reports of the autopilot,
+    unless an urgent message has changed.
 
     Attributes:
         is_thorough: whether the latest review is thorough.
