@@ -29,7 +29,10 @@ SAMPLE_PERIOD = 0.1
 """Least time between two samples that are kept, s: a choice."""
 
 MAX_SAMPLE_GAP = 0.6
-"""Longest time between two velocities that are averaged, s: they come twice a second or faster."""
+"""Longest usual time between two velocities, s, since they come twice a second or faster.
+
+The samples of ``DRIFT_SECONDS`` may span so much less than that at each end. Gaps between them are not judged.
+"""
 
 DRIFT_SECONDS = 5.0
 """Time over which lean and speed against the thrust are averaged until wind is said to carry the vehicle away, s.

@@ -444,11 +444,11 @@ class LiveStream:
             # The wings of a plane or VTOL lift it against its motion in each turn.
             return
         pose = self._pose.pose
-        is_known = pose is not None and all(map(isfinite, (*velocity, *pose.angles)))
-        if pose is not None and is_known:
-            fact = self._drift.add_sample(time, pose.angles, velocity, self.parameters)
-            if fact is not None:
-                self._report(fact)
+        if pose is None or not all(map(isfinite, (*velocity, *pose.angles))):
+            return
+        fact = self._drift.add_sample(time, pose.angles, velocity, self.parameters)
+        if fact is not None:
+            self._report(fact)
 
     def _take_attitude(self, message: Message, time: float) -> list[AlignedRow]:
         """Takes an attitude: for the wind, for the latest pose, to watch the control, and as a sample of rows.
