@@ -63,6 +63,9 @@ process waits."""
 POLL_SECONDS = 0.5
 """s between checks whether a reading is done, is beyond its limits, and whether it is to be given up."""
 
+EXIT_CODE_SECONDS = 5
+"""s to wait for the exit code of a process that has ended; it is there within milliseconds on an idle machine."""
+
 MAX_READER_THREADS = 2**10
 """Threads that wait for readers, at most; more than any machine or cluster has readers."""
 
@@ -255,8 +258,7 @@ class LogReader:
                 outcome = self._result(future, supervision.is_beyond_limits)
                 ending = supervision.ending
             except BrokenExecutor:
-                process.join()
-                exit_code = process.exitcode or 0
+                exit_code = exit_code_of_ended(process)
                 ending = "memory" if exit_code == errno.ENOMEM else "died"
                 # The signal that ended it may have been sent to the whole run, which takes as long to notice it.
                 time.sleep(2 * POLL_SECONDS)
@@ -420,6 +422,25 @@ def side_by_side(
         cancel()
         with blocked_signals(*TERMINATION_SIGNALS):
             executor.shutdown()
+
+
+def exit_code_of_ended(process: BaseProcess) -> int:
+    """Returns the exit code of a process that has ended or is about to; negative, the signal that killed it.
+
+    The operating system tells an exit code once, to the thread that asks first: the executor's own thread, or one that
+    starts another process. Until that thread has stored it, ``process.exitcode`` is None for every other thread.
+
+    Args:
+        process: a child of this process.
+
+    Returns:
+        The exit code; 0 if it is unknown after ``EXIT_CODE_SECONDS``, since this process ignores the end of children.
+    """
+    deadline = time.monotonic() + EXIT_CODE_SECONDS
+    process.join(EXIT_CODE_SECONDS)
+    while process.exitcode is None and time.monotonic() < deadline:
+        time.sleep(0.001)
+    return process.exitcode or 0
 
 
 def _receive(read: ReadLog) -> None:

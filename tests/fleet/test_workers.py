@@ -3,6 +3,7 @@
 Most of these start processes. And sources: which logs names stand for, here and behind URLs.
 """
 
+import errno
 import os
 import pickle
 import posixpath
@@ -18,7 +19,7 @@ from functools import partial
 from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
 from multiprocessing import active_children
 from pathlib import Path
-from unittest.mock import MagicMock, Mock
+from unittest.mock import MagicMock, Mock, PropertyMock
 
 import psutil
 from pytest import fixture, mark, raises
@@ -42,6 +43,7 @@ from mavdem.fleet.workers import (
     LogReader,
     Supervision,
     WorkerPool,
+    exit_code_of_ended,
     outcome_of,
     perform,
 )
@@ -102,6 +104,15 @@ def test_no_log_stops_a_run(tmp_path):
         "big_0.bin": ReadingFact.READING_TOO_LARGE,
         "crash_0.bin": ReadingFact.READER_DIED,
     }
+
+
+def test_an_exit_code_is_waited_for_while_another_thread_collects_it(monkeypatch):
+    codes = iter((None, None, errno.ENOMEM, errno.ENOMEM))
+    process = Mock()
+    type(process).exitcode = PropertyMock(side_effect=codes)
+    assert exit_code_of_ended(process) == errno.ENOMEM
+    monkeypatch.setattr(workers, "EXIT_CODE_SECONDS", 0.01)
+    assert exit_code_of_ended(Mock(exitcode=None)) == 0
 
 
 def test_a_run_that_can_start_no_process_ends_and_says_so(tmp_path):
