@@ -2,7 +2,7 @@
 
 from array import array
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from math import isfinite, nan
 from operator import itemgetter
@@ -24,7 +24,7 @@ HORIZONS = (0.05, 0.1, REPORTED_HORIZON, 0.5)
 """Horizons that a live session predicts besides one step, s: a choice."""
 
 MAX_ROWS = 10_000
-"""Rows that the history keeps, a choice: about 1 MB, and more than the pixels of any chart.
+"""Rows that the history keeps, a choice: about 2 MB, and more than the pixels of any chart.
 
 When there are more, every second one is dropped, and from then on only every second one is added.
 """
@@ -35,7 +35,7 @@ GAP_SECONDS = 1.0
 It is also the gap that the timeline shows at a reboot of the vehicle.
 """
 
-COLUMNS_BEFORE_MOTORS = 14
+COLUMNS_BEFORE_MOTORS = 17
 """Columns of a history row before those of the motors: ``LiveHistory.table`` lists them."""
 
 TIME_COLUMN = 1
@@ -149,6 +149,8 @@ class LiveHistory:
         now: latest time of the timeline, s; NaN before any.
         timeline_offset: time of the timeline minus time of the present boot's clock, s.
         boot: number of the boot whose clock the timeline follows now, from 0.
+        boot_start: time of the timeline when that boot was first received, s; NaN before any. Positions of earlier
+            boots may have another origin.
         motor_names: names of the motors in ``table``.
         events: what happened, in order, with times of the timeline.
         learned_intervals: first and last sample, s, of each part of the flight that was learned from.
@@ -162,8 +164,9 @@ class LiveHistory:
         self.events: list[Event] = []
         self.learned_intervals: list[TimeInterval] = []
         self.boot = 0
-        # Time, s of the timeline, and voltage, V, of the battery, the latest ``MAX_ROWS`` of them.
-        self._voltages: deque[tuple[float, float]] = deque(maxlen=MAX_ROWS)
+        self.boot_start = nan
+        # By battery: time, s of the timeline, and voltage, V, the latest ``MAX_ROWS`` of them.
+        self._voltages: dict[str, deque[tuple[float, float]]] = {}
         # Columns as ``table`` lists them. Of all rows that were added, every ``_stride``-th one is kept.
         self._rows: list[array[float]] = []
         self._stride = 1
@@ -188,20 +191,29 @@ class LiveHistory:
         if boot != self.boot:
             self.boot = boot
             self.timeline_offset = self.now + GAP_SECONDS - time
+            self.boot_start = self.now + GAP_SECONDS
         # A comparison with NaN is false: a time that is not known yet does not hold up a timeline that begins.
         has_passed = time + self.timeline_offset <= self.now
         if not has_passed:
             self.now = time + self.timeline_offset
 
-    def add_voltage(self, voltage: float) -> None:
-        """Adds the voltage of the battery, V, at the present time of the timeline; the same time once only."""
-        if isfinite(self.now) and not (self._voltages and self._voltages[-1][0] == self.now):
-            self._voltages.append((self.now, voltage))
+    def add_voltages(self, voltages: Mapping[str, float]) -> None:
+        """Adds the voltage of each battery at the present time of the timeline; the same time once only.
+
+        Args:
+            voltages: voltages, V, by name of the battery.
+        """
+        if not isfinite(self.now):
+            return
+        for name, voltage in voltages.items():
+            samples = self._voltages.setdefault(name, deque(maxlen=MAX_ROWS))
+            if not samples or samples[-1][0] != self.now:
+                samples.append((self.now, voltage))
 
     @property
-    def voltages(self) -> Array:
-        """(N, 2) Times of the timeline, s, and voltages of the battery then, V."""
-        return np.array(self._voltages).reshape(-1, 2)
+    def voltages(self) -> dict[str, Array]:
+        """(N, 2) Times of the timeline, s, and voltages then, V, by name of the battery."""
+        return {name: np.array(samples) for name, samples in self._voltages.items()}
 
     def add_row(
         self,
@@ -221,8 +233,8 @@ class LiveHistory:
             time: s of the present boot's clock.
             outputs: (m,) measured angle, rad, and rate, rad/s.
             estimate: the learner's estimate; None of a row that was not learned from.
-            further_values: wind speed and half width of its band, m/s; roll, pitch and their setpoints, rad; height, m;
-                then each motor as a share of its range.
+            further_values: wind speed and half width of its band, m/s; roll, pitch and their setpoints, rad; yaw, rad;
+                position north and east, and height, m; then each motor as a share of its range.
         """
         time += self.timeline_offset
         is_new_segment = segment != self._segment
@@ -350,13 +362,13 @@ class LiveHistory:
 
     @property
     def table(self) -> Array:
-        """(N, 14 + k) The kept rows of the flight.
+        """(N, 17 + k) The kept rows of the flight.
 
         Columns: number of the segment; time, s of the timeline; the measured angle; the angle predicted
         ``REPORTED_HORIZON`` s before and the half width of its band, rad; wind torque and the half width of its band,
-        rad/s²; wind speed and the half width of its band, m/s; roll, pitch and their setpoints, rad; height above the
-        autopilot's origin, m; each of the k ``motor_names`` as a share of its range. Columns
-        that a row lacks are NaN.
+        rad/s²; wind speed and the half width of its band, m/s; roll, pitch and their setpoints, rad; yaw, rad;
+        position north and east, and height, from the autopilot's origin of that boot, m; each of the k ``motor_names``
+        as a share of its range. Columns that a row lacks are NaN.
         """
         width = COLUMNS_BEFORE_MOTORS + len(self.motor_names)
         table = np.full((len(self._rows), width), nan)

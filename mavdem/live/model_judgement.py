@@ -109,7 +109,7 @@ def judge_model(
     losses = tuple(thrust_losses(alarms))
     evidence = live_evidence(signals, condition, LiveFindings(events=losses, loops=loops))
     # These lights need messages that nothing in flight looks at.
-    judged_later = Fact(Unjudged.JUDGED_LATER, path=recording_name)
+    judged_later = Fact(Unjudged.JUDGED_LATER, path=recording_name, reason=None)
     motors_fact = motors_light(evidence)
     if motors_fact.code is TrimFact.TRIM_UNKNOWN:
         # The trim needs all axes, and the model has one.

@@ -1,6 +1,6 @@
 """The latest attitude of a live vehicle with its setpoint, and its heading while it follows that."""
 
-from math import hypot, inf, isfinite, nan
+from math import inf, isfinite, nan
 from typing import NamedTuple
 
 import numpy as np
@@ -39,7 +39,8 @@ class PoseTracker:
 
     Attributes:
         pose: the latest; None before any.
-        takeoff_position: north and east of where the vehicle stood last, m; None where no position came there.
+        takeoff_position: north, east and down of where the vehicle stood before its latest take-off, m; None where no
+            position came there. A vehicle that was first received in flight seems to have stood where it was then.
         heading: yaw, rad; NaN while roll or pitch stray from their setpoint, or the vehicle is not upright.
     """
 
@@ -51,20 +52,15 @@ class PoseTracker:
         self._setpoint = TiltSetpoint()
         self._position_time = -inf
         self._position: Numbers = ()
+        # Where it stood last.
+        self._ground_position: Numbers | None = None
 
     def restart(self) -> None:
         """Forgets setpoint and positions, at a reboot, after which clock and origin begin again."""
         self.takeoff_position = None
+        self._ground_position = None
         self._setpoint_time = -inf
         self._position_time = -inf
-
-    @property
-    def takeoff_distance(self) -> float | None:
-        """Horizontal distance from the place of the take-off, m; None where one of both positions is not known."""
-        if self.takeoff_position is None or self.pose is None or self.pose.position is None:
-            return None
-        north, east = self.pose.position[:2]
-        return hypot(north - self.takeoff_position[0], east - self.takeoff_position[1])
 
     def add_position(self, time: float, position: Numbers, *, is_flying: bool = True) -> None:
         """Stores the latest position, which the next attitudes get; one that is not finite is ignored.
@@ -78,7 +74,9 @@ class PoseTracker:
             self._position_time = time
             self._position = position
             if not is_flying:
-                self.takeoff_position = position[:2]
+                self._ground_position = position
+            elif self._ground_position is not None:
+                self.takeoff_position = self._ground_position
 
     def add_setpoint(self, time: float, setpoint: TiltSetpoint) -> None:
         """Stores the latest setpoint of the attitude, which the next attitudes are compared with.

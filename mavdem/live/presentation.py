@@ -91,8 +91,8 @@ class Presentation:
     ) -> None:
         """Adds a row to the history, with the latest wind and pose, and each motor as a share of its range.
 
-        The wind is kept as speed and half width of its band, m/s. Of the pose, roll, pitch and their setpoints are
-        kept, rad, and the height, m. What is not known is NaN.
+        The wind is kept as speed and half width of its band, m/s. Of the pose, roll, pitch, their setpoints and yaw are
+        kept, rad, and the position, m. What is not known is NaN.
 
         Args:
             row: the row.
@@ -109,19 +109,26 @@ class Presentation:
             wind_band = compass_wind.speed_high - compass_wind.speed
         tilts = (nan, nan)
         tilt_setpoints = (nan, nan)
-        height = nan
+        yaw = nan
+        north, east, height = nan, nan, nan
         if pose is not None:
-            roll, pitch, _ = pose.angles
+            roll, pitch, yaw = pose.angles
             tilts = (roll, pitch)
             roll_setpoint, pitch_setpoint = pose.setpoint
             tilt_setpoints = (roll_setpoint, pitch_setpoint)
             if pose.position is not None:
-                # The third coordinate of the position points down.
-                height = -pose.position[2]
+                north, east, down = pose.position
+                height = -down
         motor_fractions = row_format.scale.fraction(row.inputs)
         self.history.advance(row.time, row_format.boot)
         # ``LiveHistory.add_row`` defines this order.
-        further_values = (wind_speed, wind_band, *tilts, *tilt_setpoints, height, *motor_fractions)
+        further_values = (
+            *(wind_speed, wind_band),
+            *tilts,
+            *tilt_setpoints,
+            *(yaw, north, east, height),
+            *motor_fractions,
+        )
         self.history.add_row(row.segment, row.time, row.outputs, estimate, further_values)
 
     def show(

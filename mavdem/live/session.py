@@ -391,8 +391,8 @@ class LiveSession:
             The status.
         """
         status = self.status
-        if status.is_flying and status.state is not None and status.state.voltage is not None:
-            self.history.add_voltage(status.state.voltage)
+        if status.is_flying and status.state is not None:
+            self.history.add_voltages(status.state.voltages)
         if DelayedWork.ESTIMATES not in self.backlog.postponed:
             self._report_status(status)
         if status.is_flying:

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from math import nan
+from math import hypot, nan
 from typing import NamedTuple
+
+import numpy as np
 
 from mavdem.assessment.axis.findings import Findings
 from mavdem.assessment.judgement import (
@@ -17,13 +19,14 @@ from mavdem.assessment.judgement import (
 )
 from mavdem.assessment.lights import VEHICLE_LIGHTS
 from mavdem.assessment.limits import worst_fact
+from mavdem.containers import Numbers
 from mavdem.dem import Estimate
 from mavdem.facts import Fact, Facts, NamedFacts
 from mavdem.facts.assessment import Headline as HeadlineCode
 from mavdem.facts.assessment import NextStep
 from mavdem.facts.ending import Ending
 from mavdem.facts.events import ReportedEvent
-from mavdem.facts.lights import Light
+from mavdem.facts.lights import Light, Unjudged
 from mavdem.facts.power import PowerLight
 from mavdem.facts.session import LinkFact, RowsFact, SessionFact, VehicleFact
 from mavdem.facts.vibration import VibrationLight
@@ -87,6 +90,16 @@ class UsefulHorizon(NamedTuple):
     """Squared error there, over that of the better of the last sample held and the mean so far."""
 
 
+class Displacement(NamedTuple):
+    """How far a vehicle is from the place of its take-off."""
+
+    distance: float
+    """Horizontal distance, m."""
+
+    height: float
+    """Height above that place, m."""
+
+
 @dataclass(frozen=True)
 class SessionStatus(ImmutableResult):
     """The status of a live session at one moment.
@@ -110,8 +123,11 @@ class SessionStatus(ImmutableResult):
     state: VehicleState | None = None
     """Its mode, arming and battery; None before a vehicle is chosen."""
 
-    takeoff_distance: float | None = None
-    """Horizontal distance from the place of the take-off, m; None on the ground, or where that place is not known."""
+    position: Numbers | None = None
+    """Its position north, east and down of the autopilot's origin, m; None where none comes."""
+
+    takeoff_position: Numbers | None = None
+    """That of its latest take-off, m; None where that was not seen."""
 
     message_age: float | None = None
     """Time since the last message of the followed vehicle, s; None before any."""
@@ -189,6 +205,14 @@ class SessionStatus(ImmutableResult):
     """Names of the messages that do not come, although the vehicle was asked for them."""
 
     @property
+    def from_takeoff(self) -> Displacement | None:
+        """How far the vehicle is from the place of its take-off; None on the ground, or where one is not known."""
+        if not self.is_flying or self.position is None or self.takeoff_position is None:
+            return None
+        north, east, down = np.subtract(self.position, self.takeoff_position).tolist()
+        return Displacement(distance=hypot(north, east), height=-down)
+
+    @property
     def overall_judgement(self) -> Judgement:
         """Headline, lights and next step of the flight, from the model and from the checks that need no model.
 
@@ -211,17 +235,23 @@ class SessionStatus(ImmutableResult):
 
     @property
     def _judgement_by_model(self) -> Judgement:
-        """The judgement of the model; before one is judged, that everything which needs a model is unknown."""
-        if self.model_judgement is not None:
-            return self.model_judgement
+        """The judgement of the model; before one is judged, that everything which needs a model is unknown.
+
+        Tracking and estimator are judged without a model, so the reason why they are not is that of before.
+        """
         reason = self._reason_without_model
-        weak_motors = self._weak_motors
-        return replace(
-            unjudged(weak_motors[0] if weak_motors else reason),
-            lights=lights_before_model(
-                reason, self.rates, self._followed_watch_facts, self.wind_obstacle
-            ),
+        lights_by_watch = lights_before_model(
+            reason, self.rates, self._followed_watch_facts, self.wind_obstacle
         )
+        if self.model_judgement is not None:
+            lights = dict(self.model_judgement.lights)
+            for name in (Light.TRACKING, Light.ESTIMATOR):
+                if lights[name].code is Unjudged.JUDGED_LATER:
+                    why_not = lights_by_watch[name].figures["reason"]
+                    lights[name] = lights[name].replace(reason=why_not)
+            return replace(self.model_judgement, lights=lights)
+        weak_motors = self._weak_motors
+        return replace(unjudged(weak_motors[0] if weak_motors else reason), lights=lights_by_watch)
 
     @property
     def _judgement_with_all_lights(self) -> Judgement:

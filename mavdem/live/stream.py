@@ -308,12 +308,9 @@ class LiveStream:
                 *self.motor_alarms.active,
                 *self._drift.active,
             ),
+            position=None if self.pose is None else self.pose.position,
             # Where the take-off was not seen, a position in the air was taken for its place.
-            takeoff_distance=(
-                self._pose.takeoff_distance
-                if self.is_flying and isfinite(self.takeoff_time)
-                else None
-            ),
+            takeoff_position=(self._pose.takeoff_position if isfinite(self.takeoff_time) else None),
             watch_facts=self.watch_facts,
             worst_lights=worst_of_lights(
                 watchdog.worst_lights if self.is_flying else watchdog.all_lights,

@@ -1,9 +1,11 @@
 """The state of a live vehicle that a pilot looks for first: flight mode, arming and battery."""
 
+from collections.abc import Mapping
 from dataclasses import replace
+from types import MappingProxyType
 from typing import NamedTuple
 
-from mavdem.dataset.batteries import BATTERY_MESSAGES
+from mavdem.dataset.batteries import BATTERY_MESSAGES, battery_name
 from mavdem.dataset.signals import Signals
 from mavdem.ingest.telemetry import Telemetry
 from mavdem.live.recent_messages import RecentMessages
@@ -27,6 +29,9 @@ class VehicleState(NamedTuple):
     charge: float | None = None
     """Remaining charge of that battery, percent; None where it is not known."""
 
+    voltages: Mapping[str, float] = MappingProxyType({})
+    """Voltage of each battery, V, by its name."""
+
 
 def vehicle_state(recent: RecentMessages, vehicle: Telemetry, now: float) -> VehicleState:
     """Returns the state of a vehicle by its latest messages.
@@ -43,18 +48,24 @@ def vehicle_state(recent: RecentMessages, vehicle: Telemetry, now: float) -> Veh
     # The emptiest battery is shown, or the first one if no charge is known.
     voltage = None
     charge = None
+    voltages = {}
     for battery in signals.batteries:
+        battery_voltage = float(battery.voltage.values[-1])
+        # As in a log, the number is shown only where there are several batteries.
+        name = battery_name(battery.number) if len(signals.batteries) > 1 else "battery"
+        voltages[name] = battery_voltage
         battery_charge = None
         # An autopilot that does not know the charge sends −1.
         if battery.charge is not None and battery.charge.values[-1] >= 0:
             battery_charge = float(battery.charge.values[-1])
         is_emptier = battery_charge is not None and (charge is None or battery_charge < charge)
         if voltage is None or is_emptier:
-            voltage = float(battery.voltage.values[-1])
+            voltage = battery_voltage
             charge = battery_charge
     return VehicleState(
         signals.mode_at(recent.boot, now),
         is_armed=None if armed is None else bool(armed.values[-1]),
         voltage=voltage,
         charge=charge,
+        voltages=voltages,
     )

@@ -81,7 +81,7 @@ class Unplaced(Flight):
         return []
 
 
-def test_the_distance_from_the_take_off_is_shown_in_flight(monkeypatch):
+def test_distance_and_height_from_the_take_off_are_shown_in_flight(monkeypatch):
     taken = Mock(return_value=None)
     monkeypatch.setattr(DriftWatch, "add_sample", taken)
     hover = Hover(hovering=8.0)
@@ -93,6 +93,7 @@ def test_the_distance_from_the_take_off_is_shown_in_flight(monkeypatch):
                 time_boot_ms=round(1e3 * time),
                 x=3.0,
                 y=4.0 * moved,
+                z=-2.0 * moved,
                 vx=1.5,
                 vy=-2.0,
                 vz=9.0,
@@ -102,12 +103,18 @@ def test_the_distance_from_the_take_off_is_shown_in_flight(monkeypatch):
     ]
     flight = Unplaced(hover, attitude=20.0, motors=20.0).frames(end=12.8)
     status = replay(by_time(flight, positions)).stream.status()
-    assert status.is_flying and status.takeoff_distance == approx(20.0)
+    assert status.is_flying and status.from_takeoff == (approx(20.0), approx(10.0))
     assert {call.args[2] for call in taken.call_args_list} == {(1.5, -2.0)}
     shown = vehicle_text(
-        SessionStatus("1:1", is_flying=True, state=VehicleState(), takeoff_distance=20.4)
+        SessionStatus(
+            "1:1",
+            is_flying=True,
+            state=VehicleState(),
+            position=(3.0, 20.4, -12.0),
+            takeoff_position=(3.0, 0.0, -1.7),
+        )
     )
-    assert shown.startswith("1:1, in flight 20 m from the take-off, battery")
+    assert shown.startswith("1:1, in flight 20 m from the take-off and 10 m above it, battery")
 
 
 def test_no_distance_is_shown_where_the_take_off_was_not_seen():
@@ -117,4 +124,4 @@ def test_no_distance_is_shown_where_the_take_off_was_not_seen():
         for time in np.arange(12.0, 19.0, 0.5).tolist()
     ]
     status = replay(by_time(flight, positions)).stream.status()
-    assert status.is_flying and status.takeoff_distance is None
+    assert status.is_flying and status.from_takeoff is None

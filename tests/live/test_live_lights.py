@@ -4,6 +4,7 @@ from dataclasses import replace
 
 from pytest import fixture, mark
 
+from mavdem.assessment.judgement import Judgement
 from mavdem.dataset.segment_learnability import slow_streams
 from mavdem.facts import Fact, Level
 from mavdem.facts.assessment import Headline, NextStep
@@ -56,6 +57,16 @@ def test_the_tracking_waits_for_seconds_of_settled_flight(slow):
     watched = replace(slow, watch_facts=(*slow.watch_facts, watch(WatchedQuantity.TRACKING)))
     light = watched.overall_judgement.lights[Light.TRACKING]
     assert str(light) == "Not judged: it is known after 20 s of settled flight."
+
+
+def test_a_model_does_not_hide_why_the_estimator_is_not_judged(slow):
+    later = Fact(Unjudged.JUDGED_LATER, path="", reason=None)
+    sound = Fact(Headline.NOTHING_CHECKED, reason=SLOW)
+    lights = dict.fromkeys(map(str, Light), later)
+    judged = replace(slow, obstacle=None, model_judgement=Judgement(sound, sound, lights))
+    light = judged.overall_judgement.lights[Light.ESTIMATOR]
+    assert str(light) == "Not judged in flight: no EKF_STATUS_REPORT comes."
+    assert str(judged.overall_judgement.lights[Light.MOTORS]) == "Not judged in flight."
 
 
 def test_without_a_light_the_headline_is_that_nothing_has_alarmed(slow):

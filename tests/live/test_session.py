@@ -151,14 +151,15 @@ def test_motion_motors_and_battery_are_plotted_though_messages_are_too_slow_for_
     run(session)
     history = session.history
     assert session.stream.row_format is None and history.learned_intervals == []
-    history.add_voltage(12.1)
-    history.add_voltage(12.1)
-    history.advance(history.now + 1.0, history.boot)
-    history.add_voltage(12.0)
+    for seconds, voltage in ((0.0, 12.1), (0.0, 12.1), (1.0, 12.0)):
+        history.advance(history.now + seconds, history.boot)
+        history.add_voltages({"battery 1": voltage, "battery 2": 11.0})
     charts = {chart.title: chart for chart in live_timeline(history, "roll").flight_charts}
     assert {"Roll", "Pitch", "Height", "Motors", "Battery"} <= charts.keys()
     assert len(charts["Motors"].lines) == 4
-    assert charts["Battery"].lines[0].y.tolist() == [12.1, 12.0]
+    first, second = charts["Battery"].lines
+    assert (first.name, second.name) == ("battery 1", "battery 2")
+    assert first.y.tolist() == [12.1, 12.0] and second.y.tolist() == [11.0] * 2
     spacing = np.diff(charts["Roll"].lines[0].x)
     assert spacing.min() > 0.09 and np.median(spacing) < 0.2
     # Each sample has the latest outputs.

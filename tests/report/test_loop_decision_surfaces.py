@@ -217,7 +217,7 @@ def assessments(analysed):
                 rate_error=None,
             ),
         }
-        motors = Fact(Unjudged.JUDGED_LATER, path="flight.tlog")
+        motors = Fact(Unjudged.JUDGED_LATER, path="flight.tlog", reason=None)
         if "motors" in shows:
             motors = Fact(shows["motors"], Level.BAD, names=("motor 1",), share=0.4)
         judgement = judge(shown, motors=motors)

@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator, Sequence
 from itertools import pairwise
-from typing import NamedTuple
+from typing import NamedTuple, Self
 
 import numpy as np
 
@@ -47,6 +47,19 @@ class _Key(NamedTuple):
     """Colour of the palette."""
 
 
+class _Place(NamedTuple):
+    """A marked place of the map."""
+
+    name: str
+    """What it is, for the legend."""
+
+    x: float
+    """Coordinate to the right, in units of the drawing."""
+
+    y: float
+    """Coordinate downward, in units of the drawing."""
+
+
 class _Piece(NamedTuple):
     """A part of the path with one colour for its height and one for its flight mode."""
 
@@ -60,21 +73,66 @@ class _Piece(NamedTuple):
     """Colour for its flight mode."""
 
 
-class _WindArrow(NamedTuple):
-    """The wind as the map shows it."""
+class MapWind(NamedTuple):
+    """The wind as a map shows it: an arrow with a label, which follow the cursor where the course is known."""
 
     direction: float
     """Direction that it comes from, degrees clockwise from north."""
 
-    label: str
-    """Direction and, where it is known, speed."""
+    speed: float | None
+    """Speed, m/s; None where it is not known."""
+
+    time: Array | None = None
+    """(T,) times of the course, s since boot; None without one."""
+
+    directions: Array | None = None
+    """(T,) directions then, degrees, within half a turn of the mean, so that they can be interpolated."""
+
+    speeds: Array | None = None
+    """(T,) speeds then, m/s; None where they are not known."""
+
+    @classmethod
+    def of_flight(cls, wind: WindVelocity | None) -> Self | None:
+        """Returns the mean wind of a flight with its course; None where its direction is not known."""
+        if wind is None or not wind.direction_identifiable:
+            return None
+        polar = wind.polar
+        has_speed = wind.speed_identifiable
+        return cls(
+            wind.direction,
+            speed=wind.speed if has_speed else None,
+            time=wind.time,
+            directions=polar.direction,
+            speeds=polar.speed if has_speed else None,
+        )
+
+    @property
+    def label(self) -> str:
+        """Direction and, where it is known, speed."""
+        label = f"from {compass_text(self.direction)}"
+        return label if self.speed is None else f"{rounded(self.speed, 2)} m/s {label}"
+
+    def course_at(self, time: Array) -> dict[str, Array]:
+        """Returns direction (N,), degrees, and speed (N,), m/s, at times (N,), s since boot, as far as known, by name.
+
+        Outside the course they are NaN.
+        """
+        if self.time is None:
+            return {}
+        courses = {"direction": self.directions, "speed": self.speeds}
+        return {
+            name: np.interp(time, self.time, values, left=np.nan, right=np.nan)
+            for name, values in courses.items()
+            if values is not None
+        }
 
 
-def flown_path(timeline: Timeline | None, wind: WindVelocity | None = None) -> Plan | None:
+def flown_path(timeline: Timeline | None, wind: MapWind | None = None) -> Plan | None:
     """Returns the map of the flown path, north up, with a bar of scale and, where it is known, the wind.
 
     Both directions have one scale, by which the larger extent of the path fills the drawing. At most
-    ``MAX_PATH_POINTS`` samples are drawn, evenly chosen.
+    ``MAX_PATH_POINTS`` samples are drawn, evenly chosen. A vehicle that is received is drawn with its heading, and the
+    place of its take-off where that is known; a log has the first and the last point of its path.
 
     Args:
         timeline: timeline of the flight, with its position and modes; None without one.
@@ -87,14 +145,26 @@ def flown_path(timeline: Timeline | None, wind: WindVelocity | None = None) -> P
     if timeline is None or position is None:
         return None
     stride = -(-len(position.time) // MAX_PATH_POINTS)
-    time = position.time[::stride]
-    north, east, down = position.values[::stride].T
+    # The last sample is always among those drawn.
+    drawn = slice((len(position.time) - 1) % stride, None, stride)
+    time = position.time[drawn]
+    north, east, down = position.values[drawn].T
     height = -down
     size = max(np.ptp(north), np.ptp(east), MIN_PATH_SIZE)
     scale = 2 * RADIUS / size
     # The middle of the path is the origin of the drawing, whose y points down.
-    x = scale * (east - (east.min() + east.max()) / 2)
-    y = -scale * (north - (north.min() + north.max()) / 2)
+    middle_east = (east.min() + east.max()) / 2
+    middle_north = (north.min() + north.max()) / 2
+    x = scale * (east - middle_east)
+    y = -scale * (north - middle_north)
+    start = _Place("start", x[0], y[0])
+    if timeline.takeoff is not None:
+        takeoff_north, takeoff_east = timeline.takeoff[:2]
+        start = _Place(
+            "take-off",
+            scale * (takeoff_east - middle_east),
+            -scale * (takeoff_north - middle_north),
+        )
 
     lowest = float(np.nanmin(height))
     height_range = max(float(np.nanmax(height)) - lowest, MIN_HEIGHT_RANGE)
@@ -106,17 +176,20 @@ def flown_path(timeline: Timeline | None, wind: WindVelocity | None = None) -> P
     svg = svg_of(
         "path",
         pieces=[*_pieces(x, y, height_classes, mode_numbers)],
-        first=(x[0], y[0]),
-        last=(x[-1], y[-1]),
+        start=start,
+        end=_Place("end" if timeline.heading is None else "vehicle", x[-1], y[-1]),
+        heading=timeline.heading,
         scale=(scale * bar_length, f"{bar_length:g} m"),
         heights=_height_keys(lowest, height_range),
         modes=[_Key(name, _mode_colour(number)) for number, name in enumerate(mode_names)],
-        wind=None if wind is None else _wind_arrow(wind),
+        wind=wind,
     )
     description = (
         f"Path over ground, {np.ptp(east):.0f} m wide and {np.ptp(north):.0f} m high; north is up."
     )
-    track = {"time": time, "x": x, "y": y, "height": height} | _wind_at(time, wind)
+    track = {"time": time, "x": x, "y": y, "height": height}
+    if wind is not None:
+        track |= wind.course_at(time)
     packed_track: JsonValues = {
         name: packed(values, is_logarithmic=False) for name, values in track.items()
     }
@@ -176,45 +249,3 @@ def _pieces(x: Array, y: Array, height_classes: Array, mode_numbers: Array) -> I
         svg_path = "M" + " ".join(f"{right:.1f} {downward:.1f}" for right, downward in points)
         height_colour = HEIGHT_COLOURS[height_classes[start]]
         yield _Piece(svg_path, height_colour, _mode_colour(int(mode_numbers[start])))
-
-
-def _wind_arrow(wind: WindVelocity) -> _WindArrow | None:
-    """Returns the arrow of the mean wind.
-
-    Args:
-        wind: wind of the flight.
-
-    Returns:
-        The arrow; None if the direction of the wind is not known.
-    """
-    if not wind.direction_identifiable:
-        return None
-    label = f"from {compass_text(wind.direction)}"
-    if wind.speed_identifiable:
-        label = f"{rounded(wind.speed, 2)} m/s {label}"
-    return _WindArrow(wind.direction, label)
-
-
-def _wind_at(time: Array, wind: WindVelocity | None) -> dict[str, Array]:
-    """Returns direction and speed of the wind at given times, as far as they are known.
-
-    Directions lie within half a turn of their mean, so that they can be interpolated; outside the estimate they are
-    NaN.
-
-    Args:
-        time: times (N,), s since boot.
-        wind: wind of the flight; None if it is not known.
-
-    Returns:
-        Direction (N,), degrees, and speed (N,), m/s, by name.
-    """
-    if wind is None or not wind.direction_identifiable:
-        return {}
-    polar = wind.polar
-    known_quantities = {"direction": polar.direction}
-    if wind.speed_identifiable:
-        known_quantities["speed"] = polar.speed
-    return {
-        name: np.interp(time, wind.time, values, left=np.nan, right=np.nan)
-        for name, values in known_quantities.items()
-    }

@@ -18,7 +18,7 @@ from mavdem.assessment.time_history import (
     TimeHistory,
     WindHistory,
 )
-from mavdem.containers import Names
+from mavdem.containers import Names, Numbers
 from mavdem.dataset.axes import AXES, TILT_AXES
 from mavdem.dataset.intervals import TimeInterval
 from mavdem.dataset.time_series import TimeSeries
@@ -75,6 +75,12 @@ class Timeline(NamedTuple):
 
     position: TimeSeries | None = None
     """Flown path (N, 3), m north, east and down."""
+
+    takeoff: Numbers | None = None
+    """Place of the latest take-off in a live session, m north, east and down; None where it is not known."""
+
+    heading: float | None = None
+    """Latest heading, degrees clockwise from north, of a vehicle that is received; None of a log."""
 
     wind_charts: Charts = ()
     """Wind speed, wind direction and wind torque, those that are known."""
@@ -423,15 +429,24 @@ class _LiveColumns(NamedTuple):
     pitch_setpoint: Array
     """Setpoint of pitch, rad."""
 
+    yaw: Array
+    """Yaw, rad."""
+
+    north: Array
+    """Position north of the autopilot's origin, m."""
+
+    east: Array
+    """Position east of it, m."""
+
     height: Array
-    """Height above the autopilot's origin, m."""
+    """Height above it, m."""
 
     motors: Array
     """Outputs (k, N) of the k motors, as a share of their range."""
 
     @classmethod
     def from_table(cls, table: Array) -> _LiveColumns:
-        """Names the columns of ``LiveHistory.table``, (N, 14 + k)."""
+        """Names the columns of ``LiveHistory.table``, (N, 17 + k)."""
         # All fields but the motors are one column each.
         motor_column = len(cls._fields) - 1
         columns = table.T
@@ -462,17 +477,39 @@ def live_timeline(history: LiveHistory, axis: str) -> Timeline | None:
         lines = tuple(line for line in chart.lines if np.isfinite(line.y).any())
         if lines:
             drawn_charts.append(chart._replace(lines=lines))
-    if len(history.voltages) > 1:
-        voltage_time, voltage = history.voltages.T
-        drawn_charts.append(
-            over_time("Battery", "V", [Line("voltage", MEASURED, voltage_time, voltage)])
-        )
+    voltage_lines = []
+    for (name, samples), colour in zip(history.voltages.items(), cycle(DISTINCT), strict=False):
+        if len(samples) > 1:
+            voltage_time, voltage = samples.T
+            voltage_lines.append(Line(name, colour, voltage_time, voltage))
+    if voltage_lines:
+        drawn_charts.append(over_time("Battery", "V", voltage_lines))
+    position = _live_position(history, columns)
+    headings = np.degrees(columns.yaw[np.isfinite(columns.yaw)]) % FULL_TURN
     return Timeline(
         flight_charts=tuple(drawn_charts),
         span=(time[0], time[-1]),
         training_intervals=tuple(history.learned_intervals),
         events=tuple(history.events),
+        position=position,
+        heading=float(headings[-1]) if len(headings) else None,
     )
+
+
+def _live_position(history: LiveHistory, columns: _LiveColumns) -> TimeSeries | None:
+    """Returns the path (N, 3) of a live vehicle in its latest boot, m north, east and down; None where none is known.
+
+    Args:
+        history: history of the flight.
+        columns: its columns.
+    """
+    positions = np.column_stack([columns.north, columns.east, -columns.height])
+    is_earlier_boot = columns.time < history.boot_start
+    rows = np.isfinite(positions).all(axis=1) & ~is_earlier_boot
+    if np.count_nonzero(rows) < 2:
+        return None
+    boots = np.full(np.count_nonzero(rows), history.boot)
+    return TimeSeries(columns.time[rows], boots, positions[rows])
 
 
 def _live_charts(motor_names: Iterable[str], axis: str, columns: _LiveColumns) -> Iterator[Chart]:

@@ -34,7 +34,7 @@ from mavdem.loops.resonance import controller_if_known
 from mavdem.report.blocks import Block, Blocks, Sentence, Table, warning
 from mavdem.report.charts import model_charts
 from mavdem.report.charts.chart import MAX_POINTS, MAX_POINTS_OF_SMALL_PAGE, Group
-from mavdem.report.charts.flown_path import flown_path
+from mavdem.report.charts.flown_path import MapWind, flown_path
 from mavdem.report.charts.plans import frame_plan, rose_of_wind
 from mavdem.report.charts.timeline import Timeline, live_timeline, timeline_of
 from mavdem.report.condition import air_blocks, log_blocks
@@ -181,7 +181,7 @@ def log_page(
             timeline=timeline,
             analysis=assessment.analysis,
             light_anchors=_anchors_of_lights(chapters),
-            path=flown_path(timeline, assessment.drawn_wind),
+            path=flown_path(timeline, MapWind.of_flight(assessment.drawn_wind)),
             changes=changes,
             day_in_name=day_in_file_name(Path(assessment.log.source).name),
         )
@@ -623,6 +623,8 @@ def live_page(
 
     judgement = status.overall_judgement
     timeline = live_timeline(history, axis)
+    if timeline is not None:
+        timeline = timeline._replace(takeoff=status.takeoff_position)
     events = history.events
     chapters = []
     if learned is not None:
@@ -654,6 +656,7 @@ def live_page(
         timeline,
         light_anchors=_live_anchors(timeline, chapters),
         timeline_title="What happened" if status.is_over else "What happens, the newest first",
+        path=flown_path(timeline, _live_map_wind(status)),
         has_log=False,
         is_newest_first=not status.is_over,
         latest_flight=latest_flight,
@@ -670,6 +673,24 @@ def live_page(
         if status.delay_fact is not None:
             subtitle = f"{subtitle} {status.delay_fact}"
     return render_document(f"Flight over {link}", subtitle, summary, chapters, back, head)
+
+
+def _live_map_wind(status: SessionStatus) -> MapWind | None:
+    """Returns the wind on the map of a live page: that of now in flight, otherwise the mean of the flight.
+
+    Args:
+        status: state of the session.
+
+    Returns:
+        The wind; None where its direction is not known.
+    """
+    estimate = status.wind if status.is_flying else status.mean_wind
+    if estimate is None:
+        return None
+    speed_fact, *direction_facts = estimate.facts
+    if not direction_facts:
+        return None
+    return MapWind(direction_facts[0].figures["direction"], speed_fact.figures["speed"])
 
 
 def _live_anchors(timeline: Timeline | None, chapters: Sequence[Chapter]) -> dict[str, str]:

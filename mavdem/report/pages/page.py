@@ -31,7 +31,7 @@ from mavdem.report.why import why_text
 MAX_BRIEF_EVENTS = 4
 """Events that a page shows at first: a choice, so that the list takes less room than the charts."""
 
-MAX_NEWEST_EVENTS = 10
+MAX_NEWEST_EVENTS = 5
 """Events that a page of a session that goes on shows at first, the newest ones: a choice."""
 
 _WORD = re.compile("[a-z0-9]+")

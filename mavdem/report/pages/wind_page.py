@@ -8,7 +8,7 @@ from mavdem.assessment.time_history import wind_history
 from mavdem.facts.lights import Light
 from mavdem.report.blocks import Block, Blocks, Sentence, headline_sentence
 from mavdem.report.charts.chart import Chart, Group, Line, over_time
-from mavdem.report.charts.flown_path import flown_path
+from mavdem.report.charts.flown_path import MapWind, flown_path
 from mavdem.report.charts.plans import rose_of_wind
 from mavdem.report.charts.timeline import Timeline, timeline_of_history
 from mavdem.report.condition import WIND_LIGHTS, drag_table, wind_blocks, wind_tables
@@ -69,7 +69,7 @@ def wind_page(
         lights={},
         timeline=timeline,
         timeline_title="Wind over time",
-        path=flown_path(timeline, wind),
+        path=flown_path(timeline, MapWind.of_flight(wind)),
     )
     return render_document(name, SUBTITLE, summary, [chapter], head=head)
 

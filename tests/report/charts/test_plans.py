@@ -9,7 +9,7 @@ from mavdem.dataset.time_series import TimeSeries
 from mavdem.facts import Fact, Level
 from mavdem.facts.motors import MotorsLight
 from mavdem.report.charts.chart import Span
-from mavdem.report.charts.flown_path import flown_path
+from mavdem.report.charts.flown_path import MapWind, flown_path
 from mavdem.report.charts.plans import motor_levels
 from mavdem.report.charts.timeline import Timeline
 
@@ -49,6 +49,22 @@ def test_a_path_changes_its_colours_with_height_and_mode():
     # North is up: the path begins at the bottom of the drawing.
     low, step = plan.track["y"]["low"], plan.track["y"]["step"]
     assert_allclose([low, low + 65534 * step], [-100.0, 100.0], atol=0.1)
+
+
+def test_a_vehicle_in_flight_is_drawn_with_heading_take_off_and_wind():
+    time = np.arange(1201.0)
+    position = TimeSeries(time, np.zeros(1201, int), np.column_stack([time, 0 * time, -time]))
+    timeline = Timeline(
+        (), (0.0, 1200.0), position=position, takeoff=(600.0, 0.0, 0.0), heading=90.0
+    )
+    svg = str(flown_path(timeline, MapWind(270.0, 7.12)).svg)
+    # The latest place is at the top, 90° is to the right, and the take-off is in the middle.
+    assert 'transform="translate(0.0 -100.0) rotate(90.0)"' in svg
+    assert re.search(r'class="good" cx="-?0.0" cy="-?0.0"', svg)
+    assert "take-off</span>" in svg and "vehicle</span>" in svg
+    assert 'rotate(270.0)"><path class="arrow"' in svg and "7.1 m/s from W (270°) →" in svg
+    logged = str(flown_path(timeline._replace(takeoff=None, heading=None)).svg)
+    assert "start</span>" in logged and "end</span>" in logged
 
 
 def test_without_a_position_there_is_no_path():

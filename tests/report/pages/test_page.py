@@ -4,6 +4,7 @@ import re
 from base64 import b64decode
 from dataclasses import replace
 from html.parser import HTMLParser
+from math import nan
 
 import numpy as np
 from browsing import HOSTILE
@@ -11,7 +12,7 @@ from hover import Hover
 from live_rows import flown
 from made_up_analysis import assessment, physical
 from numpy.testing import assert_allclose
-from pytest import fixture, mark
+from pytest import approx, fixture, mark
 from recorded_flights import FLIGHT
 
 from mavdem.assessment.assess import assess
@@ -279,10 +280,21 @@ def test_a_live_flight_has_what_was_trained_on_its_events_and_no_wind_below_0():
     assert len(above.spans) == len(timeline.training_intervals) == 1 and "°/s²" in below.y.label
     assert [mark.x for mark in above.marks] == [12.25]
     for time in (120.0, 121.0):
-        history.add_row(2, time, np.zeros(2), None, (0.5, 2.0, 0.0, 0.1, 0.0, 0.1, 12.0))
+        history.add_row(
+            2, time, np.zeros(2), None, (0.5, 2.0, 0.0, 0.1, 0.0, 0.1, 0.2, 3.0, 4.0, 12.0)
+        )
     shown = {chart.title: chart for chart in live_timeline(history, "roll").flight_charts}
     assert {"Roll", "Pitch", "Height"} <= shown.keys()
     assert np.nanmax(shown["Height"].lines[0].y) == 12.0
+    placed = live_timeline(history, "roll")
+    assert placed.position.values.tolist() == [[3.0, 4.0, -12.0]] * 2
+    assert placed.heading == approx(np.degrees(0.2))
+    # The next boot of the autopilot may have another origin.
+    history.advance(121.0, 0)
+    history.advance(0.5, 1)
+    for time in (0.5, 1.5):
+        history.add_row(3, time, np.zeros(2), None, (nan,) * 7 + (0.0, 0.0, 2.0))
+    assert live_timeline(history, "roll").position.values.tolist() == [[0.0, 0.0, -2.0]] * 2
     wind = live_timeline(history, "roll").flight_charts[-1].lines[0]
     assert (np.nanmin(wind.lower_edge), np.nanmax(wind.upper_edge)) == (0.0, 2.5)
 
