@@ -4,6 +4,10 @@ from mavdem.facts import Fact, Level, NamedFacts
 from mavdem.facts.lights import Unjudged
 
 
+REASONED_CODES = (Unjudged.MULTIROTORS_ONLY, Unjudged.NOT_JUDGED, Unjudged.JUDGED_LATER)
+"""Codes of lights that are not judged, whose sentence has the reason."""
+
+
 def lights_with_reason_once(lights: NamedFacts) -> NamedFacts:
     """Returns the lights of a flight, with a reason why several are not judged on the first light that has it.
 
@@ -17,7 +21,7 @@ def lights_with_reason_once(lights: NamedFacts) -> NamedFacts:
     shown_lights = {}
     stated_reasons = set()
     for name, fact in lights.items():
-        if fact.code in (Unjudged.MULTIROTORS_ONLY, Unjudged.NOT_JUDGED):
+        if fact.code in REASONED_CODES:
             reason = fact.sentence
             if reason in stated_reasons:
                 fact = Fact(Unjudged.NOT_JUDGED, Level.UNKNOWN, reason=None)

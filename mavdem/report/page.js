@@ -118,6 +118,35 @@
   contents?.addEventListener("click", event => event.target.closest("a") && foldContents());
   foldAll();
 
+  // A page of a session that goes on is loaded again every few seconds. The new one has open what its reader opened, the
+  // same zoom, which follows the end of the flight if it reached to it, and the keyboard at the same place.
+  if (document.querySelector("section.live")) {
+    const key = `reading ${location.pathname}`, titleOf = part => part.querySelector("summary").textContent;
+    const places = "a, button, summary, select, [tabindex]", shownNameOf = place => place.getAttribute("href") ?? place.querySelector("h3")?.textContent ?? place.textContent;
+    const nameOf = place => place.tagName + shownNameOf(place);
+    let reading = null;
+    try { reading = JSON.parse(sessionStorage.getItem(key)); } catch { /* A browser may keep nothing. */ }
+    if (reading) {
+      for (const part of parts) part.open = reading.open[titleOf(part)] ?? part.open;
+      root.addEventListener("drawn", () => {
+        if (reading.span && flight()) {
+          const later = reading.isAtEnd ? flight().whole[1] - reading.span[1] : 0;
+          zoom(flight(), reading.span[0] + later, reading.span[1] + later);
+        }
+        [...document.querySelectorAll(places)].find(place => nameOf(place) === reading.focused)?.focus({ preventScroll: true });
+      });
+    }
+    addEventListener("pagehide", () => {
+      const { span, whole } = flight() ?? {}, focused = document.activeElement, isZoomed = span && (span[0] > whole[0] || span[1] < whole[1]);
+      const kept = {
+        open: Object.fromEntries(parts.map(part => [titleOf(part), part.open])),
+        span: isZoomed ? span : null, isAtEnd: isZoomed && span[1] >= whole[1],
+        focused: focused?.matches(places) ? nameOf(focused) : null,
+      };
+      try { sessionStorage.setItem(key, JSON.stringify(kept)); } catch { /* As above. */ }
+    });
+  }
+
   // On paper all is open but what only serves a screen: a list that is fetched as it opens is not fetched.
   let closedParts = [];
   addEventListener("beforeprint", () => {

@@ -651,7 +651,7 @@ def live_page(
         page_events.reverse()
     head = Head(
         judgement.headline.level,
-        judgement.lights,
+        lights_with_reason_once(judgement.lights),
         page_events,
         timeline,
         light_anchors=_live_anchors(timeline, chapters),
@@ -672,7 +672,11 @@ def live_page(
         subtitle = f"{vehicle_text(status)} As of {strftime('%H:%M:%S')}."
         if status.delay_fact is not None:
             subtitle = f"{subtitle} {status.delay_fact}"
-    return render_document(f"Flight over {link}", subtitle, summary, chapters, back, head)
+    # A page of a session that goes on is sent every few seconds.
+    max_points = MAX_POINTS if status.is_over else MAX_POINTS_OF_SMALL_PAGE
+    return render_document(
+        f"Flight over {link}", subtitle, summary, chapters, back, head, max_points
+    )
 
 
 def _live_map_wind(status: SessionStatus) -> MapWind | None:
