@@ -3,7 +3,6 @@
 from mavdem.facts import Fact, Level, NamedFacts
 from mavdem.facts.lights import Unjudged
 
-
 REASONED_CODES = (Unjudged.MULTIROTORS_ONLY, Unjudged.NOT_JUDGED, Unjudged.JUDGED_LATER)
 """Codes of lights that are not judged, whose sentence has the reason."""
 
