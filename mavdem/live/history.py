@@ -35,6 +35,9 @@ GAP_SECONDS = 1.0
 It is also the gap that the timeline shows at a reboot of the vehicle.
 """
 
+SAMPLE_PERIOD = 0.1
+"""Time between two samples of the motion in the history while there are no rows, s: a choice, finer than plots show."""
+
 COLUMNS_BEFORE_MOTORS = 17
 """Columns of a history row before those of the motors: ``LiveHistory.table`` lists them."""
 

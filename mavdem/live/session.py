@@ -31,6 +31,7 @@ from mavdem.live import clock
 from mavdem.live.backlog import STEP_SECONDS, Backlog, LatencyMeter
 from mavdem.live.clock_speed import ClockSpeed
 from mavdem.live.gain_advice import MAX_WAIT_SECONDS, GainAdviser
+from mavdem.live.history import SAMPLE_PERIOD
 from mavdem.live.intake import LinkIntake
 from mavdem.live.judging import ModelJudging
 from mavdem.live.learning import FlightLearning
@@ -55,9 +56,6 @@ OBSTACLES_TO_ROWS = (
     RowsFact.LIVE_RATES_TOO_LOW,
 )
 """Obstacles without rows, and so without a model of the flight."""
-
-SAMPLE_PERIOD = 0.1
-"""Time between two samples of the motion in the history while there are no rows, s: a choice, finer than plots show."""
 
 
 class LiveSession:

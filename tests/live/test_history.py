@@ -35,6 +35,17 @@ def test_nothing_is_compared_across_a_gap_and_lines_break_there():
     assert history.learned_intervals == [approx((100.0, 100.99)), approx((103.0, 104.99))]
 
 
+def test_slow_samples_after_rows_are_drawn():
+    """While a vehicle lands there are no rows, only samples that are ten times as far apart."""
+    history = LiveHistory()
+    flown(history, 5.0)
+    for time in np.arange(105.0, 108.0, live_history.SAMPLE_PERIOD):
+        history.add_row(0, time, np.array([0.5, 0.0]), None)
+    chart = live_timeline(history, "roll").flight_charts[0]
+    [measured] = [line for line in chart.thinned(2000).lines if line.name == "measured"]
+    assert np.isfinite(measured.y[measured.x < 107.8]).all() and measured.x[-1] > 107.8
+
+
 def test_the_timeline_goes_on_after_a_reboot():
     history = LiveHistory()
     flown(history, 3.0)

@@ -121,6 +121,9 @@ class Line(NamedTuple):
     is_on_right_axis: bool = False
     """Whether its values belong to the axis on the right of the chart."""
 
+    bridged_gap: float = 0.0
+    """A distance of two samples that is no gap however small the usual one is, in the unit of the axis."""
+
     @classmethod
     def with_band(
         cls,
@@ -150,10 +153,15 @@ class Line(NamedTuple):
         """The median distance between two samples; infinite for a single one."""
         return float(np.median(np.diff(self.x))) if len(self.x) > 1 else np.inf
 
+    @property
+    def longest_bridged_gap(self) -> float:
+        """Distance of two samples beyond which the line has a gap, in the unit of the axis."""
+        return max(MAX_GAP_STEPS * self.step, self.bridged_gap)
+
     def resampled(self, grid: Array) -> Line:
         """Returns the line at the points of an even grid, without losing a peak.
 
-        Values are interpolated linearly, and are NaN in gaps of more than ``MAX_GAP_STEPS`` and beyond the ends. Where
+        Values are interpolated linearly, and are NaN beyond the ends and in gaps, ``longest_bridged_gap``. Where
         many samples fall into a pair of grid points, these two get the minimum and the maximum of the samples, so that
         a short peak stays visible on a coarse grid.
 
@@ -166,7 +174,7 @@ class Line(NamedTuple):
         # The sample after each grid point; its distance from the one before shows whether the point lies in a gap.
         next_sample = np.clip(np.searchsorted(self.x, grid), 1, len(self.x) - 1)
         sample_distance = self.x[next_sample] - self.x[next_sample - 1]
-        is_in_gap = sample_distance > MAX_GAP_STEPS * self.step
+        is_in_gap = sample_distance > self.longest_bridged_gap
         is_missing = is_in_gap | (grid < self.x[0]) | (grid > self.x[-1])
 
         def interpolated(values: Array) -> Array:
@@ -318,7 +326,7 @@ class Chart(NamedTuple):
         has_common_x = all(np.array_equal(line.x, longest_line.x) for line in self.lines)
         # Only over time does a long step mean missing samples; the steps of log-spaced frequencies grow anyway.
         is_over_time = self.x.label == TIME.label
-        max_step = MAX_GAP_STEPS * longest_line.step
+        max_step = longest_line.longest_bridged_gap
         has_gaps = is_over_time and (np.diff(longest_line.x) > max_step).any()
         if has_common_x and not has_gaps and len(longest_line.x) <= max_points:
             return self

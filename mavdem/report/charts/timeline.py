@@ -24,7 +24,17 @@ from mavdem.dataset.intervals import TimeInterval
 from mavdem.dataset.time_series import TimeSeries
 from mavdem.facts.ending import Ending
 from mavdem.facts.event import Event
-from mavdem.report.charts.chart import TIME, Axis, Chart, Charts, Line, Mark, Span, over_time
+from mavdem.report.charts.chart import (
+    MAX_GAP_STEPS,
+    TIME,
+    Axis,
+    Chart,
+    Charts,
+    Line,
+    Mark,
+    Span,
+    over_time,
+)
 from mavdem.report.charts.model_charts import torque_line
 from mavdem.report.numbers import TORQUE_UNIT, display_unit, without_remark
 from mavdem.report.palette import (
@@ -463,6 +473,9 @@ def live_timeline(history: LiveHistory, axis: str) -> Timeline | None:
     Returns:
         The timeline, with those charts that have a finite value; None with less than two measured samples.
     """
+    # Imported here: the timeline of a log needs nothing of live sessions.
+    from mavdem.live.history import SAMPLE_PERIOD
+
     table = history.table
     columns = _LiveColumns.from_table(table)
     if np.count_nonzero(np.isfinite(columns.measured_angle)) < 2:
@@ -474,7 +487,12 @@ def live_timeline(history: LiveHistory, axis: str) -> Timeline | None:
     drawn_charts = []
     for chart in _live_charts(history.motor_names, axis, broken_columns._replace(time=time)):
         # A setpoint that does not come has no line, and no entry in the legend.
-        lines = tuple(line for line in chart.lines if np.isfinite(line.y).any())
+        # Where messages come too slowly for rows, or a landing has ended them, the slower samples are no gap.
+        lines = tuple(
+            line._replace(bridged_gap=MAX_GAP_STEPS * SAMPLE_PERIOD)
+            for line in chart.lines
+            if np.isfinite(line.y).any()
+        )
         if lines:
             drawn_charts.append(chart._replace(lines=lines))
     voltage_lines = []
