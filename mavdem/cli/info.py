@@ -25,7 +25,7 @@ from mavdem.ingest import Log
 from mavdem.report.blocks import Sentence, headline_sentence
 from mavdem.report.condition import component_id, stream_contents, vehicle_contents
 from mavdem.report.review import review_title, vehicle_title
-from mavdem.report.screen import conclusion, instance_blocks
+from mavdem.report.screen import instance_blocks, judgement_sentences
 
 
 @click.command("info")
@@ -114,7 +114,7 @@ def _print_analyses(
             vehicle_title(log, signals, analysis),
             summary=vehicle_contents(values),
             details=senders,
-            conclusion=[*headlines, next_step],
+            footer=[*headlines, next_step],
             verbose=False,
         )
 
@@ -128,12 +128,12 @@ def _print_assessments(document: JsonValues, assessments: Sequence[Assessment]) 
     """
     senders = stream_contents(document)
     for values, assessment in zip(document["vehicles"], assessments, strict=True):
-        flight_conclusion = conclusion(assessment.judgement)
+        sentences = judgement_sentences(assessment.judgement)
         print_screen(
             review_title(assessment),
             summary=vehicle_contents(values),
-            details=[*flight_conclusion.lights, *instance_blocks(assessment), *senders],
-            conclusion=[flight_conclusion.headline, flight_conclusion.next_step],
+            details=[*sentences.lights, *instance_blocks(assessment), *senders],
+            footer=[sentences.headline, sentences.next_step],
             verbose=True,
         )
 

@@ -38,7 +38,7 @@ from mavdem.experiments.truth import read_truth
 from mavdem.experiments.window import Length
 from mavdem.report.blocks import Blocks
 from mavdem.report.review import review_title
-from mavdem.report.screen import analysis_body, conclusion, detail_blocks, flight_title
+from mavdem.report.screen import analysis_body, detail_blocks, flight_title, judgement_sentences
 from mavdem.results import PAGE_FILE, RESULT_FILES
 
 PAGE_LINES = 1
@@ -166,12 +166,12 @@ def _print_assessment(assessment: Assessment, *, verbose: bool) -> None:
     else:
         title = flight_title(analysis.flights, assessment.simulated)
         details = detail_blocks(analysis.learned)
-    flight_conclusion = conclusion(assessment.judgement)
+    sentences = judgement_sentences(assessment.judgement)
     print_screen(
         title,
         analysis_body(analysis, assessment),
         details,
-        [flight_conclusion.headline, flight_conclusion.next_step],
+        [sentences.headline, sentences.next_step],
         verbose=verbose,
         reserved_lines=PAGE_LINES,
     )

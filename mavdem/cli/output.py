@@ -67,36 +67,37 @@ def print_screen(
     title: Sentence | None,
     summary: Iterable[Block],
     details: Iterable[Block],
-    conclusion: Iterable[Block],
+    footer: Iterable[Block],
     *,
     verbose: bool,
     reserved_lines: int = 0,
 ) -> None:
-    """Prints the result of a command with the conclusion last, where the user looks when the text has scrolled.
+    """Prints the result of a command, the most important blocks last: the user looks there when the text has scrolled.
 
-    Without ``verbose`` it shows the title, blocks of the summary that fit, and the conclusion, without empty lines
-    between them. With texts in tables shortened to one line these are at most ``SCREEN_LINES``. The texts then take
-    more lines, as far as all of that and the reserved lines are within ``TERMINAL_LINES``.
+    A block is a sentence or a table. Without ``verbose`` the title, blocks of the summary that fit, and the footer are
+    shown, without empty lines between them. With texts in tables shortened to one line these are at most
+    ``SCREEN_LINES``. The texts then take more lines, as far as all of that and the reserved lines are within
+    ``TERMINAL_LINES``.
 
     Args:
         title: First line, if there is one.
         summary: Blocks in the order of their importance; one that does not fit is left out.
         details: Further blocks that only ``verbose`` shows, after the summary.
-        conclusion: Headline, next step and the like; always complete.
+        footer: Blocks at the end, such as headline and next step; always complete.
         verbose: Whether to print all blocks at full length.
         reserved_lines: Lines of the screen that stay free for what the command prints afterwards.
     """
     title_blocks: list[Block] = [] if title is None else [title]
     if verbose:
-        print_blocks([*title_blocks, *summary, *details, *conclusion])
+        print_blocks([*title_blocks, *summary, *details, *footer])
         return
     lines = []
     for block in title_blocks:
         lines += _block_lines(block, row_lines=1)
-    conclusion_lines = []
-    for block in conclusion:
-        conclusion_lines += _block_lines(block)
-    available_lines = SCREEN_LINES - reserved_lines - len(conclusion_lines)
+    footer_lines = []
+    for block in footer:
+        footer_lines += _block_lines(block)
+    available_lines = SCREEN_LINES - reserved_lines - len(footer_lines)
     line_count = len(lines)
     fitting_blocks: list[tuple[Block, list[str]]] = []
     for block in summary:
@@ -115,26 +116,29 @@ def print_screen(
                 line_count += further_count
                 break
         lines += shown_lines
-    print_to_stdout("\n".join([*lines, *conclusion_lines]))
+    print_to_stdout("\n".join([*lines, *footer_lines]))
 
 
 def _block_lines(block: Block, row_lines: int | None = None) -> list[str]:
     """Returns the lines of a sentence or a table, laid out for standard output.
 
-    They wrap at the width of standard output; in files and pipes, which have none, a sentence is one line.
+    They wrap at the width of standard output. Files and pipes have no width: there a sentence is one line.
 
     Args:
         block: The sentence or table.
-        row_lines: Approximate number of lines to which the texts of a table are shortened; None for whole texts.
+        row_lines: Approximate number of lines of a row, to which the texts of a table of words are shortened; None for
+            whole texts.
     """
     console = Console(width=text_columns(), highlight=False, markup=False, emoji=False)
     with console.capture() as captured:
         if isinstance(block, Sentence):
             sentence = f"{block.lead} {block.text}".strip()
+            # A soft wrap of Rich does not break lines: that is left to whatever shows the file.
             console.print(escape_unprintable(sentence), soft_wrap=not has_known_width())
         else:
-            limit = row_lines if block.words else None
-            for table in terminal_tables(block, console.width, limit):
+            # Numbers cannot be shortened.
+            max_row_lines = row_lines if block.words else None
+            for table in terminal_tables(block, console.width, max_row_lines):
                 console.print(table)
     return [line.rstrip() for line in captured.get().splitlines()]
 

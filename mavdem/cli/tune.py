@@ -24,9 +24,9 @@ from mavdem.dataset.axes import AXES
 from mavdem.documents.loops import tune_document
 from mavdem.loops.axis_loops import MARGIN_TARGETS
 from mavdem.report.blocks import Sentence, headline_sentence
-from mavdem.report.loops import is_of_loops, tune_blocks
+from mavdem.report.loops import is_about_loops, tune_blocks
 from mavdem.report.pages.tune_page import tune_page
-from mavdem.report.screen import conclusion
+from mavdem.report.screen import judgement_sentences
 from mavdem.report.templates import headline
 
 PAGE_FILE = "tune.html"
@@ -151,17 +151,17 @@ def _print_tuning(tuning: Tuning, folder: Path | None, *, verbose: bool) -> None
         verbose: Whether to print all margins and the other lights.
     """
     judgement = tuning.judgement
-    lights = conclusion(judgement).lights if verbose else []
+    lights = judgement_sentences(judgement).lights if verbose else []
     blocks = tune_blocks(tuning, is_full=verbose)
     if tuning.notch:
         blocks.append(Sentence(tuning.notch.advised, "Notch filter:"))
     # A bad headline that is not about the loops, such as a broken motor, precedes the gains, since the vehicle must not
     # fly. A headline about the loops is left out, because the report itself says the same.
-    is_grounded = judgement.headline.is_bad and not is_of_loops(judgement.headline, judgement)
+    is_grounded = judgement.headline.is_bad and not is_about_loops(judgement.headline, judgement)
     if is_grounded:
         blocks = [headline_sentence(headline(judgement.headline)), *blocks]
-    if is_grounded or tuning.refusal or is_of_loops(judgement.next_step, judgement):
+    if is_grounded or tuning.refusal or is_about_loops(judgement.next_step, judgement):
         blocks.append(Sentence(str(judgement.next_step), "Next:"))
     if folder:
         blocks.append(Sentence(str(folder / PAGE_FILE), "Page:"))
-    print_screen(None, summary=[], details=lights, conclusion=blocks, verbose=verbose)
+    print_screen(None, summary=[], details=lights, footer=blocks, verbose=verbose)

@@ -107,7 +107,7 @@ def wind_command(
         title=None,
         summary=[],
         details=[],
-        conclusion=[
+        footer=[
             *wind_blocks(wind_evidence, tables),
             *cautions,
             *warnings_of_lights(assessment.judgement, WIND_LIGHTS),

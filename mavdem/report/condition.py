@@ -53,16 +53,19 @@ def log_blocks(contents: JsonValues) -> Blocks:
 
 
 def vehicle_contents(vehicle: JsonValues) -> Blocks:
-    """Returns the report on the log of a vehicle: whether a model can be learned, repairs, settled flight and messages.
+    """Returns the report on what a log contains of a vehicle, and whether a model of it can be learned.
 
-    Repairs are what the reader corrected in the log, such as a clock that went back. What the log allows is its tier.
+    The sentences give the vehicle; the tier of the log, which is the kind of model that its message rates allow;
+    cautions; repairs, which are what the reader corrected in the log, such as a clock that went back; and the settled
+    flight.
 
     Args:
-        vehicle: one of the vehicles of an inventory (``mavdem.assessment.inventory``).
+        vehicle: one of the vehicles of an inventory (``mavdem.assessment.inventory``), values by key.
 
     Returns:
-        Sentences, and a table of the periodic messages by their rate where there are any.
+        The sentences, and a table of the periodic messages by their rate where there are any.
     """
+    # The inventory is a JSON document, whose key for the learnability of the log is "verdict".
     learnability = vehicle["verdict"]
     is_tilt = learnability.axis in TILT_AXES
     rows = [[rate, ", ".join(names)] for rate, names in _messages_by_rate(vehicle).items()]
@@ -153,38 +156,39 @@ def component_id(component: JsonValues) -> str:
 
 
 def wind_blocks(evidence: WindEvidence, tables: Sequence[Table] = ()) -> Blocks:
-    """Returns the wind that was estimated from a flight, in sentences.
-
-    First come speed, direction and gusts, then their intervals, and the mean of the autopilot's estimate for
-    comparison. Then follows, for each quantity that the data does not determine well enough to report, the reason for
-    that; where the drag is the reason for the speed as well, only that of the drag.
+    """Returns the report on the wind that was estimated from a flight.
 
     Args:
-        evidence: all that is known of the wind of a log. ``estimate`` is the estimated wind. It is None if there is
-            none, and then ``reason`` says why, if that is known.
+        evidence: all that is known of the wind of a log: the estimate or, without one, the reason for that if known;
+            and the autopilot's own estimate.
         tables: tables of the wind, shown between the estimate and the reasons.
 
     Returns:
-        The sentences, and the tables; without an estimate only the reason, or nothing if none is known.
+        Sentences on speed, direction and gusts, on their 90 % intervals, and on the autopilot's estimate for
+        comparison; the tables; and a sentence on each quantity that the data does not determine well, with the reason.
+        Without an estimate only the reason for that, or nothing if it is not known.
     """
     wind = evidence.estimate
     if wind is None:
         reason = evidence.reason
         return [Sentence(reason.advised, "Wind:")] if reason else []
+    # The reason why each quantity, such as the speed or the drag, has a wide interval or is not identifiable.
     reasons = dict(wind.reasons)
     is_blurred_by_drag = "speed" in reasons and bool(reasons["speed"].figures["by_drag"])
     if is_blurred_by_drag and wind.speed_identifiable:
+        # The sentence on the intervals says that the drag widens them, so that the reason is not repeated.
         del reasons["speed"]
     typical_drag = None
     if wind.drag.source is DragSource.POPULATION:
+        # The drag of typical multirotors: both ends of its interval, as the mean over the axes x and y of the body.
         typical_drag = wind.drag.interval("linear").mean(axis=1)
     estimate = render_section(
         "wind",
         wind=wind,
         typical_drag=typical_drag,
-        own=_autopilot_wind(evidence, wind),
+        autopilot_wind=_autopilot_wind(evidence, wind),
         is_blurred_by_drag=is_blurred_by_drag,
-        turned=_turned_wind(wind),
+        turned_wind=_turned_wind(wind),
     )
     sentences = [
         Sentence(str(reason), f"{quantity.capitalize()}:") for quantity, reason in reasons.items()
@@ -306,16 +310,19 @@ def _evenly_spaced(count: int, max_count: int | None) -> Sequence[int]:
 
 
 def drag_table(drag: Drag, settings: Mapping[str, ParameterValue]) -> Table:
-    """Returns a table of a vehicle's linear drag, and of the autopilot's parameters that express it.
+    """Returns a table of a vehicle's linear drag, and of the autopilot's parameters that describe the same drag.
 
     Args:
-        drag: drag of the vehicle; its linear part is the mean over both body axes, 1/s.
-        settings: value and both ends of the 90 % interval of each parameter, by name.
+        drag: drag of the vehicle, with linear coefficients along x and y of the body (2,), 1/s, and both ends of their
+            intervals (2, 2). The table has the mean of both axes.
+        settings: value and both ends of the 90 % interval of each parameter to set, by name.
     """
     low, high = drag.interval("linear").mean(axis=1)
     linear_drag = ParameterValue(float(drag.linear.mean()), low=float(low), high=float(high))
-    quantities = {**settings, "linear drag (1/s)": linear_drag}
-    rows = [[name, *(f"{value:.3g}" for value in values)] for name, values in quantities.items()]
+    rows = []
+    for name, parameter in {**settings, "linear drag (1/s)": linear_drag}.items():
+        numbers = (parameter.value, parameter.low, parameter.high)
+        rows.append([name, *(f"{number:.3g}" for number in numbers)])
     return Table([f"Drag, from {DRAG_SOURCES[drag.source]}", "value", "from", "to"], rows)
 
 

@@ -1,8 +1,7 @@
 """What changed between two states of a vehicle (before and after), in sentences: changed, equal, uncertain, unknown."""
 
 from collections import Counter
-from collections.abc import Collection, Iterator, Mapping, Sequence
-from itertools import filterfalse
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from math import degrees, inf, log
 from pathlib import PurePath
 from types import MappingProxyType
@@ -91,7 +90,7 @@ def headline_of_comparison(
     They come in this order; where A and B are the same flight, only that is said.
 
     1. Whether the states are of two vehicles.
-    2. The lights (judgements of parts of the vehicle) that are bad on one side only.
+    2. The lights (judgements of one subject each, such as the motors) that are bad on one side only.
     3. Whether compared figures changed. One change is named: of a loop with a bad margin, or else the surest one.
     4. The changed gains of loops with a bad margin or a changed figure, or else all changed gains, and their effects.
 
@@ -123,15 +122,15 @@ def headline_of_comparison(
         if difference.follows_from_gains(change) and change.quantity.axis in axes_of_gains:
             effects.append(change_text(change, difference))
     return [
-        *(_vehicle_doubts(difference) if _are_two_vehicles(difference) else ()),
+        *(_identity_cautions(difference) if _are_two_vehicles(difference) else ()),
         *light_sentences,
-        *_conclusion(difference, changes),
+        *_result_sentences(difference, changes),
         *render_section(
             "difference_gains",
             gains=shown_gains,
-            more=len(parameters) - len(shown_gains),
+            further_count=len(parameters) - len(shown_gains),
             effects=effects[:MAX_HEADLINE_EFFECTS],
-            others=_are_two_vehicles(difference),
+            are_two_vehicles=_are_two_vehicles(difference),
         ),
     ]
 
@@ -162,13 +161,13 @@ def difference_blocks(
     for reason, missing_quantities in missing_by_reason.items():
         names = listed(missing.quantity for missing in missing_quantities)
         not_compared.append(Sentence(f"{names}: {reason}", "Not compared:"))
-    conclusions = render_section(
+    conditions_and_method = render_section(
         "difference",
         difference,
         between=SD_BETWEEN_FLIGHTS,
         tested_count=len(difference.tested),
         families=difference.tested_families,
-        others=_are_two_vehicles(difference),
+        are_two_vehicles=_are_two_vehicles(difference),
     )
     parameter_sentences = render_section(
         "difference_parameters",
@@ -177,11 +176,11 @@ def difference_blocks(
         lacking=lacking,
     )
     return [
-        *(() if _are_two_vehicles(difference) else _vehicle_doubts(difference)),
+        *(() if _are_two_vehicles(difference) else _identity_cautions(difference)),
         *_change_sentences(difference),
         *not_compared,
         *parameter_sentences,
-        *conclusions,
+        *conditions_and_method,
     ]
 
 
@@ -204,8 +203,8 @@ class _DifferingLight(NamedTuple):
 def _lights_bad_on_one_side(reviews: Mapping[str, Review]) -> list[_DifferingLight]:
     """Returns the lights that are bad on one side, and known not to be on the other.
 
-    A light is the judgement of one part of the vehicle, such as its motors, with a level. A light that turned bad
-    matters more than a figure that changed. If the light of the other side is unknown, it is not listed.
+    A light is the judgement of one subject, such as the motors, with a level. A light that turned bad matters more than
+    a figure that changed. If the light of the other side is unknown, it is not listed.
 
     Args:
         reviews: review documents of both logs, by side; one without lights, as of a fleet, is compared with nothing.
@@ -253,7 +252,7 @@ def _later_side(reviews: Mapping[str, Review]) -> str:
 def light_blocks(reviews: Mapping[str, Review]) -> Blocks:
     """Returns the lights of both logs: a table of those whose levels differ, and a sentence on the others.
 
-    A light is the judgement of one part of the vehicle by a review, such as its motors, with a level.
+    A light is the judgement of one subject by a review, such as the motors, with a level.
 
     Args:
         reviews: review documents of both logs, by side ("A" and "B").
@@ -285,15 +284,14 @@ def light_blocks(reviews: Mapping[str, Review]) -> Blocks:
 def headline_blocks(
     headlines: Mapping[str, str | None], comparison_headline: Sequence[Sentence] = ()
 ) -> Blocks:
-    """Returns the headline of each side by itself, unless the headline of the comparison says the same.
+    """Returns the headline of each log's own review as a sentence with the lead "A by itself:" or "B by itself:".
 
     Args:
-        headlines: headline of each side, "A" and "B"; None for a side without one.
-        comparison_headline: headline of the comparison.
+        headlines: headline of the review of each log, by side, "A" and "B"; None for a side without one.
+        comparison_headline: sentences that head the comparison, which are shown above.
 
     Returns:
-        A sentence for each side, led by "A by itself:"; none for a side whose headline is part of a sentence of
-        the comparison.
+        A sentence for each side; none for a side whose headline the comparison has stated already.
     """
     blocks = Blocks()
     for side, sentence in headlines.items():
@@ -303,17 +301,17 @@ def headline_blocks(
 
 
 def baseline_blocks(
-    latest_row: FlightRow, difference: VehicleDifference, *, has_doubts: bool = True
+    latest_row: FlightRow, difference: VehicleDifference, *, has_identity_cautions: bool = True
 ) -> Blocks:
-    """Returns the report on the differences between a vehicle's latest flight and its baseline.
+    """Returns the report on the differences between a vehicle's latest flight and its baseline of healthy flights.
 
     Args:
-        latest_row: row of the latest flight.
+        latest_row: row of the latest flight in the fleet's table, for its date and file.
         difference: difference of that flight from the baseline.
-        has_doubts: whether it says that several vehicles may have the name.
+        has_identity_cautions: whether the report says so if several vehicles may have the name.
 
     Returns:
-        The sentences.
+        Sentences: which flights are compared, whether anything changed, what changed, and cautions.
     """
     lead = "Since the baseline:"
     date = "" if latest_row.date is None else f" ({latest_row.date:%Y-%m-%d})"
@@ -322,54 +320,81 @@ def baseline_blocks(
     text = f"the latest flight, {file}{date}, compared with {baseline_count}."
     return [
         Sentence(text, lead),
-        *_conclusion(difference, _changes_by_relevance(difference)),
+        *_result_sentences(difference, _changes_by_relevance(difference)),
         *_change_sentences(difference),
-        *(_vehicle_doubts(difference) if has_doubts else ()),
+        *(_identity_cautions(difference) if has_identity_cautions else ()),
     ]
 
 
 def _changes_by_relevance(
     difference: VehicleDifference, axes: Collection[str] = ()
 ) -> list[QuantityChange]:
-    """Returns the changed quantities: those of loops of some axes first, then by ascending p-value.
+    """Returns the changed quantities: those of loops of some axes first, then the surest (lowest p-value) first.
 
     Args:
         difference: comparison of two groups of flights of a vehicle, quantity by quantity.
-        axes: axes whose margins are bad on one side.
+        axes: axes whose margins are bad on one side, so that changes of their loops matter most.
     """
+    changes = difference.changes_with(QuantityOutcome.CHANGED)
+    changes_of_bad_loops = []
+    other_changes = []
+    for change in sorted(changes, key=lambda change: change.p):
+        if change.quantity.kind in LOOP_KINDS and change.quantity.axis in axes:
+            changes_of_bad_loops.append(change)
+        else:
+            other_changes.append(change)
+    return [*changes_of_bad_loops, *other_changes]
 
-    def rank(change: QuantityChange) -> tuple[bool, float]:
-        """Returns the key by which changes are sorted."""
-        is_of_bad_loop = change.quantity.kind in LOOP_KINDS and change.quantity.axis in axes
-        return not is_of_bad_loop, change.p
 
-    return sorted(difference.changes_with(QuantityOutcome.CHANGED), key=rank)
+class _ChangesByCause(NamedTuple):
+    """Changed quantities, by whether the changed gains of their control loop explain them."""
+
+    unexplained: list[QuantityChange]
+    """Changes that may be signs of a fault."""
+
+    by_gains: list[QuantityChange]
+    """Changes of figures of a rate loop whose gains or filters are known to differ."""
 
 
-def _conclusion(difference: VehicleDifference, changes: Sequence[QuantityChange]) -> list[Sentence]:
-    """Returns the sentence on all compared figures: what changed, what is doubtful, or whether none changed.
+def _changes_by_cause(
+    difference: VehicleDifference, changes: Iterable[QuantityChange]
+) -> _ChangesByCause:
+    """Separates the changes that other gains explain from those that they do not; both keep their order."""
+    changes_by_cause = _ChangesByCause([], [])
+    for change in changes:
+        if difference.follows_from_gains(change):
+            changes_by_cause.by_gains.append(change)
+        else:
+            changes_by_cause.unexplained.append(change)
+    return changes_by_cause
 
-    A figure is doubtful if its own interval shows a change, but not the test of all figures together.
+
+def _result_sentences(
+    difference: VehicleDifference, changes: Sequence[QuantityChange]
+) -> list[Sentence]:
+    """Returns the result of the comparison in one sentence: the change that matters most, or that nothing changed.
+
+    If no quantity changed that the gains do not explain, a doubtful one is named: one whose own interval shows a
+    change, which the test of all quantities together does not confirm.
 
     Args:
         difference: comparison of two groups of flights of a vehicle, quantity by quantity.
-        changes: the changed quantities. The sentence names the first one that does not follow from other gains or, if
-            there is none, the doubtful figure with the lowest p-value.
+        changes: the changed quantities, the most relevant first.
     """
-    changed = [*filterfalse(difference.follows_from_gains, changes)]
-    outcomes = Counter(change.outcome for change in difference.changes)
+    unexplained, by_gains = _changes_by_cause(difference, changes)
     doubtful = sorted(filter(_is_doubtful, difference.tested), key=lambda change: change.p)
-    named = changed or doubtful
+    candidates = unexplained or doubtful
+    outcomes = Counter(change.outcome for change in difference.changes)
     return render_section(
         "difference_conclusion",
-        change=change_text(named[0], difference) if named else "",
-        more=len(named) - 1,
-        is_doubtful=not changed,
-        unknown=outcomes[QuantityOutcome.UNCERTAIN],
-        same=outcomes[QuantityOutcome.SAME],
+        change=change_text(candidates[0], difference) if candidates else "",
+        further_count=len(candidates) - 1,
+        is_doubtful=not unexplained,
+        uncertain_count=outcomes[QuantityOutcome.UNCERTAIN],
+        same_count=outcomes[QuantityOutcome.SAME],
         has_figures=bool(difference.changes),
-        has_effects=len(changed) < len(changes),
-        others=_are_two_vehicles(difference),
+        has_changes_by_gains=bool(by_gains),
+        are_two_vehicles=_are_two_vehicles(difference),
     )
 
 
@@ -382,42 +407,38 @@ def _is_doubtful(change: QuantityChange) -> bool:
 
 
 def _change_sentences(difference: VehicleDifference) -> list[Sentence]:
-    """Returns sentences on what changed, where that is more than one quantity, stayed the same or is uncertain.
+    """Returns a sentence on all compared quantities with the same outcome, for each outcome that there is.
 
-    A quantity is uncertain if the data show neither a change nor its absence. Uncertain quantities whose intervals
-    do not contain "no change" are named first: the joint test of many quantities makes them doubtful. A figure of a
-    loop with other gains is said to differ only if its own interval does not contain "no change".
+    In this order: the quantities that changed; those that changed by other gains; doubtful ones, whose own interval
+    shows a change that the test of all quantities together does not confirm; uncertain ones, whose interval allows for
+    a change as for none; and those that stayed the same.
 
     Args:
         difference: comparison of two groups of flights of a vehicle, quantity by quantity.
-
-    Returns:
-        The sentences.
     """
     doubtful = []
-    unknown = list[QuantityChange]()
+    uncertain = list[QuantityChange]()
     for change in difference.changes:
         if _is_doubtful(change):
             doubtful.append(change_text(change, difference))
         elif change.outcome is QuantityOutcome.UNCERTAIN:
-            unknown.append(change)
-    changes = _changes_by_relevance(difference)
-    changed = [*filterfalse(difference.follows_from_gains, changes)]
-    by_gains = [*filter(difference.follows_from_gains, changes)]
-    tested = len(difference.tested)
+            uncertain.append(change)
+    unexplained, by_gains = _changes_by_cause(difference, _changes_by_relevance(difference))
+    # The headline names the first change, so that a single one is not repeated.
+    listed_changes = unexplained if len(unexplained) > 1 else []
+    tested_count = len(difference.tested)
     sentences = render_section(
         "difference_changes",
-        # One change is named by the headline.
-        changed=[change_text(change, difference) for change in changed if len(changed) > 1],
+        changed=[change_text(change, difference) for change in listed_changes],
         by_gains=[change_text(change, difference) for change in by_gains],
         axes=difference.axes_with_other_gains,
         doubtful=doubtful,
-        unknown=[*_texts_of_equal_changes(unknown, difference)],
-        others=_are_two_vehicles(difference),
+        uncertain=[*_texts_of_equal_changes(uncertain, difference)],
+        are_two_vehicles=_are_two_vehicles(difference),
         has_trims=any(change.quantity.kind == SHARE for change in difference.changes),
-        tested=tested,
+        tested_count=tested_count,
         # Probability that at least one interval misses its true value, if the figures were independent.
-        chance_of_any=1 - difference.level**tested,
+        chance_of_any=1 - difference.level**tested_count,
     )
     return [*sentences, *same_sentences(difference.changes_with(QuantityOutcome.SAME))]
 
@@ -488,40 +509,65 @@ def _gains_first(parameters: Sequence[ParameterChange]) -> list[ParameterChange]
 def next_blocks(
     difference: VehicleDifference, reviews: Mapping[str, Review] = NO_REVIEWS
 ) -> list[Sentence]:
-    """Returns the next step: that of the later log by itself if a light is bad in it alone, else what part to check.
+    """Returns the next step after a comparison, the first of these that applies.
 
-    That part is the motor that became weaker with the lowest p-value. If none did, it is the part of the change with
-    the lowest p-value.
+    1. None, if A and B are the same flight.
+    2. The next step of the later log's own review, if a light is bad in that log and not in the earlier one.
+    3. None, if the states are of two vehicles: their differences are no faults.
+    4. What to check, if a quantity changed that new gains do not explain.
+    5. To fly again, if a change is doubtful.
+    6. None.
 
     Args:
         difference: comparison of two states, quantity by quantity.
         reviews: review documents of both logs, by side, "A" and "B".
 
     Returns:
-        One sentence. If no change needs an explanation but a figure is doubtful, the next step is to fly again. None if
-        nothing changed, if new gains explain all changes, or if the states are of two vehicles, whose differences are
-        no faults.
+        A list with one sentence, or an empty one.
     """
     if difference.is_of_same_flight:
         return []
-    later_side = _later_side(reviews)
-    later_step = value_at(reviews.get(later_side) or {}, "next_step.sentence")
-    is_later_worse = any(light.bad_side == later_side for light in _lights_bad_on_one_side(reviews))
-    if is_later_worse and later_step:
-        return [Sentence(later_step, f"Next, by {later_side}:")]
-    # New gains of an axis explain a change of its loops, which then is no sign of a fault.
-    changes = difference.changes_with(QuantityOutcome.CHANGED)
-    unexplained_changes = [*filterfalse(difference.follows_from_gains, changes)]
+    step_of_later_log = _step_of_later_log(reviews)
+    if step_of_later_log is not None:
+        return [step_of_later_log]
     vehicles_before, vehicles_after = difference.vehicles
     known_vehicles = {*vehicles_before, *vehicles_after} - {UNKNOWN}
     if len(known_vehicles) > 1:
         return []
-    if not unexplained_changes:
-        is_doubtful = any(map(_is_doubtful, difference.tested))
-        return render_section("difference_doubt") if is_doubtful else []
-    weaker_motors = [change for change in unexplained_changes if _is_weaker(change)]
-    candidates = weaker_motors or unexplained_changes
-    surest_change = min(candidates, key=lambda change: change.p)
+    changes = difference.changes_with(QuantityOutcome.CHANGED)
+    unexplained = _changes_by_cause(difference, changes).unexplained
+    if unexplained:
+        return _what_to_check(unexplained, difference)
+    if any(_is_doubtful(change) for change in difference.tested):
+        return render_section("difference_doubt")
+    return []
+
+
+def _step_of_later_log(reviews: Mapping[str, Review]) -> Sentence | None:
+    """Returns the next step of the later log's own review, if a light is bad in that log and not in the earlier one.
+
+    Args:
+        reviews: review documents of both logs, by side, "A" and "B".
+    """
+    later_side = _later_side(reviews)
+    next_step = value_at(reviews.get(later_side) or {}, "next_step.sentence")
+    bad_sides = {light.bad_side for light in _lights_bad_on_one_side(reviews)}
+    if later_side not in bad_sides or not next_step:
+        return None
+    return Sentence(next_step, f"Next, by {later_side}:")
+
+
+def _what_to_check(
+    changes: Sequence[QuantityChange], difference: VehicleDifference
+) -> list[Sentence]:
+    """Returns the sentence on what to check after a change: the motor that became weaker or, without one, the surest.
+
+    Args:
+        changes: the changed quantities that new gains do not explain, at least one.
+        difference: comparison of the vehicle, with the names of its motors.
+    """
+    weaker_motors = [change for change in changes if _is_weaker(change)]
+    surest_change = min(weaker_motors or changes, key=lambda change: change.p)
     motor = ""
     if surest_change.quantity.is_of_motor:
         motor = _motor_name(surest_change, difference)
@@ -617,29 +663,30 @@ def _signed(number: str) -> str:
     return f"+{number}"
 
 
-def _vehicle_doubts(difference: VehicleDifference) -> Blocks:
-    """Returns cautions about whether both states are of one vehicle, by the names of their vehicles.
+def _identity_cautions(difference: VehicleDifference) -> Blocks:
+    """Returns a caution if the flights that are compared may not be of one vehicle; none if they are.
 
-    If the vehicle of a state has no name, this cannot be checked, and a sentence says so.
+    That is so if logs do not name their vehicle, if they name two, or if the name is a MAVLink system id, which many
+    vehicles share.
 
     Args:
-        difference: comparison of two states, with the names of the vehicles of each.
+        difference: comparison of two states, with the names of the vehicles in the logs of each.
     """
     names_before, names_after = difference.vehicles
     if UNKNOWN in (*names_before, *names_after):
         return [*render_section("difference_unnamed")]
-    doubts = render_section(
+    sentences = render_section(
         "difference_vehicles",
         before=names_before,
         after=names_after,
-        others=_are_two_vehicles(difference),
-        found=difference,
+        are_two_vehicles=_are_two_vehicles(difference),
+        shared_names=difference.shared,
     )
-    return [caution(doubt.text) for doubt in doubts]
+    return [caution(sentence.text) for sentence in sentences]
 
 
 def _are_two_vehicles(difference: VehicleDifference) -> bool:
-    """Returns whether the states are known to be of different vehicles, so that what differs did not change.
+    """Returns whether the states are known to be of two vehicles, whose figures differ without any change.
 
     Args:
         difference: comparison of two states, with the names of the vehicles of each.

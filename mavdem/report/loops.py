@@ -1,6 +1,6 @@
-"""Control loops in sentences and tables: margins with their intervals, ratings, and advised gains."""
+"""Control loops in sentences and tables: margins, decisions on axes (what is wrong, what to do), and gains to set."""
 
-from collections.abc import Container, Iterator, Sequence
+from collections.abc import Collection, Container, Iterator
 from operator import attrgetter
 from typing import NamedTuple
 
@@ -76,26 +76,29 @@ def tune_blocks(
         has_tables_elsewhere: whether a page has tables of gains and margins elsewhere, so that this report has none.
     """
     blocks = Blocks()
-    stated_remedies = _texts_of_next_step(tuning)
-    # A limit that several axes share is shown with the first of them, and then taken off this list.
-    unshown_limits = _limits_by_axes(tuning.axes)
+    stated_remedies = _texts_in_next_step(tuning)
+    # A caution that several axes share is shown with the first of them, and then taken off this list.
+    unshown_cautions = _shared_cautions(tuning.axes)
     for axes in _axes_reported_together(tuning):
         # The report says the same of all these axes, so that the first one stands for them.
         axis = axes[0]
-        blocks.append(_sentence_on_axes(tuning, axes, stated_remedies))
+        report = " ".join(str(fact) for fact in _facts_on_axis(tuning, axis))
+        remedies = _unstated_remedies(tuning, axis, report, stated_remedies)
+        stated_remedies.update(remedies)
+        blocks.append(Sentence(" ".join([report, *remedies]), f"{listed(axes).capitalize()}:"))
         advice = tuning.axes[axis]
         if isinstance(advice, Fact):
             continue
         is_doubtful = axis in tuning.doubtful_axes
         if not advice.refusals and not has_tables_elsewhere:
             blocks.append(_gain_and_margin_table(advice, is_doubtful=is_doubtful))
-        # The limits of gains that change stand beside the page's table of gains.
-        gains_stand_elsewhere = has_tables_elsewhere and bool(advice.parameters)
-        limits_of_axis = [limit for limit in unshown_limits if axis in limit.axes]
-        for limit in limits_of_axis:
-            unshown_limits.remove(limit)
-            if not (gains_stand_elsewhere and limit.is_about_gains_to_set):
-                blocks.append(limit.sentence)
+        # A page shows the cautions about gains that change beside its table of gains.
+        has_gains_elsewhere = has_tables_elsewhere and bool(advice.parameters)
+        cautions_of_axis = [caution for caution in unshown_cautions if axis in caution.axes]
+        for caution in cautions_of_axis:
+            unshown_cautions.remove(caution)
+            if not (has_gains_elsewhere and caution.is_about_gains_to_set):
+                blocks.append(caution.sentence)
         if is_full:
             blocks += _axis_details(advice, is_doubtful=is_doubtful)
     next_step = tuning.judgement.next_step
@@ -110,25 +113,28 @@ def tune_blocks(
     return [*blocks, *_unchecked_effects(tuning)] if is_full else blocks
 
 
-def _sentence_on_axes(tuning: Tuning, axes: Sequence[str], stated_remedies: set[str]) -> Sentence:
-    """Returns the sentence of ``mavdem tune`` on axes that are reported together: rating, advice and remedies.
+def _unstated_remedies(
+    tuning: Tuning, axis: str, report: str, stated_remedies: Collection[str]
+) -> list[str]:
+    """Returns the sentences on what to do about an axis that nothing above has stated already.
+
+    There are up to two: the remedy of the advice on its gains, and that of the decision on its loops.
 
     Args:
-        tuning: advice for each axis, or the fact that says why there is none.
-        axes: the axes, which have the same advice (:func:`_axes_reported_together`).
-        stated_remedies: texts that the report has stated so far, and that are not repeated. The remedies of this
-            sentence are added to them.
+        tuning: for each axis its advice, or the fact that says why there is none; and the decision on its loops.
+        axis: "roll", "pitch" or "yaw".
+        report: text on the axis that the remedies will follow.
+        stated_remedies: remedies in the next step and in the text on other axes.
     """
-    axis = axes[0]
     advice = tuning.axes[axis]
-    conclusion = advice if isinstance(advice, Fact) else advice.conclusion
+    advice_on_gains = advice if isinstance(advice, Fact) else advice.conclusion
     decision = tuning.judgement.loop_decisions.get(axis)
-    sentences = [str(fact) for fact in _facts_on_axis(tuning, axis)]
-    for remedy in [conclusion.remedy, *_remedies_besides_tuning(decision)]:
-        if remedy not in stated_remedies and remedy not in " ".join(sentences):
-            stated_remedies.add(remedy)
-            sentences.append(remedy)
-    return Sentence(" ".join(sentences), f"{listed(axes).capitalize()}:")
+    remedies: list[str] = []
+    for remedy in [advice_on_gains.remedy, *_remedies_besides_tuning(decision)]:
+        text_above = " ".join([report, *remedies])
+        if remedy not in stated_remedies and remedy not in text_above:
+            remedies.append(remedy)
+    return remedies
 
 
 def tune_details(tuning: Tuning) -> Blocks:
@@ -146,16 +152,18 @@ def tune_details(tuning: Tuning) -> Blocks:
 
 
 def _unchecked_effects(tuning: Tuning) -> list[Sentence]:
-    """Returns the sentence that names the effects of gains which are not checked; none if no gains are advised.
+    """Returns the sentence on what can spoil advised gains and was not checked, such as bending of the frame.
 
     Args:
         tuning: advice on the gains of each axis, or the fact why there is none.
+
+    Returns:
+        The sentence; none if no axis has advice on gains.
     """
-    has_gains = any(
-        isinstance(advice, Advice) and bool(advice.gains) for advice in tuning.axes.values()
-    )
-    # The template makes its sentence only where ``named`` is true.
-    return render_section("loop_not_checked", named=has_gains)
+    for advice in tuning.axes.values():
+        if isinstance(advice, Advice) and advice.gains:
+            return render_section("loop_not_checked")
+    return []
 
 
 def _axes_reported_together(tuning: Tuning) -> list[list[str]]:
@@ -170,17 +178,26 @@ def _axes_reported_together(tuning: Tuning) -> list[list[str]]:
     Returns:
         The axes of each group, in the order of ``tuning.axes``.
     """
+    groups = group_by(tuning.axes, lambda axis: _group_key(tuning, axis))
+    return list(groups.values())
 
-    def what_is_reported(axis: str) -> tuple[str, ...]:
-        """Returns a key that is the same for axes whose reports say the same."""
-        advice = tuning.axes[axis]
-        if isinstance(advice, Advice):
-            return (axis,)
-        remedies = _remedies_besides_tuning(tuning.judgement.loop_decisions.get(axis))
-        # No axis is called "", so that this differs from all axes with a loop.
-        return ("", advice.advised, *remedies)
 
-    return list(group_by(tuning.axes, what_is_reported).values())
+def _group_key(tuning: Tuning, axis: str) -> tuple[str, ...]:
+    """Returns the key by which axes are grouped: texts that are equal if the reports on the axes say the same.
+
+    Args:
+        tuning: advice on the gains of each axis, or the fact why there is none.
+        axis: "roll", "pitch" or "yaw".
+
+    Returns:
+        The name of an axis with an identified loop, which no other axis has. Otherwise "", the reason why no loop was
+        identified, and the remedies.
+    """
+    advice = tuning.axes[axis]
+    if isinstance(advice, Advice):
+        return (axis,)
+    remedies = _remedies_besides_tuning(tuning.judgement.loop_decisions.get(axis))
+    return ("", advice.advised, *remedies)
 
 
 def _facts_on_axis(tuning: Tuning, axis: str) -> list[Fact]:
@@ -191,22 +208,26 @@ def _facts_on_axis(tuning: Tuning, axis: str) -> list[Fact]:
         axis: "roll", "pitch" or "yaw".
 
     Returns:
-        The rating of the margins, the conclusion on the gains, and the reasons for these gains. On a doubtful axis,
-        whose margins a measurement contradicts, only the conclusion. Without advice, only the fact why there is none.
+        Facts, whose sentences follow each other in the report:
+
+        - without an identified loop, only the reason for that;
+        - if a measured response contradicts the loop, so that its margins are doubtful, only what to do with the gains;
+        - otherwise the rating of the margins, what to do with the gains, and why the new gains are not other ones.
     """
     advice = tuning.axes[axis]
     if isinstance(advice, Fact):
         return [advice]
     decision = tuning.judgement.loop_decisions.get(axis)
-    conclusion = advice.conclusion
+    # States that gains are to be set or kept, or why no gains could be computed.
+    advice_on_gains = advice.conclusion
     action = None if decision is None else decision.action
     if action is not None and action.code is LoopAction.LOWER_BY_A_THIRD:
         # The gains of an oscillating axis are to be lowered by a third, even if no gains could be computed for it.
-        conclusion = conclusion.replace(action=action)
+        advice_on_gains = advice_on_gains.replace(action=action)
     if axis in tuning.doubtful_axes:
-        return [conclusion]
+        return [advice_on_gains]
     reasons = [note for note in advice.notes if note.code in REASONS_FOR_GAINS]
-    return [*_rating_as_decided(advice, decision), conclusion, *reasons]
+    return [*_consistent_rating(advice, decision), advice_on_gains, *reasons]
 
 
 def _remedies_besides_tuning(decision: LoopDecision | None) -> list[str]:
@@ -220,19 +241,20 @@ def _remedies_besides_tuning(decision: LoopDecision | None) -> list[str]:
     return [decision.action.advised]
 
 
-def _rating_as_decided(advice: Advice, decision: LoopDecision | None) -> list[Fact]:
-    """Returns the rating of an axis' margins, changed or left out where the decision on the axis contradicts it.
+def _consistent_rating(advice: Advice, decision: LoopDecision | None) -> list[Fact]:
+    """Returns the rating of an axis' margins, such that it does not contradict the decision on the axis.
 
-    The decision is the judgement of the axis by all that was measured, of which the margins are a part. If the axis
-    does not follow its setpoint, good margins are not enough: the rating says so, and its level is "watch" at best.
+    The rating knows the stability margins alone: are they large enough? The decision also knows whether the axis
+    oscillates and follows its setpoint in flight. A report with both must not call an axis good and bad.
 
     Args:
-        advice: advice on the axis, with the rating of the margins of its identified loop. If the loop cannot be relied
-            on, ``refusals`` has the reasons why no gains are advised.
+        advice: advice on the gains of the axis, with the rating of the margins of its identified loop.
         decision: decision on the loops of the axis; None if there is none.
 
     Returns:
-        One fact; none if the loop cannot be relied on and the decision was made for another reason than its margins.
+        A list with the rating. If the axis does not follow its setpoint, the level of the rating is "watch" at best,
+        and its sentence says that the margins are not enough. The list is empty if no gains are advised since the
+        loop cannot be relied on, and the decision was made for another reason than the margins.
     """
     if decision is None:
         return [advice.rating]
@@ -241,6 +263,7 @@ def _rating_as_decided(advice: Advice, decision: LoopDecision | None) -> list[Fa
         return []
     if decision.diagnosis is LoopDiagnosis.FOLLOWS_BADLY:
         level = Level.BAD if advice.rating.is_bad else Level.WATCH
+        # With the figure ``follows`` False, the sentence says "but the axis does not follow its setpoint".
         return [advice.rating.replace(level, follows=False)]
     return [advice.rating]
 
@@ -277,23 +300,27 @@ def decision_sentences(decisions: DecisionsByAxis, next_step: str = "") -> list[
     return sentences
 
 
-def _texts_of_next_step(tuning: Tuning) -> set[str]:
-    """Returns the texts that the next step of a tuning contains already, so that they are not repeated.
+def _texts_in_next_step(tuning: Tuning) -> set[str]:
+    """Returns the sentences that the next step states, so that the report with which it is shown does not repeat them.
 
-    These are its sentence and the remedies of its reasons. The empty text is among them: a fact without a remedy has
-    nothing to repeat.
+    A next step is a fact whose figures "reason" and "also" are the facts that it follows from, such as low margins on
+    roll. It states what to do about them, which is their remedy.
 
     Args:
-        tuning: advice on the gains of each axis, with the next step.
+        tuning: advice on the gains of each axis, and the judgement of the flight with the next step.
+
+    Returns:
+        The sentence of the next step, the remedies of its reasons, and "", the remedy of a fact without one, which is
+        thereby left out too.
     """
     next_step = tuning.judgement.next_step
     reasons = [next_step.figures.get("reason"), *next_step.figures.get("also", ())]
-    remedies = {reason.remedy for reason in reasons if reason}
+    remedies = {reason.remedy for reason in reasons if reason is not None}
     return {"", next_step.sentence, *remedies}
 
 
-class _GainLimit(NamedTuple):
-    """A sentence on how far margins and advised gains can be trusted."""
+class _SharedCaution(NamedTuple):
+    """A sentence on how far the margins and advised gains of some axes can be trusted."""
 
     axes: tuple[str, ...]
     """The axes that it is about."""
@@ -304,21 +331,21 @@ class _GainLimit(NamedTuple):
     """Whether it limits the gains that are computed from the loop (:func:`is_about_gains_to_set`)."""
 
 
-def is_of_loops(fact: Fact, judgement: Judgement) -> bool:
-    """Returns whether a headline or next step is about control loops: a fact on gains or loops, or one of their lights.
-
-    A loss or an impact is not, though the light of tracking may show it.
+def is_about_loops(fact: Fact, judgement: Judgement) -> bool:
+    """Returns whether a headline or a next step is about the control loops, and not about something else in the flight.
 
     Args:
-        fact: the headline, or the next step.
-        judgement: the judgement of the vehicle.
+        fact: the headline, or the next step, whose figure "reason" is the fact that it follows from.
+        judgement: the judgement of the vehicle. Two of its lights (judgements of one subject each) are about loops:
+            tracking and margins.
     """
-    lights_of_loops = [judgement.lights[name] for name in (Light.TRACKING, Light.MARGINS)]
     reason = fact.figures.get("reason") or fact
+    # A loss of the vehicle or an impact is not about the loops, though it may be what the light of tracking shows.
     if reason.code in LIGHT_OF_EVENT:
         return False
     if fact.code in (NextStep.LOAD_GAINS, NextStep.TUNE_OTHER_AXES):
         return True
+    lights_of_loops = [judgement.lights[Light.TRACKING], judgement.lights[Light.MARGINS]]
     return isinstance(reason.code, GainFact | LoopFact) or reason in lights_of_loops
 
 
@@ -334,34 +361,55 @@ def tuning_result(tuning: Tuning) -> Fact:
         tuning: advice for each axis, with the judgement of the flight.
     """
     headline = tuning.judgement.headline
-    if headline.is_bad or is_of_loops(headline, tuning.judgement):
+    if headline.is_bad or is_about_loops(headline, tuning.judgement):
         return headline
-    axes_with_room = []
-    for axis, advice in tuning.axes.items():
-        if isinstance(advice, Advice) and advice.conclusion.code is GainFact.SET_GAINS:
-            decision = tuning.judgement.loop_decisions.get(axis)
-            has_good_margins = all(
-                rating.is_good for rating in _rating_as_decided(advice, decision)
-            )
-            if has_good_margins and axis not in tuning.doubtful_axes:
-                axes_with_room.append(axis)
+    axes_with_room = _axes_with_room_for_gains(tuning)
     if axes_with_room:
         return Fact(GainFact.ROOM_FOR_GAINS, names=axes_with_room)
+    return _worst_rating(tuning) or headline
+
+
+def _axes_with_room_for_gains(tuning: Tuning) -> list[str]:
+    """Returns the axes whose margins are good, without a measurement that contradicts them, and that get new gains.
+
+    Args:
+        tuning: advice for each axis, with the decisions on their loops.
+    """
+    axes = []
+    for axis, advice in tuning.axes.items():
+        is_doubtful = axis in tuning.doubtful_axes
+        if isinstance(advice, Fact) or is_doubtful:
+            continue
+        ratings = _consistent_rating(advice, tuning.judgement.loop_decisions.get(axis))
+        has_good_margins = all(rating.is_good for rating in ratings)
+        if advice.conclusion.code is GainFact.SET_GAINS and has_good_margins:
+            axes.append(axis)
+    return axes
+
+
+def _worst_rating(tuning: Tuning) -> Fact | None:
+    """Returns the rating of margins with the worst level, the first of equal ones, with its axis in the subject.
+
+    Args:
+        tuning: advice for each axis, with the decisions on their loops.
+
+    Returns:
+        The rating; None if an axis has no loop that can be relied on, or a measurement contradicts its margins.
+    """
     ratings = []
     for axis, advice in tuning.axes.items():
         if isinstance(advice, Fact) or advice.refusals or axis in tuning.doubtful_axes:
-            return headline
-        for rating in _rating_as_decided(advice, tuning.judgement.loop_decisions.get(axis)):
+            return None
+        for rating in _consistent_rating(advice, tuning.judgement.loop_decisions.get(axis)):
             ratings.append(rating.replace(subject=f"{axis} {rating.subject}"))
-    # Of several ratings with the worst level, the first one is returned.
     for level in (Level.BAD, Level.WATCH, Level.GOOD):
         for rating in ratings:
             if rating.level is level:
                 return rating
-    return headline
+    return None
 
 
-def gain_limits(advice_by_axis: AdviceByAxis) -> Blocks:
+def loop_cautions(advice_by_axis: AdviceByAxis) -> Blocks:
     """Returns sentences on how far margins and advised gains can be trusted, for the axes with an identified loop.
 
     They are the cautions about the identified loop of an axis, which its margins and its gains follow from, whether or
@@ -370,34 +418,42 @@ def gain_limits(advice_by_axis: AdviceByAxis) -> Blocks:
     Args:
         advice_by_axis: advice by axis, or the fact why there is none.
     """
-    return [limit.sentence for limit in _limits_by_axes(advice_by_axis)]
+    return [caution.sentence for caution in _shared_cautions(advice_by_axis)]
 
 
-def _limits_by_axes(advice_by_axis: AdviceByAxis) -> list[_GainLimit]:
-    """Returns the sentences on how far margins and gains can be trusted, each with the axes that share it.
+def _shared_cautions(advice_by_axis: AdviceByAxis) -> list[_SharedCaution]:
+    """Returns the cautions about the identified loops as sentences; axes with the same caution share one.
+
+    A caution says how far the margins of a loop and the gains computed from it can be trusted. Two axes have the same
+    caution if its text is the same without the name of the axis, which holds if its rounded figures agree.
 
     Args:
         advice_by_axis: advice for each axis, or the fact that says why there is none.
+
+    Returns:
+        The sentences with their axes, in the order of the first axis.
     """
-    # Two axes share a sentence if it is the same without the name of the axis: then their rounded figures agree.
     cautions_by_text: dict[str, list[tuple[str, Fact]]] = {}
     for axis, advice in advice_by_axis.items():
         if isinstance(advice, Advice):
             for caution in advice.before.cautions:
                 text_without_axis = caution.replace(axis="").advised
                 cautions_by_text.setdefault(text_without_axis, []).append((axis, caution))
-    limits = []
-    for cautions_by_axis in cautions_by_text.values():
-        # All of them have the same text, so that they make one sentence with the names of all their axes.
-        (sentence,) = sentences_by_axes(cautions_by_axis, attrgetter("advised"))
-        axes = tuple(axis for axis, _ in cautions_by_axis)
-        _, first_caution = cautions_by_axis[0]
-        limits.append(_GainLimit(axes, sentence, is_about_gains_to_set(first_caution)))
-    return limits
+    shared_cautions = []
+    for axes_and_cautions in cautions_by_text.values():
+        # Cautions with the same text make one sentence, which names all their axes.
+        (sentence,) = sentences_by_axes(axes_and_cautions, attrgetter("advised"))
+        axes = tuple(axis for axis, _ in axes_and_cautions)
+        _, first_caution = axes_and_cautions[0]
+        is_about_gains = is_about_gains_to_set(first_caution)
+        shared_cautions.append(_SharedCaution(axes, sentence, is_about_gains))
+    return shared_cautions
 
 
 def is_about_gains_to_set(caution_of_loop: Fact) -> bool:
-    """Returns whether a caution of a loop limits the gains that are computed from it, as all do but AutoTune's result.
+    """Returns whether a caution about an identified loop also holds for the gains that are computed from the loop.
+
+    All do but one: that an AutoTune flight left these gains says something about the present gains only.
 
     Args:
         caution_of_loop: one of the loop's cautions.
@@ -464,20 +520,34 @@ def margin_overview(tuning: Tuning) -> Table | None:
             for attribute in TUNED_FIGURES:
                 scale = LOOP_FIGURES[attribute].scale
                 cells.append(f"{doubt}{_figure_text(open_loop, attribute, scale)}")
-            step = predicted_step(open_loop, STEP_SECONDS[loop_name])
-            if step is None:
-                step_cells = ["", ""]
-            else:
-                step_cells = [
-                    f"{doubt}{_with_interval(step.overshoot.value, step.overshoot.interval, 100)}",
-                    f"{doubt}{_with_interval(step.rise_time.value, step.rise_time.interval, 1e3)}",
-                ]
-            rows.append([*cells, *step_cells, rounded(loop.lean_in_wind)])
+            for text in _step_texts(open_loop, STEP_SECONDS[loop_name]):
+                cells.append(f"{doubt}{text}" if text else "")
+            rows.append([*cells, rounded(loop.lean_in_wind)])
     if not rows:
         return None
     margins = [LOOP_FIGURES[attribute].header for attribute in TUNED_FIGURES]
     steps = ["overshoot of a step (%)", "rise time (ms)", "error by wind torque, sd (°)"]
     return Table(["loop (90 % interval)", *margins, *steps], rows)
+
+
+def _step_texts(loop: OpenLoop, duration: float) -> tuple[str, str]:
+    """Returns overshoot, %, and rise time, ms, of a loop's predicted step response, each with its interval.
+
+    Args:
+        loop: rate or attitude loop, whose closed loop is computed.
+        duration: length of the step response, s.
+
+    Returns:
+        Both as text; empty if the step cannot be predicted.
+    """
+    step = predicted_step(loop, duration)
+    if step is None:
+        return ("", "")
+    overshoot, rise_time = step.overshoot, step.rise_time
+    return (
+        _with_interval(overshoot.value, overshoot.interval, scale=100),
+        _with_interval(rise_time.value, rise_time.interval, scale=1e3),
+    )
 
 
 def _axis_details(advice: Advice, *, is_doubtful: bool) -> Blocks:
@@ -489,12 +559,13 @@ def _axis_details(advice: Advice, *, is_doubtful: bool) -> Blocks:
     """
     loop = advice.before
     loops = compared_loops(advice)
-    blocks: Blocks = [block for block in gain_blocks(advice) if isinstance(block, Sentence)]
+    blocks: Blocks = [*_gain_sentences(advice)]
     blocks += margin_tables(loops, doubtful=loops if is_doubtful else ())
     blocks += filter_sentences(loop)
-    # If ``agrees`` is None, the section says that no response was measured. Of a doubtful loop, which a measured
-    # response contradicts, that would be wrong.
-    if not is_doubtful or loop.agrees is not None:
+    # The section compares the measured rate response with the predicted one. If the two were not compared
+    # (``agrees`` is None), it says that none was measured, which is wrong of a loop that another response contradicts.
+    is_compared = loop.agrees is not None
+    if is_compared or not is_doubtful:
         blocks += render_section("loop_measured", loop=loop)
     return blocks
 
@@ -565,9 +636,7 @@ def _with_interval(value: float, interval: tuple[float, float], scale: float) ->
 def gain_blocks(advice: Advice) -> Blocks:
     """Returns a table of the controller gains to change, if there are any, and sentences on their expected effects.
 
-    The table has a row for each changed gain: its value now, the value to set, and the factor between them. The
-    sentences give the expected lean in wind, what follows on a step that does not reach the margins, unusual ratios of
-    the gains, and the noise.
+    The table has a row for each changed gain: its value now, the value to set, and the factor between them.
 
     Args:
         advice: gains ``now`` and to ``set`` by name of the parameter, and the control loop before and after.
@@ -582,8 +651,19 @@ def gain_blocks(advice: Advice) -> Blocks:
         if now != new:
             rows.append([name, now, new, f"{gain.set / gain.now:.2f}"])
     tables = [Table(["gain", "now", "set", "times"], rows)] if rows else []
+    return [*tables, *_gain_sentences(advice)]
+
+
+def _gain_sentences(advice: Advice) -> list[Sentence]:
+    """Returns sentences on the gains to set of an axis and their expected effects.
+
+    They give the expected lean in wind, what follows on a step that does not reach the margins, unusual ratios of the
+    gains, and the noise.
+
+    Args:
+        advice: gains by name of the parameter, and the control loop before and after.
+    """
     unusual_notes = [note for note in advice.notes if note.code not in REASONS_FOR_GAINS]
-    sentences = render_section(
+    return render_section(
         "loop_gains", advice=advice, unusual_notes=unusual_notes, largest_step=MAX_GAIN_STEP
     )
-    return [*tables, *sentences]

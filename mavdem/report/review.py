@@ -1,4 +1,4 @@
-"""The review of a log on one terminal screen: title, lights (judgements of parts), alarms, headline, next step."""
+"""The review of a log on one terminal screen: title, lights (judgements by subject), alarms (bad events), next step."""
 
 import re
 from collections.abc import Iterator
@@ -38,26 +38,26 @@ HARD_SPACE = "\N{NO-BREAK SPACE}"
 def review_screen(assessment: Assessment, columns: int = SCREEN_COLUMNS) -> str:
     """Returns the review as text of at most ``SCREEN_LINES``; facts that are not good may need more lines.
 
-    A light is the judgement of one part of the vehicle, such as its motors. The sentence of a good light loses
+    A light is the judgement of one subject, such as the motors: a fact with a level. The sentence of a good light loses
     its details where that makes it one line; that of any other light is continued on further lines. As many alarms are
-    shown as fit. The most important lines come last, where the user looks after everything has scrolled by.
+    shown as fit. The headline and the next step come last, where the user looks after everything has scrolled by.
 
     Args:
         assessment: assessment of the log.
         columns: number of characters in a line.
     """
-    lights = _light_lines(lights_with_reason_once(assessment.lights), columns)
     title_lines = _title_lines(review_title(assessment), columns)
-    last_lines = _last_lines(assessment, len(title_lines) - 1 + len(lights), columns)
-    return "\n".join([*title_lines, *lights, *last_lines])
+    light_lines = _lines_of_lights(lights_with_reason_once(assessment.lights), columns)
+    last_lines = _last_lines(assessment, len(light_lines), columns)
+    return "\n".join([*title_lines, *light_lines, *last_lines])
 
 
 def first_lines(findings: FirstFindings, columns: int = SCREEN_COLUMNS) -> str:
     """Returns the first lines of the review that are known before the control loops: its title, and some lights.
 
-    A light is the judgement of one part of the vehicle. Lights have the same order everywhere. So only those are shown
-    that come before the first light which needs the control loops. :func:`further_lines` returns the rest. Both
-    together are the lines of :func:`review_screen`.
+    To identify the control loops takes longest, and the user can read these lines meanwhile. A light is the judgement
+    of one subject, such as the motors. Lights have the same order everywhere, so that only those are shown that come
+    before the first one which needs the loops. :func:`further_lines` returns the other lines of the review.
 
     Args:
         findings: findings on the flight so far.
@@ -65,33 +65,37 @@ def first_lines(findings: FirstFindings, columns: int = SCREEN_COLUMNS) -> str:
     """
     evidence = findings.evidence
     title = vehicle_title(evidence.log, evidence.signals, findings.analysis)
-    lights = _light_lines(_lights_before_loops(findings), columns)
-    return "\n".join([*_title_lines(title, columns), *lights])
+    light_lines = _lines_of_lights(_lights_before_loops(findings), columns)
+    return "\n".join([*_title_lines(title, columns), *light_lines])
 
 
 def _lights_before_loops(findings: FirstFindings) -> NamedFacts:
-    """Returns the lights that are known before the control loops, up to the first one that needs these.
+    """Returns the lights at the beginning of the list of all lights that are judged before the control loops.
+
+    The list ends before the first light that is not judged yet, even if further ones are, since lines that are printed
+    stay in this order.
 
     Args:
         findings: findings on the flight so far, with the lights that are judged already.
     """
-    known_lights = lights_with_reason_once(findings.lights)
+    judged_lights = lights_with_reason_once(findings.lights)
     first_lights = {}
-    for light in REGISTRY:
-        if light.name not in known_lights:
+    for registered_light in REGISTRY:
+        name = str(registered_light.name)
+        if name not in judged_lights:
             break
-        first_lights[str(light.name)] = known_lights[light.name]
+        first_lights[name] = judged_lights[name]
     return first_lights
 
 
 def further_lines(
     assessment: Assessment, findings: FirstFindings, columns: int = SCREEN_COLUMNS
 ) -> str:
-    """Returns the lines of the review that follow :func:`first_lines`: lights that need loops, alarms and conclusion.
+    """Returns the lines of the review after :func:`first_lines`: the other lights, alarms, headline and next step.
 
     Args:
         assessment: assessment of the flight.
-        findings: findings that have been shown already.
+        findings: findings whose lights are among the first lines, which are printed already.
         columns: characters of a line.
     """
     first_lights = _lights_before_loops(findings)
@@ -100,10 +104,10 @@ def further_lines(
         for name, fact in lights_with_reason_once(assessment.lights).items()
         if name not in first_lights
     }
-    lights = _light_lines(further_lights, columns)
-    title_lines = _title_lines(review_title(assessment), columns)
-    shown_count = len(title_lines) - 1 + len(_light_lines(first_lights, columns))
-    return "\n".join([*lights, *_last_lines(assessment, shown_count + len(lights), columns)])
+    printed_light_lines = _lines_of_lights(first_lights, columns)
+    light_lines = _lines_of_lights(further_lights, columns)
+    light_line_count = len(printed_light_lines) + len(light_lines)
+    return "\n".join([*light_lines, *_last_lines(assessment, light_line_count, columns)])
 
 
 def _title_lines(title: Sentence, columns: int) -> list[str]:
@@ -111,33 +115,36 @@ def _title_lines(title: Sentence, columns: int) -> list[str]:
     return wrap(f"{title.lead} {title.text}", columns, break_on_hyphens=False)
 
 
-def _light_lines(lights: NamedFacts, columns: int) -> list[str]:
+def _lines_of_lights(lights: NamedFacts, columns: int) -> list[str]:
     """Returns the lines of some lights, in their order."""
     lines = []
     for name, fact in lights.items():
-        lines += _light_rows(name, fact, columns)
+        lines += _lines_of_light(name, fact, columns)
     return lines
 
 
-def _last_lines(assessment: Assessment, line_count: int, columns: int) -> list[str]:
+def _last_lines(assessment: Assessment, light_line_count: int, columns: int) -> list[str]:
     """Returns the lines that follow the lights: as many alarms as there is room for, the headline, and the next step.
 
     Args:
         assessment: assessment of the flight.
-        line_count: lines of all lights, and of the title after its first.
+        light_line_count: number of lines of all lights above.
         columns: characters of a line.
     """
-    conclusion = [
+    headline_and_next_step = [
         *wrap(headline(assessment.headline), columns),
         *_wrapped(f"Next: {assessment.next_step}", columns),
     ]
-    room = max(SCREEN_LINES - RESERVED_LINES - line_count - len(conclusion), 0)
-    alarms: list[str] = []
-    for row in _alarm_rows(assessment, columns):
-        if len(alarms) + len(row) > room:
+    # Of the title the first line is among the reserved ones.
+    further_title_lines = _title_lines(review_title(assessment), columns)[1:]
+    other_line_count = len(further_title_lines) + light_line_count + len(headline_and_next_step)
+    available_lines = max(SCREEN_LINES - RESERVED_LINES - other_line_count, 0)
+    alarm_lines: list[str] = []
+    for lines_of_alarm in _alarm_lines(assessment, columns):
+        if len(alarm_lines) + len(lines_of_alarm) > available_lines:
             break
-        alarms += row
-    return [*alarms, *conclusion]
+        alarm_lines += lines_of_alarm
+    return [*alarm_lines, *headline_and_next_step]
 
 
 def review_title(assessment: Assessment) -> Sentence:
@@ -148,7 +155,7 @@ def review_title(assessment: Assessment) -> Sentence:
 
 
 def vehicle_title(log: Log, signals: Signals, analysis: LogAnalysis) -> Sentence:
-    """Returns the title of a report on a vehicle: name of the log, vehicle, duration and date.
+    """Returns the title of a report on a vehicle: name of the log, vehicle, number of flights, duration and date.
 
     Args:
         log: the log.
@@ -156,8 +163,10 @@ def vehicle_title(log: Log, signals: Signals, analysis: LogAnalysis) -> Sentence
         analysis: analysis of the vehicle, with its identity and the time that it was armed.
 
     Returns:
-        The title.
+        The title, with the name of the log as its lead.
     """
+    # An autopilot that restarts in a log begins a new boot; flights are found boot by boot.
+    flights = segments_of_boots(signals, flights_in_boot)
     sentences = render_section(
         "review",
         analysis.identity,
@@ -165,7 +174,7 @@ def vehicle_title(log: Log, signals: Signals, analysis: LogAnalysis) -> Sentence
         telemetry=signals.telemetry,
         condition=analysis.condition,
         is_simulated=simulation_fact(signals) is not None,
-        flight_count=len(segments_of_boots(signals, flights_in_boot)),
+        flight_count=len(flights),
         day_in_name=day_in_file_name(Path(log.source).name),
     )
     return Sentence(" ".join(sentence.text for sentence in sentences), _log_name(log))
@@ -190,11 +199,11 @@ def _wrapped(text: str, columns: int) -> Iterator[str]:
         yield line.replace(HARD_SPACE, " ")
 
 
-def _alarm_rows(assessment: Assessment, columns: int) -> Iterator[list[str]]:
-    """Yields the lines of each kind of bad event, which may have lost the vehicle, except the event of the headline.
+def _alarm_lines(assessment: Assessment, columns: int) -> Iterator[list[str]]:
+    """Yields the lines of each alarm: a bad event, which may have lost the vehicle, other than that of the headline.
 
-    If the autopilot restarted between two of them, so that its clock began again, a row says so: their times are not in
-    order then.
+    Of equal events, such as several losses of the same motor, the first one is shown with their number. If the
+    autopilot restarted between two alarms, its clock began again, and a line says so: the times are not in order then.
 
     Args:
         assessment: assessment of the log.
@@ -210,40 +219,42 @@ def _alarm_rows(assessment: Assessment, columns: int) -> Iterator[list[str]]:
                 yield [CLOCK_BEGINS_ANEW]
             former_boot = boot
             has_time = event.time is not None and isfinite(event.time)
-            name = f"{event.time:.0f} s" if has_time else "event"
-            yield _whole_row(name, event, columns, first_of(total))
+            label = f"{event.time:.0f} s" if has_time else "event"
+            yield _wrapped_fact(label, event, columns, count_text=first_of(total))
 
 
-def _light_rows(name: str, fact: Fact, columns: int) -> list[str]:
-    """Lays out the lines of a light.
+def _lines_of_light(name: str, fact: Fact, columns: int) -> list[str]:
+    """Returns the lines of a light.
 
     Args:
         name: name of the light.
-        fact: its judgement.
+        fact: the light, the judgement of one subject.
         columns: characters of a line.
 
     Returns:
-        One line if it is good or not judged and one line holds its main clauses, otherwise its whole text.
+        One line if the light is good or not judged and one line holds its main clauses, otherwise its whole text.
     """
-    if fact.level == Level.GOOD or fact.code == Unjudged.NOT_JUDGED:
-        row = _row(name, fact, columns)
-        if not row.endswith("…"):
-            return [row]
-    return _whole_row(name, fact, columns)
+    may_be_shortened = fact.level == Level.GOOD or fact.code == Unjudged.NOT_JUDGED
+    if may_be_shortened:
+        line = _shortened_fact(name, fact, columns)
+        # An ellipsis means that a clause is cut off in its middle.
+        if not line.endswith("…"):
+            return [line]
+    return _wrapped_fact(name, fact, columns)
 
 
-def _whole_row(name: str, fact: Fact, columns: int, remark: str = "") -> list[str]:
-    """Returns the lines of a light or an event with its whole sentence.
+def _wrapped_fact(label: str, fact: Fact, columns: int, count_text: str = "") -> list[str]:
+    """Returns the lines of a fact with its whole sentence: its label and level, and then the sentence in a column.
 
     Args:
-        name: name of the light, or time of the event.
+        label: name of a light, or time of an event.
         fact: the light or the event.
         columns: characters of a line.
-        remark: what follows the sentence.
+        count_text: text after the sentence on how many equal events there are; empty for a single one.
     """
-    beginning = _row_beginning(name, fact)
+    beginning = _label_and_level(label, fact)
     return wrap(
-        headline(fact) + remark,
+        headline(fact) + count_text,
         columns,
         initial_indent=beginning,
         subsequent_indent=" " * len(beginning),
@@ -251,13 +262,13 @@ def _whole_row(name: str, fact: Fact, columns: int, remark: str = "") -> list[st
     )
 
 
-def _row(name: str, fact: Fact, columns: int) -> str:
-    """Returns the line of a light: its name, its level, and its sentence as far as it fits."""
-    beginning = _row_beginning(name, fact)
+def _shortened_fact(label: str, fact: Fact, columns: int) -> str:
+    """Returns one line of a fact: its label, its level, and its sentence without the clauses that do not fit."""
+    beginning = _label_and_level(label, fact)
     return f"{beginning}{shortened(headline(fact), columns - len(beginning))}"
 
 
-def _row_beginning(name: str, fact: Fact) -> str:
-    """Returns the first two columns of a row: the name of a light or the time of an event, and the level."""
+def _label_and_level(label: str, fact: Fact) -> str:
+    """Returns the first two columns of a fact's line: the name of a light or the time of an event, and the level."""
     level = fact.level.upper() if fact.is_bad else fact.level
-    return f"{name:<11}{level:<9}"
+    return f"{label:<11}{level:<9}"

@@ -1,11 +1,11 @@
-"""The terminal's report of a flight and its model: grades, motors, wind torque, prediction, warnings and next step.
+"""Reports on a flight and its model in sentences and tables: lights (judgements by subject), grades, motors, wind.
 
 ``analysis_blocks`` is the report of a log, ``model_screen`` that of a model alone. Pages and dashboards use the same
 parts: ``motor_blocks``, ``torque_blocks``, ``prediction_blocks``, and ``vehicle_blocks`` for all axes of a vehicle.
 ``detail_blocks`` is what the screen leaves out: the model's poles and how it was learned.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from operator import attrgetter
 from pathlib import Path
 from typing import NamedTuple
@@ -91,33 +91,36 @@ def analysis_blocks(assessment: Assessment) -> Blocks:
     Returns:
         The report, with the headline first and the next step last.
     """
-    flight_conclusion = conclusion(assessment.judgement)
+    judgement = judgement_sentences(assessment.judgement)
     if assessment.analysis is None:
-        return flight_conclusion.blocks
+        # No vehicle was analysed, so that there are no figures between the headline and the next step.
+        return [judgement.headline, *judgement.lights, judgement.next_step]
     body = analysis_body(assessment.analysis, assessment)
-    return [flight_conclusion.headline, *body, flight_conclusion.next_step]
+    return [judgement.headline, *body, judgement.next_step]
 
 
 def analysis_body(analysis: LogAnalysis, assessment: Assessment) -> Blocks:
-    """Returns what was found in a log: lights, model or why there is none, condition, and wind.
+    """Returns what was found in a log: lights that warn, the model or why there is none, condition, and wind.
 
-    Without a full model, sentences on what the log allows (its tier) and on the vehicle's condition take its place.
+    A light is the judgement of one subject, such as the motors. Without a full model, sentences take its place on the
+    tier of the log, which is the kind of model that its message rates allow, and on the vehicle's condition.
 
     Args:
-        analysis: the analysis of the assessment.
+        analysis: the analysis of one axis of the vehicle, with the model if one was learned.
         assessment: assessment of the log.
 
     Returns:
         The report without its headline and next step.
     """
     has_full_model = analysis.learned is not None and analysis.tier.allows_full_model
-    blocks = [*conclusion(assessment.judgement).lights, *_learned_blocks(analysis)]
+    blocks = [*judgement_sentences(assessment.judgement).lights, *_learned_blocks(analysis)]
     for alarm in analysis.alarms:
         if not alarm.is_weak:
             blocks.append(Sentence(str(alarm.fact), "Motors:"))
     if not has_full_model:
         blocks += render_section("tier", analysis.tier)
         blocks += render_section("condition", analysis.condition)
+    # Overrides are facts, such as an oscillation, that make all figures of the flight doubtful.
     is_flight_doubtful = bool(analysis.findings.overrides)
     blocks += vehicle_blocks(analysis.axes, is_doubtful=is_flight_doubtful)
     if analysis.truth is not None:
@@ -197,8 +200,8 @@ def purpose_tables(findings: Findings) -> Blocks:
     return [Table(["purpose", "grade", "reason"], rows, words=True)]
 
 
-class Conclusion(NamedTuple):
-    """What a pilot must know of a flight, in sentences."""
+class JudgementSentences(NamedTuple):
+    """The judgement of a flight in sentences."""
 
     headline: Sentence
     """The one sentence that matters most."""
@@ -209,14 +212,12 @@ class Conclusion(NamedTuple):
     next_step: Sentence
     """What to do next."""
 
-    @property
-    def blocks(self) -> Blocks:
-        """All of it, in this order."""
-        return [self.headline, *self.lights, self.next_step]
 
+def judgement_sentences(judgement: Judgement) -> JudgementSentences:
+    """Returns the judgement of a flight in sentences: its headline, the lights that warn, and the next step.
 
-def conclusion(judgement: Judgement) -> Conclusion:
-    """Returns the conclusion of a flight in sentences: headline, lights that warn, and next step.
+    A light is the judgement of one subject, such as the motors: a fact whose level is good, watch, bad or unknown. It
+    warns if the level is watch or bad.
 
     Args:
         judgement: headline, lights and next step. A light that is the headline itself is not repeated.
@@ -227,24 +228,25 @@ def conclusion(judgement: Judgement) -> Conclusion:
         if fact.warns and fact != judgement.headline
     ]
     heading = headline_sentence(headline(judgement.headline))
-    return Conclusion(heading, lights, Sentence(str(judgement.next_step), "Next:"))
+    return JudgementSentences(heading, lights, Sentence(str(judgement.next_step), "Next:"))
 
 
 def warnings_of_lights(judgement: Judgement, names: Sequence[Light]) -> list[Sentence]:
-    """Returns the lights of some names that are bad or to be watched, each with its advice.
+    """Returns a sentence with advice on each of some lights, where the light is bad or to be watched.
 
-    A command that reports on one subject ends with the lights of that subject, not with those of all.
+    A light is the judgement of one subject, such as the wind: a fact with a level. A command that reports on one
+    subject, such as ``mavdem wind``, ends with the lights that concern this subject instead of all eight.
 
     Args:
-        judgement: the judgement of the flight.
-        names: names of the lights, in the order to show them.
+        judgement: the judgement of the flight, with all lights.
+        names: names of the lights to report, in the order to show them.
     """
-    facts = {name: judgement.lights[name] for name in names}
-    return [
-        Sentence(fact.advised, f"{name.capitalize()}:")
-        for name, fact in facts.items()
-        if fact.warns
-    ]
+    sentences = []
+    for name in names:
+        light = judgement.lights[name]
+        if light.warns:
+            sentences.append(Sentence(light.advised, f"{name.capitalize()}:"))
+    return sentences
 
 
 def assessment_blocks(findings: Findings, judgement: Judgement | None) -> Blocks:
@@ -267,7 +269,7 @@ def assessment_blocks(findings: Findings, judgement: Judgement | None) -> Blocks
     warnings = [warning(fact) for fact in findings.warnings]
     if judgement is None:
         return [*grades, *warnings]
-    headline_of_flight, lights, next_step = conclusion(judgement)
+    headline_of_flight, lights, next_step = judgement_sentences(judgement)
     return [headline_of_flight, *lights, *grades, next_step, *warnings]
 
 
@@ -373,33 +375,32 @@ def _motor_table(motors: Sequence[str], columns: Mapping[str, list[str]]) -> Tab
 
 
 def torque_blocks(learned: Learned) -> Blocks:
-    """Returns the wind torque of a model in a sentence: its level, share and gusts.
+    """Returns the wind torque of a model in a sentence: its standard deviation, its largest gust, and its share.
 
-    The largest gust is named with the time at which it began. A wind torque whose scale has a wide interval, since it
-    is computed with the effect of the motors, is called uncertain.
+    The wind torque is the angular acceleration that the motors do not explain. It is scaled by the motors' control
+    effectiveness, so that it is called uncertain if that has a wide interval.
 
     Args:
         learned: the learned model.
 
     Returns:
-        The sentence; empty if the torque is not identifiable.
+        The sentence; empty if the effectiveness is not identifiable, or the wind torque is not larger than its error.
     """
     physical = learned.physical
-    wind = learned.resolved_wind_torque
-    if physical is None or wind is None:
+    wind_torque = learned.resolved_wind_torque
+    if physical is None or wind_torque is None:
         return []
-    largest = max(wind.gusts, key=lambda gust: abs(gust.size), default=None)
-    start = None if largest is None else sample_times(learned.record)[largest.sample]
-    return [
-        *render_section(
-            "torque",
-            wind=wind,
-            largest=largest,
-            began=start,
-            is_uncertain=wind.scale_error > MAX_RELATIVE_HALF_WIDTHS["wind"],
-            share=physical.wind_share,
-        )
-    ]
+    largest_gust = max(wind_torque.gusts, key=lambda gust: abs(gust.size), default=None)
+    start = None if largest_gust is None else sample_times(learned.record)[largest_gust.sample]
+    sentences = render_section(
+        "torque",
+        wind=wind_torque,
+        largest=largest_gust,
+        began=start,
+        is_uncertain=wind_torque.scale_error > MAX_RELATIVE_HALF_WIDTHS["wind"],
+        share=physical.wind_share,
+    )
+    return [*sentences]
 
 
 def prediction_blocks(labels: Labels, held_out: HeldOut | None) -> Blocks:
@@ -459,15 +460,18 @@ def vehicle_blocks(axes: Mapping[str, AxisEstimates], *, is_doubtful: bool) -> B
     blocks = Blocks()
     if rows:
         blocks.append(Table(_axis_header(axes), rows))
-    refusals = []
+    # Axes without physical parameters, each with the reason.
+    axes_without_figures = []
     for axis, figures in axes.items():
         if figures.reason:
-            refusals.append((axis, figures.reason))
+            axes_without_figures.append((axis, figures.reason))
             continue
+        # Single parameters of the axis may be biased or not identifiable.
         reasons = parameter_reasons(figures.physical, is_doubtful=is_doubtful)
         if reasons:
             blocks.append(Sentence(" ".join(reasons), f"{axis.capitalize()}:"))
-    return blocks + sentences_by_axes(refusals, _text_of_reason(is_doubtful=is_doubtful))
+    text_of_reason = str if is_doubtful else attrgetter("advised")
+    return blocks + sentences_by_axes(axes_without_figures, text_of_reason)
 
 
 def _axis_header(axes: Mapping[str, AxisEstimates]) -> list[str]:
@@ -495,22 +499,23 @@ def _axis_header(axes: Mapping[str, AxisEstimates]) -> list[str]:
 
 
 def _axis_cells(figures: AxisEstimates) -> list[str]:
-    """Makes the table cells of an axis: mean effectiveness, damping, motor time constant and wind torque.
+    """Returns the table cells of an axis: mean effectiveness, damping, motor time constant and wind torque.
 
-    Estimates have the half widths of their 90 % intervals, and a remark where closed-loop control biases them. The wind
-    torque is its standard deviation. Units are those of :func:`_axis_header`.
+    An estimate has the half width of its 90 % interval, and "(biased)" behind it where closed-loop control biases it.
+    Of the wind torque the standard deviation is shown. Units are those of :func:`_axis_header`.
 
     Args:
-        figures: figures of the axis.
+        figures: physical parameters and wind torque of the axis.
 
     Returns:
-        The cells.
+        Four cells, with a dash for what is not known.
     """
     physical = figures.physical
     if physical is None:
         return [UNKNOWN_FIGURE] * 4
     half_widths = physical.interval()
     mean_effect, mean_effect_half_width = physical.mean_effect()
+    # By the names of the parameters in ``physical.status``, where "lag" is the motor time constant.
     estimates = {
         "effect": plus_minus(
             TORQUE_UNIT.scale * mean_effect, TORQUE_UNIT.scale * mean_effect_half_width
@@ -522,42 +527,41 @@ def _axis_cells(figures: AxisEstimates) -> list[str]:
     for name, estimate in estimates.items():
         is_biased = physical.status[name] is Status.BIASED
         cells.append(f"{estimate} (biased)" if is_biased else estimate)
-    wind = figures.resolved_wind
-    cells.append(UNKNOWN_FIGURE if wind is None else rounded(TORQUE_UNIT.scale * wind.sd))
+    wind_torque = figures.resolved_wind
+    if wind_torque is None:
+        cells.append(UNKNOWN_FIGURE)
+    else:
+        cells.append(rounded(TORQUE_UNIT.scale * wind_torque.sd))
     return cells
 
 
 def parameter_reasons(physical: Physical | None, *, is_doubtful: bool = False) -> list[str]:
-    """Collects the reasons why physical parameters are biased or not identifiable.
+    """Returns the reasons why physical parameters are biased or not identifiable, such as too little excitation.
 
     Args:
-        physical: the parameters; None gives nothing.
+        physical: the parameters, each with its status and the reason for that; None gives nothing.
         is_doubtful: whether the flight itself is doubtful; then the reasons are without advice.
 
     Returns:
-        One text for each reason, with the parameters it applies to.
+        One text for each reason, after the parameters to which it applies: "Rate damping biased: REASON".
     """
     if physical is None:
         return []
     reasons = physical.reasons
-    if len(set(physical.status.values())) == 1:
-        # If all have the same status, the reason of the effectiveness explains the others.
+    has_same_status = len(set(physical.status.values())) == 1
+    if has_same_status:
+        # The other parameters follow from the effectiveness, whose reason is the cause of theirs.
         reasons = {"effect": reasons["effect"]}
-    text_of_reason = _text_of_reason(is_doubtful=is_doubtful)
-    parameters_by_reason = dict[str, list[str]]()
+    parameters_by_text = dict[str, list[str]]()
     for name, reason in reasons.items():
         if reason is not None:
+            text = reason.sentence if is_doubtful else reason.advised
             parameter = f"{PARAMETERS[name]} {physical.status[name]}"
-            parameters_by_reason.setdefault(text_of_reason(reason), []).append(parameter)
+            parameters_by_text.setdefault(text, []).append(parameter)
     return [
-        f"{listed(parameters).capitalize()}: {reason}"
-        for reason, parameters in parameters_by_reason.items()
+        f"{listed(parameters).capitalize()}: {text}"
+        for text, parameters in parameters_by_text.items()
     ]
-
-
-def _text_of_reason(*, is_doubtful: bool) -> Callable[[Fact], str]:
-    """Returns the function that makes the text of a reason: its sentence, with advice unless the flight is doubtful."""
-    return str if is_doubtful else attrgetter("advised")
 
 
 def detail_blocks(learned: Learned) -> Blocks:

@@ -118,24 +118,29 @@ def sentence(fact: Fact | str) -> str:
 
 
 def render_section(name: str, record: object = None, /, **values: Any) -> list[Sentence]:
-    """Renders the paragraphs of a section of a report, in order, without those that come out empty.
+    """Fills the templates of a section of a report with values, and returns its paragraphs.
+
+    The file ``sections/NAME.toml`` has two templates for each paragraph: its "text", and the "lead" before that, such
+    as "Wind:". A paragraph may have one of them only. One whose text comes out empty has nothing to report in this
+    case, and is left out, unless the file marks it by the key "always".
 
     Args:
-        name: name of the section: the file ``sections/NAME.toml``.
+        name: name of the section.
         record: an object whose public attributes the templates use by name, if any.
         **values: further values that the templates use by name.
 
     Returns:
-        The paragraphs with a text; those that are a lead alone; and those marked ``always``, even without a text.
+        The paragraphs in the order of the file.
     """
     if record is not None:
         values |= {key: getattr(record, key) for key in dir(record) if not key.startswith("_")}
     sentences = []
-    for paragraph in _section_templates(name):
-        parts = {part: template.render(values).strip() for part, template in paragraph.items()}
-        is_lead_alone = "text" not in parts
-        if parts.get("text") or is_lead_alone or "always" in parts:
-            sentences.append(Sentence(parts.get("text", ""), parts.get("lead", "")))
+    for templates in _section_templates(name):
+        rendered = {key: template.render(values).strip() for key, template in templates.items()}
+        text = rendered.get("text", "")
+        has_only_lead = "text" not in rendered
+        if text or has_only_lead or "always" in rendered:
+            sentences.append(Sentence(text, rendered.get("lead", "")))
     return sentences
 
 
@@ -192,49 +197,66 @@ def sentence_templates() -> dict[str, dict[str, str]]:
     return templates
 
 
-def _render(fact: Fact, part: str) -> str:
-    """Renders one part of a fact: fills its template with the figures of the fact.
-
-    Advice to fly, for example to record more, is left out for a vehicle that must not fly. The table of a fact that
-    gives such advice is marked by ``advises_flight``. The advice is in the remedy; a fact without a remedy, such as a
-    next step, is advice itself, in its sentence. Facts of a vehicle that must not fly have the figure ``is_grounded``
-    (:attr:`mavdem.facts.Fact.grounded`).
+def _render(fact: Fact, key: str) -> str:
+    """Fills one of the templates that the code of a fact has with the figures of the fact.
 
     Args:
-        fact: The fact.
-        part: "sentence", "remedy", "headline" or "step_in_flight".
+        fact: the fact.
+        key: which template: "sentence", "remedy" (what to do), "headline" (a shorter sentence) or "step_in_flight".
 
     Returns:
-        The text, in words for the medium in use: pages show gains in a table, the terminal a command. Empty, where the
-        fact has no such part.
+        The text, in words for the medium in use: pages show gains in a table, the terminal a command. Empty where the
+        code has no such template, or the text would advise to fly a vehicle that must not fly.
     """
-    templates = sentence_templates()[fact.code]
-    part_with_advice = "remedy" if "remedy" in templates else "sentence"
-    must_not_fly = "is_grounded" in fact.figures
-    if part == part_with_advice and "advises_flight" in templates and must_not_fly:
+    if _advises_flight(fact.code, key) and "is_grounded" in fact.figures:
         return ""
-    figures = {
-        "remedy": "",
-        "action": None,
-        "is_grounded": False,
-        "is_added": False,
-        # Where this sentence follows that of another fact which forbids flight, it repeats the ban in short.
+    return _compiled(fact.code, key).render(_template_values(fact)).strip()
+
+
+def _advises_flight(code: Code, key: str) -> bool:
+    """Returns whether a template of a code advises to fly, for example to record more.
+
+    The templates of such a code are marked by ``advises_flight``. The advice is in the remedy. A fact without a remedy,
+    such as a next step, is itself advice, in its sentence.
+
+    Args:
+        code: code of the fact.
+        key: which template, such as "sentence".
+    """
+    templates = sentence_templates()[code]
+    key_of_advice = "remedy" if "remedy" in templates else "sentence"
+    return "advises_flight" in templates and key == key_of_advice
+
+
+def _template_values(fact: Fact) -> dict[str, Any]:
+    """Returns the values that the templates of a fact use by name: its figures and attributes, and the medium.
+
+    Templates must not use undefined names, so that figures which most facts do not have get a default here.
+
+    Args:
+        fact: the fact. Its figure ``is_grounded`` means that the vehicle must not fly (:attr:`Fact.grounded`), and
+            ``is_added`` that its text follows another one which has said already not to fly.
+    """
+    medium = MEDIUM.get()
+    defaults = {"remedy": "", "action": None, "is_grounded": False, "is_added": False}
+    return {
+        **defaults,
+        # The beginning of sentences that forbid flight.
         "ban": "Nor fly" if fact.figures.get("is_added") else "Do not fly",
-        "has_terminal": MEDIUM.get().has_terminal,
-        "has_gain_table": MEDIUM.get().has_gain_table,
+        "has_terminal": medium.has_terminal,
+        "has_gain_table": medium.has_gain_table,
         "level": fact.level,
         "time": fact.time,
         "end_time": fact.end_time,
         "subject": fact.subject,
         **fact.figures,
     }
-    return _compiled(fact.code, part).render(figures).strip()
 
 
 @cache
-def _compiled(code: Code, part: str) -> Template:
-    """Compiles a part of the templates of a code, or loads it compiled."""
-    return _template(f"sentences/{code}/{part}")
+def _compiled(code: Code, key: str) -> Template:
+    """Returns one of the templates of a code, such as its "sentence", compiled."""
+    return _template(f"sentences/{code}/{key}")
 
 
 @cache
@@ -249,9 +271,7 @@ def _section_templates(name: str) -> list[dict[str, Template]]:
     """
     templates = []
     for number, paragraph in enumerate(_section_paragraphs(name)):
-        templates.append(
-            {part: _template(f"sections/{name}/{number}/{part}") for part in paragraph}
-        )
+        templates.append({key: _template(f"sections/{name}/{number}/{key}") for key in paragraph})
     return templates
 
 
@@ -276,17 +296,21 @@ def _template_text(name: str) -> str:
     """Returns the source text of a template by its name; Jinja calls this to load templates.
 
     Args:
-        name: one of two forms. "sections/SECTION/NUMBER/PART" is a part of a paragraph of a section; paragraphs are
-            counted from 0. "sentences/CODE/PART" is a part of a fact, such as its sentence or remedy. A missing part is
-            empty. Only a missing remedy is the sentence of the fact in the figure ``remedy``, if there is one.
+        name: "sections/SECTION/NUMBER/KEY" for a paragraph of a section, such as "sections/wind/0/text", the text of
+            the first paragraph; or "sentences/CODE/KEY" for a fact, such as "sentences/motor_off/remedy".
+
+    Returns:
+        The text; empty if a fact has no template of this key.
     """
-    folder, *path = name.split("/")
-    if folder == "sections":
-        section, number, part = path
-        return str(_section_paragraphs(section)[int(number)][part])
-    code, part = path
-    default = "{{ remedy | string if remedy }}" if part == "remedy" else ""
-    return sentence_templates()[code].get(part, default)
+    if name.startswith("sections/"):
+        _, section, number, key = name.split("/")
+        return str(_section_paragraphs(section)[int(number)][key])
+    _, code, key = name.split("/")
+    templates = sentence_templates()[code]
+    if key == "remedy" and key not in templates:
+        # The remedy may also be another fact, which is then the figure ``remedy``: its sentence says what to do.
+        return "{{ remedy | string if remedy }}"
+    return templates.get(key, "")
 
 
 @cache
@@ -497,11 +521,12 @@ def _weak_motor_clause(weak_motor: Fact | None) -> str:
 
 
 def _baseline_flights(count: int, are_chosen: bool) -> str:
-    """Returns the flights that the motors of a flight are compared with, in words: "6 healthy flights".
+    """Returns in words with how many healthy flights (the baseline) a flight is compared: "6 healthy flights".
 
     Args:
-        count: number of these flights.
-        are_chosen: whether a user named them as healthy; otherwise they are the vehicle's first sound ones.
+        count: number of flights in the baseline.
+        are_chosen: whether a user named them as healthy. Otherwise they are the first flights of the vehicle in which
+            it did not oscillate and no motor was at its limit, which may not be healthy: the text says so.
     """
     if are_chosen:
         return counted(count, "healthy flight")
@@ -511,27 +536,28 @@ def _baseline_flights(count: int, are_chosen: bool) -> str:
 def forbids_flight(fact: Fact) -> bool:
     """Returns whether the remedy of a fact says not to fly, so that the remedy of a further fact need not repeat it.
 
-    The table of the fact's templates has a rule under the key ``forbids_flight``; without that key, it does not forbid.
-
-    - "always": it forbids flight.
-    - "bad": it does if the level of the fact is bad.
-    - "confirmed": it does unless no other sensor confirms the fact, which the figure ``is_unconfirmed`` says.
-    - "cause" and "reason": its remedy is that of another fact, which is its figure of this name, and that fact decides.
-      Where the other fact is missing or has no remedy, one with the rule "cause" has a remedy of its own, which forbids
-      flight, and one with the rule "reason" has none.
+    The file of templates states it for each code by a rule under the key ``forbids_flight``; without a rule, the remedy
+    does not forbid flight.
 
     Args:
         fact: the fact, a finding with its code and figures.
     """
     rule = sentence_templates()[fact.code].get("forbids_flight", "never")
-    if rule in ("cause", "reason"):
-        reason = fact.figures.get(rule)
-        if isinstance(reason, Fact) and reason.remedy:
-            return forbids_flight(reason)
-        return rule == "cause"
+    if rule == "always":
+        return True
+    if rule == "bad":
+        return fact.is_bad
     if rule == "confirmed":
+        # Only if another sensor confirms the fact.
         return "is_unconfirmed" not in fact.figures
-    return rule == "always" or (rule == "bad" and fact.is_bad)
+    if rule in ("cause", "reason"):
+        # The figure of this name is another fact. If that has a remedy, it is the remedy of this fact too.
+        other_fact = fact.figures.get(rule)
+        if isinstance(other_fact, Fact) and other_fact.remedy:
+            return forbids_flight(other_fact)
+        # Otherwise a fact with the rule "cause" has its own remedy, which forbids flight; one with "reason" has none.
+        return rule == "cause"
+    return False
 
 
 def _reason_for_no_margins(reason: Fact, lead: str) -> str:
@@ -549,18 +575,19 @@ def _reason_for_no_margins(reason: Fact, lead: str) -> str:
 def _names_margins(fact: Fact) -> bool:
     """Returns whether the sentence of a fact begins with the word "margins", so that no lead has to name them.
 
-    The table of the fact's templates has a rule under the key ``names_margins``; without that key, it does not.
-
-    - "always": it does.
-    - "reasons": the sentence consists of those of other facts, which are its figure "reasons", so that the first one
-      decides. If the fact has the figure "names", the sentence begins with these names of loops instead.
+    The file of templates states it for each code by a rule under the key ``names_margins``; without one, it does not.
 
     Args:
         fact: a reason why there are no margins.
     """
     rule = sentence_templates()[fact.code].get("names_margins", "never")
     if rule == "reasons":
-        return "names" not in fact.figures and _names_margins(fact.figures["reasons"][0])
+        if "names" in fact.figures:
+            # The sentence begins with these names of loops.
+            return False
+        # The sentence is made of the sentences of other facts, and begins with the first one.
+        first_reason = fact.figures["reasons"][0]
+        return _names_margins(first_reason)
     return rule == "always"
 
 

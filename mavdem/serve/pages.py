@@ -353,7 +353,7 @@ class Pages:
                 # The baseline has flights of this vehicle, so that there is a difference.
                 assert difference is not None
                 # The page itself states that several vehicles may have the name.
-                changes = baseline_blocks(latest_row, difference, has_doubts=False)
+                changes = baseline_blocks(latest_row, difference, has_identity_cautions=False)
         html = vehicle_page(
             vehicles_of(rows).get(name, []),
             changes,

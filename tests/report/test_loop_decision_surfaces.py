@@ -47,7 +47,7 @@ from mavdem.plant import Physical
 from mavdem.report.blocks import Sentence
 from mavdem.report.charts.timeline import timeline_of
 from mavdem.report.loops import (
-    is_of_loops,
+    is_about_loops,
     margin_overview,
     margin_tables,
     tune_blocks,
@@ -475,5 +475,5 @@ def test_a_crash_that_the_light_of_tracking_shows_is_not_about_loops(tunings):
     lights = ReadOnlyDict(lights_with_event(judgement.lights, crash))
     assert lights[Light.TRACKING] == crash
     crashed = replace(judgement, headline=crash, lights=lights)
-    assert not is_of_loops(crash, crashed)
-    assert is_of_loops(lights[Light.MARGINS], crashed)
+    assert not is_about_loops(crash, crashed)
+    assert is_about_loops(lights[Light.MARGINS], crashed)

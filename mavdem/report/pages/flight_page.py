@@ -62,8 +62,8 @@ from mavdem.report.pages.page import (
 from mavdem.report.pages.parameter_chapter import parameters_chapter
 from mavdem.report.review import review_title
 from mavdem.report.screen import (
-    conclusion,
     detail_blocks,
+    judgement_sentences,
     motor_blocks,
     prediction_blocks,
     purpose_tables,
@@ -187,12 +187,12 @@ def log_page(
         )
         subtitle = capitalize_first(review_title(assessment).text)
         max_points = MAX_POINTS if is_full else MAX_POINTS_OF_SMALL_PAGE
-        flight_conclusion = conclusion(assessment.judgement)
+        sentences = judgement_sentences(assessment.judgement)
         # The witnesses of the headline and the next step follow it; the lights stand in a grid below them.
         summary = [
-            flight_conclusion.headline,
+            sentences.headline,
             *why(assessment.headline),
-            flight_conclusion.next_step,
+            sentences.next_step,
         ]
         return render_document(name, subtitle, summary, chapters, back, head, max_points)
 
@@ -662,8 +662,8 @@ def live_page(
         latest_flight=latest_flight,
         saved_flight=saved_flight,
     )
-    flight_conclusion = conclusion(judgement)
-    summary = [flight_conclusion.headline, flight_conclusion.next_step]
+    sentences = judgement_sentences(judgement)
+    summary = [sentences.headline, sentences.next_step]
     if status.is_over:
         subtitle = f"What {axis} did, learned and predicted while it flew."
         if status.vehicle is not None:

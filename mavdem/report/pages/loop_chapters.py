@@ -22,7 +22,7 @@ from mavdem.report.loops import (
     compared_loops,
     decision_sentences,
     gain_blocks,
-    gain_limits,
+    loop_cautions,
     margin_tables,
 )
 from mavdem.report.numbers import listed, rounded
@@ -149,7 +149,7 @@ def loops_chapters(
     summary = [*decision_sentences(decisions, next_step), *_margin_sentences(evidence, decisions)]
     loops = evidence.identified_loops
     if not loops:
-        yield Chapter("Control loops", [*summary, *gain_limits(advice)])
+        yield Chapter("Control loops", [*summary, *loop_cautions(advice)])
         return
     loops_by_axis: dict[str, Mapping[str, Loop]] = {
         axis: {"now": loop} for axis, loop in loops.items()
@@ -161,7 +161,7 @@ def loops_chapters(
             figures.append(Sentence(axis_advice.conclusion.advised, f"Gains of {axis}:"))
             figures += gain_blocks(axis_advice)
             loops_by_axis[axis] = compared_loops(axis_advice)
-    figures += gain_limits(advice)
+    figures += loop_cautions(advice)
     # Each axis has a column of charts, in which the loop now and the loop with advised gains are drawn together.
     columns = {axis: loop_charts(axis_loops) for axis, axis_loops in loops_by_axis.items()}
     text = "Open loops with 90 % bands. Dashed: where the gain is 1, with the phase margin."
