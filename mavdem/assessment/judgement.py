@@ -16,6 +16,7 @@ from mavdem.assessment.axis.loop_decision import (
 )
 from mavdem.assessment.evidence import Evidence
 from mavdem.assessment.lights import OTHER_LIGHTS, REGISTRY, VEHICLE_LIGHTS, RegisteredLight
+from mavdem.assessment.limits import worst_fact
 from mavdem.dataset.learnability import NEVER_ARMED
 from mavdem.facts import Code, Fact, Facts, Level, NamedFacts
 from mavdem.facts.assessment import Headline, NextStep
@@ -88,7 +89,7 @@ EVENTS_BY_LIGHT: dict[Light, tuple[Code, ...]] = {
         ReportedEvent.GPS_LOST,
     ),
 }
-"""The events in the headline that each light shows, if no light of the vehicle is as bad as that.
+"""The events in the headline that each light shows, unless it is as bad by itself.
 
 Tracking is the light of vehicles that did not do as they were commanded, for any reason."""
 
@@ -155,21 +156,18 @@ def judge(evidence: Evidence, purposes: Sequence[Finding] = (), **known_lights: 
 
 
 def lights_with_event(lights: NamedFacts, headline: Fact) -> dict[str, Fact]:
-    """Returns the lights with the event that is the headline as the fact of its light, if none is as bad as that.
+    """Returns the lights with the event that is the headline as the fact of its light, unless that is as bad by itself.
 
-    Lights judge a flight until it was lost, so all may be good beside a headline that the vehicle hit something. A
-    light that warns of something else by itself keeps that.
+    Lights judge a flight until it was lost, so that of tracking may be good beside a headline that control was lost.
 
     Args:
         lights: the facts of the eight lights, by name.
         headline: the headline, an event or another fact.
     """
-    levels = {lights[name].level for name in VEHICLE_LIGHTS}
-    is_shown = Level.BAD in levels or headline.level in levels
     light = light_of_event(headline)
-    if is_shown or light is None or not headline.warns or lights[light].warns:
+    if light is None or not headline.warns:
         return dict(lights)
-    return {**lights, light: headline}
+    return {**lights, light: worst_fact([lights[light], headline])}
 
 
 def light_of_event(event: Fact) -> Light | None:

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 from mavdem.containers import JsonValues
-from mavdem.facts import Fact
+from mavdem.facts import Fact, Level
 from mavdem.facts.motors import Explanation, HealthUnknown, MotorHealth, MotorsBetween
 from mavdem.motors.change_hypotheses import (
     DETECTABLE_RISE,
@@ -30,7 +30,11 @@ from mavdem.motors.healthy_flights import (
 from mavdem.motors.thrust_loss import lost_thrust
 
 MIN_REPORTED_PROBABILITY = 0.5
-"""Probability of a fault, or of any change, from which a flight is said to have one."""
+"""Probability of a weak motor, or of any change, from which a flight is said to have one."""
+
+MIN_FAULT_PROBABILITY = 0.8
+"""Probability of a weak motor from which that is a fault, which is bad: a choice. A less probable one is a drift, which
+is to be watched."""
 
 MIN_NAMED_PROBABILITY = 0.8
 """Probability of one motor, given that some motor is faulty, from which that motor is named; a choice."""
@@ -42,9 +46,9 @@ class HealthAssessment(NamedTuple):
     health: MotorHealth
     """Health of the motors.
 
-    FAULT: a motor works 8 % harder or more than in healthy flights, since it or its propeller is weak. DRIFT: the
-    balance changed by less, or not by a motor, or the effort changed. OK: as in healthy flights, and a motor that works
-    20 % harder would have shown.
+    FAULT: a motor works 8 % harder or more than in healthy flights, since it or its propeller is weak. DRIFT: that is
+    probable, but not sure, or the balance changed by less, or not by a motor, or the effort changed. OK: as in healthy
+    flights, and a motor that works 20 % harder would have shown.
     """
     fact: Fact
     """The evidence, or what is missing."""
@@ -108,7 +112,8 @@ def assess_motor_health(
             # One flight shows a fault, but not by how much healthy flights differ, and so not that there is none.
             reason = _too_few_healthy_flights(flight, candidate_flights, comparison)
             assessment = HealthAssessment(MotorHealth.UNKNOWN, reason)
-        if assessment.health is MotorHealth.FAULT and flight in healthy:
+        is_weak = evidence.change.fault_probability >= MIN_REPORTED_PROBABILITY
+        if is_weak and flight in healthy:
             faulty_healthy_flights[evidence.change.fault_probability] = flight
         assessments[number] = assessment
 
@@ -232,9 +237,9 @@ def _assessment(
 ) -> HealthAssessment:
     """Turns the evidence of a flight into an assessment: fault, drift, unknown or OK, tested in this order.
 
-    1. Fault: one motor is weak, with a probability of at least ``MIN_REPORTED_PROBABILITY``.
-    2. Drift: anything changed, of balance or effort, with at least this probability, or the balance lies outside of
-       nearly all healthy flights'.
+    1. Fault: one motor is weak, with a probability of at least ``MIN_FAULT_PROBABILITY``.
+    2. Drift: one motor is weak, or anything else changed, of balance or effort, with a probability of at least
+       ``MIN_REPORTED_PROBABILITY``, or the balance lies outside of nearly all healthy flights'.
     3. Unknown: the balance is so imprecise that a weak motor would not have been found.
     4. OK: nothing changed, and a weak motor would have been found.
 
@@ -255,7 +260,7 @@ def _assessment(
     change_probability = 1 - change.unchanged_probability * same_effort_probability
     probabilities = change.fault_probability, change_probability
     if change.fault_probability >= MIN_REPORTED_PROBABILITY:
-        return _fault(flight, change, change_probability, comparison)
+        return _weak_motor(flight, change, change_probability, comparison)
     # A deviation outside of nearly all healthy flights' is a change, even if no hypothesis explains it.
     is_changed = change_probability >= MIN_REPORTED_PROBABILITY
     if is_changed or evidence.deviation.is_unusual:
@@ -274,13 +279,13 @@ def _assessment(
     return HealthAssessment(MotorHealth.OK, unchanged, *probabilities)
 
 
-def _fault(
+def _weak_motor(
     flight: HealthFigures,
     change: ChangeProbabilities,
     change_probability: float,
     comparison: JsonValues,
 ) -> HealthAssessment:
-    """Returns the assessment of a flight with a weak motor.
+    """Returns the assessment of a flight in which one motor is probably weak: fault or drift.
 
     The motor is named only if its conditional probability, given that some motor is weak, is at least
     ``MIN_NAMED_PROBABILITY``: to name a sound motor is the worse mistake.
@@ -297,8 +302,10 @@ def _fault(
     is_named = suspect_probability >= MIN_NAMED_PROBABILITY * change.fault_probability
     # (3,) mean and ends of the 90 % interval.
     rise = change.rises[:, suspect]
+    is_fault = change.fault_probability >= MIN_FAULT_PROBABILITY
     fact = Fact(
         MotorsBetween.MOTOR_WEAK,
+        Level.BAD if is_fault else Level.WATCH,
         subject=flight.motors[suspect] if is_named else "",
         probability=change.fault_probability,
         motor_probability=suspect_probability,
@@ -307,7 +314,7 @@ def _fault(
         **comparison,
     )
     return HealthAssessment(
-        MotorHealth.FAULT,
+        MotorHealth.FAULT if is_fault else MotorHealth.DRIFT,
         fact=fact,
         fault_probability=change.fault_probability,
         change_probability=change_probability,

@@ -261,12 +261,14 @@ def test_a_bad_light_ranks_above_a_log_that_ends_in_the_air(name):
         ({}, MotionEvent.HEIGHT_DIVERGED, "bad", "estimator"),
         ({}, ReportedEvent.RESTARTED_IN_FLIGHT, "bad", "power"),
         ({}, ReportedEvent.AUTOPILOT_SAID, "watch", None),
-        ({"vibration": "bad"}, Ending.CRASHED, "bad", None),
-        ({"vibration": "watch"}, ReportedEvent.FAILSAFE, "watch", None),
-        ({"tracking": "watch"}, Ending.CRASHED, "bad", None),
+        ({"vibration": "bad"}, Ending.CRASHED, "bad", "tracking"),
+        ({"vibration": "watch"}, ReportedEvent.FAILSAFE, "watch", "tracking"),
+        ({"tracking": "watch"}, Ending.CRASHED, "bad", "tracking"),
+        ({"tracking": "watch"}, ReportedEvent.FAILSAFE, "watch", None),
+        ({"tracking": "bad"}, Ending.CRASHED, "bad", None),
     ],
 )
-def test_an_event_in_the_headline_is_its_light_where_none_is_as_bad(levels, code, level, light):
+def test_an_event_in_the_headline_is_its_light_unless_that_is_as_bad(levels, code, level, light):
     before = lights(**levels)
     event = Fact(code, Level(level))
     after = lights_with_event(before, event)

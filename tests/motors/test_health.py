@@ -8,6 +8,7 @@ from frames import geometry
 from numpy.random import default_rng
 from pytest import approx, mark
 
+from mavdem.facts import Level
 from mavdem.facts.motors import Explanation, HealthUnknown, MotorsBetween
 from mavdem.motors.balance_figures import BalanceFigures
 from mavdem.motors.change_hypotheses import (
@@ -17,7 +18,7 @@ from mavdem.motors.change_hypotheses import (
     ChangeProbabilities,
 )
 from mavdem.motors.deviation import Deviation
-from mavdem.motors.health import MIN_REPORTED_PROBABILITY, _fault, assess_motor_health
+from mavdem.motors.health import MIN_REPORTED_PROBABILITY, _weak_motor, assess_motor_health
 from mavdem.motors.healthy_flights import HealthFigures, distinct_flights, healthy_flights
 from mavdem.motors.signatures import motor_signatures
 
@@ -80,7 +81,7 @@ def judged_vehicles(change, healthy=3, vehicles=VEHICLES):
 @mark.parametrize("motor", [1, 2, 3, 4])
 def test_a_weak_motor_is_found_and_named(motor):
     found = judged_vehicles(weak(motor, 0.2))
-    assert np.mean([one.health == "fault" for one in found]) > 0.8
+    assert np.mean([one.fault_probability >= MIN_REPORTED_PROBABILITY for one in found]) > 0.8
     assert {one.suspect_motor for one in found if one.health == "fault"} <= {motor, None}
     named = [one.fact for one in found if one.suspect_motor]
     rises = [fact.figures["rise"] for fact in named]
@@ -93,12 +94,24 @@ def test_a_weak_motor_is_found_and_named(motor):
         assert figures["motor_probability"] <= figures["probability"] == one.fault_probability
 
 
+@mark.parametrize(
+    "probability, health, level", [(0.81, "fault", Level.BAD), (0.79, "drift", Level.WATCH)]
+)
+def test_a_weak_motor_is_a_fault_from_four_fifths_of_probability(probability, health, level):
+    faults = probability * np.array([0.0, 1.0, 0.0, 0.0])
+    unchanged = {"healthy": 1 - probability}
+    change = ChangeProbabilities(unchanged, faults, faults, np.zeros((3, 4)), np.zeros(1))
+    assessment = _weak_motor(MadeUpVehicle(1).flight(), change, probability, {})
+    assert (assessment.health, assessment.fact.level) == (health, level)
+    assert assessment.suspect_motor == 2
+
+
 @mark.parametrize("share, suspect", [(0.81, 2), (0.79, None)])
 def test_a_motor_is_named_from_four_fifths_of_the_probability_of_a_fault(share, suspect):
     fault_probability = 0.9
     faults = fault_probability * np.array([1 - share, share, 0.0, 0.0])
     change = ChangeProbabilities({"healthy": 0.1}, faults, faults, np.zeros((3, 4)), np.zeros(1))
-    assessment = _fault(MadeUpVehicle(1).flight(), change, fault_probability, {})
+    assessment = _weak_motor(MadeUpVehicle(1).flight(), change, fault_probability, {})
     assert assessment.suspect_motor == suspect
     assert assessment.fact.subject == ("" if suspect is None else MOTORS[suspect - 1])
 

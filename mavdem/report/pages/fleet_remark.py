@@ -54,7 +54,8 @@ def remark_on(row: FlightRow | None) -> FleetRemark | None:
     if row is None or row.health not in TROUBLED_HEALTHS:
         return None
     next_step: Blocks = []
-    if row.health == MotorHealth.FAULT:
+    # A fault has one even where the motor is not known.
+    if row.health == MotorHealth.FAULT or row.suspect_motor:
         motor = f"motor {row.suspect_motor}" if row.suspect_motor else ""
         next_step = [*render_section("difference_next", motor=motor, is_weaker=bool(motor))]
     return FleetRemark(HEALTH_LEVELS[MotorHealth(row.health)], row.health_reason or "", next_step)
