@@ -88,17 +88,17 @@ class Urgency(NamedTuple):
     """Minus the UNIX time of the latest flight, s; 0 where it has no date."""
 
 
-class VehicleWords(NamedTuple):
-    """What a page says of one vehicle."""
+class VehicleTexts(NamedTuple):
+    """What a fleet's page says of one vehicle."""
 
-    conclusion: str
-    """What the latest judged flight shows."""
+    latest_flight: str
+    """What the latest flight that was judged shows, such as "Motor 3: fault, probability of a fault 0.97."."""
 
     reason: str
     """How that flight differs from healthy ones, if its motors are in trouble; otherwise empty."""
 
-    difference: str
-    """What was found in all flights; may be empty."""
+    all_flights: str
+    """In how many flights the motors had a fault or a drift, and the latest of these; may be empty."""
 
 
 def is_serial(name: str) -> bool:
@@ -140,15 +140,16 @@ def vehicle_label(name: str, frame: str, names: GivenNames) -> str:
     return f"{label} {short_name(name)}"
 
 
-def has_own_part(name: str, flights: Flights) -> bool:
-    """Returns whether a fleet's page has a part of its own for the flights under a name.
+def has_section(name: str, flights: Flights) -> bool:
+    """Returns whether a fleet's page has a section on the flights under a name, as on a vehicle.
 
-    Where logs do not name their vehicle, its MAVLink system id is its name, which several vehicles may share. Such
-    flights have a part only if there is something to report: a judged health, or a bad headline of the latest flight.
+    A log that does not name its vehicle has the MAVLink system id as its name, which several vehicles may share. Such
+    flights have a section only if there is something to report: the health of the motors was judged in one, or the
+    headline of the latest flight is bad.
 
     Args:
-        name: name of the vehicle or vehicles.
-        flights: the flights under this name.
+        name: name of the vehicle or vehicles in the logs; ``UNKNOWN`` if they have none.
+        flights: rows of the flights under this name, in the order of date.
     """
     if name == UNKNOWN:
         return False
@@ -216,49 +217,48 @@ def urgency(flights: Flights) -> Urgency:
     return Urgency(rank, -latest_date.timestamp() if latest_date else 0.0)
 
 
-def vehicle_words(flights: Flights) -> VehicleWords:
-    """Returns texts on a vehicle: the conclusion of its latest judged flight, its reason, and a summary of all flights.
+def vehicle_texts(flights: Flights) -> VehicleTexts:
+    """Returns the texts on a vehicle for a fleet's page: on its latest judged flight, and on all its flights.
 
-    The health of a flight is the judgement of its motors, such as "ok", "drift" or "fault". A vehicle whose motors are
-    in trouble has a drift or a fault now. The latest flight with a drift or fault gives the figures of the texts.
+    The health of a flight is the judgement of its motors beside the vehicle's other flights: "ok", "drift", "fault" or
+    "unknown". Motors with a drift or a fault are in trouble.
 
     Args:
         flights: flights of the vehicle in order of date, at least one; each has a row for each axis.
-
-    Returns:
-        The texts; the words of the first and the last come from the template "fleet_vehicle".
     """
     health = vehicle_health(flights)
-    counts = Counter(worst_health(flight) for flight in flights)
-    worst_troubled_row = None
+    is_in_trouble = health in TROUBLED_HEALTHS
+    # The latest flight with trouble gives the motor, the probability and the reason.
+    latest_trouble = None
     for flight in reversed(flights):
         if worst_health(flight) in TROUBLED_HEALTHS:
-            worst_troubled_row = worst_row(flight)
+            latest_trouble = worst_row(flight)
             break
-    conclusion, difference = render_section(
+    counts = Counter(worst_health(flight) for flight in flights)
+    latest_flight, all_flights = render_section(
         "fleet_vehicle",
         health=health,
-        in_trouble=health in TROUBLED_HEALTHS,
-        doubt=bad_headline(flights),
+        is_in_trouble=is_in_trouble,
+        bad_headline=bad_headline(flights),
         headline=log_row(flights[-1]).headline,
-        flights=len(flights),
+        flight_count=len(flights),
         counts=counts,
-        kinds=[kind for kind in TROUBLED_HEALTHS if counts[kind]],
-        reason=_latest_reason(flights),
-        row=worst_troubled_row,
+        troubled_healths=[health for health in TROUBLED_HEALTHS if counts[health]],
+        reason=_reason_for_latest_health(flights),
+        latest_trouble=latest_trouble,
         is_shared=has_shared_name(flights),
     )
     reason = ""
-    if worst_troubled_row is not None and health in TROUBLED_HEALTHS:
-        reason = first_sentence(worst_troubled_row.health_reason or "")
-    return VehicleWords(conclusion.text, reason, difference.text)
+    if latest_trouble is not None and is_in_trouble:
+        reason = first_sentence(latest_trouble.health_reason or "")
+    return VehicleTexts(latest_flight.text, reason, all_flights.text)
 
 
-def _latest_reason(flights: Flights) -> str:
-    """Returns the latest reason for a health, or why a log was not read; empty without any.
+def _reason_for_latest_health(flights: Flights) -> str:
+    """Returns the reason for the health of the latest flight that has one, or why its log was not read; else "".
 
     Args:
-        flights: rows of the vehicle's flights, in the order of date.
+        flights: rows of the vehicle's flights, in the order of date. The status of a row is why its log was not read.
     """
     for flight in reversed(flights):
         for row in flight:

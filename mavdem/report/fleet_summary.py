@@ -4,6 +4,7 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from datetime import datetime
 from pathlib import PurePath
+from typing import NamedTuple
 
 from mavdem.containers import JsonValues, group_by
 from mavdem.facts import Level
@@ -43,8 +44,8 @@ def fleet_blocks(
 ) -> Blocks:
     """Returns the summary of a fleet: a headline, the flights, and a table of the reasons why logs were not used.
 
-    Vehicles with a name of their own are counted. Flights under a shared or unknown name are counted separately,
-    because neither the number of their vehicles nor duplicates among them can be known.
+    Vehicles whose logs name them are counted. Flights under a shared or unknown name are counted separately, because
+    neither the number of their vehicles nor duplicates among them can be known.
 
     Args:
         summaries: summary of the flights under each name.
@@ -54,7 +55,8 @@ def fleet_blocks(
     Returns:
         Sentences and the table.
     """
-    vehicles = vehicles_with_parts(summaries)
+    vehicles = vehicles_with_section(summaries)
+    # Vehicles whose logs name them, those among them whose motors no flight judges, and flights of other vehicles.
     named_count = 0
     unjudged_count = 0
     unnamed_flights = 0
@@ -67,35 +69,33 @@ def fleet_blocks(
                 unjudged_count += 1
     blocks = render_section(
         "fleet",
-        **_health_summary(vehicles, names),
+        health=_health_summary(vehicles, names),
         vehicles=named_count,
         names_vehicles=names_vehicles,
-        all_known=named_count == len(vehicles),
+        # Otherwise some of the vehicles in the headline are flights under a shared name.
+        are_all_named=named_count == len(vehicles),
         flown=_flown_summary(summaries),
         duplicate_logs=sum(summary.flown.duplicates for summary in summaries),
         unjudged=unjudged_count,
         unnamed_flights=unnamed_flights,
-        bad_unnamed_flights=_bad_unnamed_flights(summaries, vehicles),
+        bad_unnamed_flights=_count_bad_unnamed_flights(summaries, vehicles),
     )
     unused = [row for summary in summaries for row in summary.unused if row.is_first]
     return [*blocks, *_unused_blocks(unused)]
 
 
-def _bad_unnamed_flights(
+def _count_bad_unnamed_flights(
     summaries: Sequence[VehicleSummary], vehicles: Mapping[str, VehicleFlights]
 ) -> int:
-    """Counts the bad flights of unknown vehicles, except flights that the headline counts as a vehicle already.
+    """Counts the bad flights under shared names, such as system ids, that the fleet's headline does not count yet.
 
-    Under a shared name, such as a system id, each flight may be of another vehicle, so that a later good one does not
-    make up for a bad one.
+    Under a shared name each flight may be of another vehicle, so that all bad flights count, also before a good one.
+    But a shared name with a section of the page counts as one vehicle. If the last flight under it is bad, the headline
+    counts this vehicle among those that need a look, so that the flight itself must not be counted again.
 
     Args:
         summaries: summary of the flights under each name.
-        vehicles: summary of the flights of each vehicle that has a part of the page, by its name. The headline counts a
-            shared name as one vehicle if the last flight under it is bad.
-
-    Returns:
-        Number of flights.
+        vehicles: summary of each vehicle that has a section of the page, by its name.
     """
     count = 0
     for summary in summaries:
@@ -103,16 +103,17 @@ def _bad_unnamed_flights(
             continue
         count += summary.bad_flights
         vehicle = vehicles.get(summary.name)
-        if vehicle is not None and vehicle.last.badge_level is Level.BAD:
+        is_counted_as_vehicle = vehicle is not None and vehicle.last.badge_level is Level.BAD
+        if is_counted_as_vehicle:
             count -= 1
     return count
 
 
-def vehicles_with_parts(summaries: Sequence[VehicleSummary]) -> dict[str, VehicleFlights]:
-    """Returns what is known of each vehicle of which a page has a part, by its name."""
+def vehicles_with_section(summaries: Sequence[VehicleSummary]) -> dict[str, VehicleFlights]:
+    """Returns what is known of each vehicle on which a fleet's page has a section, by its name."""
     vehicles = {}
     for summary in summaries:
-        if summary.vehicle is not None and summary.vehicle.is_one_vehicle:
+        if summary.vehicle is not None and summary.vehicle.has_section:
             vehicles[summary.name] = summary.vehicle
     return vehicles
 
@@ -155,41 +156,59 @@ def fleet_counts(summaries: Sequence[VehicleSummary]) -> JsonValues:
     }
 
 
-def _health_summary(vehicles: Mapping[str, VehicleFlights], names: GivenNames) -> dict[str, object]:
-    """Returns the values for the fleet's headline: vehicles that need a look, recovered ones, and healthy ones.
+class HealthSummary(NamedTuple):
+    """How many vehicles of a fleet need a look, have recovered, and are healthy."""
 
-    A vehicle has recovered if its motors are healthy now, but had a fault or a drift in an earlier flight.
+    urgent_count: int
+    """Number of vehicles that need a look: with a fault or a drift of the motors, or a bad headline."""
+
+    urgent_list: str
+    """These vehicles with the reasons, in words."""
+
+    watched_count: int
+    """Number of vehicles that do not need a look, but whose latest flight has the level "watch"."""
+
+    recovered_count: int
+    """Number of vehicles whose motors are healthy now, but had a fault or a drift in an earlier flight."""
+
+    recovered_list: str
+    """These vehicles, in words."""
+
+    healthy_count: int
+    """Number of vehicles whose motors are healthy."""
+
+
+def _health_summary(vehicles: Mapping[str, VehicleFlights], names: GivenNames) -> HealthSummary:
+    """Returns which vehicles need a look, which have recovered, and how many are healthy, for the fleet's headline.
 
     Args:
         vehicles: summary of each vehicle, by its name in the logs.
         names: names that were given to vehicles.
-
-    Returns:
-        Values by the names that the template uses: "ill", "watched", "judged" and "recovered_count" are numbers of
-        vehicles, "named" and "recovered" lists in words. Watched are those whose row is of that colour, but which do
-        not need a look.
     """
-    labels = {
-        name: vehicle_label(name, vehicle.last.frame, names) for name, vehicle in vehicles.items()
-    }
     urgent = []
     watched_count = 0
+    recovered = []
+    healthy_count = 0
+    # The most urgent vehicle is named first.
     for name in sorted(vehicles, key=lambda name: (vehicles[name].urgency, name)):
         vehicle = vehicles[name]
+        label = vehicle_label(name, vehicle.last.frame, names)
         if vehicle.urgency.rank < MAX_URGENT_RANK:
-            urgent.append(f"{labels[name]} ({as_clause(vehicle.words.conclusion)})")
+            urgent.append(f"{label} ({as_clause(vehicle.texts.latest_flight)})")
         elif vehicle.last.badge_level is Level.WATCH:
             watched_count += 1
-    healthy = [name for name in vehicles if vehicles[name].health == MotorHealth.OK]
-    recovered = [labels[name] for name in healthy if vehicles[name].was_in_trouble]
-    return {
-        "ill": len(urgent),
-        "watched": watched_count,
-        "named": abbreviated_list(urgent),
-        "recovered": abbreviated_list(sorted(recovered)),
-        "recovered_count": len(recovered),
-        "judged": len(healthy),
-    }
+        if vehicle.health == MotorHealth.OK:
+            healthy_count += 1
+            if vehicle.was_in_trouble:
+                recovered.append(label)
+    return HealthSummary(
+        urgent_count=len(urgent),
+        urgent_list=abbreviated_list(urgent),
+        watched_count=watched_count,
+        recovered_count=len(recovered),
+        recovered_list=abbreviated_list(sorted(recovered)),
+        healthy_count=healthy_count,
+    )
 
 
 def _flown_summary(summaries: Sequence[VehicleSummary]) -> dict[str, object] | None:

@@ -33,14 +33,14 @@ from mavdem.report.fleet import (
     NOT_USED,
     TROUBLED_HEALTHS,
     Urgency,
-    VehicleWords,
+    VehicleTexts,
     badge,
     badge_level,
-    has_own_part,
+    has_section,
     light_level,
     urgency,
     vehicle_health,
-    vehicle_words,
+    vehicle_texts,
 )
 from mavdem.report.flight_lines import FlightLine, flight_line
 
@@ -133,8 +133,8 @@ class LastFlight(NamedTuple):
 class VehicleFlights(NamedTuple):
     """What is known of a vehicle from its flights together."""
 
-    is_one_vehicle: bool
-    """Whether the page has a part for it; several vehicles may share the name otherwise."""
+    has_section: bool
+    """Whether the page has a section on it; otherwise its name may be that of several vehicles."""
 
     urgency: Urgency
     """By which vehicles are sorted."""
@@ -145,8 +145,8 @@ class VehicleFlights(NamedTuple):
     was_in_trouble: bool
     """Whether the motors had a fault or a drift in any flight."""
 
-    words: VehicleWords
-    """What was found of it."""
+    texts: VehicleTexts
+    """What the page says of it."""
 
     levels: list[Level]
     """Levels of its latest ``MAX_BARS`` flights, the newest at the end."""
@@ -205,12 +205,12 @@ def summary_of_vehicle(name: str, rows: FlightRows) -> VehicleSummary:
 
     Args:
         name: name of the vehicle in its logs.
-        rows: all rows under this name.
+        rows: all rows of the fleet's table under this name, also of logs that have no flight that can be analysed.
     """
-    all_flights = flights_of(rows)
+    logs = flights_of(rows)
     flights = flights_of(row for row in rows if row.has_flight)
     winds = []
-    for flight in all_flights:
+    for flight in logs:
         row = log_row(flight)
         is_known = row.light_wind != Level.UNKNOWN
         if is_known and row.wind_direction is not None and row.wind_speed is not None:
@@ -221,9 +221,9 @@ def summary_of_vehicle(name: str, rows: FlightRows) -> VehicleSummary:
         flown=_flown_flights(name, flights),
         vehicle=_vehicle_flights(name, flights) if flights else None,
         bad_flights=sum(badge_level([flight]) is Level.BAD for flight in flights),
-        light_counts=_light_counts(all_flights),
+        light_counts=_light_counts(logs),
         winds=winds,
-        lines=[flight_line(flight) for flight in all_flights],
+        lines=[flight_line(flight) for flight in logs],
         unused=_unused_rows(rows),
     )
 
@@ -265,27 +265,28 @@ def _flown_flights(name: str, flights: Flights) -> FlownFlights:
 
 
 def _vehicle_flights(name: str, flights: Flights) -> VehicleFlights:
-    """Summarizes what the flights of a vehicle show of it.
+    """Summarizes what the flights of a vehicle show of it, for a fleet's page.
 
     Args:
         name: name of the vehicle.
         flights: rows of its flights, in the order of date; at least one flight.
 
     Returns:
-        How urgent a look at it is, the health of its motors, the words on it, the levels of its latest ``MAX_BARS``
-        flights, and what its last flight shows.
+        How urgently it needs a look, the health of its motors, texts, the levels of its latest ``MAX_BARS`` flights,
+        and what its last flight shows.
     """
-    # The rows of one flight differ only in what depends on the axis.
+    # The rows of the axes of a flight have the same date, frame, firmware and headline.
     last_flight = log_row(flights[-1])
+    # One word on the last flight, such as "fault" or "good".
     badge_word = badge(flights)
     is_used = badge_word != NOT_USED
     has_warning = last_flight.headline_level in WARNING_LEVELS
     return VehicleFlights(
-        is_one_vehicle=has_own_part(name, flights),
+        has_section=has_section(name, flights),
         urgency=urgency(flights),
         health=vehicle_health(flights),
         was_in_trouble=any(worst_health(flight) in TROUBLED_HEALTHS for flight in flights),
-        words=vehicle_words(flights),
+        texts=vehicle_texts(flights),
         levels=[badge_level([flight]) for flight in flights[-MAX_BARS:]],
         flight_count=len(flights),
         last=LastFlight(

@@ -33,7 +33,6 @@ from mavdem.report.blocks import Blocks
 from mavdem.report.charts.comparison_charts import FlightSeries
 from mavdem.report.difference import baseline_blocks
 from mavdem.report.pages.difference_page import comparison_page
-from mavdem.report.pages.fleet_remark import remark_on
 from mavdem.report.pages.library_page import (
     render_server_page,
     script,
@@ -41,6 +40,7 @@ from mavdem.report.pages.library_page import (
     with_bar,
     without_policy,
 )
+from mavdem.report.pages.motor_trouble import motor_trouble
 from mavdem.report.pages.page import PageLink
 from mavdem.results import PAGE_FILE, RECORDING_FILE, RECORDINGS
 from mavdem.serve.index import LibraryEntry
@@ -174,10 +174,10 @@ class Pages:
         if entry.stage != Stage.DONE or not (is_stored or path.is_file()):
             values["first_plots"] = Markup(self._library.first_plots(entry))
             return HTMLResponse(render_server_page("flight", **values))
-        fleet_remark = None
+        trouble = None
         if values["may_read"] and not vehicle:
             row = self._visible_library.rows_with_trouble([entry]).get(entry.id)
-            fleet_remark = remark_on(row)
+            trouble = motor_trouble(row)
             values["previous"] = self._visible_library.previous_flight(entry)
         has_recording = RECORDING_FILE in entry.file_names
         can_open = self._open_recording is not None and has_recording and values["may_read"]
@@ -189,7 +189,7 @@ class Pages:
             with_bar(
                 html,
                 given_name=values["given"].flights.get(entry.content_hash, ""),
-                fleet_remark=fleet_remark,
+                trouble=trouble,
                 files=files,
                 missing=missing_recordings,
                 can_open=can_open,

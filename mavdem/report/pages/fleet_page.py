@@ -27,7 +27,7 @@ from mavdem.report.fleet import (
     vehicle_label,
     vehicle_type,
 )
-from mavdem.report.fleet_summary import fleet_blocks, vehicles_with_parts
+from mavdem.report.fleet_summary import fleet_blocks, vehicles_with_section
 from mavdem.report.flight_lines import COLUMNS, FlightLine
 from mavdem.report.numbers import listed
 from mavdem.report.pages.environment import environment, render_page
@@ -95,7 +95,7 @@ def fleet_page(
     """
     lines = _newest_first(summaries)
     cells = [_named_cells(line, names) for line in lines]
-    vehicles = _vehicle_parts(summaries, changes or {}, charts, names)
+    vehicles = _vehicle_sections(summaries, changes or {}, charts, names)
     blocks = fleet_blocks(summaries, names_vehicles=False)
     # The headline and what was flown; without a flight there is nothing but the reasons.
     first_blocks = SUMMARY_BLOCKS if vehicles else len(blocks)
@@ -105,7 +105,7 @@ def fleet_page(
         unused_blocks=blocks[first_blocks:],
         vehicles=vehicles,
         bad_unnamed_flights=_bad_unnamed_flights(summaries),
-        unjudged=_repeated_differences(vehicles),
+        unjudged=_repeated_summaries(vehicles),
         lights=[*Light],
         light_counts=_light_counts(summaries),
         marks=LEVEL_MARKS,
@@ -113,7 +113,7 @@ def fleet_page(
         calendar=_calendar(lines),
         has_given_names=bool(names.vehicles),
         rose=_rose(summaries),
-        bars=_bar_count(vehicles_with_parts(summaries)),
+        bars=_bar_count(vehicles_with_section(summaries)),
         widths=[column.width for column in COLUMNS.values()],
         areas={name: column.area for name, column in COLUMNS.items()},
         first=Table([*COLUMNS], [_rated(line) for line in cells[:FIRST_SHOWN]], words=True),
@@ -124,7 +124,7 @@ def fleet_page(
                 for line, line_cells in zip(lines, cells, strict=True)
             ],
             "levels": BADGE_LEVELS,
-            "labels": _labels(summaries, names),
+            "labels": _labels_of_serial_numbers(summaries, names),
         },
     )
 
@@ -236,7 +236,7 @@ class LightCounts(NamedTuple):
 
 
 @dataclass
-class VehiclePart:
+class VehicleSection:
     """What the template shows of one vehicle."""
 
     name: str
@@ -259,7 +259,7 @@ class VehiclePart:
     """Its latest flights."""
     note: str
     """What is to be known of it at a glance; empty where nothing is."""
-    difference: str
+    summary: str
     """What was found in all its flights; may be empty."""
     changes: Sequence[Block]
     """What changed since the baseline."""
@@ -269,17 +269,17 @@ class VehiclePart:
     """Whether it is unfolded at first."""
 
 
-def _vehicle_parts(
+def _vehicle_sections(
     summaries: Sequence[VehicleSummary],
     changes: Mapping[str, Sequence[Block]],
     charts: ChartsOfVehicle,
     names: GivenNames,
-) -> list[VehiclePart]:
-    """Makes the part of the page on each vehicle.
+) -> list[VehicleSection]:
+    """Makes the section of the page on each vehicle.
 
     Urgency is a rank by the health of the motors and the latest headline. Flights that do not say whose they are may be
-    those of several vehicles, and have no part. To keep the page small, charts are drawn only for the ``MAX_DRAWN``
-    most urgent vehicles with more than one flight. Parts are folded, except the first one with charts if its vehicle
+    those of several vehicles, and have no section. To keep the page small, charts are drawn only for the ``MAX_DRAWN``
+    most urgent vehicles with more than one flight. Sections are folded, except the first one with charts if its vehicle
     needs a look.
 
     Args:
@@ -289,9 +289,9 @@ def _vehicle_parts(
         names: names that were given to vehicles.
 
     Returns:
-        The parts, the most urgent vehicle first.
+        The sections, the most urgent vehicle first.
     """
-    vehicles = vehicles_with_parts(summaries)
+    vehicles = vehicles_with_section(summaries)
     names_by_urgency = sorted(vehicles, key=lambda name: (vehicles[name].urgency, name))
     names_with_charts = [name for name in names_by_urgency if vehicles[name].flight_count > 1][
         :MAX_DRAWN
@@ -299,16 +299,16 @@ def _vehicle_parts(
     bar_count = _bar_count(vehicles)
     shared_names = {summary.name for summary in summaries if summary.has_shared_name}
     latest_lines = {summary.name: _latest_line(summary) for summary in summaries}
-    parts = []
+    sections = []
     for name in names_by_urgency:
         vehicle = vehicles[name]
         latest_line = latest_lines[name]
         needs_look = vehicle.urgency.rank < MAX_URGENT_RANK
-        parts.append(
-            VehiclePart(
+        sections.append(
+            VehicleSection(
                 name=name,
                 label=vehicle_type(name, vehicle.last.frame, names),
-                serial=_name_remark(name, names, is_shared=name in shared_names),
+                serial=_text_beside_label(name, names, is_shared=name in shared_names),
                 searched=names.vehicle(name),
                 last=vehicle.last,
                 link=latest_line.link if latest_line is not None else "",
@@ -316,29 +316,36 @@ def _vehicle_parts(
                 flights=vehicle.flight_count,
                 bars=_bars(vehicle.levels, bar_count),
                 note=_note(vehicle),
-                difference=vehicle.words.difference,
+                summary=vehicle.texts.all_flights,
                 changes=changes.get(name, ()),
                 # They are HTML of this program.
                 charts=Markup(charts(name) if name in names_with_charts else ""),  # noqa: S704
                 is_open=needs_look and name in names_with_charts[:1],
             )
         )
-    return parts
+    return sections
 
 
-def _name_remark(name: str, names: GivenNames, *, is_shared: bool) -> str:
-    """Returns the remark that follows a vehicle's label: its serial number, or that only its system id is known.
+def _text_beside_label(name: str, names: GivenNames, *, is_shared: bool) -> str:
+    """Returns the small text beside the label of a vehicle, by which it can be told from others.
 
-    The remark is empty if the label is the name in the logs, and this is no serial number.
+    It is the name in its logs, if the label is another one: a given name, or the kind of the frame in the place of a
+    long serial number. Of a vehicle without a name it is that only its MAVLink system id is known.
 
     Args:
         name: what its logs call the vehicle.
         names: names that were given to vehicles.
         is_shared: whether the name is a system id, which several vehicles may have.
+
+    Returns:
+        The text; empty if the label is the name in the logs already.
     """
     if is_shared:
         return "by its system id only"
-    return short_name(name) if names.vehicle(name) != name or is_serial(name) else ""
+    has_given_name = names.vehicle(name) != name
+    if has_given_name or is_serial(name):
+        return short_name(name)
+    return ""
 
 
 def _latest_line(summary: VehicleSummary) -> FlightLine | None:
@@ -377,29 +384,43 @@ class UnnamedFlight(NamedTuple):
 def _bad_unnamed_flights(summaries: Sequence[VehicleSummary]) -> list[UnnamedFlight]:
     """Returns the bad flights under names that several vehicles may share, such as system ids, the newest first.
 
-    The latest flight of a name that has a part of the page by itself is left out, because that part shows it.
+    If the page has a section on the flights under such a name, their latest flight is left out here, because the
+    section shows it.
 
     Args:
-        summaries: summary of the flights under each name.
+        summaries: summary of the flights under each name, with the line of each flight in the table of all flights.
     """
-    parts = vehicles_with_parts(summaries)
-    shared = [summary for summary in summaries if summary.has_shared_name]
-    shown_lines = [_latest_line(summary) for summary in shared if summary.name in parts]
+    names_with_section = vehicles_with_section(summaries)
+    summaries_of_shared_names = [summary for summary in summaries if summary.has_shared_name]
+    lines_in_sections = [
+        _latest_line(summary)
+        for summary in summaries_of_shared_names
+        if summary.name in names_with_section
+    ]
     flights = []
-    for line in _newest_first(shared):
+    for line in _newest_first(summaries_of_shared_names):
         cells = dict(zip(COLUMNS, line.cells, strict=True))
-        if line not in shown_lines and BADGE_LEVELS[cells["health"]] is Level.BAD:
-            headline, *_ = cells["notes"].split("\n")
+        is_bad = BADGE_LEVELS[cells["health"]] is Level.BAD
+        if is_bad and line not in lines_in_sections:
+            # The first note on a flight is its headline.
+            headline = cells["notes"].split("\n")[0]
             flights.append(UnnamedFlight(line.link, cells["flight"], cells["date"], headline))
     return flights
 
 
-def _labels(summaries: Sequence[VehicleSummary], names: GivenNames) -> dict[str, str]:
-    """Returns what the lines of flights call vehicles whose name is a serial number, by that name.
+def _labels_of_serial_numbers(
+    summaries: Sequence[VehicleSummary], names: GivenNames
+) -> dict[str, str]:
+    """Returns labels that replace the serial numbers of vehicles in the table of flights, such as "Quadrotor …0c3f2a".
+
+    A serial number is too long for a column. Its label has the kind of the vehicle's frame and the end of the number.
 
     Args:
         summaries: what is known of the flights under each name.
-        names: names that were given to vehicles.
+        names: names that were given to vehicles; a vehicle with a given name needs no label.
+
+    Returns:
+        Labels by the serial number, which is the name of the vehicle in its logs.
     """
     labels = {}
     for summary in summaries:
@@ -410,17 +431,18 @@ def _labels(summaries: Sequence[VehicleSummary], names: GivenNames) -> dict[str,
 
 
 def _note(vehicle: VehicleFlights) -> str:
-    """Returns the note on a vehicle in the list of a fleet: trouble with its motors, or a headline that warns.
+    """Returns the note on a vehicle in the list of a fleet's vehicles: what is wrong, in one sentence.
 
-    The headline is that of its latest flight. A vehicle without trouble has no note, since most vehicles of a fleet
-    would have the same.
+    A vehicle of which nothing is known to be wrong has no note, since most vehicles of a fleet would have the same.
 
     Args:
-        vehicle: summary of the vehicle's flights.
+        vehicle: summary of the vehicle's flights, with texts on its motors and the headline of its latest flight.
     """
-    if vehicle.urgency.rank < MAX_URGENT_RANK:
-        # The reason names the motor and the probability, which the conclusion would repeat.
-        return vehicle.words.reason or vehicle.words.conclusion
+    needs_look = vehicle.urgency.rank < MAX_URGENT_RANK
+    if needs_look:
+        # The reason, where there is one, names the motor and the probability as the text on the latest flight does.
+        return vehicle.texts.reason or vehicle.texts.latest_flight
+    # The headline is empty unless it is bad or to be watched.
     return vehicle.last.headline
 
 
@@ -527,25 +549,25 @@ def _light_counts(summaries: Sequence[VehicleSummary]) -> list[LightCounts]:
     return counts
 
 
-def _repeated_differences(parts: Sequence[VehiclePart]) -> Table:
-    """Moves sentences that are the same for several vehicles from their parts of the page into one table.
+def _repeated_summaries(sections: Sequence[VehicleSection]) -> Table:
+    """Moves summaries that are the same for several vehicles from their sections of the page into one table.
 
-    Many vehicles of a fleet lack the same thing, such as enough flights to compare. Their parts would all say so.
+    Many vehicles of a fleet lack the same thing, such as enough flights to compare. Their sections would all say so.
 
     Args:
-        parts: parts of the page, one for each vehicle; repeated sentences are removed from them.
+        sections: sections of the page, one for each vehicle; repeated summaries are removed from them.
 
     Returns:
-        Sentence and number of vehicles, the most frequent first.
+        Summary and number of vehicles, the most frequent first.
     """
-    counts = Counter(part.difference for part in parts if part.difference)
+    counts = Counter(section.summary for section in sections if section.summary)
     cells = []
-    for sentence, count in counts.most_common():
+    for summary, count in counts.most_common():
         if count > 1:
-            cells.append([sentence, str(count)])
-    for part in parts:
-        if counts[part.difference] > 1:
-            part.difference = ""
+            cells.append([summary, str(count)])
+    for section in sections:
+        if counts[section.summary] > 1:
+            section.summary = ""
     return Table(["reason", "vehicles"], cells, words=True)
 
 

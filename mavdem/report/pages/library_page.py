@@ -30,9 +30,9 @@ from mavdem.report.blocks import Block
 from mavdem.report.charts.chart import MAX_POINTS_OF_SMALL_PAGE, Group
 from mavdem.report.charts.timeline import timeline_of_history
 from mavdem.report.charts.vehicle_charts import vehicle_group
-from mavdem.report.fleet import HEALTH_LEVELS, motors_level, vehicle_label, vehicle_words
+from mavdem.report.fleet import HEALTH_LEVELS, motors_level, vehicle_label, vehicle_texts
 from mavdem.report.pages.environment import environment, render_page
-from mavdem.report.pages.fleet_remark import FleetRemark, with_fleet_remark
+from mavdem.report.pages.motor_trouble import MotorTrouble, with_motor_trouble
 from mavdem.report.pages.page import PageEvent
 
 POLICY_ELEMENT = re.compile(r'<meta http-equiv="Content-Security-Policy"[^>]*>')
@@ -167,7 +167,7 @@ def first_plots(history: TimeHistory) -> str:
 
 
 def with_bar(
-    page: str, given_name: str = "", fleet_remark: FleetRemark | None = None, **values: Any
+    page: str, given_name: str = "", trouble: MotorTrouble | None = None, **values: Any
 ) -> str:
     """Returns the page of a flight as the server sends it: with a bar of downloads and settings at its top.
 
@@ -178,8 +178,8 @@ def with_bar(
         page: HTML of the flight's page, as it was written to its file.
         given_name: name that the owner gave to the flight. It becomes the title, with the name of the log beside it.
             Empty if there is none; then the name of the log stays the title.
-        fleet_remark: remark that the motors differ from other flights of the vehicle. The bar shows it, and the light
-            (judgement) of the motors becomes at least as bad. None if they do not differ.
+        trouble: fault or drift of the motors that shows beside other flights of the vehicle. The bar shows it, and the
+            light (judgement) of the motors becomes at least as bad. None without trouble.
         **values: further values that the template ``bar.html`` uses, by name.
 
     Returns:
@@ -190,7 +190,7 @@ def with_bar(
         "bar",
         self_set_parameters=pattern,
         given_name=given_name,
-        trouble=fleet_remark,
+        trouble=trouble,
         **values,
     )
     if given_name:
@@ -200,7 +200,7 @@ def with_bar(
             page,
             count=1,
         )
-    return with_fleet_remark(without_policy(page, **values), bar, fleet_remark)
+    return with_motor_trouble(without_policy(page, **values), bar, trouble)
 
 
 def without_policy(page: str, **values: Any) -> str:
@@ -232,7 +232,7 @@ def vehicle_page(flights: Sequence[AxisRows], changes: Iterable[Block], **values
     Returns:
         The page as HTML.
     """
-    summary = vehicle_words(flights).difference if flights else ""
+    summary = vehicle_texts(flights).all_flights if flights else ""
     group = vehicle_group(flights) if len(flights) > 1 else None
     groups = [] if group is None else [group]
     return render_server_page("vehicle", words=summary, changes=[*changes], groups=groups, **values)

@@ -5,7 +5,7 @@ import re
 from fleet_rows import flight_row
 from pytest import mark
 
-from mavdem.report.pages.fleet_remark import fleet_remark, remark_on, with_fleet_remark
+from mavdem.report.pages.motor_trouble import motor_trouble, trouble_html, with_motor_trouble
 
 PAGE = """<main>
 <h1>a.bin</h1>
@@ -14,15 +14,15 @@ PAGE = """<main>
 """
 
 
-def remark(health, motor=None):
-    return remark_on(
+def trouble(health, motor=None):
+    return motor_trouble(
         flight_row("quad", 1, health=health, health_reason="It differs.", suspect_motor=motor)
     )
 
 
 def marked(page, health, motor=None):
-    said = remark(health, motor)
-    return with_fleet_remark(page, fleet_remark(said), said)
+    found = trouble(health, motor)
+    return with_motor_trouble(page, trouble_html(found), found)
 
 
 def test_a_fault_beside_other_flights_is_the_light_and_the_next_step_of_the_page():

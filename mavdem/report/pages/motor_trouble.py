@@ -1,0 +1,105 @@
+"""Trouble with the motors that a flight shows only beside the vehicle's other flights, written into the flight's page.
+
+The page of a flight is written from its log alone. Later the vehicle is judged from all its flights, which shows
+smaller losses of a motor. Then the beginning of the page is changed: a paragraph about the trouble is added, and the
+light of the motors (their judgement by a level) becomes at least as bad as the trouble.
+"""
+
+import re
+from functools import partial
+from typing import NamedTuple
+
+from mavdem.facts import Level
+from mavdem.facts.motors import MotorHealth
+from mavdem.fleet.row import FlightRow
+from mavdem.report.blocks import Blocks
+from mavdem.report.fleet import HEALTH_LEVELS, TROUBLED_HEALTHS, motors_level
+from mavdem.report.pages.environment import environment, render_page
+from mavdem.report.templates import render_section
+
+TROUBLE_PLACE = re.compile(
+    r'(?<=<main>\n)(<p class="said [^<]*(?:<strong>[^<]*</strong>[^<]*)*</p>\n)?'
+)
+"""The beginning of a flight's page, with the paragraph about trouble with the motors if there is one already."""
+
+MOTORS_LIGHT = re.compile(
+    r'(<div data-light="motors"><dt>.*?</dt>)'
+    r'<dd class="(\w+)"(?: data-alone="(\w+)")?>\w+</dd><dd class="soft">(?:<b>[^<]*</b> )?'
+)
+"""The light of the motors on a flight's page: its heading, the shown level, and the level by the log alone.
+
+The third group is empty if both levels are the same. The last part is a note that the levels differ, if they do.
+"""
+
+
+class MotorTrouble(NamedTuple):
+    """A fault or a drift of the motors that shows in comparison with the other flights of the vehicle."""
+
+    level: Level
+    """Watch for a drift of the motors, bad for a fault."""
+
+    reason: str
+    """The evidence, in sentences."""
+
+    next_step: Blocks
+    """What to do next; empty of a drift."""
+
+
+def motor_trouble(row: FlightRow | None) -> MotorTrouble | None:
+    """Returns the trouble with the motors that a flight shows beside the other flights of its vehicle.
+
+    Args:
+        row: row in the fleet's table of the flight's axis with the worst health; None if the flight is not compared.
+
+    Returns:
+        The trouble; None if the motors have neither a fault nor a drift.
+    """
+    if row is None or row.health not in TROUBLED_HEALTHS:
+        return None
+    next_step: Blocks = []
+    # A fault has one even where the motor is not known.
+    if row.health == MotorHealth.FAULT or row.suspect_motor:
+        motor = f"motor {row.suspect_motor}" if row.suspect_motor else ""
+        next_step = [*render_section("difference_next", motor=motor, is_weaker=bool(motor))]
+    return MotorTrouble(HEALTH_LEVELS[MotorHealth(row.health)], row.health_reason or "", next_step)
+
+
+def trouble_html(trouble: MotorTrouble | None) -> str:
+    """Renders the paragraph about trouble with the motors for the top of the flight's page; empty without trouble."""
+    return render_page(environment().get_template("related_flights.html"), trouble=trouble)
+
+
+def with_motor_trouble(page: str, html: str, trouble: MotorTrouble | None) -> str:
+    """Returns a flight's page with HTML about trouble at its top, and the light of the motors at least as bad as that.
+
+    The function may be called again with its result: what the earlier call has written is replaced.
+
+    Args:
+        page: HTML of the page, or its beginning with the lights.
+        html: HTML to put at the top: the paragraph about the trouble, and what else the caller shows there.
+        trouble: the trouble with the motors; None if there is none, which makes the light that of the log alone again.
+    """
+    page = MOTORS_LIGHT.sub(partial(_light_html, trouble=trouble), page, count=1)
+    # The replacement is a function, since backslashes in a text would be taken for references to groups.
+    return TROUBLE_PLACE.sub(lambda _: html, page, count=1)
+
+
+def _light_html(light: re.Match[str], trouble: MotorTrouble | None) -> str:
+    """Returns the HTML of the motors' light: its level by the log alone, or by the trouble if that is worse.
+
+    In the second case the attribute ``data-alone`` keeps the level by the log alone, so that the change can be undone.
+
+    Args:
+        light: match of ``MOTORS_LIGHT``: the heading, the shown level, and the level by the log alone or None.
+        trouble: trouble that the comparison with other flights shows; None without any.
+    """
+    heading, shown_level, level_alone = light.groups()
+    level_of_log = Level(level_alone or shown_level)
+    level = level_of_log if trouble is None else motors_level(level_of_log, trouble.level)
+    if level is level_of_log:
+        return f'{heading}<dd class="{level}">{level}</dd><dd class="soft">'
+    note = f"Beside other flights {level} (above), by this log alone {level_of_log}:"
+    return (
+        f'{heading}<dd class="{level}" data-alone="{level_of_log}">{level}</dd>'
+        f'<dd class="soft"><b>{note}</b> '
+    )
