@@ -42,7 +42,7 @@ class MotorTrouble(NamedTuple):
     """The evidence, in sentences."""
 
     next_step: Blocks
-    """What to do next; empty of a drift."""
+    """What to do next; empty of a drift without a suspected motor."""
 
 
 def motor_trouble(row: FlightRow | None) -> MotorTrouble | None:
