@@ -142,6 +142,10 @@ def test_flights_by_a_system_id_are_no_vehicle_until_they_are_judged_as_one():
     text = plain_text(fleet_blocks(rows))
     assert "2 flights whose logs do not name a vehicle" in text and "of 1 vehicle" not in text
     assert fleet_counts(rows)["vehicles"] == 0
+    # A bad flight under such a name is counted once, as a flight.
+    fell = replace(rows[1], headline="It fell.", headline_level="bad")
+    text = plain_text(fleet_blocks([rows[0], fell, flight_row("quad", 0)]))
+    assert text.startswith("1 bad flight whose vehicle is not known needs a look: px4-1: it fell.")
     judged = [replace(row, health="fault") for row in rows]
     text = plain_text(fleet_blocks([*judged, flight_row("quad", 0)]))
     assert "1 needs a look: px4-1 (fault)" in text and "2 flights whose logs" in text
