@@ -78,7 +78,7 @@ class VehicleDifference(NamedTuple):
 
     @property
     def is_of_same_flight(self) -> bool:
-        """Whether both states are the same flights: their number, conditions and all quantities are equal to the digit."""
+        """Whether both states are the same flights: their number, conditions and all quantities are equal, exactly."""
         if self.flights.before != self.flights.after:
             return False
         before, after = self.conditions
