@@ -92,7 +92,7 @@ def fleet_blocks(
         bad_unnamed_flights=_count_bad_unnamed_flights(summaries, vehicles_of_headline),
         bad_names=abbreviated_list(
             [
-                f"{name}: {as_clause(vehicles[name].words.conclusion)}"
+                f"{name}: {as_clause(vehicles[name].texts.latest_flight)}"
                 for name in sorted(several)
                 if vehicles[name].last.badge_level is Level.BAD
             ]
