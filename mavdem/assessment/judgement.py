@@ -88,6 +88,7 @@ EVENTS_BY_LIGHT: dict[Light, tuple[Code, ...]] = {
         ReportedEvent.ESTIMATOR_DIVERGED,
         ReportedEvent.GPS_LOST,
     ),
+    Light.WIND: (MotionEvent.CARRIED_AWAY,),
 }
 """The events in the headline that each light shows, unless it is as bad by itself.
 

@@ -28,6 +28,7 @@ from mavdem.assessment.motor_events import LASTING_SECONDS, motor_events
 from mavdem.assessment.motor_speeds import standing_motors
 from mavdem.assessment.motor_witnesses import with_motor_witnesses
 from mavdem.assessment.position_losses import position_losses
+from mavdem.assessment.wind_drifts import wind_drifts
 from mavdem.dataset.grounded import MAX_GROUND_HEIGHT, MAX_SETPOINT_DELAY
 from mavdem.dataset.intervals import Intervals, TimeInterval, in_intervals
 from mavdem.dataset.signals import Signals
@@ -43,8 +44,9 @@ from mavdem.witnesses.boot_sensors import BootSensors
 def motion_events(signals: Signals, reports: Sequence[Fact] = ()) -> Facts:
     """Returns the events that the motion shows, in order of boot and time.
 
-    They are losses of attitude, falls, dives, contacts with the ground, losses of height and position estimates,
-    barometers that drift, motors at their limit or off, clipping of the accelerometers, and a log that ends in the air.
+    They are losses of attitude, falls, dives, contacts with the ground, losses of height and position estimates, drift
+    in wind, barometers that drift, motors at their limit or off, clipping of the accelerometers, and a log that ends in
+    the air.
     A boot in which the vehicle did not fly has only the one event that says so. Of vehicles that are no multirotors
     only clipping and losses of the position are events, since a plane banks and dives on purpose.
 
@@ -226,7 +228,7 @@ def _intervals_out_of_control(
         start = event.start_time
         if event.code is MotionEvent.HEIGHT_DIVERGED:
             intervals.append((start, flight_end))
-        elif event.is_bad:
+        elif event.is_bad and event.code is not MotionEvent.CARRIED_AWAY:
             # A motor may reach its limit as the loss begins and be its cause: such a limit is still reported.
             intervals.append((start + LASTING_SECONDS, flight_end))
     return intervals
@@ -265,6 +267,7 @@ def _events_of_flight(
     yield from attitude_swings(sensors.signals, sensors.boot, controlled_part)
     yield from height_divergences(sensors, controlled_part)
     yield from position_losses(sensors, controlled_part, reports)
+    yield from wind_drifts(sensors, controlled_part)
     yield from barometer_drifts(sensors, flight_interval)
 
 

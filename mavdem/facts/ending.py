@@ -25,6 +25,7 @@ class MotionEvent(Code):
     HEIGHT_DIVERGED = "height_diverged"
     POSITION_LOST = "position_lost"
     BAROMETER_DRIFTED = "barometer_drifted"
+    CARRIED_AWAY = "carried_away"
 
 
 class Ending(Code):

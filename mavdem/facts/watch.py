@@ -16,6 +16,7 @@ class WatchedQuantity(StrEnum):
     BATTERY = "battery"
     ESTIMATOR = "estimator"
     TRACKING = "tracking"
+    DRIFT = "drift in wind"
     WARNINGS = "warnings"
     """Warnings of the autopilot."""
 
@@ -35,6 +36,5 @@ class WatchFact(Code):
     ON_GROUND_NOW = "on_ground_now"
     NO_ALARM = "no_alarm"
     STOPPED_IN_AIR = "stopped_in_air"
-    CARRIED_AWAY = "carried_away"
     ALARM_OVER = "alarm_over"
     OTHER_VEHICLE_ALARM = "other_vehicle_alarm"

@@ -6,6 +6,7 @@ from math import isfinite, isnan
 
 import numpy as np
 
+from mavdem.assessment.wind_drifts import drift_sample
 from mavdem.containers import Numbers
 from mavdem.dataset.attitude import ATTITUDE_MESSAGES
 from mavdem.dataset.axes import TILT_AXES
@@ -21,7 +22,6 @@ from mavdem.ingest.mavlink.framing import CHECKSUM_MATCHES
 from mavdem.ingest.motors import MOTOR_MESSAGES, POSSIBLE_MULTIROTORS
 from mavdem.ingest.telemetry import Parameters
 from mavdem.live.boot_clock import BootClock, TimedMessage
-from mavdem.live.drift_watch import DriftWatch
 from mavdem.live.flight_phase import PHASE_MESSAGES, FlightPhase
 from mavdem.live.messages import (
     STATUS_MESSAGES,
@@ -43,7 +43,6 @@ from mavdem.live.session_status import SessionStatus
 from mavdem.live.vehicle_review import VehicleReview
 from mavdem.live.vehicle_selection import Component, VehicleSelector
 from mavdem.live.vehicle_state import VehicleState, vehicle_state
-from mavdem.live.watchdog import worst_of_lights
 from mavdem.live.wind import LiveWind
 from mavdem.wind_velocity.from_log import ESTIMATOR_FLAG_MESSAGES, VELOCITY_MESSAGES
 
@@ -110,7 +109,6 @@ class LiveStream:
         self._vehicles = VehicleSelector(vehicle, self._report)
         self._clock = BootClock(self._report)
         self._pose = PoseTracker()
-        self._drift = DriftWatch()
         self._rate_check = RateCheck(axis, can_request=not rates_requested, report=self._report)
         self._review = VehicleReview(
             self._vehicles, self._rate_check, self.motor_alarms, self.wind, self._report
@@ -303,19 +301,12 @@ class LiveStream:
             motor_alarms=tuple(self.motor_alarms.latest),
             has_landed=watchdog.has_landed,
             loss=watchdog.loss,
-            active_alarms=(
-                *watchdog.active_alarms,
-                *self.motor_alarms.active,
-                *self._drift.active,
-            ),
+            active_alarms=(*watchdog.active_alarms, *self.motor_alarms.active),
             position=None if self.pose is None else self.pose.position,
             # Where the take-off was not seen, a position in the air was taken for its place.
             takeoff_position=(self._pose.takeoff_position if isfinite(self.takeoff_time) else None),
             watch_facts=self.watch_facts,
-            worst_lights=worst_of_lights(
-                watchdog.worst_lights if self.is_flying else watchdog.all_lights,
-                self._drift.lights,
-            ),
+            worst_lights=watchdog.worst_lights if self.is_flying else watchdog.all_lights,
             wind=self.wind.latest,
             mean_wind=self.wind.mean,
             wind_obstacle=self.wind.obstacle,
@@ -427,25 +418,21 @@ class LiveStream:
         self._rows.end_segment_unless_free()
 
     def _watch_drift(self, time: float, velocity: Numbers) -> None:
-        """Reports where wind begins or ceases to carry the vehicle away, by its velocity and the latest attitude.
+        """Passes a velocity in flight, with the latest attitude, to the watchdog, which looks for drift in wind.
 
         Args:
             time: time on the boot clock, s.
             velocity: north and east, m/s.
         """
-        if not self.is_flying:
-            self._drift.end_flight()
-            return
         vehicle = self.followed_vehicle
-        if vehicle is None or vehicle.vehicle_type not in POSSIBLE_MULTIROTORS:
-            # The wings of a plane or VTOL lift it against its motion in each turn.
-            return
+        is_multirotor = vehicle is not None and vehicle.vehicle_type in POSSIBLE_MULTIROTORS
         pose = self._pose.pose
-        if pose is None or not all(map(isfinite, (*velocity, *pose.angles))):
+        # The wings of a plane or VTOL lift it against its motion in each turn.
+        if not self.is_flying or not is_multirotor or pose is None:
             return
-        fact = self._drift.add_sample(time, pose.angles, velocity, self.parameters)
-        if fact is not None:
-            self._report(fact)
+        if all(map(isfinite, (*velocity, *pose.angles))):
+            sample = drift_sample(time, pose.angles, velocity)
+            self._review.watchdog.drift.add_sample(sample, self.parameters)
 
     def _take_attitude(self, message: Message, time: float) -> list[AlignedRow]:
         """Takes an attitude: for the wind, for the latest pose, to watch the control, and as a sample of rows.
@@ -532,7 +519,6 @@ class LiveStream:
         self.boot = boot
         self.wind.restart()
         self._pose.restart()
-        self._drift = DriftWatch()
         self.motor_alarms.restart()
         self._review.restart(boot)
         self._rows.restart(boot, self._review.phase)

@@ -26,6 +26,7 @@ from mavdem.assessment.lights.power import POWER_REPORTS, power_light
 from mavdem.assessment.lights.vibration import vibration_light
 from mavdem.assessment.limits import worst_fact
 from mavdem.assessment.reported import reported_events
+from mavdem.assessment.wind_drifts import WindDriftDetector
 from mavdem.containers import Names
 from mavdem.dataset.batteries import BATTERY_MESSAGES
 from mavdem.dataset.intervals import Intervals
@@ -68,6 +69,7 @@ LIGHTS = {
     WatchedQuantity.BATTERY: Light.POWER,
     WatchedQuantity.ESTIMATOR: Light.ESTIMATOR,
     WatchedQuantity.TRACKING: Light.TRACKING,
+    WatchedQuantity.DRIFT: Light.WIND,
 }
 """The light that shows what is wrong with each thing that is watched."""
 
@@ -76,6 +78,7 @@ PRESENT_FAULTS = (
     WatchedQuantity.MOTOR_LIMITS,
     WatchedQuantity.VIBRATION,
     WatchedQuantity.TRACKING,
+    WatchedQuantity.DRIFT,
 )
 """Faults of the moment: once one is over in flight, its light says so. Other facts state when they were."""
 
@@ -87,6 +90,7 @@ EXPLAINED_BY_LOSS = (
     WatchedQuantity.MOTOR_LIMITS,
     WatchedQuantity.VIBRATION,
     WatchedQuantity.TRACKING,
+    WatchedQuantity.DRIFT,
 )
 """What a vehicle that is out of control shows however sound it is: it is not judged after a loss."""
 
@@ -183,6 +187,7 @@ class Watchdog:
         worst_lights: the worst fact found in the latest flight so far, by light.
         earlier_lights: the worst fact found in the flights before it, by light.
         control: judges whether control of the flight was lost.
+        drift: looks for wind that carries the vehicle away in the present flight.
         loss: how the flight was lost, by its motion or a report of the autopilot; it stays until the next take-off.
         has_landed: whether the latest flight ended on the ground; not in flight, nor while a vehicle whose motors were
             stopped may still be in the air. True before any flight.
@@ -206,6 +211,7 @@ class Watchdog:
             self.worst_lights.update(former.worst_lights)
         self.earlier_lights: dict[str, Fact] = {} if former is None else former.all_lights
         self.control = ControlWatch(recent)
+        self.drift = WindDriftDetector(recent.boot)
         self._tracking = TrackingWatch(recent)
         self.loss: Fact | None = None if former is None else former.loss
         self.has_landed = True
@@ -386,6 +392,7 @@ class Watchdog:
         # A landed state that changes for a moment does not begin another flight, so that a loss stays an alarm. In the
         # first phase of a boot, no flight has ended yet: there are two states at most.
         is_first_phase = len(self._states) <= 2
+        self._end_drift(now)
         if state == IN_AIR:
             self.has_landed = False
             self._landing_report = None
@@ -400,6 +407,19 @@ class Watchdog:
         # The former state is known to hold until the last review, the new one from now on.
         self._states.append(_StateSample(self._review_time, former_state))
         self._states.append(_StateSample(now, state))
+
+    def _end_drift(self, now: float) -> None:
+        """Ends a drift in wind with its flight, also as the fact of its light, and begins to look for another one.
+
+        Args:
+            now: present time on the boot clock, s.
+        """
+        self.drift.end(now)
+        drift = self.drift.latest
+        light = self.worst_lights.get(str(Light.WIND))
+        if drift is not None and light is not None and light.code is drift.code:
+            self.worst_lights[str(Light.WIND)] = drift
+        self.drift = WindDriftDetector(self._recent.boot)
 
     def review_lights(self) -> None:
         """Judges battery, estimator and, in settled flight, vibration, by the functions that judge a log.
@@ -477,6 +497,10 @@ class Watchdog:
                 review.facts[WatchedQuantity.CONTROL] = loss
                 self.loss = self.active.get(WatchedQuantity.CONTROL, loss)
                 self._judge_motors_of_loss(self.loss)
+            drift = self.drift.latest
+            if drift is not None:
+                review.facts[WatchedQuantity.DRIFT] = drift
+                review.latest_times[WatchedQuantity.DRIFT] = drift.end_time or review.now
             if motion is not None:
                 self._add_motion_facts(review, motion)
             if WatchedQuantity.OSCILLATION in review.facts:
@@ -853,8 +877,8 @@ class Watchdog:
 
         Oscillation and motors at their limits are judged by attitude and motor outputs. To see an oscillation (a limit
         cycle), these must also come at half of ``MIN_STREAM_RATE`` at least; a motor at its limit shows in any
-        ``MIN_LIMIT_SAMPLES`` of the last seconds. Vibration, battery, estimator and the autopilot's warnings each need
-        a status message, which must have come within the last ``MEMORY_SECONDS``, and the tracking setpoints of the
+        ``MIN_LIMIT_SAMPLES`` of the last seconds. Vibration, battery, estimator, drift and the autopilot's warnings
+        each need a message, which must have come within the last ``MEMORY_SECONDS``, and the tracking setpoints of the
         attitude. A battery that the light on the power cannot judge is not watched either.
 
         Args:
@@ -882,6 +906,7 @@ class Watchdog:
             WatchedQuantity.BATTERY: BATTERY_MESSAGES,
             WatchedQuantity.ESTIMATOR: tuple(ESTIMATOR_FLAG_MESSAGES),
             WatchedQuantity.WARNINGS: ("HEARTBEAT",),
+            WatchedQuantity.DRIFT: ("LOCAL_POSITION_NED",),
         }
         for kind, names in needed_messages.items():
             if not received.intersection(names):

@@ -342,6 +342,18 @@ def _require_usable(motion: _FlightMotion, stuck_seconds: float) -> None:
         raise NotLearnable(NoWind.NOT_MEASURED, name="velocity")
 
 
+def horizontal_velocity(telemetry: Telemetry) -> TimeSeries | None:
+    """Returns the velocity over ground (N, 2), north and east, m/s; None if it was not recorded.
+
+    Args:
+        telemetry: messages of the vehicle.
+    """
+    motion = _ground_motion(telemetry)
+    if motion is None:
+        return None
+    return TimeSeries(motion.time, motion.boot, motion.values[:, HORIZONTAL])
+
+
 def _ground_motion(telemetry: Telemetry) -> TimeSeries | None:
     """Returns the velocity over ground and the height, from the preferred message that was recorded.
 

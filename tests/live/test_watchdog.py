@@ -403,6 +403,7 @@ def test_what_is_watched_is_always_shown():
         WatchedQuantity.MOTORS,
         WatchedQuantity.OSCILLATION,
         WatchedQuantity.WARNINGS,
+        WatchedQuantity.DRIFT,
     } == {what for what, fact in found.items() if fact.code is WatchFact.WATCHED} - {
         WatchedQuantity.MOTOR_LIMITS
     }

@@ -6,6 +6,7 @@ from typing import Any
 from mavdem.assessment.condition import Condition
 from mavdem.assessment.evidence import Evidence
 from mavdem.facts import Fact, Level
+from mavdem.facts.ending import MotionEvent
 from mavdem.facts.sources import Repair
 from mavdem.facts.wind import WindLight
 from mavdem.ingest.telemetry import Parameters, Telemetry
@@ -20,6 +21,8 @@ MAX_LEAN_SHARE = 0.5
 def wind_light(evidence: Evidence, estimator: Fact) -> Fact:
     """Returns the mean wind with its interval; unknown if the flight does not identify its speed.
 
+    A wind that carried the vehicle away is the light, whatever its speed.
+
     The wind is estimated from how far the vehicle leans to hold its position. The level is "watch" if that takes more
     than ``MAX_LEAN_SHARE`` of the largest allowed lean, or if the estimator is bad, whose velocity the estimate needs.
     It is "unknown", with the figures of the estimate, if part of the lean may have another cause than wind.
@@ -29,11 +32,15 @@ def wind_light(evidence: Evidence, estimator: Fact) -> Fact:
         estimator: the fact of the light "estimator", which judges the state estimator.
 
     Returns:
-        A fact whose level is the colour of the light: good, watch, bad or unknown. It has ``speed``, its interval
-        ``low`` to ``high`` (m/s), ``direction``, None if that is not identified, and the ``share`` of the lean.
+        A fact whose level is the colour of the light: good, watch, bad or unknown. That of a known wind has ``speed``,
+        its interval ``low`` to ``high`` (m/s), ``direction``, None if that is not identified, and the ``share`` of the
+        lean.
     """
     if evidence.other_vehicle is not None:
         return evidence.other_vehicle
+    drifts = [event for event in evidence.events if event.code is MotionEvent.CARRIED_AWAY]
+    if drifts:
+        return max(drifts, key=lambda drift: drift.figures["distance"])
     wind = evidence.wind.estimate
     if wind is None:
         return Fact(WindLight.WIND_NOT_KNOWN, reason=evidence.wind.reason)

@@ -1,0 +1,258 @@
+"""Wind that carries a vehicle away, as facts (coded findings): it leans as far as it may against its motion in vain.
+
+Braking looks the same, but is over soon: at a lean of 40° a vehicle loses 8 m/s each second. Logs and live flights are
+judged by the same detector, sample by sample.
+"""
+
+from collections import deque
+from collections.abc import Iterator
+from dataclasses import dataclass
+from math import acos, cos, hypot, inf, radians, sin
+from statistics import fmean
+from typing import NamedTuple
+
+import numpy as np
+
+from mavdem.assessment.flights import RECOVERY_SECONDS, merge_close
+from mavdem.assessment.lights.wind import lean_limit
+from mavdem.containers import Numbers
+from mavdem.dataset.axes import AXES
+from mavdem.dataset.intervals import TimeInterval, in_intervals
+from mavdem.dataset.time_series import series_of_boot
+from mavdem.facts import Fact
+from mavdem.facts.ending import MotionEvent
+from mavdem.ingest.telemetry import Parameters, last_values
+from mavdem.wind_velocity.from_log import horizontal_velocity
+from mavdem.witnesses.boot_sensors import BootSensors
+
+USUAL_LEAN_LIMIT = radians(45.0)
+"""Largest lean where its parameter is not known, rad: the default of MPC_TILTMAX_AIR and ANGLE_MAX."""
+
+LIMIT_SHARE = 0.9
+"""Share of the largest lean from which on a vehicle has no lean left against the wind: a choice."""
+
+MAX_LIMIT_SHARE = 1.2
+"""Mean lean over the largest that the autopilot commands, beyond which something else than wind leans the vehicle."""
+
+MIN_DRIFT_SPEED = 0.5
+"""Least speed against the thrust that counts as motion, m/s: estimates of the velocity err by less."""
+
+SAMPLE_PERIOD = 0.1
+"""Least time between two samples that are used, s: a choice."""
+
+MAX_SAMPLE_GAP = 0.6
+"""Longest usual time between two velocities, s, since they come twice a second or faster.
+
+The samples of ``DRIFT_SECONDS`` may span so much less than that at each end. Gaps between them are not judged.
+"""
+
+DRIFT_SECONDS = 5.0
+"""Time over which lean and speed against the thrust are averaged until wind is said to carry the vehicle away, s.
+
+Braking at 40° for so long would take 40 m/s away: what still moves was not braking.
+"""
+
+
+class DriftSample(NamedTuple):
+    """Lean and motion at one time."""
+
+    time: float
+    """Time on the boot clock, s."""
+
+    lean: float
+    """Angle between the thrust and the vertical, rad."""
+
+    opposing_speed: float
+    """Horizontal speed against the thrust, m/s."""
+
+
+def drift_sample(time: float, angles: Numbers, velocity: Numbers) -> DriftSample:
+    """Returns the lean of an attitude, and the part of a velocity against it.
+
+    Args:
+        time: time on the boot clock, s.
+        angles: roll, pitch and yaw, rad.
+        velocity: north and east, m/s.
+    """
+    roll, pitch, yaw = angles
+    north, east = velocity
+    lean = acos(min(max(cos(roll) * cos(pitch), -1.0), 1.0))
+    # The horizontal part of the thrust, which points against the body's downward axis.
+    thrust_north = -(cos(yaw) * sin(pitch) * cos(roll) + sin(yaw) * sin(roll))
+    thrust_east = -(sin(yaw) * sin(pitch) * cos(roll) - cos(yaw) * sin(roll))
+    thrust = hypot(thrust_north, thrust_east)
+    opposing_speed = 0.0
+    if thrust > 0:
+        opposing_speed = -(north * thrust_north + east * thrust_east) / thrust
+    return DriftSample(time, lean, opposing_speed)
+
+
+@dataclass
+class _DriftTotals:
+    """Sums over the samples of one drift."""
+
+    start_time: float
+    """Time of its first sample, s on the boot clock."""
+
+    latest_time: float = -inf
+    """Time of its latest sample, s on the boot clock."""
+
+    count: int = 0
+    """Number of samples."""
+
+    lean: float = 0.0
+    """Sum of their leans, rad."""
+
+    opposing_speed: float = 0.0
+    """Sum of their speeds against the thrust, m/s."""
+
+    def add(self, sample: DriftSample) -> None:
+        """Adds a sample, unless it was added before."""
+        if sample.time > self.latest_time:
+            self.latest_time = sample.time
+            self.count += 1
+            self.lean += sample.lean
+            self.opposing_speed += sample.opposing_speed
+
+
+class WindDriftDetector:
+    """Finds in which times of a flight wind carries the vehicle away, sample by sample."""
+
+    def __init__(self, boot: int = 0) -> None:
+        """Begins without a sample; ``boot`` is the number of the boot, which the events state."""
+        self._boot = boot
+        # The samples of the last ``DRIFT_SECONDS``.
+        self._samples: deque[DriftSample] = deque()
+        # The latest drift, None before any; and when it ended, s on the boot clock, None while it lasts.
+        self._drift: _DriftTotals | None = None
+        self._end_time: float | None = None
+
+    @property
+    def latest(self) -> Fact | None:
+        """The latest drift as an event, without an end while it lasts; None before any.
+
+        Its figures are means over the drift: ``lean``, rad, and ``speed`` against the thrust, m/s, with the
+        ``distance`` that this makes, m.
+        """
+        drift = self._drift
+        if drift is None:
+            return None
+        mean_speed = drift.opposing_speed / drift.count
+        return Fact(
+            MotionEvent.CARRIED_AWAY,
+            time=drift.start_time,
+            end_time=self._end_time,
+            lean=drift.lean / drift.count,
+            speed=mean_speed,
+            distance=mean_speed * (drift.latest_time - drift.start_time),
+            boot=self._boot,
+        )
+
+    @property
+    def _is_drifting(self) -> bool:
+        """Whether the latest drift lasts."""
+        return self._drift is not None and self._end_time is None
+
+    def add_sample(self, sample: DriftSample, parameters: Parameters) -> None:
+        """Takes the next sample of the flight; one that follows another too closely is not used.
+
+        Args:
+            sample: lean and motion in flight.
+            parameters: parameters of the vehicle that are known, of which one limits the lean.
+        """
+        samples = self._samples
+        if samples and sample.time < samples[-1].time + SAMPLE_PERIOD:
+            return
+        samples.append(sample)
+        while samples[0].time < sample.time - DRIFT_SECONDS:
+            samples.popleft()
+        if not self._shows_drift(parameters):
+            self.end(sample.time)
+        elif self._is_drifting:
+            assert self._drift is not None
+            self._drift.add(sample)
+        elif sample.opposing_speed >= MIN_DRIFT_SPEED:
+            # What has come to rest in the end was braking.
+            self._begin()
+
+    def _shows_drift(self, parameters: Parameters) -> bool:
+        """Returns whether the vehicle has leaned as far as it may for ``DRIFT_SECONDS``, and moved against its thrust.
+
+        Args:
+            parameters: parameters of the vehicle that are known.
+        """
+        samples = self._samples
+        if samples[-1].time - samples[0].time < DRIFT_SECONDS - 2 * MAX_SAMPLE_GAP:
+            return False
+        lean_share = fmean(sample.lean for sample in samples) / _largest_lean(parameters)
+        mean_speed = fmean(sample.opposing_speed for sample in samples)
+        return LIMIT_SHARE <= lean_share <= MAX_LIMIT_SHARE and mean_speed >= MIN_DRIFT_SPEED
+
+    def _begin(self) -> None:
+        """Begins a drift with the latest samples, or continues one that ended within ``RECOVERY_SECONDS`` before."""
+        start_time = self._samples[0].time
+        is_over = self._end_time is not None and start_time - self._end_time >= RECOVERY_SECONDS
+        if self._drift is None or is_over:
+            self._drift = _DriftTotals(start_time)
+        self._end_time = None
+        for sample in self._samples:
+            self._drift.add(sample)
+
+    def end(self, time: float) -> None:
+        """Ends the drift, if one lasts, at a time on the boot clock, s."""
+        if self._is_drifting:
+            self._end_time = time
+
+
+def _largest_lean(parameters: Parameters) -> float:
+    """Returns the largest lean that the autopilot commands, rad; the usual one if no known parameter limits it."""
+    return lean_limit(parameters) or USUAL_LEAN_LIMIT
+
+
+def wind_drifts(sensors: BootSensors, flight_interval: TimeInterval) -> Iterator[Fact]:
+    """Yields an event for each time in a flight in which wind carried the vehicle away.
+
+    Args:
+        sensors: sensors of the boot.
+        flight_interval: start and end of the flight, s since boot.
+
+    Yields:
+        The events of a :class:`WindDriftDetector`; none of a vehicle whose velocity or yaw was not recorded.
+    """
+    signals, boot = sensors.signals, sensors.boot
+    velocity = series_of_boot(horizontal_velocity(signals.telemetry), boot)
+    if velocity is None:
+        return
+    velocity = velocity.within(flight_interval)
+    columns = []
+    for attitude in signals.attitudes:
+        angle = series_of_boot(attitude.angle_series, boot)
+        if angle is not None:
+            # As live, an attitude holds until the next one.
+            columns.append(last_values(velocity.time, angle.time, angle.values))
+    if len(columns) < len(AXES):
+        return
+    # Only times around a lean near the limit can show a drift. Most flights have none, and are not searched.
+    parameters = signals.telemetry.parameters
+    roll, pitch, _ = columns
+    is_leaned = np.cos(roll) * np.cos(pitch) <= np.cos(LIMIT_SHARE * _largest_lean(parameters))
+    moments = [(time, time) for time in velocity.time[is_leaned].tolist()]
+    around_lean = [
+        (start - DRIFT_SECONDS, end + DRIFT_SECONDS)
+        for start, end in merge_close(moments, 2 * DRIFT_SECONDS)
+    ]
+    rows = np.flatnonzero(in_intervals(velocity.time, around_lean))
+    times = velocity.time[rows].tolist()
+    angles = np.column_stack(columns)[rows].tolist()
+    velocities = velocity.values[rows].tolist()
+    detector = WindDriftDetector(boot)
+    events = {}
+    for sample in map(drift_sample, times, angles, velocities):
+        detector.add_sample(sample, parameters)
+        if detector.latest is not None:
+            events[detector.latest.start_time] = detector.latest
+    if detector.latest is not None:
+        # What lasts at the end of the flight ends with it.
+        detector.end(times[-1])
+        events[detector.latest.start_time] = detector.latest
+    yield from events.values()

@@ -1,0 +1,93 @@
+"""A vehicle that wind carries away, and one that only brakes; a log and a live flight are judged the same."""
+
+from dataclasses import dataclass
+from math import radians
+
+import numpy as np
+from hover import Hover
+from live_hover import Flight, replay
+from mavlink_streams import read, tlog
+from pytest import approx, mark
+
+from mavdem.assessment.assess import assess
+from mavdem.assessment.wind_drifts import WindDriftDetector, drift_sample
+from mavdem.facts import Level
+from mavdem.facts.ending import MotionEvent
+from mavdem.facts.lights import Light
+from mavdem.facts.session import SessionFact
+from mavdem.facts.watch import WatchFact
+
+
+def drift_of(roll_degrees, east, yaw=0.0, **parameters):
+    """The drift in ten seconds with a roll and a velocity that each are constant or a series; None without one."""
+    detector = WindDriftDetector()
+    times = np.arange(100.0, 110.0, 0.25)
+    rolls = np.broadcast_to(np.radians(roll_degrees), times.shape)
+    velocities = np.broadcast_to(east, times.shape)
+    for time, roll, velocity in zip(times, rolls, velocities, strict=True):
+        detector.add_sample(drift_sample(time, (roll, 0.0, yaw), (0.0, velocity)), parameters)
+    return detector.latest
+
+
+def test_a_vehicle_that_moves_against_its_thrust_is_carried_away():
+    drift = drift_of(45.0, -2.0)
+    assert drift.level is Level.BAD and drift.time == 100.0 and drift.end_time is None
+    assert drift.figures["distance"] == approx(19.5)
+    assert drift.sentence == (
+        "Wind carries the vehicle away since 100 s: it leans 45° against its motion, as far as it may, and still moves "
+        "at 2.0 m/s, 20 m so far."
+    )
+
+
+@mark.parametrize(
+    "roll, east, yaw, parameters",
+    [
+        (45.0, 8.0, 0.0, {}),  # it flies where it leans to
+        (45.0, -0.1, 0.0, {}),  # it holds its place
+        (45.0, -2.0, radians(180.0), {}),
+        (25.0, -2.0, 0.0, {}),  # lean is left
+        (45.0, np.minimum(-16.0 + 8.0 * np.arange(0.0, 10.0, 0.25), 0.0), 0.0, {}),  # it brakes
+        (45.0, -2.0, 0.0, {"ANGLE_MAX": 6000.0}),
+    ],
+)
+def test_what_is_not_carried_away(roll, east, yaw, parameters):
+    assert drift_of(roll, east, yaw, **parameters) is None
+
+
+def test_a_limit_that_is_known_counts():
+    assert drift_of(25.0, -2.0, ATC_ANGLE_MAX=25.0) is not None
+
+
+@dataclass(frozen=True)
+class BlownFlight(Flight):
+    """A flight that leans 44° to the right from 13 s to 23 s, and moves to the left at 3 m/s."""
+
+    def _attitude(self, start, end):
+        for time, name, values in super()._attitude(start, end):
+            roll = radians(44.0) if 13.0 <= time < 23.0 else 0.0
+            yield time, name, values | {"roll": roll, "rollspeed": 0.0, "pitch": 0.0}
+
+    def _climb(self, start, end):
+        for time, name, values in super()._climb(start, end):
+            yield time, name, values | {"vy": -3.0 if 13.0 <= time < 23.0 else 0.1}
+
+
+def test_a_log_and_a_live_flight_are_judged_the_same():
+    frames = BlownFlight(Hover(hovering=30.0), attitude=20.0, motors=20.0).frames(end=64.0)
+    live = replay(frames)
+    [alarm] = [fact for fact in live.facts if fact.code is SessionFact.ALARM]
+    [over] = [fact for fact in live.facts if fact.code is WatchFact.ALARM_OVER]
+    drift = over.figures["reason"]
+    assert alarm.advised.endswith(
+        "Descend to where the wind is weaker, and land. Fly in less wind."
+    )
+    assert alarm.time == approx(13.0 + 5.0, abs=2.0) and over.time == approx(23.5, abs=1.0)
+    # After the landing the light still says that it was so.
+    status = live.stream.status()
+    assert not status.is_flying and status.overall_judgement.headline.level is Level.BAD
+    assert status.worst_lights[Light.WIND].level is Level.BAD
+
+    judged = assess(read(tlog(content for _, content in frames)))
+    [event] = [fact for fact in judged.evidence.events if fact.code is MotionEvent.CARRIED_AWAY]
+    assert event.end_time == drift.end_time and event.figures == approx(drift.figures)
+    assert judged.lights[Light.WIND] == event and judged.judgement.headline == event

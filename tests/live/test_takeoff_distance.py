@@ -1,0 +1,68 @@
+"""How far a live vehicle is from the place of its take-off."""
+
+from unittest.mock import Mock
+
+import numpy as np
+from hover import Hover
+from live_hover import Flight, by_time, replay
+from mavlink_streams import message
+from pytest import approx
+
+from mavdem.assessment.wind_drifts import drift_sample
+from mavdem.live.session_status import SessionStatus
+from mavdem.live.vehicle_state import VehicleState
+from mavdem.report.live import vehicle_text
+
+
+class Unplaced(Flight):
+    """A flight that sends no position: the test does."""
+
+    def _climb(self, start, end):
+        return []
+
+
+def test_distance_and_height_from_the_take_off_are_shown_in_flight(monkeypatch):
+    judged = Mock(wraps=drift_sample)
+    monkeypatch.setattr("mavdem.live.stream.drift_sample", judged)
+    hover = Hover(hovering=8.0)
+    positions = [
+        (
+            time,
+            message(
+                "LOCAL_POSITION_NED",
+                time_boot_ms=round(1e3 * time),
+                x=3.0,
+                y=4.0 * moved,
+                z=-2.0 * moved,
+                vx=1.5,
+                vy=-2.0,
+                vz=9.0,
+            ),
+        )
+        for time, moved in ((5.2, 0.0), (5.4, 0.0), (12.0, 5.0), (12.3, 5.0), (12.6, 5.0))
+    ]
+    flight = Unplaced(hover, attitude=20.0, motors=20.0).frames(end=12.8)
+    status = replay(by_time(flight, positions)).stream.status()
+    assert status.is_flying and status.from_takeoff == (approx(20.0), approx(10.0))
+    # The drift in wind is judged by the velocity north and east of the same messages.
+    assert {call.args[2] for call in judged.call_args_list} == {(1.5, -2.0)}
+    shown = vehicle_text(
+        SessionStatus(
+            "1:1",
+            is_flying=True,
+            state=VehicleState(),
+            position=(3.0, 20.4, -12.0),
+            takeoff_position=(3.0, 0.0, -1.7),
+        )
+    )
+    assert shown.startswith("1:1, in flight 20 m from the take-off and 10 m above it, battery")
+
+
+def test_no_distance_is_shown_where_the_take_off_was_not_seen():
+    flight = Unplaced(Hover(hovering=20.0), attitude=20.0, motors=20.0).frames(start=12.0, end=19.0)
+    positions = [
+        (time, message("LOCAL_POSITION_NED", time_boot_ms=round(1e3 * time), x=3.0, y=time))
+        for time in np.arange(12.0, 19.0, 0.5).tolist()
+    ]
+    status = replay(by_time(flight, positions)).stream.status()
+    assert status.is_flying and status.from_takeoff is None
