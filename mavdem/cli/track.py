@@ -187,7 +187,9 @@ def track_command(
 
         print_json(track_document(out, pages.index, tracked, counts, differences, names.vehicles))
     else:
-        _print_fleet(tracked, pages, differences, blocks_by_vehicle)
+        _print_fleet(
+            tracked, pages, differences, blocks_by_vehicle, has_new_baseline=bool(baseline)
+        )
         _report_index_and_table(out, pages.index)
     if unknown_name is not None:
         # The serial number may belong to a log that had to be read first. What was read is stored and reported.
@@ -378,6 +380,8 @@ def _print_fleet(
     pages: FleetPages,
     differences: "BaselineDifferences",
     blocks_by_vehicle: BlocksByVehicle,
+    *,
+    has_new_baseline: bool,
 ) -> None:
     """Prints the number of logs, the table of the fleet's vehicles, and the changes since each one's baseline.
 
@@ -386,6 +390,7 @@ def _print_fleet(
         pages: The written pages, with their contents.
         differences: The first row of the latest flight of each vehicle, and its difference from the baseline.
         blocks_by_vehicle: These differences as sentences, by the vehicle's name.
+        has_new_baseline: Whether this run has named the baseline; otherwise one of an earlier run is stated.
     """
     unused_files = {row.file for summary in pages.summaries for row in summary.unused}
     print_to_stdout(
@@ -400,7 +405,16 @@ def _print_fleet(
     for vehicle, blocks in blocks_by_vehicle.items():
         print_blocks([headline_sentence(f"{labels[vehicle]}:"), *blocks])
     others = [label for vehicle, label in labels.items() if vehicle not in blocks_by_vehicle]
-    print_blocks(render_section("fleet_without_baseline", vehicles=abbreviated_list(others)))
+    baseline_logs = sorted({PurePath(row.file).name for row in tracked.healthy})
+    print_blocks(
+        render_section(
+            "fleet_without_baseline",
+            vehicles=abbreviated_list(others),
+            is_kept=bool(tracked.healthy) and not has_new_baseline,
+            flights=len({(row.file, row.key) for row in tracked.healthy}),
+            logs=abbreviated_list(baseline_logs),
+        )
+    )
 
 
 def _report_index_and_table(folder: Path, index: Path) -> None:

@@ -78,7 +78,9 @@ class VehicleDifference(NamedTuple):
 
     @property
     def is_of_same_flight(self) -> bool:
-        """Whether both states are the same flight: conditions and all quantities are equal to the last digit."""
+        """Whether both states are the same flights: their number, conditions and all quantities are equal, exactly."""
+        if self.flights.before != self.flights.after:
+            return False
         before, after = self.conditions
         has_differences = any(change.difference != 0 for change in self.changes)
         return before.collective is not None and before == after and not has_differences

@@ -1,4 +1,4 @@
-"""Finding runs of records that follow each other in a file without a gap, for a part of the file at once.
+"""Finding runs of records (records that follow each other in a file without a gap), for many records at once.
 
 A log is a chain: the length of a record gives the offset of the next one. Following it record by record costs more than
 decoding all of them. Here every place that looks like the beginning of a record is found by comparing arrays, and those
@@ -46,7 +46,7 @@ class RecordRun(NamedTuple):
 
 
 class RecordRuns:
-    """Finds runs of records in a file, by searching one range of offsets after the other."""
+    """Finds runs of records (records without a gap between them) in a file, range by range of its offsets."""
 
     def __init__(
         self, content: FileContent, find_records: Callable[[int, int], PossibleRecords]
@@ -66,29 +66,32 @@ class RecordRuns:
         self._search_bytes = MIN_SEARCH_BYTES
         self._starts: Offsets = np.zeros(0, dtype=np.int64)
         self._ends: Offsets = self._starts
-        self._last_rows: Offsets = self._starts
+        # For each possible record of the searched range, the row of the last record of its run.
+        self._last_row_of_run: Offsets = self._starts
 
-    def run_at(self, position: int, end: int) -> RecordRun | None:
-        """Returns the records that follow each other without a gap from an offset to the end of the searched range.
+    def run_at(self, offset: int, end: int) -> RecordRun | None:
+        """Returns the records that follow each other without a gap from an offset on, as far as the file was searched.
 
-        The file is searched only as far as needed, each time twice as many bytes as the time before.
+        The file is searched range by range, since comparing arrays is fast only for many records at once. If the offset
+        is not in the range that was searched last, a new range is searched that begins there. Each range is twice as
+        long as the one before, up to ``MAX_SEARCH_BYTES``.
 
         Args:
-            position: Offset of the first record.
+            offset: Offset of the first record, bytes.
             end: Offset from which on no record begins.
 
         Returns:
-            The run; None if no record begins at ``position``. The last record may go beyond ``end``.
+            The run, whose last record may go beyond ``end``; None if no record begins at ``offset``.
         """
-        is_searched = self._searched.start <= position < self._searched.stop <= end
-        if not is_searched:
-            self._search(slice(position, min(position + self._search_bytes, end)))
+        is_in_searched_range = self._searched.start <= offset < self._searched.stop
+        if not is_in_searched_range or self._searched.stop > end:
+            self._search(slice(offset, min(offset + self._search_bytes, end)))
             self._search_bytes = min(2 * self._search_bytes, MAX_SEARCH_BYTES)
-        row = int(np.searchsorted(self._starts, position))
-        if row == len(self._starts) or self._starts[row] != position:
+        first_row = int(np.searchsorted(self._starts, offset))
+        if first_row == len(self._starts) or self._starts[first_row] != offset:
             return None
-        last_row = int(self._last_rows[row])
-        return RecordRun(self._starts[row : last_row + 1], int(self._ends[last_row]))
+        last_row = int(self._last_row_of_run[first_row])
+        return RecordRun(self._starts[first_row : last_row + 1], int(self._ends[last_row]))
 
     def discard_search(self) -> None:
         """Discards what was found, since a new definition changes what looks like a record."""
@@ -96,21 +99,22 @@ class RecordRuns:
         self._search_bytes = MIN_SEARCH_BYTES
 
     def _search(self, offsets: slice) -> None:
-        """Finds the possible records of a range and, for each, the last row of the run to which it belongs.
+        """Finds what looks like a record in a range of the file and, for each, the last record of its run.
 
-        A run ends with a record after whose last byte no other record begins. The results replace those of the range
-        searched before.
+        The results replace those of the range that was searched before.
 
         Args:
             offsets: Range of offsets at which records may begin.
         """
         self._searched = offsets
         self._starts, self._ends = self._find_records(offsets.start, offsets.stop)
-        ends_run = np.ones(len(self._starts), dtype=np.bool_)
-        ends_run[:-1] = self._ends[:-1] != self._starts[1:]
-        # The index of a row's run is the number of runs that end before the row.
-        run_of_row: Offsets = np.cumsum(ends_run) - ends_run
-        self._last_rows = np.flatnonzero(ends_run)[run_of_row]
+        # A record is the last of its run unless the next one begins where it ends.
+        is_last_of_run = np.ones(len(self._starts), dtype=np.bool_)
+        is_last_of_run[:-1] = self._starts[1:] != self._ends[:-1]
+        last_rows = np.flatnonzero(is_last_of_run)
+        # For each record: the first of these rows that does not precede it.
+        rows = np.arange(len(self._starts))
+        self._last_row_of_run = last_rows[np.searchsorted(last_rows, rows)]
         # The pages of a mapped file remain in memory until they are released.
         self._resident_bytes += offsets.stop - offsets.start
         if self._resident_bytes >= RESIDENT_BYTES:

@@ -103,7 +103,7 @@ def headline_of_comparison(
         The sentences with their leads.
     """
     if difference.is_of_same_flight:
-        return render_section("difference_same_flight")
+        return render_section("difference_same_flight", flights=difference.flights.before)
     differing_lights = _lights_bad_on_one_side(reviews)
     light_sentences = [
         Sentence(light.text, f"{light.name.capitalize()}:") for light in differing_lights

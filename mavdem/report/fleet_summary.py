@@ -13,7 +13,7 @@ from mavdem.fleet.flights import HEALTHS
 from mavdem.fleet.names import NO_NAMES, GivenNames
 from mavdem.fleet.row import UNKNOWN
 from mavdem.report.blocks import Blocks, Table
-from mavdem.report.fleet import MAX_URGENT_RANK, truncated, vehicle_label
+from mavdem.report.fleet import MAX_URGENT_RANK, TROUBLED_HEALTHS, truncated, vehicle_label
 from mavdem.report.numbers import abbreviated_list, listed
 from mavdem.report.templates import as_clause, capitalize_first, render_section
 from mavdem.report.vehicle_summary import UnusedRow, VehicleFlights, VehicleSummary
@@ -56,6 +56,17 @@ def fleet_blocks(
         Sentences and the table.
     """
     vehicles = vehicles_with_section(summaries)
+    # Of a shared name only the health of the motors is that of one vehicle: a bad flight under it counts as a flight.
+    several = {
+        summary.name
+        for summary in summaries
+        if summary.has_shared_name
+        and summary.name in vehicles
+        and vehicles[summary.name].health not in TROUBLED_HEALTHS
+    }
+    vehicles_of_headline = {
+        name: vehicle for name, vehicle in vehicles.items() if name not in several
+    }
     # Vehicles whose logs name them, those among them whose motors no flight judges, and flights of other vehicles.
     named_count = 0
     unjudged_count = 0
@@ -69,16 +80,23 @@ def fleet_blocks(
                 unjudged_count += 1
     blocks = render_section(
         "fleet",
-        health=_health_summary(vehicles, names),
+        health=_health_summary(vehicles_of_headline, names),
         vehicles=named_count,
         names_vehicles=names_vehicles,
         # Otherwise some of the vehicles in the headline are flights under a shared name.
-        are_all_named=named_count == len(vehicles),
+        are_all_named=named_count == len(vehicles_of_headline),
         flown=_flown_summary(summaries),
         duplicate_logs=sum(summary.flown.duplicates for summary in summaries),
         unjudged=unjudged_count,
         unnamed_flights=unnamed_flights,
-        bad_unnamed_flights=_count_bad_unnamed_flights(summaries, vehicles),
+        bad_unnamed_flights=_count_bad_unnamed_flights(summaries, vehicles_of_headline),
+        bad_names=abbreviated_list(
+            [
+                f"{name}: {as_clause(vehicles[name].texts.latest_flight)}"
+                for name in sorted(several)
+                if vehicles[name].last.badge_level is Level.BAD
+            ]
+        ),
     )
     unused = [row for summary in summaries for row in summary.unused if row.is_first]
     return [*blocks, *_unused_blocks(unused)]
@@ -95,7 +113,8 @@ def _count_bad_unnamed_flights(
 
     Args:
         summaries: summary of the flights under each name.
-        vehicles: summary of each vehicle that has a section of the page, by its name.
+        vehicles: summary of each vehicle that the headline counts, by its name, among them shared names whose motors
+            are in trouble.
     """
     count = 0
     for summary in summaries:

@@ -94,6 +94,7 @@ def test_a_vehicle_that_cannot_be_chosen_is_refused_with_those_that_can(
 def test_logs_are_read_and_a_log_without_a_flight_says_why(monkeypatch, tmp_path, capsys):
     rows = {
         "a.bin": flown("alpha", [0], system=4, collective=0.4),
+        "two.bin": flown("alpha", [0, 1], system=4, collective=0.4),
         "b.bin": [FlightRow(file="b.bin", status="It is empty.")],
         "c.bin": flown("alpha", [1], trim_share_interval=(0.2,) * 4),
     }
@@ -101,12 +102,15 @@ def test_logs_are_read_and_a_log_without_a_flight_says_why(monkeypatch, tmp_path
     assert run("diff", "a.bin", "a.bin", "--vehicle", "4:1") == 0
     sentence, _page, rest = capsys.readouterr().out.split("\n\n")
     assert sentence == "A and B are the same flight: name another to compare it with." and not rest
+    assert run("diff", "two.bin", "two.bin", "--vehicle", "4:1", "--out", "two") == 0
+    sentence = capsys.readouterr().out.partition("\n")[0]
+    assert sentence == "A and B are the same 2 flights: name others to compare them with."
     assert run("diff", "a.bin", "c.bin", "--vehicle", "alpha") == 0
     assert "No compared figure changed significantly." in capsys.readouterr().out
     for _ in range(2):
         assert run("diff", "a.bin", "other/c.bin", "--vehicle", "alpha") == 0
         assert "a_and_c-2/diff.html" in capsys.readouterr().out
-    assert {path.name for path in Path().iterdir()} == {"a_and_a", "a_and_c", "a_and_c-2"}
+    assert {path.name for path in Path().iterdir()} == {"a_and_a", "two", "a_and_c", "a_and_c-2"}
     said = refused(capsys, 1, "diff", "a.bin", "b.bin")
     assert "B has no flight with figures. It is empty." in said
 

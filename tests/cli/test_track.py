@@ -47,6 +47,12 @@ def test_a_fleet_in_one_command(tmp_path, capsys, monkeypatch):
     first_line = "2 logs, 1 of them read now; 1 in the table without a flight; copies count once."
     assert written.out.startswith(first_line)
     assert page.is_file() and "index.html" in written.err
+    log = flights / "ardupilot_default_rates.tlog"
+    assert run("track", flights, "--out", out, "--baseline", log) == 0
+    assert "of an earlier run" not in capsys.readouterr().out
+    assert run("track", flights, "--out", out) == 0
+    kept = "Baseline: 1 flight of an earlier run, since no --baseline was given: "
+    assert kept + log.name in " ".join(capsys.readouterr().out.split())
     # Logs without a flight are no success.
     assert run("track", damaged, "--out", tmp_path / "none", "--jobs", "1") == 1
     assert "without the topics of a flight" in capsys.readouterr().out

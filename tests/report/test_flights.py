@@ -19,7 +19,7 @@ from mavdem.report.difference import (
     headline_of_comparison,
     next_blocks,
 )
-from mavdem.report.fleet import vehicle_health, vehicle_words
+from mavdem.report.fleet import vehicle_health, vehicle_texts
 from mavdem.report.flight_lines import COLUMNS, flight_line
 from mavdem.report.vehicle_summary import summaries_of
 
@@ -91,7 +91,7 @@ def test_a_repaired_vehicle_says_that_later_flights_show_nothing():
         [flight_row("quad", 1)],
     ]
     assert vehicle_health(flights) == "ok"
-    words = vehicle_words(flights).difference
+    words = vehicle_texts(flights).all_flights
     # That a motor is weak, whichever it is: the row has no probability of this motor.
     assert (
         "motor 1 (probability of a fault 0.99)" in words
@@ -142,11 +142,15 @@ def test_flights_by_a_system_id_are_no_vehicle_until_they_are_judged_as_one():
     text = plain_text(fleet_blocks(rows))
     assert "2 flights whose logs do not name a vehicle" in text and "of 1 vehicle" not in text
     assert fleet_counts(rows)["vehicles"] == 0
+    # A bad flight under such a name is counted once, as a flight.
+    fell = replace(rows[1], headline="It fell.", headline_level="bad")
+    text = plain_text(fleet_blocks([rows[0], fell, flight_row("quad", 0)]))
+    assert text.startswith("1 bad flight whose vehicle is not known needs a look: px4-1: it fell.")
     judged = [replace(row, health="fault") for row in rows]
     text = plain_text(fleet_blocks([*judged, flight_row("quad", 0)]))
     assert "1 needs a look: px4-1 (fault)" in text and "2 flights whose logs" in text
     assert "3 flights of 1 vehicle and of unknown ones" in text
-    assert "these may be several" in vehicle_words([[row] for row in judged]).difference
+    assert "these may be several" in vehicle_texts([[row] for row in judged]).all_flights
 
 
 def flown(number, vehicle="quad", **changed):

@@ -1,4 +1,4 @@
-"""Checksums of MAVLink frames: of a single one, or of all frames in a block of a stream at once.
+"""Checksums of MAVLink frames (CRC-16/MCRF4XX): of a single frame, or of all frames in a block of a stream at once.
 
 MAVLink uses CRC-16/MCRF4XX (X.25): register reflected, polynomial 0x8408, starting with 0xFFFF. A CRC is linear over
 GF(2). So the register after some bytes is the XOR of two parts: the register that these bytes alone give, starting with
@@ -57,65 +57,64 @@ def registers_after(registers: Registers, following_bytes: Offsets | Bytes | np.
     return registers >> 8 ^ BYTE_TABLE[(registers ^ following_bytes) & 0xFF]
 
 
-class _Tables(NamedTuple):
-    """What the register becomes, for all of its contents or all values of one of its bytes."""
+class _CrcTables(NamedTuple):
+    """Precomputed results of the CRC, each looked up by what the register holds before."""
 
-    words: Registers
+    two_byte_step: Registers
     """Register (65536,) after two more bytes, by the XOR of the register before with these bytes."""
-    low_byte_shifts: Registers
-    """What a low byte of the register becomes after n zero bytes, by 256 n + byte, up to n = ``ROW_BYTES``."""
-    high_byte_shifts: Registers
-    """The same of a high byte."""
+    low_byte_after_zeros: Registers
+    """Register after n zero bytes if only its low byte was set, at index 256 n + low byte, up to n = ``ROW_BYTES``."""
+    high_byte_after_zeros: Registers
+    """Register after n zero bytes if only its high byte was set, at index 256 n + high byte."""
 
 
 @cache
-def _tables() -> _Tables:
-    """Computes the lookup tables of this module when a block is read for the first time.
-
-    Registers after n + 1 zero bytes are computed from those after n, by one more step of the CRC.
+def _crc_tables() -> _CrcTables:
+    """Computes the lookup tables of the CRC, when a block is read for the first time.
 
     Returns:
         The tables, which are cached.
     """
     zero = np.uint8(0)
     all_registers = np.arange(1 << 16).astype(np.uint16)
-    words = registers_after(registers_after(all_registers, zero), zero)
-    low_bytes = np.arange(BYTE_VALUES, dtype=np.uint16)
-    registers = np.concatenate([low_bytes, low_bytes << 8])
-    shifts = []
-    # Row n has the registers after n zero bytes: of all values of the low byte, then of all values of the high byte.
-    for _ in range(ROW_BYTES + 1):
-        shifts.append(registers)
-        registers = registers_after(registers, zero)
-    shifts_of_low_bytes, shifts_of_high_bytes = np.split(np.array(shifts), 2, axis=1)
-    return _Tables(words, shifts_of_low_bytes.ravel(), shifts_of_high_bytes.ravel())
+    # Two bytes move the register on as two zero bytes move the XOR of the register with these bytes.
+    two_byte_step = registers_after(registers_after(all_registers, zero), zero)
+    byte_values = np.arange(BYTE_VALUES, dtype=np.uint16)
+    # Element n has the registers (256,) after n zero bytes, for each value of the byte that was set.
+    low_bytes: list[Registers] = [byte_values]
+    high_bytes: list[Registers] = [np.left_shift(byte_values, 8)]
+    for _ in range(ROW_BYTES):
+        low_bytes.append(registers_after(low_bytes[-1], zero))
+        high_bytes.append(registers_after(high_bytes[-1], zero))
+    return _CrcTables(two_byte_step, np.concatenate(low_bytes), np.concatenate(high_bytes))
 
 
-def shifted(registers: Registers, zero_bytes: Offsets) -> Registers:
-    """Returns the contents of the checksum's register after a number of zero bytes.
+def registers_after_zero_bytes(registers: Registers, zero_counts: Offsets) -> Registers:
+    """Returns what the 16-bit registers of a CRC hold after a number of zero bytes.
 
-    Since the CRC is linear, the contributions of the low and of the high byte of the register are looked up separately
-    and combined by XOR.
+    A CRC is linear: the result is the XOR of the results for the low byte and for the high byte of the register alone.
+    Both are looked up in precomputed tables.
 
     Args:
-        registers: Contents (N,) of the register, 16 bits.
-        zero_bytes: Number (N,) of zero bytes that follow, at most ``ROW_BYTES``.
+        registers: The registers (N,) before the zero bytes.
+        zero_counts: Number (N,) of zero bytes for each register, at most ``ROW_BYTES``.
 
     Returns:
-        Contents (N,) of the register.
+        The registers (N,) after the zero bytes.
     """
-    tables = _tables()
-    # The tables are flat, with ``BYTE_VALUES`` entries for each number of zero bytes: one index is faster than two.
-    first_of_row = zero_bytes * BYTE_VALUES
-    low_bytes = tables.low_byte_shifts.take(first_of_row + (registers & 0xFF))
-    return low_bytes ^ tables.high_byte_shifts.take(first_of_row + (registers >> 8))
+    tables = _crc_tables()
+    # The tables are flat: the entry of a byte after n zero bytes has the index 256 n + byte.
+    first_indices = zero_counts * BYTE_VALUES
+    from_low_bytes = tables.low_byte_after_zeros.take(first_indices + (registers & 0xFF))
+    from_high_bytes = tables.high_byte_after_zeros.take(first_indices + (registers >> 8))
+    return from_low_bytes ^ from_high_bytes
 
 
 class BlockChecksums:
-    """Computes checksums of pieces of a block of bytes, however many there are, from one pass over the block.
+    """Computes the CRC-16 of many pieces of a block of bytes, from CRC registers that one pass over the block stores.
 
     The block is cut into rows of ``ROW_BYTES``. Step by step, the next two bytes of all rows are taken in at once, and
-    the registers are kept. Every row starts with a register of 0.
+    the registers are stored. Every row starts with a register of 0.
     """
 
     def __init__(self, block: Bytes) -> None:
@@ -128,58 +127,63 @@ class BlockChecksums:
         self._bytes = np.zeros(row_count * ROW_BYTES, dtype=np.uint8)
         self._bytes[: len(block)] = block
         words = self._bytes.view("<u2").reshape(row_count, ROW_BYTES // WORD_BYTES)
-        # The registers are indexed by the number of words that were taken in, then by row.
+        # Element [k, r] is the register of row r after its first k words of two bytes.
         self._registers = np.zeros((words.shape[1] + 1, row_count), dtype=np.uint16)
         registers = self._registers[0]
-        table = _tables().words
+        table = _crc_tables().two_byte_step
         words_of_steps = np.ascontiguousarray(words.T)
         for step_words, step_registers in zip(words_of_steps, self._registers[1:], strict=True):
             registers = table.take(registers ^ step_words)
             step_registers[:] = registers
 
     def checksums(self, first: Offsets, end: Offsets) -> Registers:
-        """Returns the checksums (N,) of pieces of the block.
+        """Returns the CRC-16 of each of N pieces of the block, from the stored registers at their two ends.
 
-        ``tests/ingest/test_checksums.py`` compares them with pymavlink's.
+        A stored register started with 0 at the beginning of its row, but a checksum starts with 0xFFFF at the beginning
+        of the piece. A CRC is linear (an XOR of its inputs is an XOR of its results): two registers that differ by d
+        before a piece differ after it by what d becomes after as many zero bytes. So the difference before the piece is
+        moved on by the length of the piece, and removed by XOR.
+
+        ``tests/ingest/test_checksums.py`` compares the results with pymavlink's.
 
         Args:
-            first: Offset of the first byte of each piece (N,).
-            end: Offset after its last byte (N,), at most ``ROW_BYTES`` later.
+            first: Offset (N,) of the first byte of each piece in the block.
+            end: Offset (N,) after its last byte, at most ``ROW_BYTES`` later.
 
         Returns:
-            CRC-16/MCRF4XX of each piece (N,), 16 bits.
+            CRC-16/MCRF4XX (N,) of each piece, 16 bits.
         """
-        # The kept registers were computed from the beginning of the row, not of the piece. The CRC is linear: if two
-        # registers differ, they differ after the same bytes by this difference, shifted by as many zero bytes. So the
-        # difference at the beginning of the piece is shifted to its end and removed there.
-        difference = self._registers_at(first) ^ np.uint16(START_OF_REGISTER)
-        checksums = self._registers_at(end) ^ shifted(difference, end - first)
-        # A piece may end in the next row, which started with 0 instead of the last register of the row before. This
-        # difference is removed in the same way.
-        first_rows = first // ROW_BYTES
-        in_two_rows = np.flatnonzero(end // ROW_BYTES > first_rows)
-        last_registers = self._registers[-1, first_rows[in_two_rows]]
-        bytes_in_next_row = end[in_two_rows] % ROW_BYTES
-        checksums[in_two_rows] ^= shifted(last_registers, bytes_in_next_row)
+        difference_before = self._registers_at(first) ^ np.uint16(START_OF_REGISTER)
+        difference_after = registers_after_zero_bytes(difference_before, end - first)
+        checksums = self._registers_at(end) ^ difference_after
+        # If a piece ends in the next row, the registers there started with 0, and not with the last register of the
+        # row before. This difference is removed in the same way.
+        rows = first // ROW_BYTES
+        ends_in_next_row = np.flatnonzero(end // ROW_BYTES > rows)
+        last_registers = self._registers[-1, rows[ends_in_next_row]]
+        bytes_in_next_row = end[ends_in_next_row] % ROW_BYTES
+        checksums[ends_in_next_row] ^= registers_after_zero_bytes(last_registers, bytes_in_next_row)
         return checksums
 
     def _registers_at(self, offsets: Offsets) -> Registers:
-        """Looks up the registers before the bytes at some offsets, computed from the beginning of their rows.
+        """Returns the CRC register before each of N bytes of the block, which started with 0 in the row of that byte.
 
-        Registers are kept after each word of two bytes; at an odd offset one more byte is taken in.
+        The register is stored after every second byte only. Before a byte at an odd offset, the byte between is added
+        here.
 
         Args:
-            offsets: Offsets (N,) of bytes in the block.
+            offsets: Offset (N,) of each byte in the block.
 
         Returns:
-            Registers (N,).
+            Registers (N,), 16 bits.
         """
-        rows = offsets // ROW_BYTES
-        row_offsets = offsets - rows * ROW_BYTES
-        words = row_offsets // WORD_BYTES
-        # The element [words, rows], by a flat index: ``take`` is faster than indexing by two arrays.
-        registers = self._registers.take(words * self._registers.shape[1] + rows)
-        is_odd = np.flatnonzero(row_offsets % WORD_BYTES)
-        last_bytes = self._bytes[offsets[is_odd] - 1]
-        registers[is_odd] = registers_after(registers[is_odd], last_bytes)
+        row = offsets // ROW_BYTES
+        offset_in_row = offsets - row * ROW_BYTES
+        words_before = offset_in_row // WORD_BYTES
+        # The element [words_before, row], by a flat index: ``take`` is faster than indexing by two arrays.
+        row_count = self._registers.shape[1]
+        registers = self._registers.take(words_before * row_count + row)
+        is_odd = np.flatnonzero(offset_in_row % WORD_BYTES)
+        bytes_between = self._bytes[offsets[is_odd] - 1]
+        registers[is_odd] = registers_after(registers[is_odd], bytes_between)
         return registers

@@ -70,9 +70,9 @@ STAMP_FIELDS = ("time_boot_ms", "time_boot_us", "time_usec")
 def missing_messages(before: Any, after: Any) -> Any:
     """Counts the messages that are missing between two messages of a sender, by their sequence numbers.
 
-    A late message was counted as missing when another overtook it, and the step after it counts the messages between
-    again. Its own step is negative and corrects both, so that the sum over a stream is the number of messages sent less
-    the number received, as in RTP (RFC 3550, section 6.4.1). Duplicates make the sum too small.
+    A message that comes late was counted as missing when a later one overtook it, and the step after it counts the
+    messages between again. Its own step is negative and corrects both. So the sum over a stream is the number of
+    messages sent less the number received, as in RTP (RFC 3550, section 6.4.1). Duplicates make the sum too small.
 
     Args:
         before: Sequence number of the message before, or an array of them, as signed integers.
@@ -85,12 +85,14 @@ def missing_messages(before: Any, after: Any) -> Any:
     step = (after - before) & (SEQUENCE_NUMBERS - 1)
     is_late = step >= SEQUENCE_NUMBERS - MAX_LATE_STEPS
     is_ahead = (step > 0) & (step <= MAX_MISSING_STEP)
-    # A step of 1 misses nothing. A late step counts as negative; a repeated number, or a restart, counts as 0.
-    return (step - 1 - SEQUENCE_NUMBERS * is_late) * (is_ahead | is_late)
+    # A step of 1 misses nothing, and a late message counts as negative.
+    increase = step - 1 - SEQUENCE_NUMBERS * is_late
+    # A repeated number, or a larger step back, as after a restart of the sender, counts as 0.
+    return increase * (is_ahead | is_late)
 
 
 class SenderLinks:
-    """Recognises copies among the frames of one sender, and counts those that no link delivered.
+    """Recognises copies of a sender's frames, which a second, slower link delivers late, and counts missing frames.
 
     Attributes:
         missing: number of frames that came over no link, by the gaps in the sequence numbers. A frame that was
@@ -112,16 +114,16 @@ class SenderLinks:
         # Numbers of missing frames before each of the latest changes from one counter to the other.
         self._missing_at_switches = deque[int](maxlen=MIN_COUNTER_SWITCHES + 1)
         self._has_two_counters = False
-        # For the bytes of each of the latest ``RECENT_FRAMES`` frames, the number of frames received up to it. The
-        # oldest is first.
-        self._recent: OrderedDict[bytes, int] = OrderedDict()
+        # The bytes of each of the latest ``RECENT_FRAMES`` distinct frames, the oldest first, and the number of frames
+        # received up to it.
+        self._count_by_content: OrderedDict[bytes, int] = OrderedDict()
         # The latest boot clock, s, and the sequence number of the latest frame that was not late.
-        self._clock = 0.0
-        self._sequence = 0
-        # The sequence number of the latest late frame, and how many frames had been received up to the latest copy of a
-        # reading. The initial value is so far in the past that it never counts as recent.
-        self._late_sequence = 0
-        self._count_at_latest_copy = -SEQUENCE_NUMBERS
+        self._latest_clock = 0.0
+        self._latest_sequence = 0
+        # The sequence number of the latest frame of the slower link, and how many frames had been received up to the
+        # latest copy of a reading. The initial value is so far in the past that it never counts as recent.
+        self._latest_slow_sequence = 0
+        self._frame_count_at_latest_copy = -SEQUENCE_NUMBERS
 
     @property
     def has_found_two_vehicles(self) -> bool:
@@ -141,9 +143,9 @@ class SenderLinks:
         return self._has_two_counters
 
     @property
-    def has_late_link(self) -> bool:
-        """Whether a second link is known: a copy with a reading came within the latest 256 frames."""
-        return self._frame_count - self._count_at_latest_copy < SEQUENCE_NUMBERS
+    def has_slower_link(self) -> bool:
+        """Whether a second, slower link is known: a copy with a boot clock came within the latest 256 frames."""
+        return self._frame_count - self._frame_count_at_latest_copy < SEQUENCE_NUMBERS
 
     def process_frame(
         self, content: bytes, message_id: int, sequence: int, is_readable: bool
@@ -165,36 +167,41 @@ class SenderLinks:
         if not is_readable:
             self._count_missing(sequence, None)
             return True
-        reading = clock_reading(content, message_id) if message_id in READING_LAYOUTS else None
+        reading = clock_reading(content, message_id)
         if self._is_copy(content, message_id, sequence, reading):
             self.copies += 1
-            self._late_sequence = sequence
+            self._latest_slow_sequence = sequence
             return False
+        # Later copies of this frame are recognised by its bytes.
         self.remember([(self._frame_count, content)])
         self._count_missing(sequence, reading)
+        # A second vehicle shows in readings that contradict each other or, if two counters number the frames, in
+        # attitudes.
         if reading is not None:
             self.vehicles.add(reading)
         if self._has_two_counters:
             self.compare_attitude(content, message_id)
         return True
 
-    # The following methods process several frames at once, among which there is no copy, while no late link is known.
-    # The state is the same afterwards as if ``process_frame`` had processed each of them.
+    # The following methods process several frames at once, among which there is no copy, while no slower link is
+    # known. The state is the same afterwards as if ``process_frame`` had processed each of them.
 
     def count_frames_in_order(self, count: int, last_sequence: int) -> None:
-        """Counts frames whose sequence numbers rise by one from frame to frame, so that none is missing between them.
+        """Counts frames that continue the sequence numbers without a gap, so that none is missing.
 
-        The number of the first one also follows the number of the frame before. The result is the same as if
-        ``count_frame`` had counted each of them.
+        The first one follows the frame that was counted last. The result is the same as if ``count_frame`` had counted
+        each of them.
 
         Args:
             count: Number of frames.
-            last_sequence: Sequence number of the last one.
+            last_sequence: Sequence number of the last one, 0 to 255.
         """
         self._frame_count += count
         self._counters.count_in_order(count, last_sequence)
-        self._sequence = self._counted_sequence = last_sequence
-        self._received = 0
+        self._latest_sequence = last_sequence
+        # If a slower link appears later, missing frames are counted from here on (``_count_missing_between_readings``).
+        self._sequence_at_latest_reading = last_sequence
+        self._received_since_reading = 0
 
     def count_frame(self, sequence: int) -> None:
         """Counts a frame by its sequence number, and the frames that are missing before it."""
@@ -216,7 +223,7 @@ class SenderLinks:
         """Adds the readings (n,) of the boot clock in frames that were counted before."""
         if len(readings.clock):
             self.vehicles.add_all(readings)
-            self._clock = float(readings.clock[-1])
+            self._latest_clock = float(readings.clock[-1])
 
     def remember(self, contents: Iterable[tuple[int, bytes]]) -> None:
         """Remembers readable frames, by which later copies are recognised, and forgets frames of long ago.
@@ -227,160 +234,170 @@ class SenderLinks:
         """
         for frame_count, content in contents:
             # Of equal frames only the latest is kept, at the end of the order.
-            self._recent.pop(content, None)
-            self._recent[content] = frame_count
-        while len(self._recent) > RECENT_FRAMES:
-            self._recent.popitem(last=False)
+            self._count_by_content.pop(content, None)
+            self._count_by_content[content] = frame_count
+        while len(self._count_by_content) > RECENT_FRAMES:
+            self._count_by_content.popitem(last=False)
 
     def _is_copy(
         self, content: bytes, message_id: int, sequence: int, reading: Reading | None
     ) -> bool:
-        """Returns whether a readable frame is a copy of a recent one, which a slower second link has brought.
+        """Returns whether a readable frame is a copy of a recent frame, delivered by a second, slower link.
 
-        A frame with a time since boot is a copy if a recent frame has the same bytes, since a vehicle sends no time
-        since boot twice. Such a copy proves that there is a second link, and how late that is. Its delay is stored
-        here, since it decides about later frames without a time (``_is_copy_without_reading``).
+        A frame with a boot clock is a copy if a recent frame has the same bytes, since a vehicle sends no time twice.
+        Such a copy proves that there is a slower link, and shows its delay. Both are stored here. A frame without a
+        boot clock proves less (``_is_copy_without_reading``).
 
         Args:
             content: all bytes of the frame.
             message_id: number of its message.
             sequence: its sequence number.
-            reading: the time since boot in it; None if its message has none.
+            reading: the boot clock in it; None if its message has none.
 
         Returns:
             Whether it is a copy.
         """
-        earlier_count = self._recent.get(content)
+        earlier_count = self._count_by_content.get(content)
         if earlier_count is None:
             return False
-        if reading is not None:
-            # ``self._clock`` is the latest time that the first link brought; the copy is older by its delay.
-            self._count_at_latest_copy = self._frame_count
-            self.longest_delay = max(self.longest_delay, self._clock - reading.clock)
-            return True
-        return self._is_copy_without_reading(earlier_count, content, message_id, sequence)
+        if reading is None:
+            return self._is_copy_without_reading(earlier_count, content, message_id, sequence)
+        self._frame_count_at_latest_copy = self._frame_count
+        self.longest_delay = max(self.longest_delay, self._latest_clock - reading.clock)
+        return True
 
     def _is_copy_without_reading(
         self, earlier_count: int, content: bytes, message_id: int, sequence: int
     ) -> bool:
-        """Returns whether a frame without a time since boot is a copy of an earlier one with the same bytes.
+        """Returns whether a frame without a boot clock is a copy of an earlier frame with the same bytes.
 
-        Messages such as HEARTBEAT repeat their content, and 256 frames later, when the sequence number comes round, a
-        new one may have the same bytes. So the frame is a copy only if a second link is known and one of these holds:
-        it follows the earlier frame immediately; it has a time stamp; or its number continues those of the second link.
+        Equal bytes alone are no proof: messages such as HEARTBEAT repeat their content, and after 256 frames the
+        sequence number is the same again. So the frame is a copy only if a second, slower link is known, and one of
+        these holds: it follows the earlier frame immediately; its message has a time stamp; or its sequence number
+        continues the numbers of the slower link.
 
         Args:
-            earlier_count: number of frames up to the earlier frame.
-            content: the bytes of both.
+            earlier_count: number of frames received up to the earlier frame, itself included.
+            content: the bytes of both frames.
             message_id: number of their message.
             sequence: their sequence number.
         """
-        if not self.has_late_link:
+        if not self.has_slower_link:
             return False
-        if self._frame_count - earlier_count == 1 or _has_stamp(content, message_id):
+        follows_immediately = self._frame_count - earlier_count == 1
+        if follows_immediately or _has_stamp(content, message_id):
             return True
-        return self._follows_late_link(sequence)
+        return self._continues_slower_link(sequence)
 
-    def _follows_late_link(self, sequence: int) -> bool:
-        """Returns whether a sequence number continues the second link's numbers rather than those of the first link.
+    def _continues_slower_link(self, sequence: int) -> bool:
+        """Returns whether a sequence number continues the numbers of the slower link rather than of the faster one.
 
-        It does if fewer numbers lie between it and the latest copy than between it and the latest frame that was new.
+        It does if its step from the latest frame of the slower link is smaller than from the latest one of the faster.
+
+        Args:
+            sequence: the sequence number, 0 to 255.
         """
-        late_step = (sequence - self._late_sequence) % SEQUENCE_NUMBERS
-        return late_step < (sequence - self._sequence) % SEQUENCE_NUMBERS
+        step_on_slower_link = (sequence - self._latest_slow_sequence) % SEQUENCE_NUMBERS
+        step_on_faster_link = (sequence - self._latest_sequence) % SEQUENCE_NUMBERS
+        return step_on_slower_link < step_on_faster_link
 
     def _count_missing(self, sequence: int, reading: Reading | None) -> None:
-        """Updates ``missing`` by the sequence number of a new frame.
+        """Updates ``missing``, the number of frames that no link delivered, by the sequence number of a new frame.
 
-        With one link, the gap to the number before counts as missing, and a frame that comes late is subtracted again.
-        With a second, later link the gaps are counted from one reading of the clock to the next. If two counters number
-        the frames, each number is compared with the one before on the same counter.
+        Three cases are distinguished. If a second, slower link is known, missing frames are counted from one boot clock
+        to the next. If two counters number the frames, as of an autopilot that sends on two channels, the number is
+        compared with the number before it on its own counter. Usually it is compared with the frame before, and the
+        gap between the two numbers counts as missing until those frames come late.
 
         Args:
             sequence: sequence number of the frame, 0 to 255.
-            reading: the time since boot in it; None if its message has none.
+            reading: the boot clock in it; None if its message has none.
         """
         former_counter = self._counters.latest
-        # The number before it on the same counter; None if this frame is the first of a counter.
-        number_before = self._counters.take(sequence)
+        number_before_on_counter = self._counters.assign(sequence)
         if self._counters.latest != former_counter:
-            self._record_counter_switch()
+            self._review_counters()
         if self._frame_count == 1:
             # Nothing is missing before the first frame.
-            self._sequence = sequence
-        if self.has_late_link:
-            self._count_over_late_link(sequence, reading)
+            self._latest_sequence = sequence
+        if self.has_slower_link:
+            self._count_missing_between_readings(sequence, reading)
             return
-        # If a second link appears later, counting from reading to reading begins with this frame.
-        self._counted_sequence = sequence
-        self._received = 0
-        counters_are_apart = self._has_two_counters and self._counters.are_apart
-        if not counters_are_apart:
-            self.missing += missing_messages(self._sequence, sequence)
-        elif number_before is not None:
-            self.missing += missing_messages(number_before, sequence)
-        self._sequence = sequence
+        are_counters_apart = self._has_two_counters and self._counters.are_apart
+        if not are_counters_apart:
+            self.missing += missing_messages(self._latest_sequence, sequence)
+        elif number_before_on_counter is not None:
+            self.missing += missing_messages(number_before_on_counter, sequence)
+        self._latest_sequence = sequence
         if reading is not None:
-            self._clock = reading.clock
+            self._latest_clock = reading.clock
+        # If a slower link appears later, missing frames are counted from this frame on.
+        self._sequence_at_latest_reading = sequence
+        self._received_since_reading = 0
 
-    def _count_over_late_link(self, sequence: int, reading: Reading | None) -> None:
-        """Updates ``missing`` by a new frame while a second link is known, from one reading of the clock to the next.
+    def _count_missing_between_readings(self, sequence: int, reading: Reading | None) -> None:
+        """Updates ``missing`` by a new frame while a second, slower link is known.
 
-        Frames of the second link, and those that overtake each other, arrive in any order. But the boot clock shows
-        which readings are the latest. Between two of these, as many frames were sent as the sequence number rose. Those
-        that were not received in this time are added to ``missing``; one that is received later is subtracted.
+        The frames of the two links arrive mixed, so that gaps between successive sequence numbers mean nothing. But the
+        boot clock shows which frames are the latest. From one of the latest frames with a boot clock to the next, the
+        vehicle sent as many frames as the sequence number rose. Those that were not received in this time are added to
+        ``missing``; a frame that the slower link delivers afterwards is subtracted.
 
         Args:
             sequence: sequence number of the new frame, 0 to 255.
-            reading: the time since boot in it; None if its message has none.
+            reading: the boot clock in it; None if its message has none.
         """
         if reading is None:
-            is_late = self._follows_late_link(sequence)
+            is_late = self._continues_slower_link(sequence)
         else:
-            is_late = 0 < self._clock - reading.clock <= MAX_LATE_SECONDS
+            is_late = 0 < self._latest_clock - reading.clock <= MAX_LATE_SECONDS
         if is_late:
             self.missing -= 1
-            self._late_sequence = sequence
+            self._latest_slow_sequence = sequence
             return
-        # Number of frames received since the reading whose number is ``_counted_sequence``.
-        self._received += 1
-        self._sequence = sequence
+        self._received_since_reading += 1
+        self._latest_sequence = sequence
         if reading is None:
             return
-        sent_frames = (sequence - self._counted_sequence) % SEQUENCE_NUMBERS
-        # After a longer gap it is not known how often the numbers have wrapped at 256.
-        if sent_frames <= MAX_MISSING_STEP:
-            self.missing += sent_frames - self._received
-        self._counted_sequence = sequence
-        self._received = 0
-        self._clock = reading.clock
+        sent_since_reading = (sequence - self._sequence_at_latest_reading) % SEQUENCE_NUMBERS
+        # After a longer gap it is not known how often the numbers have started again at 0.
+        if sent_since_reading <= MAX_MISSING_STEP:
+            self.missing += sent_since_reading - self._received_since_reading
+        self._sequence_at_latest_reading = sequence
+        self._received_since_reading = 0
+        self._latest_clock = reading.clock
 
-    def _record_counter_switch(self) -> None:
-        """Decides anew whether two counters number the frames; called where the numbering switches between counters.
+    def _review_counters(self) -> None:
+        """Decides anew whether two counters number the frames; called whenever the frames switch to the other counter.
 
-        Until two counters are recognised, each switch between them looks like a loss of frames. At the recognition
+        An autopilot may number the frames of two channels by two counters. Until this is recognised, after several
+        switches, each switch looks like a gap in one numbering and is counted in ``missing``. At the recognition
         ``missing`` is therefore set back to its value before the first of these switches.
         """
         self._missing_at_switches.append(self.missing)
         has_two_counters = self._counters.are_two
-        if has_two_counters and not self._has_two_counters and self._counters.are_apart:
-            self.missing = min(self.missing, self._missing_at_switches[0])
+        is_newly_recognised = has_two_counters and not self._has_two_counters
+        if is_newly_recognised and self._counters.are_apart:
+            missing_before_switches = self._missing_at_switches[0]
+            self.missing = min(self.missing, missing_before_switches)
         self._has_two_counters = has_two_counters
 
 
 def clock_reading(content: bytes, message_id: int) -> Reading | None:
-    """Returns the boot clock in a frame, with heading or position where it has one.
+    """Returns the boot clock in a frame, with the heading or the position if its message has one.
 
     Args:
         content: all bytes of the frame.
         message_id: number of its message.
 
     Returns:
-        The reading; None for messages that have another clock or none, and before the clock has begun.
+        Time since boot, s, heading, rad, and position, degrees, the latter NaN unless sent. None for messages without a
+        boot clock that the autopilot itself sets, and before the clock has begun.
     """
     layout = READING_LAYOUTS.get(message_id)
     if layout is None:
         return None
+    # MAVLink 2 does not send the zeros at the end of a payload.
     values = layout.unpack(_payload(content)[: layout.size].ljust(layout.size, b"\0"))
     clock = values[0] / CLOCK_UNITS_PER_SECOND
     if not clock:

@@ -1,7 +1,7 @@
-"""The frames of one sender in a recording: which are copies, how many are missing, and whether two vehicles sent them.
+"""The frames of one sender in a recording: which are copies by a second link, how many are missing, who sent them.
 
 Most recordings are of one link, whose sequence numbers rise; these alone suffice. Where they do not, frames are taken
-one by one (``sender_links``) around copies, and in runs elsewhere.
+one by one (``sender_links``) around copies, and in runs elsewhere: a run is a sequence of frames without a copy.
 """
 
 from collections.abc import Iterator
@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from mavdem.arrays import Flags
+from mavdem.arrays import Array, Flags
 from mavdem.ingest.byte_rows import Bytes, Offsets, release_pages, rows_of
 from mavdem.ingest.mavlink.clocks import Rows
 from mavdem.ingest.mavlink.dialect import definitions_by_id
@@ -80,17 +80,19 @@ def sender_stream_of(data: Bytes, all_frames: Frames, rows: Rows) -> SenderStrea
         A flag for each frame (n,) that is not a copy, and the number of missing frames.
     """
     steps = _sequence_steps(all_frames.sequence[rows])
-    has_several_links = steps.irregular > MIN_IRREGULAR_SHARE * max(len(rows) - 1, 0)
-    reading_rows = _rows_of_possible_readings(all_frames, rows)
-    frame_rows = rows[reading_rows]
-    # Without an irregular step or a repeated first reading there are no copies, and no keys are needed to find them.
-    keys = np.zeros(0, dtype=np.uint32)
-    if steps.irregular or _first_reading_is_repeated(data, all_frames, frame_rows):
-        keys = _frame_keys(data, all_frames, frame_rows)
-    if not has_several_links and not _has_copies(data, all_frames, frame_rows, keys):
+    has_many_irregular_steps = steps.irregular > MIN_IRREGULAR_SHARE * max(len(rows) - 1, 0)
+    # Only frames with a boot clock are compared: others may have the same bytes without being copies.
+    clock_indices = _indices_with_boot_clock(all_frames, rows)
+    clock_rows = rows[clock_indices]
+    hashes = np.zeros(0, dtype=np.uint32)
+    # Without an irregular step there are no copies, unless the whole recording is in the file twice.
+    if steps.irregular or _is_first_frame_repeated(data, all_frames, clock_rows):
+        hashes = _frame_hashes(data, all_frames, clock_rows)
+    if not has_many_irregular_steps and not _has_copies(data, all_frames, clock_rows, hashes):
         # One flag stands for all frames, and takes no memory. Duplicates may make the count negative.
         return SenderStream(np.broadcast_to(np.True_, len(rows)), max(steps.missing, 0))
-    return _sender_stream_of_links(data, all_frames[rows], reading_rows[_possible_copies(keys)])
+    possible_copies = clock_indices[_possible_copies(hashes)]
+    return _sender_stream_of_links(data, all_frames[rows], possible_copies)
 
 
 ROWS_AT_ONCE = 1 << 18
@@ -107,48 +109,51 @@ class _SequenceSteps(NamedTuple):
 
 
 def _sequence_steps(sequence: Bytes) -> _SequenceSteps:
-    """Counts irregular steps and missing frames of a sender.
+    """Counts the irregular steps and the missing frames of a sender, by its sequence numbers.
+
+    A step of 0 or backwards is irregular: copies, late frames and second vehicles make it.
 
     Args:
-        sequence: Sequence numbers (n,) of its frames, in stream order.
+        sequence: Sequence numbers (n,) of its frames, 0 to 255, in stream order.
 
     Returns:
-        Number of steps that are 0 or go back, as copies and late frames make them, and number of missing frames.
+        Number of irregular steps, and number of missing frames.
     """
     irregular = missing = 0
     for first in range(0, len(sequence), ROWS_AT_ONCE):
-        # A part includes the first number of the next one. The numbers are signed: their differences may be negative.
-        part = sequence[first : first + ROWS_AT_ONCE + 1].astype(np.int16)
-        steps = np.diff(part) & (SEQUENCE_NUMBERS - 1)
+        # One number more than ``ROWS_AT_ONCE``, for the step to the next block. The numbers are signed, since their
+        # differences may be negative.
+        numbers = sequence[first : first + ROWS_AT_ONCE + 1].astype(np.int16)
+        steps = np.diff(numbers) & (SEQUENCE_NUMBERS - 1)
         irregular += int(np.count_nonzero((steps == 0) | (steps > MAX_LATE_STEPS)))
-        missing += int(missing_messages(part[:-1], part[1:]).sum())
+        missing += int(missing_messages(numbers[:-1], numbers[1:]).sum())
     return _SequenceSteps(irregular, missing)
 
 
-def _rows_of_possible_readings(all_frames: Frames, rows: Rows) -> NDArray[np.int32]:
-    """Finds the frames of a sender from which its boot clock may be read.
+def _indices_with_boot_clock(all_frames: Frames, rows: Rows) -> NDArray[np.int32]:
+    """Finds the frames of a sender whose messages have a boot clock that the autopilot itself sets.
 
-    These are the readable ones of the messages in ``READING_LAYOUTS``, whose ``time_boot_ms`` or ``time_usec`` is set
-    by the autopilot and not by a companion computer or ground station.
+    These are the frames with a matching checksum and a message of ``READING_LAYOUTS``. In other messages a companion
+    computer or a ground station may have set the time stamp.
 
     Args:
         all_frames: The frames (N,) of all senders.
         rows: Rows (n,) of the sender's frames in ``all_frames``.
 
     Returns:
-        Positions (m,) of the found frames in ``rows``, ascending.
+        Indices (m,) into ``rows``, ascending.
     """
-    parts = [np.zeros(0, dtype=np.int32)]
+    index_blocks = [np.zeros(0, dtype=np.int32)]
     for first in range(0, len(rows), ROWS_AT_ONCE):
-        part = rows[first : first + ROWS_AT_ONCE]
-        is_readable = all_frames.checksum[part] == CHECKSUM_MATCHES
-        has_reading = _has_reading(all_frames.message_id[part]) & is_readable
-        parts.append((np.flatnonzero(has_reading) + first).astype(np.int32))
-    return np.concatenate(parts)
+        block_rows = rows[first : first + ROWS_AT_ONCE]
+        is_readable = all_frames.checksum[block_rows] == CHECKSUM_MATCHES
+        has_clock = _has_boot_clock(all_frames.message_id[block_rows]) & is_readable
+        index_blocks.append((np.flatnonzero(has_clock) + first).astype(np.int32))
+    return np.concatenate(index_blocks)
 
 
-def _has_reading(message_ids: Offsets) -> Flags:
-    """Flags the messages from whose stamps the boot clock may be read: their ids are in ``READING_LAYOUTS``.
+def _has_boot_clock(message_ids: Offsets) -> Flags:
+    """Flags the messages with a boot clock that the autopilot itself sets, those of ``READING_LAYOUTS``.
 
     Args:
         message_ids: (n,) ids of messages.
@@ -163,10 +168,11 @@ def _has_reading(message_ids: Offsets) -> Flags:
 
 
 def _sender_stream_of_links(data: Bytes, frames: Frames, possible_copies: Rows) -> SenderStream:
-    """Finds copies, missing frames and a second vehicle among the frames of a sender.
+    """Finds copies, missing frames and a second vehicle among the frames of a sender that several links may deliver.
 
-    Around a copy, while a second link is known, each frame is compared with those before it, one by one. All other
-    frames are processed in runs, which is much faster and has the same result (``tests/ingest/test_sender_runs.py``).
+    From a possible copy on, while a second link is known, each frame is compared with those before it, one by one. All
+    other frames are processed in runs, which is much faster and has the same result
+    (``tests/ingest/test_sender_runs.py``).
 
     Args:
         data: Bytes (B,) of the stream.
@@ -179,7 +185,7 @@ def _sender_stream_of_links(data: Bytes, frames: Frames, possible_copies: Rows) 
     """
     links = SenderLinks()
     run_processor = _RunProcessor(data, frames, links)
-    is_first = np.ones(len(frames), dtype=np.bool_)
+    is_no_copy = np.ones(len(frames), dtype=np.bool_)
     row = 0
     for copy_row in [*possible_copies.tolist(), len(frames)]:
         if row < copy_row:
@@ -187,14 +193,14 @@ def _sender_stream_of_links(data: Bytes, frames: Frames, possible_copies: Rows) 
             row = copy_row
         # The possible copy itself, and the frames after it while a second link is known.
         for frame in _single_frames(data, frames, row):
-            if row > copy_row and not links.has_late_link:
+            if row > copy_row and not links.has_slower_link:
                 break
-            is_first[row] = links.process_frame(
+            is_no_copy[row] = links.process_frame(
                 frame.content, frame.message_id, frame.sequence, frame.is_readable
             )
             row += 1
     return SenderStream(
-        is_first,
+        is_no_copy,
         max(links.missing, 0),
         links.copies,
         links.longest_delay,
@@ -232,21 +238,22 @@ def _single_frames(data: Bytes, frames: Frames, first: int) -> Iterator[_SingleF
     """
     # NumPy's view of the memory, whose slices are cheaper than those of the array.
     content = data.data
+    # Columns are converted to lists block by block, which is much faster than element by element.
     for begin in range(first, len(frames), FRAMES_AT_ONCE):
-        part = frames[begin : begin + FRAMES_AT_ONCE]
+        block = frames[begin : begin + FRAMES_AT_ONCE]
         for start, end, message_id, sequence, checksum in zip(
-            part.start.tolist(),
-            part.end.tolist(),
-            part.message_id.tolist(),
-            part.sequence.tolist(),
-            part.checksum.tolist(),
+            block.start.tolist(),
+            block.end.tolist(),
+            block.message_id.tolist(),
+            block.sequence.tolist(),
+            block.checksum.tolist(),
             strict=True,
         ):
             is_readable = checksum == CHECKSUM_MATCHES
             yield _SingleFrame(bytes(content[start:end]), message_id, sequence, is_readable)
 
 
-def _first_reading_is_repeated(data: Bytes, all_frames: Frames, rows: Rows) -> bool:
+def _is_first_frame_repeated(data: Bytes, all_frames: Frames, rows: Rows) -> bool:
     """Returns whether the first frame with a boot clock occurs again, as in a file with a repeated recording.
 
     Args:
@@ -261,23 +268,24 @@ def _first_reading_is_repeated(data: Bytes, all_frames: Frames, rows: Rows) -> b
     sequence = all_frames.sequence[first_row]
     first_content = frame_content(data, all_frames, first_row)
     for first in range(0, len(rows), ROWS_AT_ONCE):
-        part = rows[first : first + ROWS_AT_ONCE]
-        is_alike = all_frames.message_id[part] == message_id
-        is_alike &= all_frames.sequence[part] == sequence
-        for row in part[is_alike].tolist():
+        # Few frames have the same message and sequence number; only of these the bytes are compared.
+        block_rows = rows[first : first + ROWS_AT_ONCE]
+        is_similar = all_frames.message_id[block_rows] == message_id
+        is_similar &= all_frames.sequence[block_rows] == sequence
+        for row in block_rows[is_similar].tolist():
             if row != first_row and frame_content(data, all_frames, row) == first_content:
                 return True
-        # These frames lie all over the file.
+        # These frames lie all over a mapped file, whose pages would stay in memory.
         release_pages(data)
     return False
 
 
-def _frame_keys(data: Bytes, all_frames: Frames, rows: Rows) -> NDArray[np.uint32]:
-    """Computes keys that are equal for equal frames, and rarely for different ones.
+def _frame_hashes(data: Bytes, all_frames: Frames, rows: Rows) -> NDArray[np.uint32]:
+    """Computes hashes of frames: equal for equal frames, and rarely equal for different ones.
 
-    They are made of the sequence number and the last four bytes: the end of the payload and the checksum, or the end of
-    a signature. Both are mixed into 32 bits, since of a long recording the keys take much memory. Afterwards frames
-    with equal keys are compared byte by byte.
+    A hash is made of the sequence number and the last four bytes: the end of the payload and the checksum, or the end
+    of a signature. It has only 32 bits, to save memory in a long recording. Frames with equal hashes are compared byte
+    by byte afterwards.
 
     Args:
         data: Bytes (B,) of the stream.
@@ -285,76 +293,101 @@ def _frame_keys(data: Bytes, all_frames: Frames, rows: Rows) -> NDArray[np.uint3
         rows: Rows (n,) of frames of one sender.
 
     Returns:
-        (n,) keys.
+        Hashes (n,).
     """
-    keys = np.empty(len(rows), dtype=np.uint32)
+    hashes = np.empty(len(rows), dtype=np.uint32)
     for first in range(0, len(rows), ROWS_AT_ONCE):
         frames = all_frames[rows[first : first + ROWS_AT_ONCE]]
         last_bytes = rows_of(data, frames.end - LAST_BYTES, LAST_BYTES).view("<u4")[:, 0]
         # The product wraps at 32 bits.
         mixed_sequence = frames.sequence.astype(np.uint32) * MIXING_FACTOR
-        keys[first : first + ROWS_AT_ONCE] = mixed_sequence ^ last_bytes
-    return keys
+        hashes[first : first + ROWS_AT_ONCE] = mixed_sequence ^ last_bytes
+    return hashes
 
 
-def _has_copies(data: Bytes, all_frames: Frames, rows: Rows, keys: NDArray[np.uint32]) -> bool:
-    """Returns whether a frame with a boot clock occurs twice among the frames of a sender.
+def _repeated_values(values: NDArray[np.uint32]) -> NDArray[np.uint32]:
+    """Returns the values that occur at least twice, sorted; a value that occurs k times is returned k − 1 times."""
+    sorted_values = np.sort(values)
+    is_repeated = sorted_values[1:] == sorted_values[:-1]
+    return sorted_values[1:][is_repeated]
+
+
+def _has_copies(data: Bytes, all_frames: Frames, rows: Rows, hashes: NDArray[np.uint32]) -> bool:
+    """Returns whether the same frame with a boot clock occurs twice among the frames of a sender.
+
+    A vehicle sends no time twice, so that such a frame was delivered by two links, or recorded twice. Only frames whose
+    hash occurs twice are compared byte by byte.
 
     Args:
         data: Bytes (B,) of the stream.
         all_frames: The frames (N,) of all senders.
         rows: Rows (n,) of the frames of one sender that have a boot clock, in stream order.
-        keys: Their keys (n,), or none if there cannot be copies.
-
-    Returns:
-        True for at least one pair of equal frames.
+        hashes: Their hashes (n,); empty if there cannot be copies.
     """
-    sorted_keys = np.sort(keys)
-    repeated_keys = sorted_keys[1:][sorted_keys[1:] == sorted_keys[:-1]]
-    del sorted_keys
-    if not len(repeated_keys):
+    repeated_hashes = _repeated_values(hashes)
+    if not len(repeated_hashes):
         return False
-    contents = set[bytes]()
+    earlier_contents = set[bytes]()
     for first in range(0, len(rows), ROWS_AT_ONCE):
-        part_keys = keys[first : first + ROWS_AT_ONCE]
-        # Binary search for each key among the repeated ones, which are sorted.
-        key_rows = np.searchsorted(repeated_keys, part_keys)
-        is_repeated = repeated_keys.take(key_rows, mode="clip") == part_keys
-        for row in rows[first : first + ROWS_AT_ONCE][is_repeated].tolist():
-            frame = frame_content(data, all_frames, row)
-            is_copy = frame in contents
-            if is_copy and clock_reading(frame, int(all_frames.message_id[row])) is not None:
-                return True
-            contents.add(frame)
-        # These frames lie all over the file.
+        block_rows = rows[first : first + ROWS_AT_ONCE]
+        block_hashes = hashes[first : first + ROWS_AT_ONCE]
+        # Binary search for each hash among the repeated ones, which are sorted.
+        nearest_index = np.searchsorted(repeated_hashes, block_hashes)
+        is_repeated = repeated_hashes.take(nearest_index, mode="clip") == block_hashes
+        for row in block_rows[is_repeated].tolist():
+            content = frame_content(data, all_frames, row)
+            # Before the boot clock has begun, it reads 0, and frames without a time may be equal.
+            if content in earlier_contents:
+                message_id = int(all_frames.message_id[row])
+                if clock_reading(content, message_id) is not None:
+                    return True
+            earlier_contents.add(content)
+        # These frames lie all over a mapped file, whose pages would stay in memory.
         release_pages(data)
     return False
 
 
-def _possible_copies(keys: NDArray[np.uint32]) -> Rows:
-    """Finds the frames that may be copies of one of the frames shortly before.
+def _possible_copies(hashes: NDArray[np.uint32]) -> Rows:
+    """Finds the frames that may be copies of a frame that ``SenderLinks`` still remembers when they arrive.
 
-    An equal frame more than ``RECENT_FRAMES`` frames earlier does not count: it is of a recording that is repeated in
-    the file, and shows no second link.
+    ``SenderLinks`` remembers the latest ``RECENT_FRAMES`` distinct frames. So a frame that repeats one of the latest
+    ``RECENT_FRAMES`` frames may be a copy. While there are such repetitions, the distinct frames reach further back,
+    and any repetition may be a copy. A frame that only repeats one of long ago is of a recording that is in the file
+    twice, and shows no second link.
 
     Args:
-        keys: Keys (n,) of the frames with a boot clock, in stream order.
+        hashes: Hashes (n,) of the frames with a boot clock, in stream order.
 
     Returns:
-        Their rows, ascending.
+        Indices of the possible copies, ascending.
     """
-    order = np.argsort(keys, kind="stable")
-    is_repeated = keys[order[1:]] == keys[order[:-1]]
-    repeated_rows = order[1:][is_repeated]
-    frames_since = np.full(len(keys), np.inf)
-    frames_since[repeated_rows] = repeated_rows - order[:-1][is_repeated]
-    # ``SenderLinks`` remembers the latest ``RECENT_FRAMES`` different frames. Where some of the latest frames repeat
-    # each other, older ones are among these, so that any repeated key is a possible copy there.
-    repeats_until = np.cumsum(frames_since < RECENT_FRAMES)
-    repeats_before = np.zeros(len(keys), dtype=np.int64)
-    repeats_before[RECENT_FRAMES:] = repeats_until[:-RECENT_FRAMES]
-    has_recent_repeats = repeats_until > repeats_before
-    return np.flatnonzero(np.isfinite(frames_since) & has_recent_repeats)
+    distance = _distance_to_equal_hash(hashes)
+    is_recent_repetition = distance < RECENT_FRAMES
+    # Number of these repetitions up to each frame, and up to the frame that is ``RECENT_FRAMES`` earlier.
+    repetitions = np.cumsum(is_recent_repetition)
+    earlier_repetitions = np.zeros(len(hashes), dtype=np.int64)
+    earlier_repetitions[RECENT_FRAMES:] = repetitions[:-RECENT_FRAMES]
+    has_repetitions_around = repetitions > earlier_repetitions
+    return np.flatnonzero(np.isfinite(distance) & has_repetitions_around)
+
+
+def _distance_to_equal_hash(hashes: NDArray[np.uint32]) -> Array:
+    """Returns how many frames before each frame the last one with the same hash is.
+
+    Args:
+        hashes: Hashes (n,) of frames, in stream order.
+
+    Returns:
+        Numbers of frames (n,); infinite where no earlier frame has the same hash.
+    """
+    # The stable sort puts frames with the same hash one after the other, in stream order.
+    order = np.argsort(hashes, kind="stable")
+    is_same_hash = hashes[order[1:]] == hashes[order[:-1]]
+    frame = order[1:][is_same_hash]
+    frame_before = order[:-1][is_same_hash]
+    distance = np.full(len(hashes), np.inf)
+    distance[frame] = frame - frame_before
+    return distance
 
 
 REMEMBERED_ROWS = 3 * RECENT_FRAMES
@@ -362,7 +395,7 @@ REMEMBERED_ROWS = 3 * RECENT_FRAMES
 
 
 class _RunProcessor:
-    """Processes runs of a sender's frames that contain no copies, without comparing their bytes."""
+    """Passes runs of a sender's frames (without any copy among them) to its ``SenderLinks``, faster than one by one."""
 
     def __init__(self, data: Bytes, frames: Frames, links: SenderLinks) -> None:
         """Decodes the readings of all frames.
@@ -384,59 +417,73 @@ class _RunProcessor:
         """Passes a run of frames, none of which is a copy, to the sender's links.
 
         As long as no second link is known, the result is as if ``SenderLinks.process_frame`` had processed each frame.
-        The run is cut where a sequence number does not follow the one before; frames between two cuts are counted
-        together, which is faster.
+        Most sequence numbers rise by one, and such frames are counted together, which is faster. So the run is divided
+        where a number does not follow the one before.
 
         Args:
-            first, end: Row of the first frame, and the row after the last one.
+            first: Row of the first frame.
+            end: Row after the last frame.
         """
         # Signed numbers, so that their differences may be negative; the bit mask takes them modulo 256.
         sequence = self._frames.sequence[first:end].astype(np.int16)
         steps = np.diff(sequence) & (SEQUENCE_NUMBERS - 1)
-        # Row of the first frame after each cut. The run's first frame is one: a copy may lie before it.
-        breaks = np.concatenate([[0], np.flatnonzero(steps != 1) + 1])
-        run_ends = np.append(breaks[1:], len(sequence))
-        # The frames with an attitude between two cuts are given by their range among all frames with an attitude.
-        attitudes_before = np.searchsorted(self._attitude_rows, first + breaks)
-        attitudes_at_end = np.searchsorted(self._attitude_rows, first + run_ends)
-        for break_row, run_end, first_attitude, end_attitude in zip(
-            breaks.tolist(),
-            run_ends.tolist(),
-            attitudes_before.tolist(),
-            attitudes_at_end.tolist(),
-            strict=True,
+        jumps = 1 + np.flatnonzero(steps != 1)
+        division_starts = first + np.concatenate([[0], jumps])
+        division_ends = np.append(division_starts[1:], end)
+        for start_row, end_row in zip(
+            division_starts.tolist(), division_ends.tolist(), strict=True
         ):
-            self._links.count_frame(int(sequence[break_row]))
-            if run_end > break_row + 1:
-                count = run_end - break_row - 1
-                self._links.count_frames_in_order(count, int(sequence[run_end - 1]))
+            self._count_frames(start_row, end_row)
             if self._links.has_two_counters:
-                self._compare_attitudes(first_attitude, end_attitude)
+                self._compare_attitudes(start_row, end_row)
         first_reading, end_reading = np.searchsorted(self._reading_rows, [first, end]).tolist()
         self._links.add_readings(self._readings.part(first_reading, end_reading))
+        # Copies of these frames may follow, unless the recording ends here.
         if end < len(self._frames):
-            self._links.remember(self._contents(first, end))
+            self._links.remember(self._frames_to_remember(first, end))
 
-    def _compare_attitudes(self, first: int, end: int) -> None:
-        """Compares attitudes ``first`` to ``end`` − 1, counted among the attitudes of all frames, with the others."""
-        for row in self._attitude_rows[first:end].tolist():
-            self._links.compare_attitude(self._content(row), int(self._frames.message_id[row]))
-
-    def _contents(self, first: int, end: int) -> Iterator[tuple[int, bytes]]:
-        """Yields the readable frames of a run that are to be remembered, so that later copies are recognised.
-
-        These are the last ``REMEMBERED_ROWS``, or all frames if too many of the last ones are equal.
+    def _count_frames(self, first: int, end: int) -> None:
+        """Counts frames whose sequence numbers rise by one, of which only the first may follow a gap.
 
         Args:
-            first, end: Row of the first frame, and the row after the last one.
+            first: Row of the first frame.
+            end: Row after the last frame.
+        """
+        sequence = self._frames.sequence
+        self._links.count_frame(int(sequence[first]))
+        if end > first + 1:
+            self._links.count_frames_in_order(end - first - 1, int(sequence[end - 1]))
+
+    def _compare_attitudes(self, first: int, end: int) -> None:
+        """Compares the attitudes in some frames with those in the frames of the other sequence counter.
+
+        Args:
+            first: Row of the first frame.
+            end: Row after the last frame.
+        """
+        first_attitude, end_attitude = np.searchsorted(self._attitude_rows, [first, end]).tolist()
+        for row in self._attitude_rows[first_attitude:end_attitude].tolist():
+            self._links.compare_attitude(self._content(row), int(self._frames.message_id[row]))
+
+    def _frames_to_remember(self, first: int, end: int) -> Iterator[tuple[int, bytes]]:
+        """Yields the frames of a run by which ``SenderLinks`` may recognise later copies.
+
+        It remembers the latest ``RECENT_FRAMES`` distinct frames. These are usually among the last ``REMEMBERED_ROWS``
+        frames of the run; if too many of those are equal, all frames of the run are yielded. Frames whose checksum
+        fails are left out.
+
+        Args:
+            first: Row of the first frame.
+            end: Row after the last frame.
 
         Yields:
-            Number of frames that the sender had sent with this one, and the bytes of the frame.
+            Number of the sender's frames up to this one, itself included, and the bytes of this frame.
         """
         rows = first + np.flatnonzero(self._is_readable[first:end])
-        last_contents = {self._content(row) for row in rows[-REMEMBERED_ROWS:].tolist()}
-        if len(last_contents) >= RECENT_FRAMES:
-            rows = rows[-REMEMBERED_ROWS:]
+        last_rows = rows[-REMEMBERED_ROWS:]
+        distinct_frames = {self._content(row) for row in last_rows.tolist()}
+        if len(distinct_frames) >= RECENT_FRAMES:
+            rows = last_rows
         for row in rows.tolist():
             yield row + 1, self._content(row)
 
@@ -446,7 +493,7 @@ class _RunProcessor:
 
 
 class _RowsOfReadings(NamedTuple):
-    """The readings of a sender, and where they are."""
+    """The boot clock, heading and position in frames of one sender, and which frames have them."""
 
     rows: Rows
     """Row (m,) of the frame of each, ascending."""
@@ -466,6 +513,7 @@ def _clock_readings(data: Bytes, frames: Frames, is_readable: Flags) -> _RowsOfR
         Rows of the frames that have a boot clock, with clock (s), heading (rad), latitude and longitude (degrees); NaN
         where a frame has none.
     """
+    # A clock of 0 means that the frame has none, or that it has not begun.
     clock = np.zeros(len(frames))
     heading = np.full(len(frames), np.nan)
     latitude = np.full(len(frames), np.nan)
@@ -489,7 +537,6 @@ def _clock_readings(data: Bytes, frames: Frames, is_readable: Flags) -> _RowsOfR
             is_known = (latitude_units != 0) | (longitude_units != 0)
             latitude[rows[is_known]] = latitude_units[is_known] * DEGREES_PER_UNIT
             longitude[rows[is_known]] = longitude_units[is_known] * DEGREES_PER_UNIT
-    # A frame without a boot clock has 0 in this column.
     clock_rows = np.flatnonzero(clock)
     readings = ReadingColumns(
         clock[clock_rows], heading[clock_rows], latitude[clock_rows], longitude[clock_rows]

@@ -111,43 +111,49 @@ class SequenceCounters:
         # The latest number of each counter; None before its first frame.
         self._numbers: list[int | None] = [None, None]
         self._frame_count = 0
-        # How many frames had come at the latest switches back to the former counter.
-        self._switches = deque[int](maxlen=MIN_COUNTER_SWITCHES)
+        # Number of frames received up to each of the latest switches back to the former counter.
+        self._frame_counts_at_switches = deque[int](maxlen=MIN_COUNTER_SWITCHES)
 
     @property
     def are_two(self) -> bool:
-        """Whether the latest frames alternate between two counters."""
-        if len(self._switches) < MIN_COUNTER_SWITCHES:
+        """Whether the frames alternate between two counters: ``MIN_COUNTER_SWITCHES`` times in ``COUNTED_FRAMES``."""
+        if len(self._frame_counts_at_switches) < MIN_COUNTER_SWITCHES:
             return False
-        return self._frame_count - self._switches[0] <= COUNTED_FRAMES
+        frames_since_first_switch = self._frame_count - self._frame_counts_at_switches[0]
+        return frames_since_first_switch <= COUNTED_FRAMES
 
     @property
     def are_apart(self) -> bool:
-        """Whether the numbers of both counters are further apart than those of frames that overtake each other.
+        """Whether the latest numbers of the two counters are further apart than ``MAX_COUNTER_STEP``, either way.
 
-        The distance is taken around the circle of the 256 numbers.
+        Frames of a single counter that overtake each other are closer, and may look like two counters. Distances are
+        taken around the circle of the 256 numbers.
         """
-        first, second = self._numbers
-        if first is None or second is None:
+        first_number, second_number = self._numbers
+        if first_number is None or second_number is None:
             return False
-        distance = (first - second) % SEQUENCE_NUMBERS
-        return MAX_COUNTER_STEP < distance < SEQUENCE_NUMBERS - MAX_COUNTER_STEP
+        distance = (first_number - second_number) % SEQUENCE_NUMBERS
+        distance_around = min(distance, SEQUENCE_NUMBERS - distance)
+        return distance_around > MAX_COUNTER_STEP
 
     def count_in_order(self, count: int, last_sequence: int) -> None:
-        """Counts frames that follow each other on the counter of the latest frame.
+        """Assigns several frames, whose sequence numbers follow without a gap, to the counter of the latest frame.
+
+        The result is the same as if ``assign`` had assigned each of them, but faster.
 
         Args:
             count: Number of frames.
-            last_sequence: Sequence number of the last one.
+            last_sequence: Sequence number of the last one, 0 to 255.
         """
         self._frame_count += count
         self._numbers[self.latest] = last_sequence
 
-    def take(self, sequence: int) -> int | None:
+    def assign(self, sequence: int) -> int | None:
         """Assigns the next frame of the sender, which is no copy, to one of the two counters by its sequence number.
 
-        It belongs to the counter whose number it follows in the smaller step. If both steps are too large, the counter
-        that was not used last begins anew with it. ``latest`` becomes the counter of this frame.
+        It belongs to the counter whose latest number it follows in the smaller step. If both steps are too large, the
+        counter that was not used last begins anew with it. ``latest`` becomes the counter of this frame. A switch back
+        to the former counter is recorded, since frames that alternate show that there are two counters.
 
         Args:
             sequence: its sequence number, 0 to 255.
@@ -176,7 +182,7 @@ class SequenceCounters:
             return latest_number
         self._numbers[other] = sequence
         self.latest = other
-        self._switches.append(self._frame_count)
+        self._frame_counts_at_switches.append(self._frame_count)
         return other_number
 
 
@@ -210,15 +216,17 @@ class AttitudeComparison:
         return sum(self._contradictions) >= MIN_CONTRADICTIONS
 
     def add(self, counter: int, reading: AttitudeReading) -> None:
-        """Adds the next attitude, and compares it with the nearest one in time of the other counter.
+        """Adds the next attitude, and compares it with the other counter's attitude that is nearest in time.
 
-        It is not compared if the attitude that was compared last is less than ``MIN_COMPARISON_STEP`` away.
+        Two attitudes that contradict each other are of two vehicles. An attitude within ``MIN_COMPARISON_STEP`` of the
+        one that was compared last is not compared, so that the latest comparisons span some seconds at any rate.
 
         Args:
-            counter: number of the counter of its frame, 0 or 1.
-            reading: the attitude.
+            counter: number of the sequence counter of its frame, 0 or 1.
+            reading: the attitude, with its time since boot.
         """
-        # Attitudes are filed by short intervals of the clock, so that the nearest one is in this or the next interval.
+        # Each counter has one attitude per interval of ``MAX_COMPARED_SECONDS``. So the nearest one is in this
+        # interval, the one before, or the one after.
         interval = int(reading.clock / MAX_COMPARED_SECONDS)
         attitudes = self._attitudes[counter]
         attitudes[interval] = reading
@@ -227,13 +235,14 @@ class AttitudeComparison:
             attitudes.popitem(last=False)
         if abs(reading.clock - self._compared_clock) < MIN_COMPARISON_STEP:
             return
+        other_attitudes = self._attitudes[1 - counter]
         nearest = None
-        least_seconds = MAX_COMPARED_SECONDS
-        for neighbour in (interval - 1, interval, interval + 1):
-            candidate = self._attitudes[1 - counter].get(neighbour)
-            if candidate is not None and abs(candidate.clock - reading.clock) <= least_seconds:
+        nearest_seconds = MAX_COMPARED_SECONDS
+        for near_interval in (interval - 1, interval, interval + 1):
+            candidate = other_attitudes.get(near_interval)
+            if candidate is not None and abs(candidate.clock - reading.clock) <= nearest_seconds:
                 nearest = candidate
-                least_seconds = abs(candidate.clock - reading.clock)
+                nearest_seconds = abs(candidate.clock - reading.clock)
         if nearest is not None:
             self._compared_clock = reading.clock
             self._contradictions.append(contradict(nearest, reading))

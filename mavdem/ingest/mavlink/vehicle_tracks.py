@@ -1,4 +1,4 @@
-"""Recognition of two vehicles that send under the same ids, by readings of clock, heading and position.
+"""Recognition of two vehicles under the same MAVLink ids, by readings: the clock, heading and position in a message.
 
 A vehicle that restarts, or whose estimate jumps, does not return to the former clock, heading or position. Readings
 that go back and forth between two that disagree are of two vehicles.
@@ -120,22 +120,22 @@ class _VehicleTrack:
     latest_position: Reading | None = None
     """The latest with a position."""
 
-    steps: int = 0
+    clock_advances: int = 0
     """Number of readings whose clock was ahead of the one before."""
 
     @property
     def has_advancing_clock(self) -> bool:
         """Whether the clock of its readings advances, as a vehicle's does; forged messages may repeat one time."""
-        return self.steps >= MIN_CLOCK_STEPS
+        return self.clock_advances >= MIN_CLOCK_STEPS
 
     def add(self, reading: Reading) -> None:
-        """Makes a reading the latest of this vehicle, and counts it as a step if its clock is ahead of the one before.
+        """Makes a reading the latest of this vehicle, and counts whether its clock is ahead of the reading before.
 
         Args:
             reading: time since boot, s, and heading or position where they were sent; otherwise they are NaN.
         """
         if reading.clock > self.latest.clock:
-            self.steps += 1
+            self.clock_advances += 1
         self.latest = reading
         if not isnan(reading.heading):
             self.latest_heading = reading
@@ -176,9 +176,10 @@ class _VehicleTrack:
 
 
 class VehicleTracks:
-    """Recognises two vehicles that send under the same ids, by readings that alternate between two inconsistent tracks.
+    """Recognises two vehicles under the same ids: readings go back and forth between two tracks that contradict.
 
-    A vehicle that restarts, or whose estimate jumps, does not return to the former clock, heading or position.
+    A track has the readings that are consistent with one vehicle. A vehicle that restarts, or whose estimate jumps,
+    does not return to the former clock, heading or position.
 
     Attributes:
         has_found_two: whether two vehicles were recognised at any time.
@@ -192,29 +193,29 @@ class VehicleTracks:
         self._latest_position: Reading | None = None
         # The track of the latest reading is the first.
         self._tracks: list[_VehicleTrack] = []
-        # Each contradiction has the number of readings that could show it. Its switches are the numbers of those at
-        # which the vehicle seemed to change.
+        # For each quantity, the number of readings that have it so far; and this number at each of the latest switches
+        # between tracks that contradict each other in it.
         self._reading_counts = dict.fromkeys(Contradiction, 0)
-        self._switches = {
+        self._counts_at_switches = {
             contradiction: deque[int](maxlen=limit.switches)
             for contradiction, limit in SWITCH_LIMITS.items()
         }
-        # The number of readings at which two were recognised last.
-        self._latest_recognition = -RECOGNITION_READINGS
+        # The number of readings at which two vehicles were recognised last.
+        self._count_at_recognition = -RECOGNITION_READINGS
 
     @property
     def are_two(self) -> bool:
         """Whether there are two at present: they were recognised within the latest ``RECOGNITION_READINGS``."""
         count = self._reading_counts[Contradiction.CLOCK]
-        return count - self._latest_recognition < RECOGNITION_READINGS
+        return count - self._count_at_recognition < RECOGNITION_READINGS
 
     def add(self, reading: Reading) -> None:
         """Adds the next reading to the track of the vehicle that it fits.
 
         Tracks are kept in the order of their latest readings, the most recent first, and are tried in this order. If
         the reading contradicts the first track but fits another, the messages have switched back to a former vehicle:
-        the switch is counted. If it fits none, a new track begins. Tracks whose clock does not advance, such as those
-        of forged messages, do not count.
+        the switch is recorded. If it fits none, a new track begins. Switches to or from a track whose clock does not
+        advance, such as one of forged messages, do not count.
 
         Args:
             reading: Boot clock, and heading or position, in a message.
@@ -226,64 +227,75 @@ class VehicleTracks:
         if not isnan(reading.heading):
             self._reading_counts[Contradiction.HEADING] += 1
             self._latest_heading = reading
-        # The contradiction to the first track, which the latest reading belongs to.
-        contradiction = None
+        contradictions = []
         for row, track in enumerate(self._tracks):
-            track_contradiction = track.contradiction(reading)
-            if track_contradiction is None:
-                track.add(reading)
-                if contradiction is not None:
-                    if track.has_advancing_clock and self._tracks[0].has_advancing_clock:
-                        self._record_switch(contradiction)
-                    self._tracks.insert(0, self._tracks.pop(row))
-                return
-            if row == 0:
-                contradiction = track_contradiction
-        track = _VehicleTrack(reading)
-        track.add(reading)
-        self._tracks.insert(0, track)
+            contradiction = track.contradiction(reading)
+            if contradiction is not None:
+                contradictions.append(contradiction)
+                continue
+            track.add(reading)
+            if row > 0:
+                if track.has_advancing_clock and self._tracks[0].has_advancing_clock:
+                    contradiction_to_first_track = contradictions[0]
+                    self._record_switch(contradiction_to_first_track)
+                self._tracks.insert(0, self._tracks.pop(row))
+            return
+        new_track = _VehicleTrack(reading)
+        new_track.add(reading)
+        self._tracks.insert(0, new_track)
         del self._tracks[MAX_VEHICLES:]
 
     def add_all(self, readings: ReadingColumns) -> None:
         """Adds many readings, with the same result as ``add`` for each, but faster.
 
-        Readings that agree with those before them extend the first track together. Only one that may contradict them,
-        or that follows while the latest heading or position is of another track, is compared with every track.
+        Readings that surely do not contradict those before them are added together. Only the others are compared with
+        every track.
 
         Args:
             readings: The readings (n,).
         """
-        suspected_rows = np.append(
-            np.flatnonzero(_may_contradict(readings)), len(readings.clock)
-        ).tolist()
+        next_row = 0
+        for row in np.flatnonzero(_may_contradict(readings)).tolist():
+            self._add_consistent(readings.part(next_row, row))
+            self.add(readings.reading(row))
+            next_row = row + 1
+        self._add_consistent(readings.part(next_row, len(readings.clock)))
+
+    def _add_consistent(self, readings: ReadingColumns) -> None:
+        """Adds readings none of which contradicts the latest clock, heading and position before it.
+
+        They belong to the first track, as the latest reading does. But if its latest heading or position is older than
+        that of another track, they may contradict the first track all the same. Until it has both, readings are
+        compared with every track, one by one.
+
+        Args:
+            readings: The readings (n,), which may be none.
+        """
+        count = len(readings.clock)
         row = 0
-        for suspected_row in suspected_rows:
-            while row < suspected_row and not self._has_latest_heading_and_position():
-                self.add(readings.reading(row))
-                row += 1
-            if row < suspected_row:
-                self._extend_track(readings.part(row, suspected_row))
-            if suspected_row < len(readings.clock):
-                self.add(readings.reading(suspected_row))
-            row = suspected_row + 1
+        while row < count and not self._has_latest_heading_and_position():
+            self.add(readings.reading(row))
+            row += 1
+        if row < count:
+            self._extend_first_track(readings.part(row, count))
 
     def _has_latest_heading_and_position(self) -> bool:
-        """Returns whether the latest heading and position are both of the vehicle of the latest reading."""
+        """Returns whether the latest heading and the latest position of all tracks are both of the first track."""
         track = self._tracks[0]
         return (
             track.latest_heading is self._latest_heading
             and track.latest_position is self._latest_position
         )
 
-    def _extend_track(self, readings: ReadingColumns) -> None:
-        """Adds several readings at once, all of which are known to extend the track of the latest reading.
+    def _extend_first_track(self, readings: ReadingColumns) -> None:
+        """Adds several readings at once to the first track, with which they are known to be consistent.
 
         Args:
             readings: The readings (n,), at least one.
         """
         track = self._tracks[0]
         clocks = np.append(track.latest.clock, readings.clock)
-        track.steps += int(np.count_nonzero(np.diff(clocks) > 0))
+        track.clock_advances += int(np.count_nonzero(np.diff(clocks) > 0))
         track.latest = readings.reading(-1)
         heading_rows = np.flatnonzero(~np.isnan(readings.heading))
         position_rows = np.flatnonzero(~np.isnan(readings.latitude))
@@ -296,18 +308,24 @@ class VehicleTracks:
         self._reading_counts[Contradiction.POSITION] += len(position_rows)
 
     def _record_switch(self, contradiction: Contradiction) -> None:
-        """Counts a return to a former vehicle; enough returns within a number of readings show that there are two.
+        """Records that the readings returned to an earlier track, and decides whether there are two vehicles.
+
+        A single vehicle never returns to a clock, heading or position that it has left as often as two do. So there are
+        two if the latest ``limit.switches`` returns came within ``limit.readings`` readings.
 
         Args:
-            contradiction: kind of evidence that the reading is of another vehicle than the reading before.
+            contradiction: Quantity in which the reading contradicts the track of the reading before: clock, heading or
+                position.
         """
-        count = self._reading_counts[contradiction]
+        # Number of readings so far that have this quantity, which serves as the time of the switch.
+        reading_count = self._reading_counts[contradiction]
         limit = SWITCH_LIMITS[contradiction]
-        switches = self._switches[contradiction]
-        switches.append(count)
-        if len(switches) == limit.switches and count - switches[0] <= limit.readings:
+        counts_at_switches = self._counts_at_switches[contradiction]
+        counts_at_switches.append(reading_count)
+        readings_since_first = reading_count - counts_at_switches[0]
+        if len(counts_at_switches) == limit.switches and readings_since_first <= limit.readings:
             self.has_found_two = True
-            self._latest_recognition = self._reading_counts[Contradiction.CLOCK]
+            self._count_at_recognition = self._reading_counts[Contradiction.CLOCK]
 
 
 LIMIT_MARGIN = 1e-9
@@ -317,8 +335,9 @@ LIMIT_MARGIN = 1e-9
 def _may_contradict(readings: ReadingColumns) -> Flags:
     """Flags readings that may contradict the readings before them; all others certainly do not.
 
-    The test of a single reading is applied to all readings at once, with limits that are lowered a little for rounding.
-    The first reading, and the first with a heading or a position, are flagged too, since no reading precedes them.
+    The test of ``_VehicleTrack.contradiction`` is applied to all readings at once, with limits that are lowered a
+    little for rounding. The first reading, and the first with a heading or a position, are flagged too, since no
+    reading precedes them.
 
     Args:
         readings: The readings (n,), NaN where a message has no heading or no position.
@@ -327,29 +346,29 @@ def _may_contradict(readings: ReadingColumns) -> Flags:
         Flags (n,).
     """
     limit_factor = 1 - LIMIT_MARGIN
-    # A comparison with NaN is false. Negated, it flags what is not surely within the limit.
-    flags = np.ones(len(readings.clock), dtype=np.bool_)
-    flags[1:] = ~(abs(np.diff(readings.clock)) <= MAX_LATE_SECONDS * limit_factor)
-    # Distances between positions that follow each other; messages without a position may come between them.
-    rows = np.flatnonzero(~np.isnan(readings.latitude))
-    if len(rows):
-        latitude = readings.latitude[rows]
-        north = np.diff(latitude)
-        east = np.diff(readings.longitude[rows]) * np.cos(np.radians(latitude[1:]))
-        distance = METERS_PER_DEGREE * np.hypot(north, east)
-        seconds = abs(np.diff(readings.clock[rows]))
-        flags[rows[0]] = True
-        flags[rows[1:]] |= ~(
-            distance <= (MAX_POSITION_DIFFERENCE + MAX_SPEED * seconds) * limit_factor
-        )
-    # Turns between headings that follow each other, by the shorter way around the circle.
-    rows = np.flatnonzero(~np.isnan(readings.heading))
-    if len(rows):
-        turn = abs(np.diff(readings.heading[rows])) % (2 * pi)
-        turn = np.minimum(turn, 2 * pi - turn)
-        seconds = abs(np.diff(readings.clock[rows]))
-        flags[rows[0]] = True
-        flags[rows[1:]] |= ~(
-            turn <= (MAX_HEADING_DIFFERENCE + MAX_YAW_RATE * seconds) * limit_factor
-        )
+    # A comparison with NaN is false, so that a reading with NaN is flagged.
+    is_clock_near = abs(np.diff(readings.clock)) <= MAX_LATE_SECONDS * limit_factor
+    flags = np.concatenate([[True], ~is_clock_near])[: len(readings.clock)]
+
+    # Each position is compared with the one before; messages without a position may come between them.
+    position_rows = np.flatnonzero(~np.isnan(readings.latitude))
+    latitude = readings.latitude[position_rows]
+    north = np.diff(latitude)
+    east = np.diff(readings.longitude[position_rows]) * np.cos(np.radians(latitude[1:]))
+    distance = METERS_PER_DEGREE * np.hypot(north, east)
+    seconds = abs(np.diff(readings.clock[position_rows]))
+    max_distance = MAX_POSITION_DIFFERENCE + MAX_SPEED * seconds
+    is_position_near = distance <= max_distance * limit_factor
+    flags[position_rows[:1]] = True
+    flags[position_rows[1:]] |= ~is_position_near
+
+    # Each heading is compared with the one before, by the shorter way around the circle.
+    heading_rows = np.flatnonzero(~np.isnan(readings.heading))
+    turn = abs(np.diff(readings.heading[heading_rows])) % (2 * pi)
+    turn = np.minimum(turn, 2 * pi - turn)
+    seconds = abs(np.diff(readings.clock[heading_rows]))
+    max_turn = MAX_HEADING_DIFFERENCE + MAX_YAW_RATE * seconds
+    is_heading_near = turn <= max_turn * limit_factor
+    flags[heading_rows[:1]] = True
+    flags[heading_rows[1:]] |= ~is_heading_near
     return flags
