@@ -2,7 +2,7 @@
 
 The attitude is lost if it is more than 30° from its setpoint for 0.3 s or longer. Ordinary setpoints, tracked as
 badly as in a step, stay within that. :func:`mavdem.assessment.attitude_error.attitude_error` defines the error. A
-setpoint that nothing follows looks the same, so that a loss needs a second witness: gyro, height, or the ground.
+setpoint that nothing follows looks the same, so that a second sensor must confirm a loss: gyro, height, or the ground.
 """
 
 from math import inf
@@ -18,9 +18,9 @@ from mavdem.dataset.intervals import Intervals, TimeInterval, in_intervals, unio
 from mavdem.dataset.time_series import series_of_boot
 from mavdem.facts import Fact, Facts, Level
 from mavdem.facts.ending import MotionEvent
-from mavdem.facts.witnesses import SensorStatement, Side
+from mavdem.facts.witnesses import SensorFact, Side
 from mavdem.witnesses.boot_sensors import BootSensors
-from mavdem.witnesses.statements import contradicting_statement, supporting_statement, weighed_event
+from mavdem.witnesses.sensor_facts import contradicting_fact, supporting_fact, weighed_event
 from mavdem.witnesses.velocity import stopped_at
 
 FAR_ANGLE = np.pi / 4
@@ -75,7 +75,7 @@ def attitude_losses(
         error: error of roll and pitch in this boot.
         flight_interval: start and end of the flight, s since boot.
         is_ongoing: whether the flight may continue after the last sample, as in a live session. A loss that lasts
-            until then is judged by what it was so far; in a record that ended it is serious.
+            until then is judged by its error and duration up to then; in a record that ended it is serious.
 
     Returns:
         An event for each loss. Its code is ``ATTITUDE_CAUGHT`` if the loss was recovered or harmless; that of the last
@@ -119,7 +119,7 @@ def _loss_intervals(
             toppled_intervals.append((start, end))
     # An error counts only ``MAX_SETPOINT_DELAY`` after the setpoint changed, so that a loss may show up to that much
     # after the landing.
-    latest_start = _landing_report(sensors, flight_end) + MAX_SETPOINT_DELAY
+    latest_start = _time_of_landing_report(sensors, flight_end) + MAX_SETPOINT_DELAY
     return [
         (start, end)
         for start, end in merge_close(union(lost_intervals, toppled_intervals), RECOVERY_SECONDS)
@@ -127,7 +127,7 @@ def _loss_intervals(
     ]
 
 
-def _landing_report(sensors: BootSensors, flight_end: float) -> float:
+def _time_of_landing_report(sensors: BootSensors, flight_end: float) -> float:
     """Returns the time of the first report of a landed state after the last report in flight, s since boot.
 
     Landed states often come once a second: the vehicle landed somewhere between the two reports.
@@ -166,29 +166,29 @@ class _AttitudeLoss(NamedTuple):
     """When the error was within ``LOST_ANGLE`` again, s; infinite if the record ended before."""
 
     def event(self) -> Fact:
-        """Returns the event that describes this loss of attitude: its kind, times, figures and witnesses.
+        """Returns the event that describes this loss of attitude: its code, times and figures, and the sensors' facts.
 
         1. The onset is found, which is when the error began to grow, earlier than ``start``.
-        2. Height and a knock around the onset determine the kind: the vehicle tipped over at take-off, hit the ground
+        2. Height and a knock around the onset determine the code: the vehicle tipped over at take-off, hit the ground
            or an obstacle, or lost its attitude in the air.
-        3. If the vehicle recovered, or error, sink rate and duration all stayed small, the kind is "caught" instead.
+        3. If the vehicle recovered, or error, sink rate and duration all stayed small, the code is "caught" instead.
 
         Returns:
-            A fact with the kind as its code, and the figures ``angle`` (largest error, rad; if the setpoint is not
-            known, the whole lean, and ``is_lean`` is true), ``height`` (m above the take-off, at the onset),
-            ``height_source`` and ``speed`` (largest sink rate, m/s). If a caught one lasted longer than the flight,
-            ``is_at_landing`` is true. The event begins at the onset, or at an earlier knock, and ends with the loss, s
-            since boot; it has no end if the record ended first.
+            A fact with this code, and the figures ``angle`` (largest error, rad; if the setpoint is not known, the
+            whole lean, and ``is_lean`` is true), ``height`` (m above the take-off, at the onset), ``height_source``,
+            ``speed`` (largest sink rate, m/s) and ``witnesses`` (what sensors show for or against it). If a caught loss
+            lasted longer than the flight, ``is_at_landing`` is true. The event begins at the onset, or at an earlier
+            knock, and ends with the loss, s since boot; it has no end if the record ended first.
         """
         # The motion at the onset shows the cause better than the motion in the loss itself.
         onset = self._onset()
         height = self.sensors.height_at(onset)
         # The error begins to grow up to ``MAX_SETPOINT_DELAY`` after its cause, so a knock may be before the onset.
-        knock = self.sensors.knock_statement((onset - MAX_SETPOINT_DELAY, self.start))
+        knock = self.sensors.knock_fact((onset - MAX_SETPOINT_DELAY, self.start))
         knock_time = None
         if knock is not None and knock.figures["side"] == Side.FOR:
             knock_time = knock.time
-        code = self._kind(onset, height, knock_time)
+        code = self._code_without_recovery(onset, height, knock_time)
         # None is the usual level of the code.
         level = None
         is_caught = self._is_harmless(onset) or self._is_recovered()
@@ -210,16 +210,16 @@ class _AttitudeLoss(NamedTuple):
         )
         if not largest.has_setpoint:
             event = event.replace(is_lean=True)
-        witnesses = self._witnesses(onset)
+        sensor_facts = self._sensor_facts(onset)
         _, flight_end = self.flight_interval
         if is_caught and self.end > flight_end:
             # The vehicle lay on the ground, not level, until somebody lifted it, so it did not recover in flight.
             event = event.replace(is_at_landing=True)
         if is_caught:
-            return event.replace(witnesses=witnesses)
+            return event.replace(witnesses=sensor_facts)
         if knock_time is not None and knock is not None:
-            witnesses = (*witnesses, knock)
-        return weighed_event(event, witnesses)
+            sensor_facts = (*sensor_facts, knock)
+        return weighed_event(event, sensor_facts)
 
     @property
     def _has_setpoint(self) -> bool:
@@ -259,8 +259,10 @@ class _AttitudeLoss(NamedTuple):
             search_end = float(times_of_swing[-1])
         return max(onset, earliest)
 
-    def _kind(self, onset: float, height: float | None, knock_time: float | None) -> MotionEvent:
-        """Returns the kind of a loss that was not recovered.
+    def _code_without_recovery(
+        self, onset: float, height: float | None, knock_time: float | None
+    ) -> MotionEvent:
+        """Returns the code of a loss that was not recovered: how the vehicle was lost.
 
         A vehicle that never rose tipped over on the ground. One whose accelerometer shows the knock of a contact, or
         that was near the ground, hit something first. All others lost their attitude in the air.
@@ -284,8 +286,8 @@ class _AttitudeLoss(NamedTuple):
         """Returns whether the loss was slight: its angle, its speed of fall and its duration all stay below a limit.
 
         The limits are ``FALL_SPEED``, ``RECOVERY_SECONDS`` and, for the angle, twice ``LOST_ANGLE``. If the setpoint is
-        not known throughout, the error is only half of the lean, a guess, and its limit is ``FAR_ANGLE`` instead. A
-        loss that lasts until the record ends is not harmless.
+        not known throughout, half of the lean is taken as the error, which is a guess, and the limit is ``FAR_ANGLE``
+        instead. A loss that lasts until the record ends is not harmless.
 
         Args:
             onset: time when the attitude began to leave its setpoint, s since boot.
@@ -328,11 +330,11 @@ class _AttitudeLoss(NamedTuple):
         """Returns the largest speed downward at the loss that all height sensors confirm.
 
         A vehicle that lost its attitude in the air falls after the onset, so that its speed is sought from the onset
-        on. One that hit something was fast before. As the onset may be up to ``MAX_SETPOINT_DELAY`` after the impact,
-        the search then begins twice as long before the onset.
+        on. A vehicle that hit something was fast before the impact. The impact may be up to ``MAX_SETPOINT_DELAY``
+        before the onset, and its speed is sought from as long before the impact.
 
         Args:
-            code: kind of the loss.
+            code: how the vehicle was lost.
             onset: time when the attitude began to leave its setpoint, s since boot.
 
         Returns:
@@ -344,82 +346,78 @@ class _AttitudeLoss(NamedTuple):
             search_interval = (onset, self.end + RECOVERY_SECONDS)
         return self.sensors.sink_rate(search_interval)
 
-    def _witnesses(self, onset: float) -> Facts:
-        """Returns the witnesses of the loss: statements of sensors that support or contradict it.
+    def _sensor_facts(self, onset: float) -> Facts:
+        """Returns what sensors show for or against the loss, a fact each.
 
         Args:
             onset: time when the attitude began to leave its setpoint, s since boot.
 
         Returns:
-            Statements that the attitude left its setpoint, on the rotation by the gyro, on a descent by the height
-            sensors, and that the vehicle rested afterwards or else that the log ended soon.
+            That the attitude left its setpoint; whether the gyro measured a rotation; a fast descent by each height
+            sensor that shows one; and that the vehicle came to rest afterwards, or else that the log ended soon.
         """
-        statements = [
-            supporting_statement(
-                SensorStatement.ATTITUDE_LEFT_SETPOINT, **self._largest_error()._asdict()
-            )
+        facts = [
+            supporting_fact(SensorFact.ATTITUDE_LEFT_SETPOINT, **self._largest_error()._asdict())
         ]
-        statements += self._rotation(onset)
-        end = min(self.end, self.error.time[-1])
-        for statement in self.sensors.sink_statements((onset, end + RECOVERY_SECONDS)):
+        rotation = self._rotation_fact(onset)
+        if rotation is not None:
+            facts.append(rotation)
+        record_end = float(self.error.time[-1])
+        end = min(self.end, record_end)
+        for descent in self.sensors.sink_facts((onset, end + RECOVERY_SECONDS)):
             # That it did not sink contradicts no loss: a vehicle that tips over on the ground does not sink either.
-            if statement.code is SensorStatement.SANK:
-                statements.append(statement)
+            if descent.code is SensorFact.SANK:
+                facts.append(descent)
         rest = self.sensors.rest_after(onset, end + 2 * RECOVERY_SECONDS)
+        remaining_seconds = record_end - onset
         if rest is not None:
-            statements += rest.statements
-        elif self.error.time[-1] - onset < RECOVERY_SECONDS:
-            duration = self.error.time[-1] - onset
-            statements.append(
-                supporting_statement(
-                    SensorStatement.LOG_ENDED, time=float(self.error.time[-1]), duration=duration
-                )
+            facts += [rest.rest_fact, *rest.pose_facts]
+        elif remaining_seconds < RECOVERY_SECONDS:
+            log_ended = supporting_fact(
+                SensorFact.LOG_ENDED, time=record_end, duration=remaining_seconds
             )
-        return tuple(statements)
+            facts.append(log_ended)
+        return tuple(facts)
 
-    def _rotation(self, onset: float) -> Facts:
-        """Returns the statement of the gyro on whether the vehicle itself rotated, and not only its setpoint.
+    def _rotation_fact(self, onset: float) -> Fact | None:
+        """Returns whether the gyro confirms that the vehicle itself rotated, as a fact for or against the loss.
 
-        Roll or pitch must have changed by ``ONSET_ANGLE``, and the integral of the absolute body rate must be at least
-        ``MIN_GYRO_SHARE`` times that change.
+        If only the setpoint changed, the angles did not. If the estimated angles changed but the gyro measured no
+        rotation, the estimate is wrong. So the larger change of roll or pitch must be at least ``ONSET_ANGLE``, and the
+        gyro must have measured at least ``MIN_GYRO_SHARE`` of it.
 
         Args:
             onset: time when the attitude began to leave its setpoint, s since boot.
 
         Returns:
-            One statement for or against the loss; empty if there are too few samples.
+            The fact ``ROTATED``, which supports the loss, or ``DID_NOT_ROTATE`` or ``GYRO_DISAGREED``, which contradict
+            it; None if there are too few samples.
         """
         end = min(self.end, self.start + RECOVERY_SECONDS, self.error.time[-1])
-        # The larger one of roll and pitch, rad: change of the angle, and integral of the absolute body rate.
-        largest_change = 0.0
-        largest_turn = 0.0
+        angle_changes = []
+        # Integrals of the absolute body rates, rad: how far the vehicle turned by the gyro.
+        gyro_turns = []
         tilts = self.sensors.signals.tilts
         for tilt in tilts:
-            is_in_interval = (tilt.boot == self.sensors.boot) & in_intervals(
-                tilt.time, [(onset, end)]
+            is_in_loss = (tilt.boot == self.sensors.boot) & in_intervals(tilt.time, [(onset, end)])
+            if np.count_nonzero(is_in_loss) < 2:
+                return None
+            angle_changes.append(float(np.ptp(np.unwrap(tilt.angle[is_in_loss]))))
+            gyro_turns.append(
+                float(np.trapezoid(abs(tilt.rate[is_in_loss]), tilt.time[is_in_loss]))
             )
-            if np.count_nonzero(is_in_interval) < 2:
-                return ()
-            turn = np.trapezoid(abs(tilt.rate[is_in_interval]), tilt.time[is_in_interval])
-            largest_change = max(
-                largest_change, float(np.ptp(np.unwrap(tilt.angle[is_in_interval])))
-            )
-            largest_turn = max(largest_turn, float(turn))
+        largest_change = max(angle_changes, default=0.0)
+        largest_turn = max(gyro_turns, default=0.0)
         fastest = self.sensors.fastest_rotation(tilts, (onset, end))
         if largest_change < ONSET_ANGLE:
-            did_not_rotate = contradicting_statement(
-                SensorStatement.DID_NOT_ROTATE,
-                time=onset,
-                end_time=end,
-                body_rate=fastest.body_rate,
+            return contradicting_fact(
+                SensorFact.DID_NOT_ROTATE, time=onset, end_time=end, body_rate=fastest.body_rate
             )
-            return (did_not_rotate,)
         if largest_turn < MIN_GYRO_SHARE * largest_change:
-            disagreed = contradicting_statement(
-                SensorStatement.GYRO_DISAGREED, time=onset, end_time=end, angle=largest_change
+            return contradicting_fact(
+                SensorFact.GYRO_DISAGREED, time=onset, end_time=end, angle=largest_change
             )
-            return (disagreed,)
-        return (supporting_statement(SensorStatement.ROTATED, **fastest._asdict()),)
+        return supporting_fact(SensorFact.ROTATED, time=fastest.time, body_rate=fastest.body_rate)
 
 
 def knock_is_contact(sensors: BootSensors, time: float) -> bool:

@@ -6,10 +6,10 @@ from math import isfinite
 from mavdem.dataset.intervals import TimeInterval
 from mavdem.facts import Fact
 from mavdem.facts.ending import MotionEvent
-from mavdem.facts.witnesses import SensorStatement
+from mavdem.facts.witnesses import SensorFact
 from mavdem.witnesses.boot_sensors import BootSensors
 from mavdem.witnesses.ground_heights import ground_heights
-from mavdem.witnesses.statements import supporting_statement
+from mavdem.witnesses.sensor_facts import supporting_fact
 
 MIN_DRIFT = 3.0
 """Change of the barometer's height at rest, m, from which on it may have drifted.
@@ -45,8 +45,8 @@ def barometer_drifts(sensors: BootSensors, flight_interval: TimeInterval) -> Ite
 
     Yields:
         At most one fact, with the change of the barometer as ``change``, m upwards, the time of the first of readings
-        that are all equal as ``frozen_since``, s, None where it drifted, and the statements of barometer and receiver
-        as its witnesses.
+        that are all equal as ``frozen_since``, s, None where it drifted, and the facts of barometer and receiver as
+        ``witnesses``.
     """
     heights = ground_heights(sensors.signals, sensors.boot, flight_interval)
     if heights is None:
@@ -71,9 +71,9 @@ def barometer_drifts(sensors: BootSensors, flight_interval: TimeInterval) -> Ite
         frozen_since=heights.frozen_since,
         boot=sensors.boot,
         witnesses=(
-            supporting_statement(SensorStatement.GROUND_READING_CHANGED, height=change),
-            supporting_statement(
-                SensorStatement.SATELLITES_LEVEL,
+            supporting_fact(SensorFact.GROUND_READING_CHANGED, height=change),
+            supporting_fact(
+                SensorFact.SATELLITES_LEVEL,
                 height=heights.satellite_change,
                 distance=heights.distance,
             ),

@@ -153,10 +153,10 @@ class ContactSearch:
             end: its end, s since boot.
 
         Returns:
-            The statement of the accelerometer on the knock; None if it measured none.
+            The fact of the accelerometer that it measured the knock; None if it measured none.
         """
         while start < end:
-            knock = self.sensors.knock_statement((start, end))
+            knock = self.sensors.knock_fact((start, end))
             if knock is None or knock.figures["side"] != Side.FOR or knock.time is None:
                 return None
             if knock_is_contact(self.sensors, knock.time):
@@ -168,7 +168,7 @@ class ContactSearch:
         """Returns whether a knock is larger than the largest specific force in the flight before, by vibration.
 
         Args:
-            knock: statement of the accelerometer.
+            knock: fact that the accelerometer measured the knock.
             start: beginning of the search, s since boot, up to which the flight was undisturbed.
         """
         accelerometer = self.sensors.accelerometer

@@ -10,11 +10,11 @@ from mavdem.assessment.flights import RECOVERY_SECONDS
 from mavdem.dataset.grounded import MAX_GROUND_HEIGHT
 from mavdem.dataset.intervals import TimeInterval, in_intervals, true_intervals
 from mavdem.dataset.time_series import TimeSeries, series_of_boot
-from mavdem.facts import Fact, Facts, Level
+from mavdem.facts import Fact, Level
 from mavdem.facts.ending import MotionEvent
-from mavdem.facts.witnesses import SensorStatement
+from mavdem.facts.witnesses import SensorFact
 from mavdem.witnesses.boot_sensors import CLOSED_STICK, BootSensors
-from mavdem.witnesses.statements import supporting_statement, supporting_statements
+from mavdem.witnesses.sensor_facts import supporting_fact, supporting_facts
 
 SINK_AGREEMENT = 0.7
 """Share of the integrated speed of a fall by which the height must decrease: otherwise the estimated speed diverged."""
@@ -46,7 +46,7 @@ def falls(sensors: BootSensors, interval: TimeInterval) -> Iterator[Fact]:
 
     Yields:
         At most one event, from the first to the last sample of the estimate faster than ``FALL_SPEED``, with the
-        ``speed`` downward, m/s, and the height sensors as witnesses.
+        ``speed`` downward, m/s, and the facts of the height sensors as ``witnesses``.
     """
     climb_rate = sensors.climb_estimate
     if climb_rate is None:
@@ -69,14 +69,13 @@ def falls(sensors: BootSensors, interval: TimeInterval) -> Iterator[Fact]:
     mean_climb_rate = float(climb_rate.values[is_falling].mean())
     if _height_contradicts_fall(sensors, (start, end), mean_climb_rate):
         return
-    witnesses = supporting_statements(sensors.sink_statements(window))
     yield Fact(
         MotionEvent.FELL,
         time=start,
         end_time=end,
         speed=speed,
         boot=sensors.boot,
-        witnesses=witnesses,
+        witnesses=supporting_facts(sensors.sink_facts(window)),
     )
 
 
@@ -115,10 +114,8 @@ def dives(sensors: BootSensors, flight_interval: TimeInterval) -> Iterator[Fact]
     if is_throttle_closed is None:
         return
     # The closed throttle is shown by the stick or, if that was not recorded, by the motors.
-    witness = (
-        SensorStatement.MOTORS_THROTTLED
-        if sensors.stick is None
-        else SensorStatement.THROTTLE_CLOSED
+    code_of_closing = (
+        SensorFact.MOTORS_THROTTLED if sensors.stick is None else SensorFact.THROTTLE_CLOSED
     )
     flight_start, flight_end = flight_interval
     record_start, record_end = is_throttle_closed.time[0], is_throttle_closed.time[-1]
@@ -132,10 +129,8 @@ def dives(sensors: BootSensors, flight_interval: TimeInterval) -> Iterator[Fact]
         speed = sensors.sink_rate(window)
         if speed is None or speed < DIVE_SPEED or not _flies_on(sensors, flight_interval, end):
             continue
-        witnesses: Facts = (
-            supporting_statement(witness, time=start),
-            *supporting_statements(sensors.sink_statements(window)),
-        )
+        closing_fact = supporting_fact(code_of_closing, time=start)
+        descent_facts = supporting_facts(sensors.sink_facts(window))
         yield Fact(
             MotionEvent.DIVED,
             Level.GOOD,
@@ -143,7 +138,7 @@ def dives(sensors: BootSensors, flight_interval: TimeInterval) -> Iterator[Fact]
             end_time=end,
             speed=speed,
             boot=sensors.boot,
-            witnesses=witnesses,
+            witnesses=(closing_fact, *descent_facts),
         )
 
 

@@ -12,10 +12,10 @@ from mavdem.dataset.time_series import series_of_boot
 from mavdem.facts import Code, Fact, Facts
 from mavdem.facts.ending import Ending, FailedFirst, MotionEvent
 from mavdem.facts.events import ReportedEvent
-from mavdem.facts.witnesses import SensorStatement
+from mavdem.facts.witnesses import SensorFact
 from mavdem.ingest.motors import name_without_place
 from mavdem.witnesses.boot_sensors import BootSensors
-from mavdem.witnesses.statements import supporting_statement, weighed_event
+from mavdem.witnesses.sensor_facts import supporting_fact, weighed_event
 
 ENDINGS: dict[Code, Ending] = {
     MotionEvent.ATTITUDE_LOST: Ending.CONTROL_LOST,
@@ -103,43 +103,45 @@ def _throttle_closed(loss: Fact) -> Fact | None:
     vehicle topples: that is a reaction and no cause.
 
     Args:
-        loss: the event of the vehicle that toppled, with its witnesses, among which the closed throttle may be.
+        loss: the event of the vehicle that toppled. Its ``witnesses`` are the facts of sensors and sticks around it,
+            among which the closed throttle may be.
 
     Returns:
-        The fact; None if no witness shows it.
+        The fact; None if no stick shows it.
     """
     latest = (loss_onset(loss) or 0.0) + FIRST_RESPONSE_SECONDS
-    for witness in loss.figures["witnesses"]:
-        if witness.code is SensorStatement.THROTTLE_CLOSED and witness.start_time <= latest:
-            return Fact(FailedFirst.THROTTLE_CLOSED_FIRST, time=witness.time)
+    for sensor_fact in loss.figures["witnesses"]:
+        is_closed = sensor_fact.code is SensorFact.THROTTLE_CLOSED
+        if is_closed and sensor_fact.start_time <= latest:
+            return Fact(FailedFirst.THROTTLE_CLOSED_FIRST, time=sensor_fact.time)
     return None
 
 
 def weighed_reports(signals: Signals, events: Sequence[Fact]) -> list[Fact]:
     """Lowers the level of each report of a crash to "watch" unless sensors confirm it.
 
-    ArduPilot's crash check also reports vehicles that never moved. So the report is one witness of a crash, and by the
-    usual rule (:func:`mavdem.witnesses.statements.weighed_event`) a second one is needed. That is a loss which the
-    motion shows near the report, or a knock, a tumble, a fast descent or a lean that the sensors around it measured. If
-    no sensor was recorded that could show any of these, the report keeps its level.
+    ArduPilot's crash check also reports vehicles that never moved. So the report alone is not enough: a sensor must
+    confirm it (:func:`mavdem.witnesses.sensor_facts.weighed_event`), by a knock, a tumble, a fast descent or a rest on
+    the side near the report. If no sensor was recorded that could show any of these, the report keeps its level.
 
     Args:
         signals: signals of the vehicle.
-        events: those of ``motion_events`` and ``reported_events``.
+        events: events that the motion shows, and events that the autopilot reports.
 
     Returns:
         All events, in the same order.
     """
-    losses = [event for event in events if event.code in ENDINGS]
+    losses_by_motion = [event for event in events if event.code in ENDINGS]
     weighed_events = []
     for event in events:
         is_crash = event.code is ReportedEvent.CRASH_DETECTED and event.is_bad
         if is_crash and _has_measurements(signals, event):
-            reported = supporting_statement(
-                SensorStatement.AUTOPILOT_REPORTED, cause=event.replace(witnesses=())
+            # The report supports the crash too. It is quoted without the sensor facts that the event gets itself.
+            quoted_report = supporting_fact(
+                SensorFact.AUTOPILOT_REPORTED, cause=event.replace(witnesses=())
             )
-            witnesses = (reported, *_signs_of_crash(signals, event, losses))
-            event = weighed_event(event, witnesses)
+            signs = _signs_of_crash(signals, event, losses_by_motion)
+            event = weighed_event(event, (quoted_report, *signs))
         weighed_events.append(event)
     return weighed_events
 
@@ -177,41 +179,40 @@ def _has_measurements(signals: Signals, report: Fact) -> bool:
 
 
 def _signs_of_crash(signals: Signals, report: Fact, losses: Sequence[Fact]) -> Facts:
-    """Collects the statements of the sensors around a report of a crash.
+    """Collects the facts of sensors around a reported crash that support it, or contradict it.
 
-    If the motion shows that the vehicle was lost at that time, these are the witnesses of that loss. Otherwise the
-    accelerometer, the gyro, the height sensors and the pose at rest are examined one by one.
+    If the motion shows that the vehicle was lost at that time, these are the sensor facts of that loss, its figure
+    ``witnesses``. Otherwise the sensors are asked one by one: whether the accelerometer measured a knock, the gyro a
+    tumble, the height sensors a fast descent, and whether the vehicle came to rest on its side.
 
     Args:
         signals: signals of the vehicle.
-        report: the report.
+        report: the autopilot's report of the crash.
         losses: events in which the vehicle was lost, as its motion shows.
 
     Returns:
-        The statements as witnesses of the crash; empty if no sensor shows one.
+        The facts of the sensors; empty if no sensor shows a crash.
     """
     boot = report.figures["boot"]
     interval = _interval_of_crash(report)
     earliest, latest = interval
     for loss in losses:
         if loss.figures["boot"] == boot and earliest <= loss.start_time <= latest:
-            witnesses = loss.figures.get("witnesses", ())
+            facts_of_loss = loss.figures.get("witnesses", ())
             # The report itself may be among them, but the caller has counted it already.
             return tuple(
-                fact for fact in witnesses if fact.code is not SensorStatement.AUTOPILOT_REPORTED
+                fact for fact in facts_of_loss if fact.code is not SensorFact.AUTOPILOT_REPORTED
             )
     sensors = BootSensors(signals, boot)
-    statements = []
-    for statement in (sensors.knock_statement(interval), sensors.rotation_statement(interval)):
-        if statement is not None:
-            statements.append(statement)
-    statements += [
-        fact for fact in sensors.sink_statements(interval) if fact.code is SensorStatement.SANK
-    ]
+    signs = []
+    for sensor_fact in (sensors.knock_fact(interval), sensors.rotation_fact(interval)):
+        if sensor_fact is not None:
+            signs.append(sensor_fact)
+    signs += [fact for fact in sensors.sink_facts(interval) if fact.code is SensorFact.SANK]
     rest = sensors.rest_after(earliest, latest)
     if rest is not None and rest.is_on_side:
-        statements += rest.statements
-    return tuple(statements)
+        signs += [rest.rest_fact, *rest.pose_facts]
+    return tuple(signs)
 
 
 def _motor_report(signals: Signals, bad_events: Sequence[Fact], boot: int) -> Fact | None:

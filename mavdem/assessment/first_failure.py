@@ -203,7 +203,7 @@ def _closed_throttle(signals: Signals, boot: int, diverged: Fact, onset: float) 
         The fact; None if the log does not show it.
     """
     start = max(diverged.latest_time, onset - STOP_REASON_SECONDS)
-    closed = BootSensors(signals, boot).throttle_closed_statement((start, onset))
+    closed = BootSensors(signals, boot).throttle_closed_fact((start, onset))
     manual = mode_intervals(signals, boot, MANUAL_THROTTLE_MODES)
     if closed is None or not in_intervals(closed.start_time, manual):
         return None

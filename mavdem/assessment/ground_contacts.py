@@ -1,8 +1,8 @@
 """Contacts with the ground, as facts (coded findings): an impact, a toppled or hard landing, a tip-over at take-off.
 
-An impact is stated only if the vehicle is on the ground afterwards, where it rests or the log ends, and if two
-witnesses support it: a knock of the accelerometer, a tumble, a fast descent, a pose on the side, a lost attitude, or
-the autopilot's own report. A dive that the motors end has none of them.
+An impact is reported only if the vehicle is on the ground afterwards, where it rests or the log ends, and if two
+independent facts support it: a knock of the accelerometer, a tumble, a fast descent, a pose on the side, a lost
+attitude, or the autopilot's own report. A dive that the motors end has none of them.
 """
 
 from collections.abc import Sequence
@@ -21,13 +21,13 @@ from mavdem.dataset.time_series import series_of_boot
 from mavdem.facts import Fact, Facts, Level
 from mavdem.facts.ending import MotionEvent
 from mavdem.facts.events import ReportedEvent
-from mavdem.facts.witnesses import SensorStatement
+from mavdem.facts.witnesses import SensorFact
 from mavdem.witnesses.boot_sensors import MIN_SINK_RATE, BootSensors, Rest
-from mavdem.witnesses.statements import (
+from mavdem.witnesses.sensor_facts import (
     MIN_SUPPORT,
     support_count,
-    supporting_statement,
-    supporting_statements,
+    supporting_fact,
+    supporting_facts,
     weighed_event,
 )
 
@@ -108,9 +108,9 @@ def flight_losses(attitude_loss: Fact | None, contact: Fact | None) -> FlightLos
     # A contact whose onset is not known is taken as the first of the two.
     is_ground_first = (loss_onset(contact) or 0.0) <= attitude_loss.start_time
     if is_ground_first or attitude_loss.code in CONTACTS:
-        # The contact describes the same event, and more exactly.
+        # Both events are the same contact, which is described more exactly by ``contact``.
         return FlightLosses(None, contact)
-    # The vehicle was lost before, so that the contact is not what made the flight bad.
+    # The vehicle was lost in the air, so that the contact is not what made the flight bad.
     return FlightLosses(attitude_loss, contact.replace(Level.WATCH))
 
 
@@ -131,10 +131,11 @@ def ground_contact(
         reports: events that the autopilot reports.
 
     Returns:
-        A fact with the kind of contact as its code (``TIPPED``, ``TOPPLED``, ``HIT`` or ``LANDED_HARD``), the figures
-        ``height`` (m above the take-off, just before), ``speed`` (m/s downward, that all height sensors confirm),
-        ``angle`` (largest error of the attitude, rad) and its witnesses. If the attitude was lost shortly before a hit,
-        it has that time, s, as ``onset``; where something hit above the take-off was the ground, ``is_ground``.
+        A fact whose code says how the vehicle met the ground (``TIPPED``, ``TOPPLED``, ``HIT`` or ``LANDED_HARD``),
+        with the figures ``height`` (m above the take-off, just before), ``speed`` (m/s downward, that all height
+        sensors confirm), ``angle`` (largest error of the attitude, rad) and ``witnesses`` (the facts of sensors for and
+        against it). If the attitude was lost shortly before a hit, it has that time, s, as ``onset``. If the vehicle
+        hit the ground itself, and not something above it, ``is_ground`` is true.
     """
     contact = _Contact(sensors, error, flight_interval, loss, reports)
     return contact.event()
@@ -169,11 +170,12 @@ class _Contact:
     def event(self) -> Fact | None:
         """Returns the contact as a fact; None if the flight ended in an ordinary landing, or continues.
 
-        1. The end of the search is when the vehicle rests; otherwise the end of the record, if that is soon after the
-           loss or the flight; otherwise some seconds after the loss of attitude.
-        2. The moment of the contact is sought in the ``SEARCH_SECONDS`` before (:meth:`ContactSearch.contact_time`).
-        3. At least ``MIN_SUPPORT`` independent witnesses must support that it was no landing. If no accelerometer could
-           show a knock, an impact that the estimated speed shows is enough.
+        1. The search ends when the vehicle rests; otherwise with the record, if that ends soon after the loss or the
+           flight; otherwise some seconds after the loss of attitude.
+        2. The moment of the contact is sought in the ``SEARCH_SECONDS`` before that end
+           (:meth:`ContactSearch.contact_time`).
+        3. At least ``MIN_SUPPORT`` independent sensor facts must show that it was no landing. If no accelerometer could
+           show a knock, a sudden stop of the estimated descent is enough.
         """
         rest = self._rest()
         record_end = float(self.error.time[-1])
@@ -184,14 +186,16 @@ class _Contact:
         time = self._search.contact_time(search_start, search_end)
         if time is None:
             return None
-        witnesses = self._witnesses(time, rest)
-        has_support = support_count(witnesses) >= MIN_SUPPORT
+        sensor_facts = self._sensor_facts(time, rest)
+        has_support = support_count(sensor_facts) >= MIN_SUPPORT
         if not has_support and not self._estimate_shows_impact(time):
             return None
-        # What followed the contact was a condition of the search already. It is no independent witness: it does not
-        # count towards ``MIN_SUPPORT`` and is only listed with the others.
-        witnesses = (*witnesses, *self._aftermath(time, rest, record_end))
-        return self._weighed_contact(time, rest, witnesses)
+        # That the vehicle rested, or that the log ended, was a condition of the search already. So this fact does not
+        # count towards ``MIN_SUPPORT``, and is only listed with the others.
+        end_fact = self._fact_about_end(time, rest, record_end)
+        if end_fact is not None:
+            sensor_facts = (*sensor_facts, end_fact)
+        return self._contact_event(time, rest, sensor_facts)
 
     def _search_end(self, rest: Rest | None, record_end: float) -> float | None:
         """Returns the end of the ``SEARCH_SECONDS`` in which the contact with the ground is sought.
@@ -214,10 +218,10 @@ class _Contact:
             return min(record_end, search_start + SEARCH_SECONDS)
         return None
 
-    def _aftermath(self, time: float, rest: Rest | None, record_end: float) -> Facts:
-        """Returns the statement on what followed a contact: that the vehicle rested, or else that the log ended soon.
+    def _fact_about_end(self, time: float, rest: Rest | None, record_end: float) -> Fact | None:
+        """Returns the fact about what followed a contact: that the vehicle rested, or else that the log ended soon.
 
-        The end of the log is stated only after a loss of attitude.
+        The end of the log supports a contact only after a loss of attitude, since every log ends.
 
         Args:
             time: time when the vehicle touched the ground, s since boot.
@@ -225,24 +229,22 @@ class _Contact:
             record_end: time of the last attitude of the boot, s since boot.
 
         Returns:
-            At most one statement.
+            The fact; None if the vehicle did not rest and the log continues.
         """
         if rest is not None:
-            rested = rest.statements[0]
-            return (rested,)
+            return rest.rest_fact
         remaining_seconds = record_end - time
         if remaining_seconds < RECOVERY_SECONDS and self.loss is not None:
-            log_ended = supporting_statement(
-                SensorStatement.LOG_ENDED, time=record_end, duration=remaining_seconds
+            return supporting_fact(
+                SensorFact.LOG_ENDED, time=record_end, duration=remaining_seconds
             )
-            return (log_ended,)
-        return ()
+        return None
 
     def _estimate_shows_impact(self, time: float) -> bool:
-        """Returns whether the estimated speed downward was lost at a contact that no accelerometer could show.
+        """Returns whether the estimated descent suddenly stopped at a contact that no accelerometer could show.
 
-        Such a contact needs no second witness, since the usual one, an accelerometer that measures the knock, is
-        missing or too slow.
+        Such a contact needs no second sensor that confirms it, since the usual one, an accelerometer that measures the
+        knock, is missing or too slow.
 
         Args:
             time: time when the vehicle touched the ground, s since boot.
@@ -274,44 +276,40 @@ class _Contact:
         end_of_control = self._flight_end() if self.loss is None else self.loss.start_time
         return record_end - end_of_control < RECOVERY_SECONDS
 
-    def _witnesses(self, time: float, rest: Rest | None) -> Facts:
-        """Collects the statements of sensors on a contact that was no landing.
+    def _sensor_facts(self, time: float, rest: Rest | None) -> Facts:
+        """Collects what sensors and reports show for or against a contact that was no landing.
 
         Args:
             time: time when the vehicle touched the ground, s since boot.
             rest: rest of the vehicle afterwards; None if the log ended before.
 
         Returns:
-            The statements, which support or contradict the contact.
+            A fact each, as far as they were recorded: a knock of the accelerometer or none, a tumble, a fast descent,
+            the pose at rest, an attitude far from its setpoint, and the autopilot's report of a crash.
         """
-        time_around = (time - MAX_SETPOINT_DELAY, time + 2 * MAX_SETPOINT_DELAY)
-        statements: list[Fact] = []
-        for statement in (
-            self.sensors.knock_statement(time_around),
-            self.sensors.rotation_statement(time_around),
+        start = time - MAX_SETPOINT_DELAY
+        interval = (start, time + 2 * MAX_SETPOINT_DELAY)
+        facts: list[Fact] = []
+        for sensor_fact in (
+            self.sensors.knock_fact(interval),
+            self.sensors.rotation_fact(interval),
         ):
-            if statement is not None:
-                statements.append(statement)
-        statements += self._descent_statements(time)
-        if rest is not None and rest.angle is not None:
-            _, pose = rest.statements
-            statements.append(pose)
-        largest = largest_error(self.error, time_around)
+            if sensor_fact is not None:
+                facts.append(sensor_fact)
+        facts += self._descent_facts(time)
+        if rest is not None:
+            facts += rest.pose_facts
+        largest = largest_error(self.error, interval)
         if largest is not None:
             is_far = largest.counted_angle > MAX_LANDING_LEAN
             if self.loss is not None or is_far:
-                statements.append(
-                    supporting_statement(
-                        SensorStatement.ATTITUDE_LEFT_SETPOINT, **largest._asdict()
-                    )
+                facts.append(
+                    supporting_fact(SensorFact.ATTITUDE_LEFT_SETPOINT, **largest._asdict())
                 )
-        start, _ = time_around
         for report in self.reports:
             if self._is_crash_report(report, start, time + SEARCH_SECONDS):
-                statements.append(
-                    supporting_statement(SensorStatement.AUTOPILOT_REPORTED, cause=report)
-                )
-        return tuple(statements)
+                facts.append(supporting_fact(SensorFact.AUTOPILOT_REPORTED, cause=report))
+        return tuple(facts)
 
     def _is_crash_report(self, report: Fact, start: float, end: float) -> bool:
         """Returns whether the autopilot reported a crash of this boot between two times, s since boot."""
@@ -319,56 +317,57 @@ class _Contact:
         is_in_time = start <= report.start_time <= end
         return report.code in REPORTS_OF_CRASH and is_of_boot and is_in_time
 
-    def _descent_statements(self, time: float) -> Facts:
+    def _descent_facts(self, time: float) -> Facts:
         """Collects the height sensors that show a fast descent before the contact.
 
         The speed that all height sensors confirm must exceed ``MIN_SINK_RATE`` in the last seconds, so that a diverging
-        estimate is no witness.
+        estimate does not count.
 
         Args:
             time: time when the vehicle touched the ground, s since boot.
 
         Returns:
-            One statement for each of them; empty if the vehicle did not sink so fast.
+            One fact for each of them; empty if the vehicle did not sink so fast.
         """
         interval = (time - DESCENT_SECONDS, time)
         speed = self.sensors.sink_rate(interval)
         if speed is None or speed <= MIN_SINK_RATE:
             return ()
-        return supporting_statements(self.sensors.sink_statements(interval))
+        return supporting_facts(self.sensors.sink_facts(interval))
 
-    def _weighed_contact(self, time: float, rest: Rest | None, witnesses: Facts) -> Fact | None:
-        """Returns the event of a contact, whose kind is decided by height, speed, pose and stick.
+    def _contact_event(self, time: float, rest: Rest | None, sensor_facts: Facts) -> Fact | None:
+        """Returns the event of a contact, whose code is decided by height, speed, pose and stick.
 
-        A vehicle has toppled if it lost its attitude or rests on its side (:meth:`_kind_of_topple`). If it stayed
-        upright, it hit the ground if it was faster than ``HARD_IMPACT_SPEED``, and otherwise landed hard.
+        A vehicle has toppled if it lost its attitude or rests on its side (:meth:`_code_of_toppled_vehicle`). If it
+        stayed upright, it hit the ground if it was faster than ``HARD_IMPACT_SPEED``, and otherwise landed hard.
 
         Args:
             time: time at which the vehicle touched the ground, s since boot; that of the largest knock, if there was
                 one.
             rest: rest of the vehicle afterwards; None if the log ended before.
-            witnesses: statements that support or contradict the contact.
+            sensor_facts: what sensors show for or against the contact.
 
         Returns:
-            The event, weighed by its witnesses; None for a slow, upright vehicle without a knock, which has landed.
+            The event, at most to be watched unless enough sensors confirm it; None for a slow, upright vehicle without
+            a knock, which has landed.
         """
         onset = self._onset(time)
         contact = self._search.first_knock(onset, time)
         fall_speed = self.sensors.sink_rate((contact - DESCENT_SECONDS, contact))
         contact_speed = self._contact_speed(contact, fall_speed)
-        throttle_closing = self.sensors.throttle_closed_statement(
+        throttle_closing = self.sensors.throttle_closed_fact(
             (onset - DESCENT_SECONDS, onset + STICK_REACTION_SECONDS)
         )
         if self.loss is not None or (rest is not None and rest.is_on_side):
-            code = self._kind_of_topple(onset, rest, fall_speed, throttle_closing)
+            code = self._code_of_toppled_vehicle(onset, rest, fall_speed, throttle_closing)
         elif (contact_speed or 0.0) > HARD_IMPACT_SPEED:
             code = MotionEvent.HIT
-        elif any(fact.code is SensorStatement.KNOCKED for fact in witnesses):
+        elif any(fact.code is SensorFact.KNOCKED for fact in sensor_facts):
             code = MotionEvent.LANDED_HARD
         else:
             return None
         if code is MotionEvent.TOPPLED and throttle_closing is not None:
-            witnesses = (*witnesses, throttle_closing)
+            sensor_facts = (*sensor_facts, throttle_closing)
         is_hit = code is MotionEvent.HIT
         event_time = contact if is_hit else onset
         height = self._height_of_contact(event_time)
@@ -386,17 +385,17 @@ class _Contact:
             event = event.replace(onset=onset)
         if is_hit and self._is_near_rest(height, rest):
             event = event.replace(is_ground=True)
-        return weighed_event(event, witnesses)
+        return weighed_event(event, sensor_facts)
 
     def _onset(self, time: float) -> float:
-        """Determines when a contact began: with the loss of attitude, if that was part of it, otherwise at its time.
+        """Determines when a contact began: with the loss of attitude, if the ground caused it, otherwise at ``time``.
 
         A vehicle that tumbles over the ground loses its attitude at the first contact, and its largest knock comes up
-        to ``TUMBLE_SECONDS`` later. Elsewhere a loss is part of the contact if it came less than ``MIN_FALL_SECONDS``
-        before, since a vehicle that is lost high in the air takes longer to fall.
+        to ``TUMBLE_SECONDS`` later. Elsewhere the ground caused a loss that came less than ``MIN_FALL_SECONDS`` before,
+        since a vehicle that is lost high in the air takes longer to fall.
 
         Args:
-            time: time when the vehicle touched the ground, s since boot.
+            time: time of the largest knock or, without one, when the vehicle touched the ground, s since boot.
 
         Returns:
             The time, s since boot.
@@ -410,7 +409,7 @@ class _Contact:
             return loss_time
         return time
 
-    def _kind_of_topple(
+    def _code_of_toppled_vehicle(
         self,
         onset: float,
         rest: Rest | None,
@@ -423,7 +422,7 @@ class _Contact:
             onset: time when the contact began, s since boot.
             rest: rest of the vehicle afterwards; None if the log ended before.
             fall_speed: largest speed downward just before, m/s; None if it is not known.
-            throttle_closing: statement that the pilot closed the throttle around the contact; None if nothing shows it.
+            throttle_closing: fact that the pilot closed the throttle around the contact; None if nothing shows it.
 
         Returns:
             TIPPED (over, at take-off) if it never rose, TOPPLED if it was about to land, otherwise HIT (the ground).
@@ -477,7 +476,7 @@ class _Contact:
         )
 
     def _is_near_rest(self, height: float | None, rest: Rest | None) -> bool:
-        """Returns whether a contact was with the ground: its height is that of the resting place and of the take-off.
+        """Returns whether a contact was with the ground: at the height of the take-off and of the resting place.
 
         Heights may differ by ``LANDING_STEP``, since the ground is not level and heights drift in flight.
 
@@ -507,7 +506,7 @@ class _Contact:
             time: time when it touched the ground, s since boot.
             rest: rest of the vehicle afterwards; None if the log ended before.
             fall_speed: largest speed downward just before, m/s; None if it is not known.
-            throttle_closing: statement that the pilot closed the throttle around the contact; None if nothing shows it.
+            throttle_closing: fact that the pilot closed the throttle around the contact; None if nothing shows it.
         """
         # Limits of speed downward, m/s, and height, m, of a landing.
         max_speed, max_height = HARD_IMPACT_SPEED, TOPPLE_HEIGHT

@@ -18,13 +18,13 @@ from mavdem.dataset.intervals import Intervals, TimeInterval, complement, in_int
 from mavdem.dataset.time_series import series_of_boot
 from mavdem.facts import Fact
 from mavdem.facts.ending import MotionEvent
-from mavdem.facts.witnesses import SensorStatement
+from mavdem.facts.witnesses import SensorFact
 from mavdem.physical_constants import GRAVITY
 from mavdem.vibration.vibration_message import reported_vibration
 from mavdem.witnesses.accelerometer import AccelerometerRecord
 from mavdem.witnesses.boot_sensors import MAX_FALL_SPEED, BootSensors
 from mavdem.witnesses.height import MIN_CONTRADICTION_SECONDS
-from mavdem.witnesses.statements import supporting_statement, weighed_event
+from mavdem.witnesses.sensor_facts import supporting_fact, weighed_event
 
 MIN_TRUE_CLIMB = 1.0
 """Speed, m/s up or down, by the barometer, from which on the vehicle itself moves."""
@@ -57,7 +57,8 @@ def height_divergences(sensors: BootSensors, flight_interval: TimeInterval) -> I
     does no harm.
 
     Args:
-        sensors: sensors of the boot, with the intervals in which their heights contradict each other.
+        sensors: sensors of the boot. Their ``height.contradictions`` are the intervals in which barometer and estimate
+            differ.
         flight_interval: start and end of the flight, s since boot.
 
     Yields:
@@ -90,7 +91,8 @@ def _divergence(sensors: BootSensors, interval: TimeInterval) -> Fact | None:
 
     Returns:
         An event with the mean climb by the estimate as ``climb_rate`` (None beyond ``MAX_FALL_SPEED``) and by the
-        barometer as ``speed``, m/s upward, its ``cause`` and its witnesses; None if the height did not diverge.
+        barometer as ``speed``, m/s upward, its ``cause``, and what sensors show as ``witnesses``; None if the height
+        did not diverge.
     """
     climb = _opposite_climb_rates(sensors, interval)
     if climb is None:
@@ -98,37 +100,31 @@ def _divergence(sensors: BootSensors, interval: TimeInterval) -> Fact | None:
     is_rising = climb.barometer > 0
     if is_rising:
         height_change = sensors.height.barometer_change(*interval)
-        motion = supporting_statement(
-            SensorStatement.ROSE, source="barometer", height=height_change
-        )
+        motion = supporting_fact(SensorFact.ROSE, source="barometer", height=height_change)
     else:
-        motion = supporting_statement(
-            SensorStatement.SANK, source="barometer", speed=-climb.barometer
-        )
+        motion = supporting_fact(SensorFact.SANK, source="barometer", speed=-climb.barometer)
     start, end = interval
-    statements = [motion.replace(time=start, end_time=end)]
+    sensor_facts = [motion.replace(time=start, end_time=end)]
     travel = _median_stick_travel(sensors, interval)
     if travel is not None:
         asks_for_climb = is_rising and travel > CLIMB_STICK
         asks_for_descent = not is_rising and travel < SINK_STICK
         if asks_for_climb or asks_for_descent:
             return None
-        statements.append(
-            supporting_statement(
-                SensorStatement.THROTTLE_NOT_RAISED, time=start, end_time=end, share=travel
-            )
+        sensor_facts.append(
+            supporting_fact(SensorFact.THROTTLE_NOT_RAISED, time=start, end_time=end, share=travel)
         )
-    cause = _accelerometer_error(sensors, interval) or _vibration(sensors, interval)
+    cause = _accelerometer_error(sensors, interval) or _vibration_fact(sensors, interval)
     if cause is not None:
         is_error_in_flight = cause.figures.get("part") == "in flight"
         window_start = start - CONTEXT_SECONDS
-        statements.append(
+        sensor_facts.append(
             cause.replace(time=window_start, end_time=end) if is_error_in_flight else cause
         )
     full_throttle = _full_throttle(sensors, interval)
     # If a vehicle sinks at full throttle, it lacks thrust, and the throttle is no evidence for a diverged estimate.
     if full_throttle is not None and is_rising:
-        statements.append(full_throttle)
+        sensor_facts.append(full_throttle)
     event = Fact(
         MotionEvent.HEIGHT_DIVERGED,
         time=start,
@@ -139,7 +135,7 @@ def _divergence(sensors: BootSensors, interval: TimeInterval) -> Fact | None:
         cause=cause,
         boot=sensors.boot,
     )
-    return weighed_event(event, statements)
+    return weighed_event(event, sensor_facts)
 
 
 class _ClimbRates(NamedTuple):
@@ -213,15 +209,15 @@ def _accelerometer_error(sensors: BootSensors, interval: TimeInterval) -> Fact |
             # The share is negative if the errors have opposite signs: the one at rest then explains nothing.
             rest_explains_flight = (force_at_rest - GRAVITY) / flight_error >= MIN_REST_SHARE
         if rest_explains_flight:
-            return supporting_statement(
-                SensorStatement.GRAVITY_WRONG, part="at rest", acceleration=force_at_rest
+            return supporting_fact(
+                SensorFact.GRAVITY_WRONG, part="at rest", acceleration=force_at_rest
             )
     if flight_error is None or not is_wrong_in_flight:
         return None
     # The measured force contains the acceleration of the vehicle. Gravity plus the error can be compared with the force
     # at rest, which the figure ``gravity`` holds.
-    return supporting_statement(
-        SensorStatement.GRAVITY_WRONG,
+    return supporting_fact(
+        SensorFact.GRAVITY_WRONG,
         part="in flight",
         acceleration=GRAVITY + flight_error,
         gravity=force_at_rest,
@@ -265,19 +261,19 @@ def _force_error(
     return measured_force - expected_force
 
 
-def _vibration(sensors: BootSensors, interval: TimeInterval) -> Fact | None:
-    """Returns the statement of clipping, or of vibration above the limit, as the cause of a diverged height.
+def _vibration_fact(sensors: BootSensors, interval: TimeInterval) -> Fact | None:
+    """Returns the fact that accelerometers clipped or vibrated too much, which explains a diverged height.
 
-    Clipping, which means samples out of the range of an accelerometer, is preferred, since it surely makes the mean
-    force wrong.
+    The estimator integrates the accelerometer to the height. Clipping, which means samples out of the range of an
+    accelerometer, surely makes its mean wrong. So it is preferred to vibration above the limit, which may do so.
 
     Args:
         sensors: sensors of the boot.
         interval: interval of the divergence, s since boot.
 
     Returns:
-        A statement with the number of clips or the largest vibration, m/s²; None if there was neither, or vibration was
-        not recorded.
+        A fact with the number of clips or the largest vibration, m/s²; None if there was neither, or vibration was not
+        recorded.
     """
     vibration = reported_vibration(sensors.signals)
     if vibration is None:
@@ -289,24 +285,24 @@ def _vibration(sensors: BootSensors, interval: TimeInterval) -> Fact | None:
     count = vibration.most_clips(is_in_interval)
     if count:
         start, end = interval
-        return supporting_statement(SensorStatement.CLIPPED, time=start, end_time=end, count=count)
+        return supporting_fact(SensorFact.CLIPPED, time=start, end_time=end, count=count)
     largest_levels = levels.values[is_in_interval].max(axis=1)
     largest_level = float(largest_levels.max())
     if largest_level <= vibration_limits(sensors.signals.telemetry).bad:
         return None
     time = float(levels.time[is_in_interval][largest_levels.argmax()])
-    return supporting_statement(SensorStatement.VIBRATED, time=time, vibration=largest_level)
+    return supporting_fact(SensorFact.VIBRATED, time=time, vibration=largest_level)
 
 
 def _full_throttle(sensors: BootSensors, interval: TimeInterval) -> Fact | None:
-    """Returns the statement that a motor worked near its upper limit in an interval.
+    """Returns the fact that a motor worked near its upper limit in an interval.
 
     Args:
         sensors: sensors of the boot.
         interval: interval of the divergence, s since boot.
 
     Returns:
-        A statement with the largest command of all motors, as a ``share`` of their range; None if it was at most
+        A fact with the largest command of all motors, as a ``share`` of their range; None if it was at most
         ``FULL_THROTTLE_COMMAND``, or no outputs were recorded.
     """
     motors = sensors.signals.motors
@@ -321,4 +317,4 @@ def _full_throttle(sensors: BootSensors, interval: TimeInterval) -> Fact | None:
     if largest_command <= FULL_THROTTLE_COMMAND:
         return None
     time = float(commands.time[is_in_interval][largest_commands.argmax()])
-    return supporting_statement(SensorStatement.MOTORS_FULL, time=time, share=largest_command)
+    return supporting_fact(SensorFact.MOTORS_FULL, time=time, share=largest_command)

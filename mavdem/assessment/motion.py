@@ -167,9 +167,9 @@ def _not_flown(signals: Signals, trust: SensorTrust) -> Fact | None:
         return None
     tilt = signals.tilts[0]
     times = tilt.time[tilt.boot == trust.boot]
-    # The witnesses against a flight support this event.
-    witnesses = tuple(fact.replace(side=Side.FOR) for fact in trust.flight_check.witnesses)
-    return Fact(MotionEvent.NOT_FLOWN, time=times[0], boot=trust.boot, witnesses=witnesses)
+    # What sensors show against a flight supports this event.
+    sensor_facts = tuple(fact.replace(side=Side.FOR) for fact in trust.flight_check.witnesses)
+    return Fact(MotionEvent.NOT_FLOWN, time=times[0], boot=trust.boot, witnesses=sensor_facts)
 
 
 def _events_of_boot(signals: Signals, boot: int, reports: Sequence[Fact]) -> Iterator[Fact]:
@@ -402,14 +402,13 @@ def _end_in_air(
     sensors = BootSensors(signals, boot, flight_start)
     last_height = sensors.height_at(end_time)
     if last_height is not None and last_height > MAX_GROUND_HEIGHT:
-        height_statements = sensors.height_statements(MAX_GROUND_HEIGHT, end_time)
         end_in_air = Fact(
             MotionEvent.LOG_ENDED_IN_AIR,
             time=end_time,
             height=last_height,
             height_source=sensors.height_source,
             boot=boot,
-            witnesses=height_statements,
+            witnesses=sensors.height_facts(MAX_GROUND_HEIGHT, end_time),
             # A stream also ends if somebody ends its recording.
             is_received=not signals.telemetry.translated_from,
         )

@@ -1,9 +1,8 @@
 """Motors that stand still, by the speeds that their controllers (ESCs) measure, as facts (coded findings).
 
 A motor that is commanded to turn and does not turn is lost. But a controller that no longer reports may send a speed of
-0, so that the motor counts as lost only with a second witness: the vehicle leans, the command rises to compensate, or
-the autopilot reports the motor. If a motor lost thrust but turns as before, its propeller is the
-cause.
+0, so that a second sensor must confirm the loss: the vehicle leans, the command rises to compensate, or the autopilot
+reports the motor. If a motor lost thrust but turns as before, its propeller is the cause.
 """
 
 from bisect import insort
@@ -26,12 +25,12 @@ from mavdem.dataset.time_series import TimeSeries, series_of_boot
 from mavdem.facts import Fact, Facts
 from mavdem.facts.ending import MotionEvent
 from mavdem.facts.events import ReportedEvent
-from mavdem.facts.witnesses import SensorStatement
+from mavdem.facts.witnesses import SensorFact
 from mavdem.ingest.motors import name_without_place
 from mavdem.witnesses.boot_sensors import BootSensors
-from mavdem.witnesses.statements import (
-    contradicting_statement,
-    supporting_statement,
+from mavdem.witnesses.sensor_facts import (
+    contradicting_fact,
+    supporting_fact,
     weighed_event,
 )
 
@@ -99,7 +98,7 @@ def standing_motors(
 
     Yields:
         Facts with the name of the motor as subject, the ``name`` of its controller, its mean command as ``share`` of
-        the range, and witnesses.
+        the range, and ``witnesses``: what sensors show for or against the standstill.
     """
     motors = sensors.signals.motors
     if motors is None or sensors.boot not in motors.boot:
@@ -136,7 +135,8 @@ def _standstills(
 ) -> Iterator[TimeInterval]:
     """Yields the intervals in which a motor stood still although it was commanded to turn, s since boot.
 
-    It must have turned in this flight before, so that its controller measures. Its usual speed is the median of that.
+    It must have turned in this flight before, which shows that its controller measures the speed. The motor stands
+    still if its speed is far below the usual one of that time.
 
     Args:
         signals: signals of the vehicle.
@@ -180,7 +180,7 @@ def _standstill(
     motor: int,
     interval: TimeInterval,
 ) -> Fact:
-    """Returns the event that a motor stood still, which is bad if a second witness confirms it.
+    """Returns the event that a motor stood still, which is bad if a second sensor confirms it.
 
     Args:
         sensors: sensors of the boot.
@@ -200,15 +200,15 @@ def _standstill(
     command = TimeSeries(commands.time, commands.boot, commands.values[:, motor])
     is_in_interval = in_intervals(command.time, [recorded])
     share = float(command.values[is_in_interval].mean()) if is_in_interval.any() else 0.0
-    no_rotation = supporting_statement(
-        SensorStatement.SPEED_ZERO,
+    no_rotation = supporting_fact(
+        SensorFact.SPEED_ZERO,
         time=start,
         end_time=end,
         name=controller.name,
         duration=end - start,
         share=share,
     )
-    witnesses = (
+    sensor_facts = (
         no_rotation,
         *_counted_errors(controller, sensors.boot, recorded),
         *_reaction_of_command(command, recorded),
@@ -224,11 +224,11 @@ def _standstill(
         share=share,
         boot=sensors.boot,
     )
-    return weighed_event(event, witnesses)
+    return weighed_event(event, sensor_facts)
 
 
 def _reaction_of_command(command: TimeSeries, interval: TimeInterval) -> Facts:
-    """Returns the statement on whether the command of a motor rose while its measured speed was zero.
+    """Returns the fact whether the command of a motor rose while its measured speed was zero.
 
     If the motor really stood still, its thrust was missing, and the flight controller raised the command to make up for
     it. If the command stayed as it was, the thrust was there, and the measured speed is wrong.
@@ -245,11 +245,11 @@ def _reaction_of_command(command: TimeSeries, interval: TimeInterval) -> Facts:
     if change is None:
         return ()
     if change.rise > MIN_COMMAND_RISE:
-        return (rise_statement(change, interval),)
+        return (rise_fact(change, interval),)
     start, end = interval
     usual_command = change.before
-    unchanged = contradicting_statement(
-        SensorStatement.COMMAND_UNCHANGED, share=usual_command, time=start, end_time=end
+    unchanged = contradicting_fact(
+        SensorFact.COMMAND_UNCHANGED, share=usual_command, time=start, end_time=end
     )
     return (unchanged,)
 
@@ -274,7 +274,7 @@ def command_change(
     return CommandChange(float(np.median(before)), float(np.quantile(during, later_quantile)))
 
 
-def rise_statement(change: CommandChange, interval: TimeInterval) -> Fact:
+def rise_fact(change: CommandChange, interval: TimeInterval) -> Fact:
     """Returns the fact that the command of a motor rose, which supports that the motor lost thrust.
 
     Args:
@@ -282,8 +282,8 @@ def rise_statement(change: CommandChange, interval: TimeInterval) -> Fact:
         interval: start and end of the loss, s since boot.
     """
     start, end = interval
-    return supporting_statement(
-        SensorStatement.COMMAND_ROSE,
+    return supporting_fact(
+        SensorFact.COMMAND_ROSE,
         share=change.later,
         share_before=change.before,
         time=start,
@@ -292,7 +292,7 @@ def rise_statement(change: CommandChange, interval: TimeInterval) -> Fact:
 
 
 def _reaction_of_attitude(error: AttitudeError, interval: TimeInterval) -> Facts:
-    """Returns the statement on whether the attitude left its setpoint while the measured speed of a motor was zero.
+    """Returns the fact whether the attitude left its setpoint while the measured speed of a motor was zero.
 
     If the motor really stood still, the vehicle leans to the side of the missing thrust. If the attitude stayed at its
     setpoint, the thrust was there, and the measured speed is wrong.
@@ -311,9 +311,9 @@ def _reaction_of_attitude(error: AttitudeError, interval: TimeInterval) -> Facts
     if largest is None:
         return ()
     if largest.counted_angle > MIN_LEAN_ERROR:
-        return (supporting_statement(SensorStatement.ATTITUDE_LEFT_SETPOINT, **largest._asdict()),)
-    held = contradicting_statement(
-        SensorStatement.ATTITUDE_HELD,
+        return (supporting_fact(SensorFact.ATTITUDE_LEFT_SETPOINT, **largest._asdict()),)
+    held = contradicting_fact(
+        SensorFact.ATTITUDE_HELD,
         time=interval_of_error[0],
         end_time=end,
         angle=largest.angle,
@@ -323,7 +323,7 @@ def _reaction_of_attitude(error: AttitudeError, interval: TimeInterval) -> Facts
 
 
 def _counted_errors(controller: SpeedController, boot: int, interval: TimeInterval) -> Facts:
-    """Returns the statement that a motor's controller counted errors in an interval or a second before it.
+    """Returns the fact that a motor's controller counted errors in an interval or a second before it.
 
     Args:
         controller: the speed controller of the motor, which may count its errors.
@@ -331,7 +331,7 @@ def _counted_errors(controller: SpeedController, boot: int, interval: TimeInterv
         interval: start and end, s since boot.
 
     Returns:
-        One statement with the number of errors; empty if none was counted or the controller does not count.
+        One fact with the number of errors; empty if none was counted or the controller does not count.
     """
     errors = series_of_boot(controller.error_count, boot)
     if errors is None:
@@ -343,8 +343,8 @@ def _counted_errors(controller: SpeedController, boot: int, interval: TimeInterv
     count = int(count_after - count_before)
     if count <= 0:
         return ()
-    counted = supporting_statement(
-        SensorStatement.ERRORS_COUNTED,
+    counted = supporting_fact(
+        SensorFact.ERRORS_COUNTED,
         time=start - MAX_SETPOINT_DELAY,
         end_time=end,
         name=controller.name,
@@ -356,7 +356,7 @@ def _counted_errors(controller: SpeedController, boot: int, interval: TimeInterv
 def reports_on_motor(
     reports: Sequence[Fact], boot: int, name: str, interval: TimeInterval
 ) -> list[Fact]:
-    """Collects the autopilot's reports on a motor around an interval.
+    """Collects the autopilot's reports on a motor within ``RECOVERY_SECONDS`` of an interval.
 
     Args:
         reports: events that the autopilot reports.
@@ -365,36 +365,34 @@ def reports_on_motor(
         interval: start and end, s since boot.
 
     Returns:
-        The reports as witnesses.
+        A fact for each report, which supports that the motor was lost.
     """
     start, end = interval
     earliest = start - RECOVERY_SECONDS
     latest = end + RECOVERY_SECONDS
-    statements = []
+    supporting_reports = []
     for report in reports:
         is_of_motor = report.subject == name_without_place(name)
         is_in_time = earliest <= report.start_time <= latest
         is_near = report.figures["boot"] == boot and is_in_time
         if report.code in REPORTS_OF_MOTOR and is_of_motor and is_near:
-            statements.append(
-                supporting_statement(SensorStatement.AUTOPILOT_REPORTED, cause=report)
-            )
-    return statements
+            supporting_reports.append(supporting_fact(SensorFact.AUTOPILOT_REPORTED, cause=report))
+    return supporting_reports
 
 
-def speed_statements(signals: Signals, loss: Fact) -> Facts:
-    """Returns the statement of the speed controller on whether a motor itself caused its loss of thrust.
+def speed_facts(signals: Signals, loss: Fact) -> Facts:
+    """Returns the fact by which the measured speed shows whether a motor itself lost thrust, or its propeller.
 
-    If the motor turned more slowly although its command did not fall, it did. If it turned as fast as before or faster,
-    the cause is its propeller.
+    If the motor turned more slowly although its command did not fall, the motor is the cause. If it turned as fast as
+    before or faster, the propeller is.
 
     Args:
         signals: signals of the vehicle.
-        loss: the loss, with the motor as subject.
+        loss: the loss of thrust, with the motor as subject.
 
     Returns:
-        One statement. Empty if the speed was not measured before and after the loss, or if speed and command fell
-        together, which shows neither.
+        One fact: ``MOTOR_SLOWED`` supports that the motor was lost, ``MOTOR_TURNED`` contradicts it. Empty if the speed
+        was not measured before and in the loss, or if speed and command fell together, which shows neither.
     """
     motors = signals.motors
     if motors is None or loss.time is None or loss.subject not in motors.geometry.names:
@@ -417,10 +415,10 @@ def speed_statements(signals: Signals, loss: Fact) -> Facts:
             "rotation_before": change.before,
         }
         if not change.has_slowed:
-            return (contradicting_statement(SensorStatement.MOTOR_TURNED, **figures),)
+            return (contradicting_fact(SensorFact.MOTOR_TURNED, **figures),)
         if _command_fell(motors, boot, motor, interval):
             return ()
-        return (supporting_statement(SensorStatement.MOTOR_SLOWED, **figures),)
+        return (supporting_fact(SensorFact.MOTOR_SLOWED, **figures),)
     return ()
 
 
@@ -475,7 +473,7 @@ def samples_around(time: Array, values: Array, interval: TimeInterval) -> Sample
 
 
 def _command_fell(motors: MotorOutputs, boot: int, motor: int, interval: TimeInterval) -> bool:
-    """Returns whether the median command of a motor fell at a loss of thrust, by the share ``MIN_SPEED_CHANGE``.
+    """Returns whether the median command of a motor fell by more than ``MIN_SPEED_CHANGE`` at a loss of thrust.
 
     Args:
         motors: all motors.

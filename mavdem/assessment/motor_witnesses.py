@@ -1,6 +1,6 @@
-"""Witnesses of the loss of a motor, facts (coded findings) for or against it: command, attitude, height and reports.
+"""Facts (coded findings) that support or contradict the loss of a motor: its command, the attitude, height and reports.
 
-The loss itself is found by the commands of all motors; these statements show what else of the flight agrees with it.
+The loss itself is found by the commands of all motors; these facts show what else of the flight agrees with it.
 """
 
 from collections.abc import Sequence
@@ -12,25 +12,25 @@ from mavdem.assessment.motor_speeds import (
     MIN_LEAN_ERROR,
     command_change,
     reports_on_motor,
-    rise_statement,
-    speed_statements,
+    rise_fact,
+    speed_facts,
 )
 from mavdem.dataset.intervals import TimeInterval, in_intervals
 from mavdem.dataset.signals import Signals
 from mavdem.facts import Fact, Facts
-from mavdem.facts.witnesses import SensorStatement
+from mavdem.facts.witnesses import SensorFact
 from mavdem.witnesses.boot_sensors import BootSensors
-from mavdem.witnesses.statements import supporting_statement, supporting_statements
+from mavdem.witnesses.sensor_facts import supporting_fact, supporting_facts
 
 MIN_MEDIAN_RISE = MIN_COMMAND_RISE / 2
 """Rise of a motor's median command, as a share of the range, that supports its loss: a slow loss has most of its rise
-later, and a rise as small as the trims of sound motors is no witness."""
+later, and a rise as small as the trims of sound motors supports nothing."""
 
 
 def with_motor_witnesses(
     signals: Signals, losses: Sequence[Fact], reports: Sequence[Fact]
 ) -> list[Fact]:
-    """Adds the witnesses to each loss of a motor.
+    """Adds to each loss of a motor what sensors and reports show for or against it, as the figure ``witnesses``.
 
     Args:
         signals: signals of the vehicle.
@@ -38,25 +38,27 @@ def with_motor_witnesses(
         reports: events that the autopilot reports.
 
     Returns:
-        All facts, in the same order; those that name no motor are unchanged.
+        All losses, in the same order; those that name no motor, or about which nothing was recorded, are unchanged.
     """
-    facts = []
+    completed_losses = []
     for loss in losses:
-        witnesses = _witnesses(signals, loss, reports)
-        facts.append(loss.replace(witnesses=witnesses) if witnesses else loss)
-    return facts
+        sensor_facts = _sensor_facts_on_loss(signals, loss, reports)
+        if sensor_facts:
+            loss = loss.replace(witnesses=sensor_facts)
+        completed_losses.append(loss)
+    return completed_losses
 
 
-def _witnesses(signals: Signals, loss: Fact, reports: Sequence[Fact]) -> Facts:
-    """Collects the witnesses of one loss, from its beginning for up to twice ``RECOVERY_SECONDS``.
+def _sensor_facts_on_loss(signals: Signals, loss: Fact, reports: Sequence[Fact]) -> Facts:
+    """Collects what sensors and reports show for or against a loss, up to twice ``RECOVERY_SECONDS`` after its start.
 
     Args:
         signals: signals of the vehicle.
-        loss: event that a motor was lost.
+        loss: event that a motor was lost; its subject is the motor.
         reports: events that the autopilot reports.
 
     Returns:
-        The statements that support or contradict it.
+        A fact for each sensor or report that supports or contradicts the loss; empty if the motor is not known.
     """
     motors = signals.motors
     if motors is None or loss.time is None or loss.subject not in motors.geometry.names:
@@ -66,14 +68,14 @@ def _witnesses(signals: Signals, loss: Fact, reports: Sequence[Fact]) -> Facts:
     return (
         *_rise_of_command(signals, loss, interval),
         *_loss_of_attitude(signals, boot, interval),
-        *_fast_descent(signals, boot, interval),
-        *speed_statements(signals, loss),
+        *_fast_descent_facts(signals, boot, interval),
+        *speed_facts(signals, loss),
         *reports_on_motor(reports, boot, loss.subject, interval),
     )
 
 
 def _rise_of_command(signals: Signals, loss: Fact, interval: TimeInterval) -> Facts:
-    """Returns the statement by how much the command of a motor rose, which supports that the motor lost thrust.
+    """Returns the fact by how much the command of a motor rose, which supports that the motor lost thrust.
 
     The controller raises the command to make up for the lost thrust. If the loss was detected by the excess of the
     command over those of the other motors, that excess is stated instead.
@@ -90,8 +92,8 @@ def _rise_of_command(signals: Signals, loss: Fact, interval: TimeInterval) -> Fa
     assert motors is not None
     excess = loss.figures.get("excess")
     if excess is not None:
-        above_others = supporting_statement(
-            SensorStatement.COMMAND_ABOVE_OTHERS,
+        above_others = supporting_fact(
+            SensorFact.COMMAND_ABOVE_OTHERS,
             time=loss.time,
             end_time=loss.end_time,
             share=excess,
@@ -102,15 +104,15 @@ def _rise_of_command(signals: Signals, loss: Fact, interval: TimeInterval) -> Fa
     change = command_change(commands.time, commands.values[:, motor], interval, later_quantile=0.5)
     if change is None or change.rise < MIN_MEDIAN_RISE:
         return ()
-    return (rise_statement(change, interval),)
+    return (rise_fact(change, interval),)
 
 
 def _loss_of_attitude(signals: Signals, boot: int, interval: TimeInterval) -> Facts:
-    """Returns the statement that the attitude left its setpoint, which supports that a motor was lost.
+    """Returns the fact that the attitude left its setpoint, which supports that a motor was lost.
 
     If it did not, that proves nothing, since other motors may hold the attitude. If no setpoint was recorded, only a
-    share of the lean counts as error (:func:`mavdem.assessment.attitude_error.attitude_error`), but the fact states the
-    whole lean.
+    share of the lean is compared with the limit (:func:`mavdem.assessment.attitude_error.attitude_error`), but the fact
+    has the whole lean.
 
     Args:
         signals: signals of the vehicle.
@@ -127,11 +129,11 @@ def _loss_of_attitude(signals: Signals, boot: int, interval: TimeInterval) -> Fa
     largest = largest_error(error, interval)
     if largest is None or largest.counted_angle < MIN_LEAN_ERROR:
         return ()
-    return (supporting_statement(SensorStatement.ATTITUDE_LEFT_SETPOINT, **largest._asdict()),)
+    return (supporting_fact(SensorFact.ATTITUDE_LEFT_SETPOINT, **largest._asdict()),)
 
 
-def _fast_descent(signals: Signals, boot: int, interval: TimeInterval) -> Facts:
-    """Returns the statements of height sensors that the vehicle sank fast, which support that a motor was lost.
+def _fast_descent_facts(signals: Signals, boot: int, interval: TimeInterval) -> Facts:
+    """Returns the facts of height sensors that the vehicle sank fast, which support that a motor was lost.
 
     Args:
         signals: signals of the vehicle.
@@ -139,13 +141,13 @@ def _fast_descent(signals: Signals, boot: int, interval: TimeInterval) -> Facts:
         interval: start and end of the loss, s since boot.
 
     Returns:
-        A fact for each sensor; empty if none shows it, or the loss did not begin in a flight.
+        A fact for each height sensor that shows a fast descent; empty if none does, or the loss did not begin in a
+        flight.
     """
     loss_start, _ = interval
     for flight in flights_in_boot(signals, boot):
         if in_intervals(loss_start, [flight]):
             take_off, _ = flight
-            return supporting_statements(
-                BootSensors(signals, boot, take_off).sink_statements(interval)
-            )
+            sensors = BootSensors(signals, boot, take_off)
+            return supporting_facts(sensors.sink_facts(interval))
     return ()

@@ -11,9 +11,9 @@ from mavdem.dataset.time_series import TimeSeries
 from mavdem.facts import Fact, Facts, Level
 from mavdem.facts.ending import MotionEvent
 from mavdem.facts.events import ReportedEvent
-from mavdem.facts.witnesses import SensorStatement
+from mavdem.facts.witnesses import SensorFact
 from mavdem.witnesses.boot_sensors import BootSensors
-from mavdem.witnesses.statements import supporting_statement
+from mavdem.witnesses.sensor_facts import supporting_fact
 
 MIN_LOST_SECONDS = 5.0
 """Seconds without a position from which on that is an event: autopilots bridge shorter gaps by inertia."""
@@ -46,9 +46,10 @@ def position_losses(
         reports: events that the autopilot reports.
 
     Yields:
-        Events with start, end and duration of the loss, s, and witnesses.
+        Events with start, end and duration of the loss, s, and ``witnesses``: what sensors and the autopilot show.
     """
     position = sensors.trust.position
+    # Flags of the estimator, whether it has a position, and of the GPS receivers, whether one has a fix.
     validity, fix = position.validity, position.fix
     has_position = fix if validity is None else validity
     if has_position is None:
@@ -59,8 +60,8 @@ def position_losses(
         invalid: Facts = ()
         if validity is not None:
             invalid = (
-                supporting_statement(
-                    SensorStatement.POSITION_INVALID, time=start, end_time=end, duration=end - start
+                supporting_fact(
+                    SensorFact.POSITION_INVALID, time=start, end_time=end, duration=end - start
                 ),
             )
         yield Fact(
@@ -116,26 +117,22 @@ def _autopilot_reactions(
     loss_time, end = interval
     # The estimator may report the loss later than the autopilot reacts to it.
     start = loss_time - REACTION_SECONDS
-    statements = []
+    reactions = []
     for report in reports:
         is_of_boot = report.figures["boot"] == sensors.boot
         if is_of_boot and _is_reaction(report) and start <= report.start_time <= end:
-            statements.append(
-                supporting_statement(SensorStatement.AUTOPILOT_REPORTED, cause=report)
-            )
+            reactions.append(supporting_fact(SensorFact.AUTOPILOT_REPORTED, cause=report))
     for time, name in sensors.signals.mode_changes(sensors.boot):
         if start <= time <= end and name in MODES_WITHOUT_POSITION:
-            statements.append(
-                supporting_statement(SensorStatement.MODE_CHANGED, name=name, time=time)
-            )
-    return tuple(statements)
+            reactions.append(supporting_fact(SensorFact.MODE_CHANGED, name=name, time=time))
+    return tuple(reactions)
 
 
 def _is_reaction(report: Fact) -> bool:
     """Returns whether a report says that the autopilot acted on a lost position.
 
     ``GPS_LOST`` is such a report only if the autopilot itself sent it, as an error code or a text. If it was derived
-    from the receiver's messages, it states the same as ``NO_FIX``, and is no second witness.
+    from the receiver's messages, it is the same fact as ``NO_FIX``, and does not count a second time.
 
     Args:
         report: event that the autopilot reported, or that was derived from messages.
@@ -146,19 +143,19 @@ def _is_reaction(report: Fact) -> bool:
 
 
 def _missing_fix(fix: TimeSeries | None, interval: TimeInterval) -> Facts:
-    """Returns the statement that no GPS receiver had a fix in an interval, which supports that the position was lost.
+    """Returns the fact that no GPS receiver had a fix in an interval, which supports that the position was lost.
 
     Args:
         fix: whether a receiver had a fix (N,), 1 or 0; None if no receiver was recorded.
         interval: start and end of the time without a position, s since boot.
 
     Returns:
-        One statement; empty if a receiver had a fix, or none was recorded.
+        One fact; empty if a receiver had a fix, or none was recorded.
     """
     if fix is None:
         return ()
     is_in_interval = in_intervals(fix.time, [interval])
     if is_in_interval.any() and not fix.values[is_in_interval].any():
         start, end = interval
-        return (supporting_statement(SensorStatement.NO_FIX, time=start, end_time=end),)
+        return (supporting_fact(SensorFact.NO_FIX, time=start, end_time=end),)
     return ()

@@ -74,7 +74,7 @@ def reason_of_stop(signals: Signals, events: Sequence[Fact], boot: int, cause: F
             first_battery_warning = event
     # A pilot who closes the throttle later reacts to the fall. A short delay is allowed, since the stick may be logged
     # more slowly than the motors.
-    throttle_closing = BootSensors(signals, boot).throttle_closed_statement(
+    throttle_closing = BootSensors(signals, boot).throttle_closed_fact(
         (earliest, stop_time + FIRST_RESPONSE_SECONDS)
     )
     if throttle_closing is not None:

@@ -1,4 +1,4 @@
-"""Facts about the sensors as witnesses of an event: the sensors that support it, and those that contradict it."""
+"""Facts that one sensor shows for or against an event, such as a knock for a crash: the ``witnesses`` of the event."""
 
 from enum import StrEnum
 
@@ -6,7 +6,7 @@ from mavdem.facts.fact import Code
 
 
 class Side(StrEnum):
-    """Whether a statement supports an event or contradicts it."""
+    """Whether a sensor fact supports an event or contradicts it."""
 
     FOR = "for"
     AGAINST = "against"
@@ -19,8 +19,8 @@ class HeightSource(StrEnum):
     ESTIMATE = "estimate"
 
 
-class SensorStatement(Code):
-    """What a sensor, the autopilot or a command states for or against an event, such as a crash."""
+class SensorFact(Code):
+    """What a sensor, the autopilot or a command shows for or against an event, such as a crash."""
 
     # Height.
     ROSE = "witness_rose"

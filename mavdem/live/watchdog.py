@@ -831,7 +831,7 @@ class Watchdog:
         return ends
 
     def _say_that_light_is_over(self, kind: WatchedQuantity, end: Fact, ended_alarm: Fact) -> None:
-        """Makes the end of an alarm the statement of its light, which keeps its level.
+        """Makes the end of an alarm the fact of its light, which keeps its level.
 
         A light that states something else, such as a worse fault, stays as it is.
 

@@ -8,8 +8,8 @@ from mavdem.report.templates import render_section
 def why(fact: Fact) -> list[Sentence]:
     """Returns a sentence with the witnesses of a fact, the independent measurements that it was checked against.
 
-    A witness is a sensor or another source with its statement: of a collision, for example, that the accelerometer
-    measured a shock. A fact without witnesses has no such sentence.
+    A witness is a fact of one sensor or another source: of a collision, for example, that the accelerometer measured a
+    shock. A fact without witnesses has no such sentence.
 
     Args:
         fact: the fact, which may have ``witnesses`` among its figures.
@@ -18,7 +18,7 @@ def why(fact: Fact) -> list[Sentence]:
         The sentence, first the witnesses that support the fact, then those that contradict it; empty without witnesses.
     """
     # Imported here, since pages without an event, such as that of a fleet, need nothing of it.
-    from mavdem.witnesses.statements import contradicting_statements, supporting_statements
+    from mavdem.witnesses.sensor_facts import contradicting_facts, supporting_facts
 
     witnesses = []
     for witness in fact.figures.get("witnesses", ()):
@@ -28,8 +28,8 @@ def why(fact: Fact) -> list[Sentence]:
             witnesses.append(witness)
     return render_section(
         "why",
-        supporting=supporting_statements(witnesses),
-        contradicting=contradicting_statements(witnesses),
+        supporting=supporting_facts(witnesses),
+        contradicting=contradicting_facts(witnesses),
     )
 
 

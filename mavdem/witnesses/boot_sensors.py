@@ -1,7 +1,7 @@
-"""Statements of the sensors of one boot: facts that support or contradict an event, such as knocks in a crash.
+"""What the sensors of one boot show in an interval, as facts for or against an event, such as knocks for a crash.
 
-A knock is a short peak of the measured acceleration, as an impact causes it. An event is bad only if enough statements
-support it (:mod:`mavdem.witnesses.statements`). Some methods return the measured figure instead of a statement.
+A knock is a short peak of the measured acceleration, as an impact causes it. An event is bad only if enough facts
+support it (:mod:`mavdem.witnesses.sensor_facts`). Some methods return the measured figure instead of a fact.
 """
 
 from collections.abc import Iterable
@@ -21,7 +21,7 @@ from mavdem.dataset.signals import Signals
 from mavdem.dataset.time_series import TimeSeries, series_of_boot
 from mavdem.dataset.vehicle_cache import cached_per_vehicle
 from mavdem.facts import Fact
-from mavdem.facts.witnesses import HeightSource, SensorStatement
+from mavdem.facts.witnesses import HeightSource, SensorFact
 from mavdem.physical_constants import GRAVITY
 from mavdem.witnesses.accelerometer import (
     REST_SECONDS,
@@ -39,11 +39,11 @@ from mavdem.witnesses.height import (
     trusted_height,
     trusted_height_at,
 )
-from mavdem.witnesses.statements import (
+from mavdem.witnesses.sensor_facts import (
     ACCELEROMETER,
     ATTITUDE,
-    contradicting_statement,
-    supporting_statement,
+    contradicting_fact,
+    supporting_fact,
 )
 from mavdem.witnesses.trust import SensorTrust, sensor_trust
 
@@ -91,7 +91,7 @@ class _Descent(NamedTuple):
 
 
 class Rotation(NamedTuple):
-    """The fastest rotation in an interval; its fields are the figures of the statement ``ROTATED``."""
+    """The fastest rotation in an interval; its fields are the figures of the fact ``ROTATED``."""
 
     time: float
     """When the vehicle rotated so fast, s since boot."""
@@ -116,32 +116,27 @@ class Rest:
         return self.angle is not None and self.angle > SIDE_ANGLE
 
     @property
-    def statements(self) -> tuple[Fact, ...]:
-        """Statements that the vehicle rested, and in which pose, for or against a crash.
+    def rest_fact(self) -> Fact:
+        """The fact that the vehicle rested, which a crash always has."""
+        return supporting_fact(SensorFact.RESTED, time=self.time)
 
-        A vehicle on its side supports a crash, one that stands upright contradicts it. If its angle is not known there
-        is no statement on the pose.
+    @property
+    def pose_facts(self) -> tuple[Fact, ...]:
+        """The fact about the pose in which the vehicle rested; empty if its angle is not known.
+
+        A vehicle on its side supports a crash, one that stands upright contradicts it.
         """
-        rested = supporting_statement(SensorStatement.RESTED, time=self.time)
         if self.angle is None:
-            return (rested,)
+            return ()
+        figures = {"time": self.time, "angle": self.angle, "source": self.source}
         if self.is_on_side:
-            pose = supporting_statement(
-                SensorStatement.LAY_ON_ITS_SIDE,
-                time=self.time,
-                angle=self.angle,
-                source=self.source,
-            )
-        else:
-            pose = contradicting_statement(
-                SensorStatement.STOOD_UPRIGHT, time=self.time, angle=self.angle, source=self.source
-            )
-        return (rested, pose)
+            return (supporting_fact(SensorFact.LAY_ON_ITS_SIDE, **figures),)
+        return (contradicting_fact(SensorFact.STOOD_UPRIGHT, **figures),)
 
 
 @dataclass(frozen=True, eq=False)
 class BootSensors:
-    """The sensors of one boot, with methods that state what they show in an interval; all times are s since boot."""
+    """The sensors of one boot: what they show in an interval, for or against an event; all times are s since boot."""
 
     signals: Signals
     """Signals of the vehicle."""
@@ -191,20 +186,20 @@ class BootSensors:
         """Returns the height above the take-off at a time, m, by a source that can be trusted; None without any."""
         return trusted_height_at(self.signals, self.boot, self.take_off, time)
 
-    def height_statements(self, min_height: float, time: float) -> tuple[Fact, ...]:
-        """Returns a statement of each height sensor on whether the vehicle was above a height at some time.
+    def height_facts(self, min_height: float, time: float) -> tuple[Fact, ...]:
+        """Returns a fact of each height sensor: whether it shows the vehicle above a height at some time.
 
         Args:
             min_height: m above the take-off.
             time: s since boot.
 
         Returns:
-            Statements for or against a flight, of the barometer and of the autopilot's estimate if they were recorded.
+            Facts for or against a flight, of the barometer and of the autopilot's estimate if they were recorded.
             Empty if the take-off was before the log, since then the height above it is not known.
         """
         if isinf(self.take_off):
             return ()
-        statements = []
+        facts = []
         estimate = series_of_boot(self.signals.height, self.boot)
         for source, series in (("barometer", self.height.barometer), ("estimate", estimate)):
             if series is None:
@@ -212,10 +207,10 @@ class BootSensors:
             rise = series.value_at(time) - series.value_at(self.take_off)
             figures = {"time": time, "source": source, "height": max(rise, 0.0)}
             if rise > min_height:
-                statements.append(supporting_statement(SensorStatement.ROSE, **figures))
+                facts.append(supporting_fact(SensorFact.ROSE, **figures))
             else:
-                statements.append(contradicting_statement(SensorStatement.STAYED_LEVEL, **figures))
-        return tuple(statements)
+                facts.append(contradicting_fact(SensorFact.STAYED_LEVEL, **figures))
+        return tuple(facts)
 
     @property
     def accelerometer(self) -> AccelerometerRecord | None:
@@ -229,8 +224,8 @@ class BootSensors:
             return ""
         return self.accelerometer.name
 
-    def knock_statement(self, interval: TimeInterval) -> Fact | None:
-        """Returns the statement of the accelerometer on whether something knocked against the vehicle in an interval.
+    def knock_fact(self, interval: TimeInterval) -> Fact | None:
+        """Returns the fact of the accelerometer on whether something knocked against the vehicle in an interval.
 
         A knock is a specific force of at least ``AccelerometerRecord.knock_size``. Slow accelerometers miss most
         knocks, so that only a fast one shows that there was none.
@@ -239,8 +234,8 @@ class BootSensors:
             interval: start and end, s since boot.
 
         Returns:
-            The statement for or against an impact, with the largest specific force, m/s². None if the accelerometer has
-            no samples in the interval, or measured no knock but is too slow to show one.
+            The fact for or against an impact, with the largest specific force, m/s². None if the accelerometer has no
+            samples in the interval, or measured no knock but is too slow to show one.
         """
         accelerometer = self.accelerometer
         if accelerometer is None:
@@ -249,8 +244,8 @@ class BootSensors:
         if peak is None:
             return None
         if peak.size >= accelerometer.knock_size:
-            return supporting_statement(
-                SensorStatement.KNOCKED,
+            return supporting_fact(
+                SensorFact.KNOCKED,
                 time=peak.time,
                 acceleration=peak.size,
                 name=self.name_of_accelerometer,
@@ -258,29 +253,29 @@ class BootSensors:
         if not accelerometer.shows_knocks:
             return None
         start, end = interval
-        return contradicting_statement(
-            SensorStatement.NO_KNOCK,
+        return contradicting_fact(
+            SensorFact.NO_KNOCK,
             time=start,
             end_time=end,
             acceleration=peak.size,
             name=self.name_of_accelerometer,
         )
 
-    def rotation_statement(self, interval: TimeInterval) -> Fact | None:
-        """Returns the statement that the vehicle tumbled in an interval: that it rotated faster than ``FAST_RATE``.
+    def rotation_fact(self, interval: TimeInterval) -> Fact | None:
+        """Returns the fact that the vehicle tumbled in an interval: that it rotated faster than ``FAST_RATE``.
 
-        The statement supports an event such as a crash, in which a vehicle tumbles.
+        The fact supports an event such as a crash, in which a vehicle tumbles.
 
         Args:
             interval: start and end, s since boot.
 
         Returns:
-            The statement, with the largest body rate, rad/s, and its time; None if no rate was above ``FAST_RATE``.
+            The fact, with the largest body rate, rad/s, and its time; None if no rate was above ``FAST_RATE``.
         """
         fastest = self.fastest_rotation(self.signals.attitudes, interval)
         if fastest.body_rate <= FAST_RATE:
             return None
-        return supporting_statement(SensorStatement.ROTATED, **fastest._asdict())
+        return supporting_fact(SensorFact.ROTATED, **fastest._asdict())
 
     def fastest_rotation(self, attitudes: Iterable[Attitude], interval: TimeInterval) -> Rotation:
         """Returns the largest body rate in an interval.
@@ -432,22 +427,22 @@ class BootSensors:
             return False
         return change - estimated_change <= MAX_CLIMB_DIFFERENCE * SLOPE_SECONDS
 
-    def sink_statements(
+    def sink_facts(
         self, interval: TimeInterval, min_speed: float = MIN_SINK_RATE
     ) -> tuple[Fact, ...]:
-        """Returns a statement of each height sensor, barometer and estimate, on whether the vehicle sank fast.
+        """Returns a fact of each height sensor, barometer and estimate, on whether the vehicle sank fast.
 
-        A sensor whose descent is faster than the other one confirms, by more than ``MAX_CLIMB_DIFFERENCE``, makes no
-        statement.
+        A sensor whose descent is faster than the other one confirms, by more than ``MAX_CLIMB_DIFFERENCE``, is left
+        out.
 
         Args:
             interval: start and end, s since boot.
             min_speed: speed downward above which the vehicle sinks fast, m/s.
 
         Returns:
-            Statements that support or contradict a crash, with the largest speed downward, m/s.
+            Facts that support or contradict a crash, with the largest speed downward, m/s.
         """
-        statements = []
+        facts = []
         start, end = interval
         highest_confirmed_speed = (self.sink_rate(interval) or 0.0) + MAX_CLIMB_DIFFERENCE
         for source, descent in self._fastest_descents(interval).items():
@@ -455,27 +450,23 @@ class BootSensors:
                 continue
             figures = {"source": source, "speed": descent.speed}
             if descent.speed > min_speed:
-                statements.append(
-                    supporting_statement(SensorStatement.SANK, time=descent.time, **figures)
-                )
+                facts.append(supporting_fact(SensorFact.SANK, time=descent.time, **figures))
             else:
-                statements.append(
-                    contradicting_statement(
-                        SensorStatement.DID_NOT_SINK, time=start, end_time=end, **figures
-                    )
+                facts.append(
+                    contradicting_fact(SensorFact.DID_NOT_SINK, time=start, end_time=end, **figures)
                 )
-        return tuple(statements)
+        return tuple(facts)
 
-    def throttle_closed_statement(self, interval: TimeInterval) -> Fact | None:
-        """Returns the statement that the pilot moved the throttle stick from open to closed in an interval.
+    def throttle_closed_fact(self, interval: TimeInterval) -> Fact | None:
+        """Returns the fact that the pilot moved the throttle stick from open to closed in an interval.
 
         Args:
             interval: start and end, s since boot. The stick must have been open in it, or in the
                 ``OPEN_BEFORE_SECONDS`` before it: a stick that was closed all the time was not moved.
 
         Returns:
-            A statement with the time of the first closed sample; None if the stick was not recorded, was not closed in
-            the interval, or had been closed before.
+            A fact with the time of the first closed sample; None if the stick was not recorded, was not closed in the
+            interval, or had been closed before.
         """
         stick = self.stick
         if stick is None:
@@ -489,7 +480,7 @@ class BootSensors:
         rows = np.flatnonzero(is_inside & is_closed & (largest_travel > OPEN_STICK))
         if not len(rows):
             return None
-        return supporting_statement(SensorStatement.THROTTLE_CLOSED, time=stick.time[rows[0]])
+        return supporting_fact(SensorFact.THROTTLE_CLOSED, time=stick.time[rows[0]])
 
     def rest_after(self, time: float, latest: float) -> Rest | None:
         """Finds when the vehicle first rested on the ground between two times, and in which pose.

@@ -1,7 +1,7 @@
 """Checks whether the vehicle flew: height, attitude and body rates are evidence, and two of them must agree.
 
 On a bench the motors run, the land detector counts throttle as flight, and an estimate without a position fix drifts
-by metres. So a boot in which the motors ran counts as flown, or as not flown, only by two witnesses of the motion.
+by metres. So a boot in which the motors ran counts as flown, or as not flown, only if two sensors agree on it.
 """
 
 from dataclasses import dataclass
@@ -14,16 +14,16 @@ from mavdem.dataset.signals import Signals
 from mavdem.dataset.time_series import TimeSeries, moving_average, series_of_boot
 from mavdem.dataset.vehicle_cache import cached_per_vehicle
 from mavdem.facts import Facts
-from mavdem.facts.witnesses import SensorStatement
+from mavdem.facts.witnesses import SensorFact
 from mavdem.ingest.motors import POSSIBLE_MULTIROTORS
 from mavdem.witnesses.height import height_comparison, windowed_mean
 from mavdem.witnesses.rotation import rotation_under_power
-from mavdem.witnesses.statements import (
+from mavdem.witnesses.sensor_facts import (
     MIN_SUPPORT,
-    contradicting_statement,
-    contradicting_statements,
-    supporting_statement,
-    supporting_statements,
+    contradicting_fact,
+    contradicting_facts,
+    supporting_fact,
+    supporting_facts,
 )
 
 MIN_RISE = 1.0
@@ -53,9 +53,9 @@ class FlightCheck:
     """Whether a vehicle flew in one boot (a run of the autopilot until it restarts), and the sensors that show it."""
 
     has_flown: bool | None
-    """Whether it flew; None if the statements are too few, or contradict each other."""
+    """Whether it flew; None if the sensor facts are too few, or contradict each other."""
     witnesses: Facts
-    """Statements of sensors for a flight, and then those against it."""
+    """Facts of sensors that support a flight, and then those that contradict it."""
     had_power: bool = True
     """Whether the motors ever gave the thrust that carries the vehicle."""
 
@@ -64,18 +64,17 @@ class FlightCheck:
 def flight_check(signals: Signals, boot: int) -> FlightCheck:
     """Checks whether a vehicle flew while its motors could carry it.
 
-    A witness is a fact that one sensor, or a comparison of sensors, states for or against a flight. There are three:
-    the rise of the height, whether roll and pitch follow their setpoints, and rotation. A rise above
-    ``MIN_CERTAIN_RISE`` is enough for a flight. Otherwise ``MIN_SUPPORT`` witnesses must agree, for a flight as well as
-    against one, and a barometer that stays level rules a flight out.
+    Three facts of sensors support or contradict a flight: the rise of the height, whether roll and pitch follow their
+    setpoints, and rotation. A rise above ``MIN_CERTAIN_RISE`` is enough for a flight. Otherwise ``MIN_SUPPORT`` facts
+    must agree, for a flight as well as against one, and a barometer that stays level rules a flight out.
 
     Args:
         signals: signals of the vehicle.
         boot: number of the boot.
 
     Returns:
-        Whether the vehicle flew, None if that is not known, with the witnesses. If the motors were not recorded or
-        never ran, it is not known and there are no witnesses.
+        Whether the vehicle flew, None if that is not known, with these facts. If the motors were not recorded or never
+        ran, it is not known and there are no facts.
     """
     powered_spans = powered_intervals(signals, boot)
     if not powered_spans:
@@ -88,9 +87,9 @@ def flight_check(signals: Signals, boot: int) -> FlightCheck:
         height = series_of_boot(signals.height, boot)
         source = "estimate"
     rise = None if height is None else _rise(height, powered_spans)
-    statements = (*_rise_statements(rise, source), *_rotation_statements(signals, boot))
-    support = supporting_statements(statements)
-    objections = contradicting_statements(statements)
+    sensor_facts = (*_rise_facts(rise, source), *_rotation_facts(signals, boot))
+    support = supporting_facts(sensor_facts)
+    objections = contradicting_facts(sensor_facts)
     witnesses = (*support, *objections)
 
     is_certain = rise is not None and rise > MIN_CERTAIN_RISE
@@ -106,51 +105,49 @@ def flight_check(signals: Signals, boot: int) -> FlightCheck:
     return FlightCheck(None, witnesses)
 
 
-def _rise_statements(rise: float | None, source: str) -> Facts:
-    """Returns the statement of the vehicle's rise for or against a flight.
+def _rise_facts(rise: float | None, source: str) -> Facts:
+    """Returns the fact of the height sensor that the vehicle rose, for a flight, or stayed level, against one.
 
     Args:
         rise: height gained under power, m; None if it is not known.
         source: "barometer" or "estimate".
 
     Returns:
-        One statement; empty if the rise is not known, or is neither large nor small.
+        One fact; empty if the rise is not known, or is neither large nor small.
     """
     if rise is None:
         return ()
     if rise > MIN_RISE:
-        return (supporting_statement(SensorStatement.ROSE, source=source, height=rise),)
+        return (supporting_fact(SensorFact.ROSE, source=source, height=rise),)
     if rise < MAX_LEVEL_RISE:
-        return (contradicting_statement(SensorStatement.STAYED_LEVEL, source=source, height=rise),)
+        return (contradicting_fact(SensorFact.STAYED_LEVEL, source=source, height=rise),)
     return ()
 
 
-def _rotation_statements(signals: Signals, boot: int) -> Facts:
-    """Returns the statements of roll, pitch and the body rates for or against a flight.
+def _rotation_facts(signals: Signals, boot: int) -> Facts:
+    """Returns the facts of roll, pitch and the body rates for or against a flight.
 
     Args:
         signals: signals of the vehicle.
         boot: number of the boot.
 
     Returns:
-        At most one statement on how the attitude follows its setpoint, and one if the vehicle did not rotate at all.
+        At most one fact on how the attitude follows its setpoint, and one if the vehicle did not rotate at all.
     """
     rotation = rotation_under_power(signals, boot)
     if rotation is None:
         return ()
-    statements = []
+    facts = []
     if rotation.follows_setpoint is True:
         correlation = rotation.correlation
-        statements.append(
-            supporting_statement(SensorStatement.ATTITUDE_ANSWERED, correlation=correlation)
-        )
+        facts.append(supporting_fact(SensorFact.ATTITUDE_ANSWERED, correlation=correlation))
     elif rotation.follows_setpoint is False:
         error = rotation.median_error
-        statements.append(contradicting_statement(SensorStatement.ATTITUDE_IGNORED, angle=error))
+        facts.append(contradicting_fact(SensorFact.ATTITUDE_IGNORED, angle=error))
     if rotation.is_held:
         rate = rotation.largest_rate
-        statements.append(contradicting_statement(SensorStatement.DID_NOT_ROTATE, body_rate=rate))
-    return tuple(statements)
+        facts.append(contradicting_fact(SensorFact.DID_NOT_ROTATE, body_rate=rate))
+    return tuple(facts)
 
 
 def powered_intervals(signals: Signals, boot: int) -> Intervals:

@@ -124,7 +124,7 @@ class SensorTrust:
         return (self._flight_check(), *sensors, *motion, stick)
 
     def _flight_check(self) -> Fact:
-        """Returns the check of whether the vehicle flew, with the statements of its sensors for and against that.
+        """Returns the check of whether the vehicle flew, with the facts of its sensors for and against that.
 
         Where the sensors do not decide it, a vehicle whose motors had enough power to fly is assumed to have flown.
         """

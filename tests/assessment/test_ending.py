@@ -475,8 +475,8 @@ def test_what_lies_askew_after_its_landing_did_not_come_back(landed_at, words):
 
 def test_heights_above_a_take_off_before_the_log_are_no_witnesses():
     signals = Signals(flight(), inputs="motors")
-    assert BootSensors(signals, 0, 6.0).height_statements(1.0, FAILS)
-    assert not BootSensors(signals, 0).height_statements(1.0, FAILS)
+    assert BootSensors(signals, 0, 6.0).height_facts(1.0, FAILS)
+    assert not BootSensors(signals, 0).height_facts(1.0, FAILS)
 
 
 def test_a_log_that_ends_after_the_loss_shows_why():

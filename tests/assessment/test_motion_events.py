@@ -29,14 +29,14 @@ from mavdem.dataset.signals import Signals
 from mavdem.facts import Fact, Level
 from mavdem.facts.ending import Ending, FailedFirst, MotionEvent
 from mavdem.facts.events import ReportedEvent
-from mavdem.facts.witnesses import SensorStatement, Side
+from mavdem.facts.witnesses import SensorFact, Side
 from mavdem.ingest.vocabulary import quaternion
 from mavdem.witnesses.boot_sensors import Rest
-from mavdem.witnesses.statements import (
+from mavdem.witnesses.sensor_facts import (
     ACCELEROMETER,
     ATTITUDE,
     support_count,
-    supporting_statement,
+    supporting_fact,
 )
 
 GRAVITY = 9.8
@@ -81,9 +81,9 @@ def test_an_estimate_that_falls_while_the_barometer_rises_has_diverged():
     assert diverged.figures["climb_rate"] < -2.0
     assert diverged.figures["speed"] > 1.5
     assert {
-        SensorStatement.ROSE,
-        SensorStatement.THROTTLE_NOT_RAISED,
-        SensorStatement.MOTORS_FULL,
+        SensorFact.ROSE,
+        SensorFact.THROTTLE_NOT_RAISED,
+        SensorFact.MOTORS_FULL,
     } <= witnesses(diverged, Side.FOR)
     # Motors that follow a false height are not too weak.
     assert MotionEvent.MOTOR_AT_ITS_STOP not in events
@@ -95,14 +95,14 @@ def test_full_throttle_does_not_confirm_an_estimate_that_rises_while_the_vehicle
     diverged = judged(driven(telemetry, 2000.0, EVENT + 1.0, EVENT + 5.0))[0][
         MotionEvent.HEIGHT_DIVERGED
     ]
-    assert SensorStatement.SANK in witnesses(diverged, Side.FOR)
-    assert SensorStatement.MOTORS_FULL not in witnesses(diverged, Side.FOR)
+    assert SensorFact.SANK in witnesses(diverged, Side.FOR)
+    assert SensorFact.MOTORS_FULL not in witnesses(diverged, Side.FOR)
 
 
 def test_the_accelerometer_is_the_cause_of_a_height_that_diverges():
     telemetry = changed(height_runaway(), "HIGHRES_IMU", zacc=-8.0)
     cause = judged(telemetry)[0][MotionEvent.HEIGHT_DIVERGED].figures["cause"]
-    assert (cause.code, cause.figures["part"]) == (SensorStatement.GRAVITY_WRONG, "at rest")
+    assert (cause.code, cause.figures["part"]) == (SensorFact.GRAVITY_WRONG, "at rest")
     assert cause.figures["acceleration"] == approx(8.0)
 
 
@@ -125,7 +125,7 @@ def test_vibration_is_a_cause_beyond_the_limit_of_the_autopilot(autopilot, is_ca
     clips = {f"clipping_{imu}": 0.0 for imu in range(3)}
     telemetry = changed(telemetry, "VIBRATION", **columns(time, **levels, **clips))
     diverged = judged(telemetry)[0][MotionEvent.HEIGHT_DIVERGED]
-    assert (SensorStatement.VIBRATED in witnesses(diverged, Side.FOR)) is is_cause
+    assert (SensorFact.VIBRATED in witnesses(diverged, Side.FOR)) is is_cause
 
 
 def test_a_throttle_closed_after_a_divergence_is_named_beside_it():
@@ -176,9 +176,7 @@ def test_a_vehicle_that_topples_as_the_throttle_closes_has_landed():
     assert ending.figures["cause"].code is FailedFirst.THROTTLE_CLOSED_FIRST
     assert ending.time == approx(EVENT + 9.8, abs=0.3)
     toppled = events[MotionEvent.TOPPLED]
-    assert {SensorStatement.KNOCKED, SensorStatement.LAY_ON_ITS_SIDE} <= witnesses(
-        toppled, Side.FOR
-    )
+    assert {SensorFact.KNOCKED, SensorFact.LAY_ON_ITS_SIDE} <= witnesses(toppled, Side.FOR)
     assert "switch" not in ending.remedy
 
 
@@ -300,18 +298,18 @@ def test_a_dive_that_the_pilot_ends_is_no_crash():
     dived = events[MotionEvent.DIVED]
     assert dived.level is Level.GOOD
     assert dived.figures["speed"] == approx(7.8, abs=1.5)
-    assert SensorStatement.THROTTLE_CLOSED in witnesses(dived, Side.FOR)
+    assert SensorFact.THROTTLE_CLOSED in witnesses(dived, Side.FOR)
 
 
 def test_without_a_stick_nobody_knows_that_the_pilot_dived():
     dived = judged(only(dive(), lambda time: time < 0, "RC_CHANNELS"))[0][MotionEvent.DIVED]
-    assert SensorStatement.MOTORS_THROTTLED in witnesses(dived, Side.FOR)
-    assert SensorStatement.THROTTLE_CLOSED not in witnesses(dived, Side.FOR)
+    assert SensorFact.MOTORS_THROTTLED in witnesses(dived, Side.FOR)
+    assert SensorFact.THROTTLE_CLOSED not in witnesses(dived, Side.FOR)
 
 
 def test_a_pose_by_the_attitude_is_no_second_witness_of_the_attitude():
-    left = supporting_statement(SensorStatement.ATTITUDE_LEFT_SETPOINT, angle=1.0)
-    poses = [Rest(0.0, 1.5, source).statements[1] for source in (ATTITUDE, ACCELEROMETER)]
+    left = supporting_fact(SensorFact.ATTITUDE_LEFT_SETPOINT, angle=1.0)
+    poses = [Rest(0.0, 1.5, source).pose_facts[0] for source in (ATTITUDE, ACCELEROMETER)]
     assert [support_count([left, pose]) for pose in poses] == [1, 2]
     assert "by the attitude" in poses[0].sentence
 
@@ -328,10 +326,8 @@ def test_an_impact_has_a_knock_a_descent_and_rest_as_witnesses():
     assert ending.code is Ending.CRASHED
     assert ending.figures["speed"] == approx(6.0, abs=1.0)
     hit = events[MotionEvent.HIT]
-    assert {SensorStatement.KNOCKED, SensorStatement.SANK, SensorStatement.RESTED} <= witnesses(
-        hit, Side.FOR
-    )
-    assert witnesses(hit, Side.AGAINST) == {SensorStatement.STOOD_UPRIGHT}
+    assert {SensorFact.KNOCKED, SensorFact.SANK, SensorFact.RESTED} <= witnesses(hit, Side.FOR)
+    assert witnesses(hit, Side.AGAINST) == {SensorFact.STOOD_UPRIGHT}
     assert ending.figures["witnesses"] == hit.figures["witnesses"]
 
 
@@ -446,9 +442,7 @@ def test_a_descent_faster_than_a_free_fall_from_that_height_is_no_witness():
     telemetry = changed(telemetry, "LOCAL_POSITION_NED", vz=np.where(runs_away, 41.0, place["vz"]))
     hit = judged(telemetry)[0][MotionEvent.HIT]
     sources = [
-        fact.figures["source"]
-        for fact in hit.figures["witnesses"]
-        if fact.code is SensorStatement.SANK
+        fact.figures["source"] for fact in hit.figures["witnesses"] if fact.code is SensorFact.SANK
     ]
     assert sources == ["barometer"]
     assert hit.figures["speed"] < 10
@@ -534,7 +528,7 @@ def test_a_setpoint_that_nothing_follows_is_no_tumble():
     lost = events[MotionEvent.ATTITUDE_LOST]
     assert lost.level is Level.WATCH
     assert "no other sensor confirms" in lost.sentence
-    assert SensorStatement.DID_NOT_ROTATE in witnesses(lost, Side.AGAINST)
+    assert SensorFact.DID_NOT_ROTATE in witnesses(lost, Side.AGAINST)
 
 
 def without_position(telemetry, seconds):
@@ -549,7 +543,7 @@ def test_a_position_that_is_lost_for_long_and_a_blind_land_is_bad():
     lost = judged(telemetry)[0][MotionEvent.POSITION_LOST]
     assert lost.level is Level.BAD
     assert (lost.time, lost.figures["duration"]) == approx((EVENT, 18.0), abs=0.3)
-    assert SensorStatement.MODE_CHANGED in witnesses(lost, Side.FOR)
+    assert SensorFact.MODE_CHANGED in witnesses(lost, Side.FOR)
 
 
 @mark.parametrize("seconds, is_lost", [(4.0, False), (6.0, True)])
@@ -584,7 +578,7 @@ def without_fix(*receivers):
 def test_receivers_without_a_fix_alone_do_not_speak_for_the_estimator():
     lost = judged(without_fix("GPS_RAW_INT", "GPS2_RAW"))[0][MotionEvent.POSITION_LOST]
     assert lost.level is Level.WATCH
-    assert witnesses(lost, Side.FOR) == {SensorStatement.NO_FIX}
+    assert witnesses(lost, Side.FOR) == {SensorFact.NO_FIX}
 
 
 def test_a_second_receiver_with_a_fix_holds_the_position():
@@ -636,9 +630,7 @@ def test_an_error_without_a_setpoint_is_stated_as_the_lean():
         largest = largest_error(error, (0.0, 2.0))
         assert np.degrees(largest.angle) == approx(angle)
         assert largest_error(error, (5.0, 6.0)) is None
-        statement = supporting_statement(
-            SensorStatement.ATTITUDE_LEFT_SETPOINT, **largest._asdict()
-        )
+        statement = supporting_fact(SensorFact.ATTITUDE_LEFT_SETPOINT, **largest._asdict())
         assert ("setpoint" in statement.sentence) == has_setpoint
 
 

@@ -9,14 +9,14 @@ from scipy.constants import g as GRAVITY  # noqa: N812
 from mavdem.assessment.ending import ending_of
 from mavdem.assessment.instances import instances_of
 from mavdem.assessment.motion import motion_events
-from mavdem.assessment.motor_speeds import speed_statements
+from mavdem.assessment.motor_speeds import speed_facts
 from mavdem.assessment.motor_witnesses import with_motor_witnesses
 from mavdem.dataset.signals import Signals
 from mavdem.facts import Fact
 from mavdem.facts.ending import FailedFirst, MotionEvent
 from mavdem.facts.events import ReportedEvent
 from mavdem.facts.motors import MotorWatchFact
-from mavdem.facts.witnesses import SensorStatement, Side
+from mavdem.facts.witnesses import SensorFact, Side
 
 MOTOR = 1
 """Index of the motor that fails: motor 2, rear left."""
@@ -61,9 +61,9 @@ def test_a_motor_that_stands_still_while_commanded_is_lost_with_a_second_witness
     assert stood_still.is_bad
     assert stood_still.subject == "motor 2 (rear left)"
     for_it = {
-        SensorStatement.SPEED_ZERO,
-        SensorStatement.COMMAND_ROSE,
-        SensorStatement.ATTITUDE_LEFT_SETPOINT,
+        SensorFact.SPEED_ZERO,
+        SensorFact.COMMAND_ROSE,
+        SensorFact.ATTITUDE_LEFT_SETPOINT,
     }
     assert for_it <= codes(stood_still, Side.FOR)
     cause = ending.figures["cause"]
@@ -78,8 +78,8 @@ def test_a_controller_that_reports_0_in_a_sound_hover_is_to_be_watched():
     stood_still = events[MotionEvent.MOTOR_STOOD_STILL]
     assert stood_still.level == "watch"
     assert codes(stood_still, Side.AGAINST) == {
-        SensorStatement.COMMAND_UNCHANGED,
-        SensorStatement.ATTITUDE_HELD,
+        SensorFact.COMMAND_UNCHANGED,
+        SensorFact.ATTITUDE_HELD,
     }
     assert "telemetry" in stood_still.remedy
     assert ending is None
@@ -98,8 +98,8 @@ def test_motors_that_all_turn_are_no_event():
 @mark.parametrize(
     "speed, code, side",
     [
-        (3000.0, SensorStatement.MOTOR_SLOWED, Side.FOR),
-        (5500.0, SensorStatement.MOTOR_TURNED, Side.AGAINST),
+        (3000.0, SensorFact.MOTOR_SLOWED, Side.FOR),
+        (5500.0, SensorFact.MOTOR_TURNED, Side.AGAINST),
     ],
 )
 def test_a_loss_of_thrust_has_the_speed_of_its_motor_for_or_against_it(speed, code, side):
@@ -115,7 +115,7 @@ def test_a_motor_that_its_command_slowed_did_not_slow_by_itself():
     outputs[MOTOR, telemetry.messages["SERVO_OUTPUT_RAW"]["time"] > EVENT] = 1000.0
     signals = Signals(with_pulses(telemetry, outputs), inputs="motors")
     off = Fact(MotionEvent.MOTOR_OFF, time=EVENT, subject="motor 2 (rear left)", boot=0)
-    assert not speed_statements(signals, off)
+    assert not speed_facts(signals, off)
 
 
 def test_a_loss_states_what_else_of_the_flight_agrees_with_it():
@@ -126,10 +126,10 @@ def test_a_loss_states_what_else_of_the_flight_agrees_with_it():
     other = Fact(MotorWatchFact.STEADY_TORQUE_CHANGED, time=EVENT, boot=0)
     witnessed, unnamed = with_motor_witnesses(signals, [loss, other], [report])
     assert {
-        SensorStatement.COMMAND_ABOVE_OTHERS,
-        SensorStatement.ATTITUDE_LEFT_SETPOINT,
-        SensorStatement.SANK,
-        SensorStatement.AUTOPILOT_REPORTED,
+        SensorFact.COMMAND_ABOVE_OTHERS,
+        SensorFact.ATTITUDE_LEFT_SETPOINT,
+        SensorFact.SANK,
+        SensorFact.AUTOPILOT_REPORTED,
     } == codes(witnessed, Side.FOR)
     assert unnamed == other
 

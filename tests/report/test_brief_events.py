@@ -5,14 +5,14 @@ from mavdem.facts import Fact, Level
 from mavdem.facts.ending import Ending, MotionEvent
 from mavdem.facts.event import Event
 from mavdem.facts.loops import LoopFact
-from mavdem.facts.witnesses import SensorStatement
+from mavdem.facts.witnesses import SensorFact
 from mavdem.report.brief_events import worst_events
 from mavdem.report.loops import decision_sentences
 from mavdem.report.pages.flight_page import _numbered_events
 from mavdem.report.pages.page import Head, PageEvent
-from mavdem.witnesses.statements import supporting_statement
+from mavdem.witnesses.sensor_facts import supporting_fact
 
-TURNED = (supporting_statement(SensorStatement.ROTATED, time=31.0, body_rate=5.0),)
+TURNED = (supporting_fact(SensorFact.ROTATED, time=31.0, body_rate=5.0),)
 CLIPS = [
     Fact(MotionEvent.CLIPPED, time=time, end_time=time + 1.0, count=9, boot=0)
     for time in (5.0, 12.0, 19.0, 26.0)

@@ -3,20 +3,18 @@
 from mavdem.facts import Fact
 from mavdem.facts.ending import MotionEvent
 from mavdem.facts.events import ReportedEvent
-from mavdem.facts.witnesses import SensorStatement
+from mavdem.facts.witnesses import SensorFact
 from mavdem.report.why import why, why_text
-from mavdem.witnesses.statements import (
-    contradicting_statement,
+from mavdem.witnesses.sensor_facts import (
+    contradicting_fact,
     support_count,
-    supporting_statement,
+    supporting_fact,
     weighed_event,
 )
 
-SANK = supporting_statement(SensorStatement.SANK, time=2.5, source="barometer", speed=4.04)
-KNOCKED = supporting_statement(SensorStatement.KNOCKED, time=3.0, acceleration=80.2)
-UPRIGHT = contradicting_statement(
-    SensorStatement.STOOD_UPRIGHT, time=4.0, angle=0.1, source="accelerometer"
-)
+SANK = supporting_fact(SensorFact.SANK, time=2.5, source="barometer", speed=4.04)
+KNOCKED = supporting_fact(SensorFact.KNOCKED, time=3.0, acceleration=80.2)
+UPRIGHT = contradicting_fact(SensorFact.STOOD_UPRIGHT, time=4.0, angle=0.1, source="accelerometer")
 
 
 def hit(*witnesses):
@@ -39,7 +37,7 @@ def test_what_stands_askew_is_not_called_upright():
 
 def test_a_report_does_not_prove_itself():
     crash = Fact(ReportedEvent.CRASH_DETECTED, time=5.0, boot=0)
-    reported = supporting_statement(SensorStatement.AUTOPILOT_REPORTED, cause=crash)
+    reported = supporting_fact(SensorFact.AUTOPILOT_REPORTED, cause=crash)
     assert why_text(crash.replace(witnesses=(reported, SANK))) == (
         "Why: the barometer sank at 4.0 m/s at 2.5 s."
     )
@@ -59,10 +57,10 @@ def test_one_witness_is_not_enough_for_a_bad_event():
 
 
 def test_two_statements_that_rest_on_the_height_are_one_witness():
-    by_estimate = supporting_statement(SensorStatement.SANK, source="estimate", speed=5.0)
+    by_estimate = supporting_fact(SensorFact.SANK, source="estimate", speed=5.0)
     assert support_count([SANK, by_estimate]) == 1
     assert support_count([SANK, by_estimate, KNOCKED, UPRIGHT]) == 2
 
 
 def test_a_rest_that_follows_every_flight_is_no_witness():
-    assert support_count([supporting_statement(SensorStatement.RESTED, time=4.0)]) == 0
+    assert support_count([supporting_fact(SensorFact.RESTED, time=4.0)]) == 0

@@ -10,7 +10,7 @@ from pytest import approx, mark
 from mavdem.dataset.signals import Signals
 from mavdem.facts import Fact, Level
 from mavdem.facts.trust import TrustCheck
-from mavdem.facts.witnesses import SensorStatement
+from mavdem.facts.witnesses import SensorFact
 from mavdem.report.trust import trust_table
 from mavdem.witnesses import sensor_trust
 from mavdem.witnesses.height import trusted_height
@@ -155,7 +155,7 @@ def test_two_witnesses_against_a_flight_make_a_bench_run():
     never_flew = trust(bench(flight()))
     assert never_flew.flew is False
     codes = [fact.code for fact in never_flew.flight_check.witnesses]
-    assert codes == [SensorStatement.STAYED_LEVEL, SensorStatement.DID_NOT_ROTATE]
+    assert codes == [SensorFact.STAYED_LEVEL, SensorFact.DID_NOT_ROTATE]
     assert {fact.figures["side"] for fact in never_flew.flight_check.witnesses} == {"against"}
 
 
