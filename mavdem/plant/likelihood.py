@@ -14,6 +14,7 @@ its own level of wind torque and noise; both are solved for. All other parameter
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from typing import NamedTuple
 
 import numpy as np
@@ -89,7 +90,7 @@ REFINEMENT_PRIOR = Prior(0.0, 0.3)
 
 
 class GrayBoxModel(NamedTuple):
-    """Gray-box model of one axis' body rate, as functions of its k parameters θ.
+    """Body rate of one axis by its motors, wind torque and noise, as functions of the k entries of the parameters θ.
 
     The entries of θ, in this order: log effect; deviation of each motor (r of them); log damping; log lag; delay; log
     size and log time of each component of the wind torque; log noise; refinements. The effect of motor i is
@@ -120,11 +121,11 @@ class GrayBoxModel(NamedTuple):
     def prior(self) -> ArrayPair:
         """Normal prior of θ: its mean (k,) and its standard deviation (k,), in the order of the entries of θ.
 
-        All entries are independent. Each component of the wind torque has a log size and a log time; the slow component
-        comes first.
+        All entries are independent: the log effect; the deviation of each motor's effect from the common one; log
+        damping, log lag and delay; log size and log time of each component of the wind torque, the slow component
+        first; log noise; and the parameter of each refinement of the model, such as the curvature of the thrust curve.
         """
-        # The order must agree with the indices below: effect, deviations, damping, lag, delay, wind, noise,
-        # refinements.
+        # The order must agree with the indices below.
         priors = [LOG_EFFECT_PRIOR]
         priors += [Prior(0.0, self.deviation_sd)] * self.motors
         priors += [LOG_DAMPING_PRIOR, LOG_LAG_PRIOR, DELAY_PRIOR]
@@ -161,10 +162,25 @@ class GrayBoxModel(NamedTuple):
         return self.wind_index + 2 * len(self.wind)
 
     @property
+    def effect_indices(self) -> range:
+        """Indices of the log effect and of the motors' deviations from it in θ, which it begins with."""
+        return range(self.damping_index)
+
+    @property
+    def wind_and_noise_indices(self) -> range:
+        """Indices of sizes and times of the wind torque's components and of the noise in θ."""
+        return range(self.wind_index, self.noise_index + 1)
+
+    @property
+    def refinement_indices(self) -> range:
+        """Indices of the parameters of the refinements in θ, which it ends with."""
+        first_refinement = self.noise_index + 1
+        return range(first_refinement, first_refinement + len(self.refinements))
+
+    @property
     def logarithm_indices(self) -> list[int]:
         """Indices of all entries of θ that are logarithms."""
-        wind_and_noise = range(self.wind_index, self.noise_index + 1)
-        return [0, self.damping_index, self.lag_index, *wind_and_noise]
+        return [0, self.damping_index, self.lag_index, *self.wind_and_noise_indices]
 
     def effect(self, thetas: Array) -> Array:
         """Returns the effect of each motor (…, r), rad/s² per unit of ``FlightWindows.inputs``, for θ (…, k)."""
@@ -234,8 +250,9 @@ class GrayBoxModel(NamedTuple):
     def _input_channels(self, windows: FlightWindows) -> ComplexArray:
         """Returns the channels of the inputs that this model uses.
 
-        A channel is a part of the inputs with one model of the signal between samples. The interpolated and the held
-        channel sum to the inputs. Each refinement of the model has one more channel.
+        The inputs are the sum of two signals, their channels, which act differently between samples: commands are
+        interpolated linearly, and the controller's immediate response to a sample is held from that sample on. Each
+        refinement of the model, such as the curvature of the thrust curve, adds one more channel.
 
         Args:
             windows: W windows with F frequencies.
@@ -277,16 +294,16 @@ class GrayBoxModel(NamedTuple):
         plant = 1 / (damping - lag * omega**2 + 1j * omega * (1 + damping * lag))
 
         # Linear interpolation between samples has the spectrum sinc²; a value that is held for one sample has the
-        # spectrum sinc with a delay of half a sample. Inputs are interpolated, except for the part that responds to a
-        # sample. That part must not be used to predict the sample, and is therefore held from the sample on.
+        # spectrum sinc with a delay of half a sample. Inputs are interpolated, except for the immediate response of the
+        # controller to a sample. It must not be used to predict the sample, and is therefore held from the sample on.
         held_spectrum = np.sinc(omega * dt / (2 * np.pi))
         interpolation = held_spectrum**2
-        # If the sampling interval is longer than the autopilot's response, the response is held only for a part of the
-        # interval. Its spectrum is approximated by that of the whole interval times this part, which is correct at low
-        # frequencies.
-        held_part = min(1.0, RESPONSE_SECONDS / dt)
+        # If the sampling interval is longer than the autopilot's response, the response is held only for a fraction of
+        # the interval. Its spectrum is approximated by the spectrum of the whole interval times this fraction, which is
+        # correct at low frequencies.
+        held_fraction = min(1.0, RESPONSE_SECONDS / dt)
         half_sample_delay = np.exp(-0.5j * omega * dt)
-        hold = held_part * held_spectrum * half_sample_delay
+        hold = held_fraction * held_spectrum * half_sample_delay
         interpolated_response = delay_response * np.sum(plant * interpolation, axis=1)
         held_response = delay_response * np.sum(plant * hold, axis=1)
         responses = [interpolated_response, held_response]
@@ -296,7 +313,7 @@ class GrayBoxModel(NamedTuple):
         return np.array(responses)
 
     def noise_density(self, thetas: Array, windows: FlightWindows) -> Array:
-        """Returns the spectral density of the part of the body rate that wind torque and measurement noise cause.
+        """Returns the spectral density of the body rate that wind torque and measurement noise cause.
 
         The density of the wind torque, the sum of its components, is multiplied by the squared response of the damped
         axis, 1 / (ω² + damping²), and summed over all aliases of each frequency. The density of white measurement noise
@@ -327,8 +344,8 @@ class GrayBoxModel(NamedTuple):
         """Returns the one-step prediction errors (innovations) of all windows, without their beginnings.
 
         The rate minus the rate that the motors cause is divided by the minimum-phase factor of the noise's density, in
-        the frequency domain. That whitens it: the result is the part of each sample that cannot be predicted from the
-        samples before it.
+        the frequency domain. That whitens it: the result is what cannot be predicted of each sample from the samples
+        before it.
 
         Args:
             thetas: b parameter vectors θ (b, k).
@@ -345,8 +362,9 @@ class GrayBoxModel(NamedTuple):
     def innovations_after_steps(self, theta: Array, steps: Array, windows: FlightWindows) -> Array:
         """Returns the one-step prediction errors at a point θ, and those with each entry of θ changed by a step.
 
-        They equal the errors of :meth:`innovations`, but cost less effort: entries of the effect do not change the
-        frequency response or the noise, and entries of the noise do not change the rate by the motors.
+        They equal the errors of :meth:`innovations` at all these parameter vectors, but take less time. The errors are
+        the rate minus the rate that the motors cause, filtered to be white by the noise's density. Effects change
+        neither frequency responses nor that density, and wind and noise do not change the rate by the motors.
 
         ``tests/plant/test_physical.py`` compares them with :meth:`innovations` at the changed parameters.
 
@@ -358,7 +376,7 @@ class GrayBoxModel(NamedTuple):
         Returns:
             Prediction errors (k + 1, W, N′), rad/s, at θ first, without their mean in each window.
         """
-        # Row i + 1 of the points has entry i of θ changed.
+        # Row 0 of the points is θ, and row i + 1 has entry i of θ changed (``_rows_of_entries``).
         points = np.vstack([theta, theta + np.diag(steps)])
         residual = windows.rate - self._rate_by_motors_after_steps(points, windows)
         factor = self._noise_factors_after_steps(points, windows)
@@ -367,8 +385,8 @@ class GrayBoxModel(NamedTuple):
     def _rate_by_motors_after_steps(self, points: Array, windows: FlightWindows) -> ComplexArray:
         """Returns the Fourier transform of the rate that the motors cause, at θ and with each of its entries changed.
 
-        Entries of the effect do not change the frequency responses, and those of wind torque and noise change nothing
-        here. New responses are needed only for changes of damping, lag, delay and the refinements.
+        New frequency responses are computed only for changes of damping, lag, delay and the refinements. Effects do not
+        change the responses, and wind and noise do not change this rate at all.
 
         Args:
             points: θ, and θ with each of its entries changed (k + 1, k).
@@ -377,35 +395,34 @@ class GrayBoxModel(NamedTuple):
         Returns:
             Transforms (k + 1, W, F), rad/s, as :meth:`rate_by_motors` returns them for the points.
         """
-        # Row i + 1 of the points has entry i changed. θ begins with the common effect and the deviations of the motors
-        # from it: these rows are computed together with row 0, which is of θ itself.
-        effect_rows = slice(0, self.damping_index + 1)
-        plant_rows = [
-            self.damping_index + 1,
-            self.lag_index + 1,
-            self.delay_index + 1,
-            *range(self.noise_index + 2, len(points)),
-        ]
+        # The effects are the first entries of θ. With θ itself, in row 0, their rows are the first ones of the points.
+        effect_rows = slice(0, 1 + len(self.effect_indices))
+        response_rows = _rows_of_entries(
+            [self.damping_index, self.lag_index, self.delay_index, *self.refinement_indices]
+        )
         inputs = self._input_channels(windows)
-        responses = self._channel_responses(points[[0, *plant_rows]], windows)
+        responses = self._channel_responses(points[[0, *response_rows]], windows)
         response_at_theta = responses[:, 0]
         responses_after_steps = responses[:, 1:]
 
         # Letters of einsum: channel c, input r, parameter vector b, window w, frequency f.
         rate_by_motors = np.empty((len(points), *windows.rate.shape), complex)
+        # With changed effects: the rate by each input is the same, and is multiplied by other effects.
         rate_per_effect = np.einsum("crwf,cf->rwf", inputs, response_at_theta)
         effects = self.effect(points[effect_rows]).astype(complex)
         rate_by_motors[effect_rows] = np.tensordot(effects, rate_per_effect, axes=1)
-        # All other rows begin as the one at θ, and those with another plant are replaced.
+        # With changed wind or noise: the rate at θ, which is in row 0.
         rate_by_motors[effect_rows.stop :] = rate_by_motors[0]
+        # With a changed response: the torques of the motors are the same, and are multiplied by other responses.
         torques = np.einsum("crwf,r->cwf", inputs, effects[0])
-        rate_by_motors[plant_rows] = np.einsum("cwf,cbf->bwf", torques, responses_after_steps)
+        rate_by_motors[response_rows] = np.einsum("cwf,cbf->bwf", torques, responses_after_steps)
         return rate_by_motors
 
     def _noise_factors_after_steps(self, points: Array, windows: FlightWindows) -> ComplexArray:
         """Returns the minimum-phase factor of the noise's density, at θ and with each of its entries changed.
 
-        Only the damping and the entries of wind torque and noise change it.
+        The noise is the rate that wind torque and measurement noise cause. Its density depends on the damping and on
+        the entries of wind and noise only, so that all other points have the factor at θ.
 
         Args:
             points: θ, and θ with each of its entries changed (k + 1, k).
@@ -414,16 +431,20 @@ class GrayBoxModel(NamedTuple):
         Returns:
             Factors (k + 1, F).
         """
-        noise_rows = [
-            0,
-            self.damping_index + 1,
-            *range(self.wind_index + 1, self.noise_index + 2),
-        ]
-        noise_densities = self.noise_density(points[noise_rows], windows)
-        noise_factors, _ = minimum_phase(noise_densities, windows.samples)
-        factors = np.repeat(noise_factors[:1], len(points), axis=0)
-        factors[noise_rows] = noise_factors
+        changed_rows = _rows_of_entries([self.damping_index, *self.wind_and_noise_indices])
+        # Row 0 of the points is θ itself.
+        computed_rows = [0, *changed_rows]
+        densities = self.noise_density(points[computed_rows], windows)
+        computed_factors, _ = minimum_phase(densities, windows.samples)
+        factor_at_theta = computed_factors[:1]
+        factors = np.repeat(factor_at_theta, len(points), axis=0)
+        factors[computed_rows] = computed_factors
         return factors
+
+
+def _rows_of_entries(entries: Iterable[int]) -> list[int]:
+    """Returns the rows of the points after steps in which these entries of θ are changed: row 0 is θ unchanged."""
+    return [1 + entry for entry in entries]
 
 
 def _prediction_errors(
@@ -431,8 +452,9 @@ def _prediction_errors(
 ) -> Array:
     """Returns the one-step prediction errors of windows, without their beginnings and their mean.
 
-    The first ``SETTLING_SECONDS`` of a window are left out, since the samples before them are missing. The mean is that
-    of a constant acceleration, which is no error.
+    Errors are the residual divided by the factor of the noise's density, which makes them white, transformed back to
+    time. The first ``SETTLING_SECONDS`` of a window are left out, since the samples before them are missing. The mean
+    is removed, since a constant acceleration, which balances the window's trim, is no error.
 
     Args:
         residual: transforms of the rate minus the rate that the motors cause (b, W, F), rad/s.

@@ -7,8 +7,8 @@ It is smoothed over each segment by a Kalman smoother, as coloured noise of the 
 torque, only differences between motors do. So the mean is that for equal motors and a centred load: an unequal motor,
 or a load to one side, adds to it what balances it.
 
-Where the vehicle changed, for example when a motor lost thrust, the course is cut. While a motor gives less thrust than
-the model assumes, what the others balance is not wind: these samples are left out.
+Where the vehicle changed, for example when a motor lost thrust, the flight is divided into sections. While a motor
+gives less thrust than the model assumes, what the others balance is not wind: these samples are left out.
 """
 
 from collections.abc import Sequence
@@ -71,7 +71,7 @@ class WindSpectrum(NamedTuple):
     """Frequencies (F,), Hz."""
 
     density: Array
-    """Density of the estimated course (F,)."""
+    """Density of the estimated wind torque (F,)."""
 
     model: Array
     """Density of the model that smooths it (F,)."""
@@ -82,7 +82,8 @@ class WindTorque(ImmutableResult):
     """Wind torque on one axis per moment of inertia, rad/s², at the T samples of a flight.
 
     Attributes:
-        torque: (T,) its course, with the mean; NaN while a motor had lost thrust, since it is then not only the wind's.
+        torque: (T,) the torque over time, with its mean; NaN while a motor had lost thrust, since it is then not only
+            the wind's.
         band: (T,) half width of the band that holds the truth with probability 90 %: by the smoother, by the physical
             parameters to first order, and by what the model leaves out.
         mean: its mean, for equal motors and a centred load.
@@ -119,13 +120,23 @@ class WindTorque(ImmutableResult):
 
 
 class _TorqueErrors(NamedTuple):
-    """Errors of a course of wind torque by the uncertainty of the physical parameters."""
+    """Errors of a wind torque over time by the uncertainty of the physical parameters."""
 
-    unscaled_variance: float
-    """Mean variance of the errors, without those that scale the course or are in proportion to it, (rad/s²)²."""
+    form_variance: float
+    """Mean variance of the errors, without those that multiply the torque by the same factor always, (rad/s²)²."""
 
     scale_error: float
-    """Relative standard error of the course's standard deviation."""
+    """Relative standard error of the torque's standard deviation."""
+
+
+class _Sections(NamedTuple):
+    """Sections of a flight, in each of which neither the vehicle nor the level of the wind torque changes."""
+
+    starts: list[int]
+    """First sample of each section after the first one, which begins at 0; ascending."""
+
+    step: tuple[int, float] | None
+    """Sample and size, rad/s², of a sudden step of the wind torque's level; None without one."""
 
 
 def estimate_wind_torque(
@@ -134,12 +145,12 @@ def estimate_wind_torque(
     changes: Sequence[int] = (),
     has_weak_motor: Flags | None = None,
 ) -> WindTorque:
-    """Estimates the course of the wind torque in a recorded flight, its strength, spectrum and gusts.
+    """Estimates the wind torque over time in a recorded flight, its strength, spectrum and gusts.
 
-    The course is computed by a Kalman smoother with the estimated physical parameters. Their uncertainty is propagated
-    by the derivatives of the course by the parameters, which are finite differences. The strength is the standard
-    deviation from the mean of each part between changes of the vehicle. A sudden step of the level, for example by a
-    shifted load, separates two parts like such a change, so that it does not appear as strong wind.
+    It is computed by a Kalman smoother with the estimated physical parameters. Their uncertainty is propagated by the
+    derivatives of the torque by the parameters, which are finite differences. The strength is the standard
+    deviation from the mean of each section between changes of the vehicle. A sudden step of the level, for example by
+    a shifted load, separates two sections like such a change, so that it does not appear as strong wind.
 
     Args:
         physical: physical parameters of the axis.
@@ -169,12 +180,12 @@ def estimate_wind_torque(
 
     is_wind = np.ones(len(torque), bool) if has_weak_motor is None else ~has_weak_motor
     left_out = float(np.sum(~is_wind) * record.dt)
-    has_wind = is_wind.sum() * record.dt >= MIN_WIND_SECONDS
-    if not has_wind:
+    has_enough_wind = is_wind.sum() * record.dt >= MIN_WIND_SECONDS
+    if not has_enough_wind:
         # The figures are then computed for the whole flight; the reason says that they do not describe the wind alone.
         is_wind = np.ones(len(torque), bool)
-    part_starts, step = _parts_of_course(torque, changes, is_wind, record.dt)
-    deviation = _without_part_means(torque, part_starts)
+    sections = _sections_of_flight(torque, changes, is_wind, record.dt)
+    deviation = _without_section_means(torque, sections.starts)
     # Mean square of the deviation of the wind torque from its means, (rad/s²)².
     power = float(np.mean(deviation[is_wind] ** 2))
     # The errors that the parameters do not cause are the smoother's, and the errors by what the model leaves out.
@@ -182,15 +193,15 @@ def estimate_wind_torque(
     variance = other_variance + _variance_by_parameters(gradient, physical.covariance)
     errors = _torque_errors(
         deviation[is_wind],
-        _without_part_means(gradient, part_starts)[:, is_wind],
+        _without_section_means(gradient, sections.starts)[:, is_wind],
         other_variance[is_wind],
         theta,
         physical.covariance,
     )
     reason = _reason_against_wind(
         len(torque) * record.dt,
-        has_wind=has_wind,
-        error_variance=errors.unscaled_variance,
+        is_long_enough_with_thrust=has_enough_wind,
+        error_variance=errors.form_variance,
         power=power,
     )
     is_resolved = reason is None
@@ -209,7 +220,7 @@ def estimate_wind_torque(
         mean_band=float(half_width(mean_variance)),
         sd=np.sqrt(power + smoother_variance[is_wind].mean()),
         scale_error=errors.scale_error,
-        step=step,
+        step=sections.step,
         gusts=gusts_of_torque.gusts if is_resolved else (),
         gust_threshold=gusts_of_torque.threshold,
         false_gusts_per_minute=gusts_of_torque.false_per_minute,
@@ -221,22 +232,26 @@ def estimate_wind_torque(
 
 
 def _reason_against_wind(
-    duration: float, *, has_wind: bool, error_variance: float, power: float
+    duration: float, *, is_long_enough_with_thrust: bool, error_variance: float, power: float
 ) -> Fact | None:
-    """Returns the reason why an estimated torque is not caused by the wind.
+    """Returns the reason why an estimated torque cannot be assumed to be caused by the wind.
+
+    The reasons are, in this order: the flight is too short; for most of it some motor lacks thrust, which acts like a
+    torque of its own; or the errors of the torque are not small compared with the torque.
 
     Args:
         duration: duration of the flight, s.
-        has_wind: whether there is enough flight with sound motors.
-        error_variance: variance of the torque's errors, without the error of its scale, (rad/s²)².
+        is_long_enough_with_thrust: whether all motors had their thrust for ``MIN_WIND_SECONDS`` or more.
+        error_variance: variance of the errors that change the torque's form over time, (rad/s²)². Errors that multiply
+            all of it by a common factor do not count.
         power: mean square of the torque about its means, (rad/s²)².
 
     Returns:
-        The reason, as a fact; None if it is the wind's.
+        The first reason that holds; None if the torque is the wind's.
     """
     if duration < MIN_WIND_SECONDS:
         return Fact(NoPhysical.WIND_TORQUE_TOO_SHORT, least_duration=MIN_WIND_SECONDS)
-    if not has_wind:
+    if not is_long_enough_with_thrust:
         return Fact(NoPhysical.MOTOR_WEAK_THROUGHOUT)
     if error_variance < MAX_ERROR_SHARE * power:
         return None
@@ -294,13 +309,15 @@ def _variance_by_parameters(gradient: Array, covariance: Array) -> Array:
 def _torque_errors(
     deviation: Array, gradient: Array, other_variance: Array, theta: Array, covariance: Array
 ) -> _TorqueErrors:
-    """Splits the errors that uncertain physical parameters cause in a wind torque: errors of its scale, and others.
+    """Computes by how much uncertain physical parameters change the form of a wind torque over time, and its strength.
 
-    The wind torque is the torque that the motors balance. If the motors are more effective than assumed, the torque is
-    larger by the same factor at all times: such an error does not change when and how the wind acts. Other errors
-    change the form of the torque over time. So the gradient of each parameter is split, by regression on the torque,
-    into a part that is proportional to the torque and a rest. The errors other than of the scale decide whether the
-    torque is resolved.
+    The wind torque is the torque that the motors balance. If the motors are more effective than assumed, it is larger
+    by the same factor at all times: such an error changes its strength, but not when and how the wind acts. All other
+    errors change the form of the torque over time, and decide whether it is resolved.
+
+    To separate the two, the derivative of the torque by each parameter is regressed on the torque itself:
+    gradient_i(t) = a_i torque(t) + residual_i(t). The coefficient a_i is the relative change of the torque by
+    parameter i.
 
     Args:
         deviation: (T,) wind torque about its means, rad/s².
@@ -310,82 +327,123 @@ def _torque_errors(
         covariance: (r + 3, r + 3) covariance of these parameters.
 
     Returns:
-        Mean variance of the errors other than of the scale, (rad/s²)², and relative error of the torque's standard
-        deviation.
+        Mean variance of the errors of the form, (rad/s²)², and relative error of the torque's standard deviation.
     """
-    samples = len(deviation)
     power = float(np.mean(deviation**2))
-    proportional = gradient @ deviation / (samples * power)
-
-    # θ · effect_scales is the relative change of the torque if all effects grow by the same factor. It is 1 if the
-    # motors only balance the wind torque. If they also steer the vehicle, it could exceed 1, and is limited to 1.
-    effect_scales = np.append(proportional[EFFECTS], np.zeros(3))
-    effect_scales /= max(1.0, abs(float(theta @ effect_scales)))
-    unscaled_gradient = gradient - np.outer(effect_scales, deviation)
-    variance_without_scale = other_variance + _variance_by_parameters(unscaled_gradient, covariance)
-
-    # An error of the parameters has a part that is proportional to the torque, and a rest. The standard deviation of
-    # the torque changes linearly with the first, and with the square of the second.
-    remaining_gradient = gradient - np.outer(proportional, deviation)
-    quadratic = np.sum((remaining_gradient @ remaining_gradient.T) * covariance) / (
-        2 * samples * power
+    relative_changes = gradient @ deviation / (len(deviation) * power)
+    form_variance = other_variance + _variance_of_form(
+        deviation, gradient, relative_changes, theta, covariance
     )
-    scale_variance = (
-        proportional @ covariance @ proportional + quadratic**2 + OmissionErrors.wind_sd**2
+    strength_variance = _relative_variance_of_strength(
+        deviation, gradient, relative_changes, covariance
     )
-    return _TorqueErrors(float(variance_without_scale.mean()), float(np.sqrt(scale_variance)))
+    return _TorqueErrors(float(form_variance.mean()), scale_error=float(np.sqrt(strength_variance)))
 
 
-def _parts_of_course(
-    torque: Array, changes: Sequence[int], is_wind: Flags, dt: float
-) -> tuple[list[int], tuple[int, float] | None]:
-    """Divides a course of wind torque into parts in which the vehicle does not change.
+def _variance_of_form(
+    deviation: Array, gradient: Array, relative_changes: Array, theta: Array, covariance: Array
+) -> Array:
+    """Returns the variance of each sample of the wind torque by the parameters, without a common factor of all effects.
 
     Args:
-        torque: smoothed torque (T,), rad/s².
+        deviation: (T,) wind torque about its means, rad/s².
+        gradient: (r + 3, T) its derivatives by effects, damping, lag and delay.
+        relative_changes: (r + 3,) relative change of the torque by each parameter, of :func:`_torque_errors`.
+        theta: (r + 3,) effects, damping, lag and delay.
+        covariance: (r + 3, r + 3) their covariance.
+
+    Returns:
+        Variances (T,), (rad/s²)².
+    """
+    # Damping, lag and delay are no factors of the torque.
+    changes_by_effects = np.append(relative_changes[EFFECTS], np.zeros(3))
+    # If all effects grow by the same factor, the torque changes relatively by θ · changes, for a relative growth of 1.
+    # That is 1 if the motors only balance the wind. If they also steer the vehicle it could exceed 1, and is limited.
+    changes_by_effects /= max(1.0, abs(float(theta @ changes_by_effects)))
+    gradient_of_form = gradient - np.outer(changes_by_effects, deviation)
+    return _variance_by_parameters(gradient_of_form, covariance)
+
+
+def _relative_variance_of_strength(
+    deviation: Array, gradient: Array, relative_changes: Array, covariance: Array
+) -> float:
+    """Returns the variance of the relative error of the wind torque's standard deviation.
+
+    An error δ of the parameters changes the torque d(t) to (1 + a · δ) d(t) + δ · residual(t). The standard deviation
+    changes relatively by a · δ, and by mean((δ · residual)²) / (2 mean(d²)), since the residual is not correlated with
+    d. The second change is always an increase: its expected value is counted as an error.
+
+    Args:
+        deviation: (T,) wind torque d about its means, rad/s².
+        gradient: (r + 3, T) its derivatives by the parameters.
+        relative_changes: (r + 3,) relative change a of the torque by each parameter, of :func:`_torque_errors`.
+        covariance: (r + 3, r + 3) covariance of the parameters.
+
+    Returns:
+        The variance, without a unit, with the error by what the model leaves out.
+    """
+    sum_of_squares = len(deviation) * float(np.mean(deviation**2))
+    residuals = gradient - np.outer(relative_changes, deviation)
+    # The expected value of (δ · residual)², summed over the samples.
+    expected_squares = np.sum((residuals @ residuals.T) * covariance)
+    mean_increase = expected_squares / (2 * sum_of_squares)
+    linear_variance = relative_changes @ covariance @ relative_changes
+    return float(linear_variance + mean_increase**2 + OmissionErrors.wind_sd**2)
+
+
+def _sections_of_flight(
+    torque: Array, changes: Sequence[int], is_wind: Flags, dt: float
+) -> _Sections:
+    """Divides a flight into sections, in each of which neither the vehicle nor the level of the wind torque changes.
+
+    A section begins at each change of the vehicle, whenever a motor lost or regained thrust, and at a sudden step of
+    the torque's level, such as by a load that moved.
+
+    Args:
+        torque: smoothed wind torque (T,), rad/s².
         changes: samples at which the vehicle changed.
         is_wind: whether all motors had their thrust at each sample (T,).
         dt: time step, s.
 
     Returns:
-        First samples of all parts after the first one; and a step of the mean torque, which separates two parts as
-        well: its sample and its size, rad/s², or None if there is no step.
+        The sections, and the step, if there is one.
     """
-    # A new part begins at each change of the vehicle, and whenever a motor lost or regained thrust.
-    part_starts = sorted({*changes, *_first_samples_after_changes(is_wind).tolist()})
-    # In a course with gaps the gaps already separate its levels, so no step is searched for.
+    starts = sorted({*changes, *_first_samples_after_changes(is_wind).tolist()})
+    # While a motor lacks thrust there is no wind torque. Such gaps already separate the levels, so that no step is
+    # searched for.
     if not is_wind.all():
-        return part_starts, None
-    step = _step(_without_part_means(torque, part_starts), dt)
+        return _Sections(starts, step=None)
+    step = _step(_without_section_means(torque, starts), dt)
     if step is not None:
         step_sample, _ = step
-        part_starts = sorted({*part_starts, step_sample})
-    return part_starts, step
+        starts = sorted({*starts, step_sample})
+    return _Sections(starts, step)
 
 
-def _without_part_means(values: Array, part_starts: Sequence[int]) -> Array:
-    """Subtracts from values their mean in each part of the flight.
+def _without_section_means(values: Array, section_starts: Sequence[int]) -> Array:
+    """Subtracts from values their mean in each section of the flight.
 
     Args:
         values: (…, T) values over T samples, such as wind torque in rad/s².
-        part_starts: ascending indices of the samples at which a new part begins; the first one begins at 0.
+        section_starts: ascending indices of the samples at which a new section begins; the first begins at 0.
 
     Returns:
-        (…, T) values with mean 0 in each part.
+        (…, T) values with mean 0 in each section.
     """
-    centred_parts = []
-    for part in np.split(values, part_starts, axis=-1):
-        if part.size:
-            centred_parts.append(part - part.mean(axis=-1, keepdims=True))
-    return np.concatenate(centred_parts, axis=-1)
+    centred_sections = []
+    for section in np.split(values, section_starts, axis=-1):
+        if section.size:
+            centred_sections.append(section - section.mean(axis=-1, keepdims=True))
+    return np.concatenate(centred_sections, axis=-1)
 
 
 def _step(torque: Array, dt: float) -> tuple[int, float] | None:
     """Finds a single step in a torque, if one explains most of its variance and is sharp.
 
-    At each sample the torque is split into two parts, each with its mean. The best split is the one that leaves the
-    least variance. It counts as a step if it explains ``MIN_STEP_VARIANCE_SHARE`` of the variance, and if most of the
-    change happens within ``STEP_EDGE_SECONDS``: a slow drift of the wind can be split in two as well, but is not sharp.
+    At each sample the torque is split into what is before and what is after, each with its mean. The best split is the
+    one that leaves the least variance. It counts as a step if it explains ``MIN_STEP_VARIANCE_SHARE`` of the variance,
+    and if most of the change happens within ``STEP_EDGE_SECONDS``: a slow drift of the wind can be split in two as
+    well, but is not sharp.
 
     Args:
         torque: torque over time (T,), with mean 0, rad/s².
@@ -526,10 +584,10 @@ def torque_balanced_by_trim(effect: Array, trim: Array, directions: Array | None
 def _spectrum(torque: Array, is_wind: Flags, record: Record, physical: Physical) -> WindSpectrum:
     """Estimates the spectral density of the wind torque by Welch's method, for comparison with the model's.
 
-    The record is cut into parts at the ends of its segments, and where ``is_wind`` changes. Parts in which it is false
-    are left out. Windows last ``SPECTRUM_SECONDS``, or as long as the longest part. Shorter parts are left out too, and
-    the densities of the others are averaged with their numbers of windows as weights. The linear trend of each window
-    is removed.
+    The record is cut into pieces at the ends of its segments, and where ``is_wind`` changes. Pieces in which it is
+    false are left out. Windows last ``SPECTRUM_SECONDS``, or as long as the longest piece. Shorter pieces are left out
+    too, and the densities of the others are averaged with their numbers of windows as weights. The linear trend of each
+    window is removed.
 
     Args:
         torque: wind torque (T,), rad/s².
@@ -542,20 +600,20 @@ def _spectrum(torque: Array, is_wind: Flags, record: Record, physical: Physical)
         One-sided densities of the estimate and of the model, (rad/s²)²/Hz.
     """
     cuts = np.union1d(record.segment_starts[1:], _first_samples_after_changes(is_wind))
-    parts = []
-    for part, part_is_wind in zip(np.split(torque, cuts), np.split(is_wind, cuts), strict=True):
-        # The record was cut where the flag changes, so that it is the same at all samples of a part.
-        if part_is_wind[0]:
-            parts.append(part)
-    length = min(round(SPECTRUM_SECONDS / record.dt), max(map(len, parts)))
+    pieces = []
+    for piece, flags in zip(np.split(torque, cuts), np.split(is_wind, cuts), strict=True):
+        # The record was cut where the flag changes, so that it is the same at all samples of a piece.
+        if flags[0]:
+            pieces.append(piece)
+    length = min(round(SPECTRUM_SECONDS / record.dt), max(map(len, pieces)))
     densities = []
     window_counts = []
-    for part in parts:
-        if len(part) < length:
+    for piece in pieces:
+        if len(piece) < length:
             continue
-        frequency, density = power_density(part, 1 / record.dt, length, without_trend=True)
+        frequency, density = power_density(piece, 1 / record.dt, length, without_trend=True)
         densities.append(density)
         # Windows begin every half length.
-        window_counts.append(2 * len(part) // length - 1)
+        window_counts.append(2 * len(piece) // length - 1)
     mean_density = np.average(densities, axis=0, weights=window_counts)
     return WindSpectrum(frequency, mean_density, wind_torque_density(physical, frequency))

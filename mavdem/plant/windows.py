@@ -40,10 +40,10 @@ MAX_RATE = 199.0
 """Rate of samples, Hz, from twice which on only every so many samples are used."""
 
 INTERPOLATED_CHANNEL = 0
-"""Channel of ``FlightWindows.inputs`` with the part of the inputs that does not respond to the sample's innovation."""
+"""Channel of ``FlightWindows.inputs`` with the inputs less the controller's immediate responses to a sample."""
 
 HELD_CHANNEL = 1
-"""Channel of ``FlightWindows.inputs`` with the part that responds to it, and acts only from the sample on."""
+"""Channel of ``FlightWindows.inputs`` with the immediate responses to a sample, which act only from that sample on."""
 
 REFINEMENT_CHANNEL = 2
 """First of the channels of ``FlightWindows.inputs`` with the refinements, in the order of ``REFINEMENTS``."""
@@ -92,15 +92,17 @@ class FlightWindows(NamedTuple):
     def from_samples(
         cls, inputs: Array, rate: Array, responses: Array, dt: float, unit: float = 1.0
     ) -> FlightWindows:
-        """Transforms windows of samples to frequencies, and computes the channels of the inputs.
+        """Transforms windows of samples to frequencies, with the inputs split into channels.
 
-        The channels are the inputs without the controller's immediate responses, these responses, and one for each of
-        the ``REFINEMENTS``: what the refinement adds to the inputs.
+        The gray-box model treats some signals in the inputs differently between samples, or scales them by a parameter
+        of its own. So each such signal is transformed separately, as a channel: the inputs without the controller's
+        immediate responses, these responses, and what each of the ``REFINEMENTS`` of the model adds to the inputs.
 
         Args:
             inputs: (W, N, r) deviations of the inputs from their trim, in ``unit``.
             rate: (W, N) body rate, rad/s.
-            responses: (W, N, r) part of the inputs that responds to the innovation of the same sample.
+            responses: (W, N, r) the controller's immediate responses, in ``unit``: what of the inputs responds to the
+                innovation of the rate at the same sample.
             dt: time step, s.
             unit: common standard deviation of the inputs, in the record's unit.
 
@@ -109,13 +111,16 @@ class FlightWindows(NamedTuple):
         """
         additions = {
             Refinement.JUMPS: with_advanced_jumps(inputs, 1.0) - inputs,
-            # If the effect grows in proportion to the input, the torque grows with the integral, half of the square.
+            # Thrust is not linear in the input u: with an effect 1 + c u, the torque is the integral u + c u² / 2. For
+            # c = 1 the refinement adds the second term.
             Refinement.THRUST_CURVE: inputs**2 / 2,
         }
         channels = [inputs - responses, responses]
         for name in REFINEMENTS:
             channels.append(additions[name])
-        input_transforms = scipy.fft.rfft(np.moveaxis(np.array(channels), 3, 1))
+        # (channels, W, N, r) becomes (channels, r, W, N), since the last axis, time, is transformed.
+        channels_over_time = np.moveaxis(np.array(channels), 3, 1)
+        input_transforms = scipy.fft.rfft(channels_over_time)
         rate_transforms = scipy.fft.rfft(rate)
         # The value at frequency 0 is the mean of each window: its trim, which is not part of the model.
         input_transforms[..., 0] = 0.0

@@ -1,4 +1,4 @@
-"""Model of the cross-spectral densities of rate, output and setpoint of one axis in its closed loop, with gradient.
+"""Model of the cross-spectral densities of rate, output and setpoint in a closed loop, aliased by slow logging.
 
 All sources of the loop (see :mod:`~mavdem.plant.closed_loop.response`) are Gaussian and stationary: the reference,
 white noise before and after the gyro filters and of the angle, a share of the output's own density for what the output
@@ -88,7 +88,7 @@ class DensityComponent:
 
 @dataclass(frozen=True)
 class SynchronousSteps:
-    """The part of the reference that comes in steps synchronous with the messages, and what it causes."""
+    """Steps of the reference that are synchronous with the messages, and the responses to them."""
 
     density: Array
     """Two-sided density (J, 1, 1) of the steps as they are sampled, (rad/s)²/Hz."""
@@ -109,7 +109,7 @@ class SynchronousSteps:
 
 
 class DensityModel:
-    """Modelled cross-spectral densities of one axis as functions of the logarithms θ of the loop's parameters.
+    """Cross-spectral densities of C logged quantities at J frequencies, with F aliases each, by log parameters θ.
 
     J are the frequencies of the spectra, F the aliases that sampling folds onto each, C the modelled quantities (rate,
     output, setpoint), S the sources (reference, gyro noise, actuation, wind), k the parameters.
@@ -131,8 +131,14 @@ class DensityModel:
 
         self._set_frequencies(spectra)
         self._set_controller(controller)
-        self._set_logged_densities(spectra, rounding)
-        self._set_alias_phases(spectra)
+        # Power densities (J, 4) of the four quantities, the diagonals of their cross-spectral densities.
+        power_densities = spectra.mean_density.diagonal(axis1=1, axis2=2).real
+        self._logging_error = self._logging_error_density(power_densities, rounding)
+        self._set_output_and_reference(spectra.frequency, power_densities)
+        # Stamps (C, N) of N messages of each modelled quantity, s, relative to the stamps of the first quantity.
+        stamp_offsets = np.array(spectra.stamp_offsets[:QUANTITIES])
+        self._set_alias_phases(stamp_offsets)
+        self._reference_noise_gain = self._noise_gain_of_reference(stamp_offsets)
 
     def _set_frequencies(self, spectra: CrossSpectra) -> None:
         """Sets the frequencies f + k f_s that sampling at the message rate f_s maps (aliases) to the spectra's.
@@ -171,74 +177,92 @@ class DensityModel:
         # A unit step at one of the controller's cycles has the z-transform 1 / (1 − 1/z).
         self._step_transform = self._in_range / (1 - np.exp(-self._s * self._cycle_time))
 
-    def _set_logged_densities(self, spectra: CrossSpectra, rounding: float) -> None:
-        """Sets the densities that are estimated from the log instead of being modelled.
+    def _logging_error_density(self, power_densities: Array, rounding: float) -> Array:
+        """Returns the density of the errors that logging adds to the quantities, in which they are independent.
 
-        The density of the output (J, F) scales the noise that is proportional to it. The density of the reference
-        (J, F) is recovered from its aliased estimate, because the pilot, who makes it, is not modelled. The error of
-        the log (J, C, C) is diagonal: a fraction of output and setpoint, rounding of the output, and for the rate the
+        The errors are a fraction of the setpoint and of the output, the rounding of the output, and for the rate the
         noise of a good gyro.
 
         Args:
-            spectra: estimated spectra of all four quantities.
+            power_densities: estimated power densities (J, 4) of all quantities, in the order of ``Quantity``.
             rounding: resolution of the logged output, in the unit of the demand.
-        """
-        frequency_magnitude = np.abs(self._frequency)
-        # Power densities (J, C), the diagonals of the cross-spectral densities.
-        densities = spectra.mean_density.diagonal(axis1=1, axis2=2).real
-        output = np.interp(frequency_magnitude, spectra.frequency, densities[:, Quantity.OUTPUT])
-        self._output_density = output * self._in_range
 
-        errors = LOGGING_ERROR_FRACTION**2 * densities[:, :QUANTITIES]
+        Returns:
+            Diagonal cross-spectral densities (J, C, C).
+        """
+        errors = LOGGING_ERROR_FRACTION**2 * power_densities[:, :QUANTITIES]
         errors[:, Quantity.RATE] = MIN_GYRO_NOISE_DENSITY
         # Rounding to a resolution q makes an error of variance q²/12, which is white at the message rate.
         rounding_density = rounding**2 / 12 / self._message_rate
         errors[:, Quantity.OUTPUT] = (
-            OUTPUT_ERROR_FRACTION**2 * densities[:, Quantity.OUTPUT] + rounding_density
+            OUTPUT_ERROR_FRACTION**2 * power_densities[:, Quantity.OUTPUT] + rounding_density
         )
-        self._logging_error = errors[..., None] * np.eye(QUANTITIES)
+        return errors[..., None] * np.eye(QUANTITIES)
 
-        self._folded_reference = densities[:, Quantity.REFERENCE, None, None]
+    def _set_output_and_reference(self, frequency: Array, power_densities: Array) -> None:
+        """Sets the densities of output and reference, which are estimated from the log instead of being modelled.
+
+        The density of the output scales the noise that is proportional to it. The reference is made by the pilot, who
+        is not modelled. Its estimate is aliased, so that the density at each alias is recovered from it.
+
+        Args:
+            frequency: frequencies (J,) of the estimates, Hz.
+            power_densities: estimated power densities (J, 4) of all quantities, in the order of ``Quantity``.
+        """
+        alias_frequency = np.abs(self._frequency)
+        output = np.interp(alias_frequency, frequency, power_densities[:, Quantity.OUTPUT])
+        self._output_density = output * self._in_range
+
+        aliased_reference = power_densities[:, Quantity.REFERENCE]
+        # (J, 1, 1), like the cross-spectral densities (J, C, C).
+        self._aliased_reference_density = aliased_reference[:, None, None]
         reference = unfolded_density(
-            densities[:, Quantity.REFERENCE],
-            frequency_magnitude,
-            self._alias_numbers == 0,
-            self._in_range,
+            aliased_reference, alias_frequency, self._alias_numbers == 0, self._in_range
         )
         # Out of range the density may have any positive value: other densities are divided by it, and the result is
         # multiplied by 0.
         self._reference_density = np.where(self._in_range, reference, 1.0)
 
-    def _set_alias_phases(self, spectra: CrossSpectra) -> None:
+    def _set_alias_phases(self, stamp_offsets: Array) -> None:
         """Sets the phase by which aliases of two quantities differ, because their messages have different time stamps.
 
         If a quantity is sampled t seconds later than another, its content at f + k f_s gets a phase that is larger by
         2π k f_s t than that of the content at f. As t varies, the phase factor exp(2πj k f_s t) between two quantities
-        (C, C, 1, F) is the mean over all messages. If t varies much, the magnitude of the mean is small, and the alias
-        adds little to the coherence.
+        is the mean over all messages. If t varies much, the magnitude of the mean is small, and the alias adds little
+        to the coherence.
 
         Args:
-            spectra: estimated spectra, with the stamps of each quantity relative to the first.
+            stamp_offsets: stamps (C, N) of N messages of each quantity, s, relative to the stamps of the first one.
         """
-        offsets = np.array(spectra.stamp_offsets[:QUANTITIES])
         self._alias_s = 2j * np.pi * self._message_rate * self._alias_numbers
-        phases = np.exp(self._alias_s[:, None, None] * offsets)
-        mean_products = phases @ phases.mT.conj() / offsets.shape[1]
-        self._alias_phases = mean_products.transpose(1, 2, 0)[:, :, None]
+        # exp(2πj k f_s t) of each alias, quantity and message (F, C, N).
+        phases = np.exp(self._alias_s[:, None, None] * stamp_offsets)
+        # The matrix product sums over the messages: (F, C, C), a phase for each pair of quantities.
+        message_count = stamp_offsets.shape[1]
+        mean_phases = phases @ phases.mT.conj() / message_count
+        # (C, C, 1, F): the pairs of quantities come first, and all J frequencies have the same phases.
+        self._alias_phases = mean_phases.transpose(1, 2, 0)[:, :, None]
 
-        # The reference is computed as the setpoint plus K times the logged angle. If both are from the same controller
-        # cycle, the noise of the angle cancels. If not, it enters twice: by the logged angle, and by the setpoint.
-        distance = np.abs(offsets[Quantity.SETPOINT] - offsets[Quantity.RATE])
+    def _noise_gain_of_reference(self, stamp_offsets: Array) -> float:
+        """Returns the variance of the noise in the logged reference, per variance of the noise of the angle, 1/s².
+
+        The reference is computed as the setpoint plus K times the logged angle. If both are from the same controller
+        cycle, the noise of the angle cancels. If not, it enters twice: by the logged angle, and by the setpoint.
+
+        Args:
+            stamp_offsets: stamps (C, N) of N messages of each quantity, s, relative to the stamps of the first one.
+        """
+        distance = np.abs(stamp_offsets[Quantity.SETPOINT] - stamp_offsets[Quantity.RATE])
         is_other_cycle = distance > self._cycle_time / 2
-        self._reference_noise_gain = 2 * is_other_cycle.mean() * self._angle_gain**2
+        return float(2 * is_other_cycle.mean() * self._angle_gain**2)
 
     def density(self, theta: Array, with_reference: bool = True) -> ComplexArray:
         """Returns the modelled cross-spectral density of the C logged quantities at J frequencies.
 
-        It is the sum of three parts. Each of the independent sources (reference, gyro noise, actuation, wind torque)
-        adds its density times the products of the closed loop's responses to it, summed over all aliases of a
+        It is the sum of three densities. Each of the independent sources (reference, gyro noise, actuation, wind
+        torque) adds its density times the products of the closed loop's responses to it, summed over all aliases of a
         frequency. Steps of the reference that are synchronous with the messages are added with the phases of their
-        aliases instead. The third part are the errors of the log.
+        aliases instead. The third density is that of the errors of the log.
 
         Args:
             theta: logarithms of the parameters (k,).
@@ -254,7 +278,9 @@ class DensityModel:
         steps = self._synchronous_steps(parameters, loop, with_reference=with_reference)
         density = self._logging_error + steps.quantity_density
         for source_density, response in zip(source_densities, loop.from_source, strict=True):
-            density += self._folded_products(source_density[None], response, response.conj())[:, 0]
+            # One weight, the source's density: the axis of the weights, of length 1, is removed from the result.
+            sums = self._sums_over_aliases(source_density[None], response, response.conj())
+            density += sums[:, 0]
         return density
 
     def density_and_gradient(self, theta: Array) -> tuple[ComplexArray, ComplexArray]:
@@ -302,11 +328,11 @@ class DensityModel:
                     parameter_indices.append(PARAMETER_NAMES.index(name))
                     densities.append(component.density * slope)
             response = loop.from_source[source]
-            folded_products = self._folded_products(np.array(densities), response, response.conj())
-            density += folded_products[:, 0]
+            sums = self._sums_over_aliases(np.array(densities), response, response.conj())
+            density += sums[:, 0]
             # They are added one by one, since a parameter of two components of this source occurs twice.
             for number, parameter in enumerate(parameter_indices, start=1):
-                derivatives[:, parameter] += folded_products[:, number]
+                derivatives[:, parameter] += sums[:, number]
         return density, derivatives
 
     def _closed_loop(self, parameters: LoopParameters) -> ClosedLoopResponse:
@@ -327,9 +353,9 @@ class DensityModel:
     ) -> list[DensityComponent]:
         """Returns the components of the densities of all sources except the synchronous steps.
 
-        They are: the part of the reference that does not come in synchronous steps; noise of the angle, which acts like
-        a reference; gyro noise before and after the filters; a share of the density of the output, for the part of the
-        output that does not follow the control law; and wind torque, which consists of a floor in proportion to the
+        They are: the reference without its synchronous steps; noise of the angle, which acts like a reference; gyro
+        noise before and after the filters; actuation noise, a share of the density of the output, since the output does
+        not exactly follow the control law; and wind torque, which consists of a floor in proportion to the
         motors' torque, slow drift, quick eddies, and smooth gusts.
 
         Args:
@@ -374,7 +400,7 @@ class DensityModel:
         ]
 
     def _first_order_wind(self, name: str, size: float, time: float) -> DensityComponent:
-        """Computes the spectral density of a first-order part of the wind torque, and its derivatives.
+        """Computes the spectral density of a first-order component of the wind torque, and its derivatives.
 
         Its autocorrelation is size² exp(−|τ|/time), and its density φ = 2 size² time / (1 + (ω time)²). So
         d ln φ / d ln size = 2, and d ln φ / d ln time = (1 − (ω time)²) / (1 + (ω time)²).
@@ -395,7 +421,7 @@ class DensityModel:
         )
 
     def _smooth_wind(self, size: float, time: float) -> DensityComponent:
-        """Computes the spectral density of the smooth part of the wind torque, and its derivatives.
+        """Computes the spectral density of the smooth component of the wind torque, and its derivatives.
 
         Its autocorrelation is size² exp(−τ²/(4 time²)), and its density φ = 2 √π size² time exp(−(ω time)²). So
         d ln φ / d ln size = 2, and d ln φ / d ln time = 1 − 2 (ω time)².
@@ -416,36 +442,38 @@ class DensityModel:
     def _synchronous_steps(
         self, parameters: LoopParameters, loop: ClosedLoopResponse, *, with_reference: bool = True
     ) -> SynchronousSteps:
-        """Returns the part of the reference that changes in steps synchronous with the messages.
+        """Returns the steps of the reference that are synchronous with the messages, and the responses to them.
 
-        If an outer loop sets a new reference only every few cycles, just as often as messages are sent, the steps are
-        at a fixed time before each message. That time gives each alias of the steps a fixed phase, so that aliases add
-        coherently, with their phases, and not in power.
+        If an outer loop sets a new reference only every few cycles, just as often as messages are sent, each step comes
+        at the same time before a message. Sampling maps the spectrum of the steps at f and at all its aliases f + k f_s
+        to the frequency f. That fixed time gives each alias a fixed phase, so that the aliases are added as complex
+        amplitudes, while the aliases of all other sources have random phases and add in power.
 
         Args:
-            parameters: the parameters of the loop, with the share of such steps and their time.
-            loop: its frequency responses, of which those to the reference are used.
+            parameters: the parameters of the loop: the odds that a change of the reference is such a step, and the odds
+                of the time from a step to the next message.
+            loop: its frequency responses, of which the responses to the reference are used.
             with_reference: whether the reference moves; without it, the steps' density is 0.
 
         Returns:
             The density of the steps, its derivatives, the share of each alias, and the responses to the steps.
         """
-        share = _share_from_odds(parameters.synchronous_odds)
-        step_time_share = _share_from_odds(parameters.step_time_odds)
-        delay_phases = np.exp(self._alias_s * step_time_share * self.surplus_interval)
-        # The density is of the sampled steps, so that the shares of all aliases sum to 1.
-        alias_shares = self._step_transform * delay_phases
-        alias_shares /= alias_shares.sum(axis=-1, keepdims=True)
-        reference, noise_slope = denoised_density(
-            self._folded_reference, self._reference_noise(parameters) / self._message_rate
+        synchronous_share = _share_from_odds(parameters.synchronous_odds)
+        # The time of a step is this share of the time between messages beyond one cycle of the controller.
+        step_time = _share_from_odds(parameters.step_time_odds) * self.surplus_interval
+        # Amplitude of each alias (J, F): the transform of a step, times the phase by its time before the message.
+        amplitudes = self._step_transform * np.exp(self._alias_s * step_time)
+        # The density below is that of the sampled steps, to which the amplitudes of all aliases add up.
+        alias_shares = amplitudes / amplitudes.sum(axis=-1, keepdims=True)
+        reference_density, noise_slope = denoised_density(
+            self._aliased_reference_density, self._reference_noise(parameters) / self._message_rate
         )
         return SynchronousSteps(
-            density=reference * (share if with_reference else 0.0),
-            log_slopes={"synchronous_odds": 1 - share, "angle_noise": noise_slope},
+            density=reference_density * (synchronous_share if with_reference else 0.0),
+            # p = odds / (1 + odds) has the derivative d ln p / d ln odds = 1 − p.
+            log_slopes={"synchronous_odds": 1 - synchronous_share, "angle_noise": noise_slope},
             alias_shares=alias_shares,
-            response=self._step_responses(alias_shares[None], loop.from_source[Source.REFERENCE])[
-                :, 0
-            ],
+            response=self._sampled_step_response(alias_shares, loop.from_source[Source.REFERENCE]),
         )
 
     def _reference_noise(self, parameters: LoopParameters) -> float:
@@ -456,8 +484,21 @@ class DensityModel:
         """
         return self._reference_noise_gain * parameters.angle_noise**2
 
-    def _step_responses(self, alias_shares: ComplexArray, response: ComplexArray) -> ComplexArray:
-        """Sums the responses to synchronous steps over all aliases, with their phases.
+    def _sampled_step_response(
+        self, alias_shares: ComplexArray, response: ComplexArray
+    ) -> ComplexArray:
+        """Returns the sampled response (J, C) for one set of alias shares (J, F).
+
+        Args:
+            alias_shares: complex amplitude of each alias, relative to the sampled steps (J, F).
+            response: response of each quantity to the reference (C, J, F).
+        """
+        return self._sampled_step_responses(alias_shares[None], response)[:, 0]
+
+    def _sampled_step_responses(
+        self, alias_shares: ComplexArray, response: ComplexArray
+    ) -> ComplexArray:
+        """Returns the responses of the sampled quantities to synchronous steps: the sum over all aliases.
 
         Such steps of the reference come at the same time relative to every message. So their aliases have fixed phases,
         and add as complex amplitudes, and not in power like the responses to other sources.
@@ -467,36 +508,43 @@ class DensityModel:
             response: response of each quantity to the reference (C, J, F).
 
         Returns:
-            Sampled responses (J, n, C). Each quantity has the phase of its time stamps relative to those of the
-            setpoint.
+            Sampled responses (J, n, C).
         """
-        # The phases of each quantity relative to the setpoint (C, J, F).
-        response_with_phases = response * self._alias_phases[:, Quantity.SETPOINT]
-        # At each frequency, the product (n, F) @ (F, C) sums over the aliases.
-        return alias_shares.swapaxes(0, 1) @ response_with_phases.transpose(1, 2, 0)
+        # The steps are at a fixed time before the stamps of the setpoint. Other quantities are sampled earlier or later
+        # than the setpoint, which changes the phase of each alias (C, 1, F).
+        phases_relative_to_setpoint = self._alias_phases[:, Quantity.SETPOINT]
+        sampled_response = response * phases_relative_to_setpoint
+        # At each of the J frequencies, the product (n, F) @ (F, C) sums over the aliases.
+        return alias_shares.swapaxes(0, 1) @ sampled_response.transpose(1, 2, 0)
 
-    def _folded_products(
+    def _sums_over_aliases(
         self, weights: NDArray[np.inexact], response: ComplexArray, conjugate_response: ComplexArray
     ) -> ComplexArray:
-        """Sums weighted products of responses over all aliases: Σ_alias weight · r r̄ᵀ ∘ alias phases.
+        """Returns Σ weight · r_a r̄_b D_ab over all aliases, for each pair of quantities a and b.
 
         With the density of a source as weight, its response as r and the conjugate response as r̄, this is the
-        cross-spectral density that the source adds to the sampled quantities. Its aliases add in power.
+        cross-spectral density that the source adds to the sampled quantities, since its aliases add in power. The phase
+        D_ab of each alias is there because a and b are sampled at different times (:meth:`_set_alias_phases`).
 
         Args:
-            weights: n densities or other weights (n, J, F).
-            response: response of each quantity (C, J, F).
-            conjugate_response: conjugate response of each quantity (C, J, F).
+            weights: n densities or other weights of each alias (n, J, F).
+            response: response r of each quantity (C, J, F).
+            conjugate_response: conjugate response r̄ of each quantity (C, J, F).
 
         Returns:
-            Folded products (J, n, C, C).
+            Sums (J, n, C, C).
         """
-        # The products of each pair of quantities (C, C, J, F), of which the C² pairs are made one axis.
+        # The products of each pair of quantities (C, C, J, F).
         products = response[:, None] * conjugate_response * self._alias_phases
-        products = products.reshape(QUANTITIES**2, *conjugate_response.shape[1:])
+        # As matrices (F, C²), one for each of the J frequencies.
+        frequencies_and_aliases = products.shape[2:]
+        products_by_frequency = products.reshape(QUANTITIES**2, *frequencies_and_aliases).transpose(
+            1, 2, 0
+        )
         # At each frequency, the product (n, F) @ (F, C²) sums over the aliases.
-        folded_products = weights.swapaxes(0, 1) @ products.transpose(1, 2, 0)
-        return folded_products.reshape(*folded_products.shape[:2], QUANTITIES, QUANTITIES)
+        sums = weights.swapaxes(0, 1) @ products_by_frequency
+        frequency_count, weight_count, _ = sums.shape
+        return sums.reshape(frequency_count, weight_count, QUANTITIES, QUANTITIES)
 
     def _loop_gradient(
         self,
@@ -547,29 +595,29 @@ class DensityModel:
             (len(unit_slope), LOOP_PARAMETERS, QUANTITIES, QUANTITIES), complex
         )
         path_slopes = np.array([unit_slope, lag_slope, delay_slope])
-        half_gradient[:, [EFFECT, LAG, DELAY]] = self._folded_products(
+        half_gradient[:, [EFFECT, LAG, DELAY]] = self._sums_over_aliases(
             path_slopes, loop.from_rate, spectra_by_actuation_path
         )
-        half_gradient[:, [DAMPING]] = self._folded_products(
+        half_gradient[:, [DAMPING]] = self._sums_over_aliases(
             damping_slope[None], loop.from_rate, all_sources
         )
-        half_gradient[:, [CONTROLLER]] = self._folded_products(
+        half_gradient[:, [CONTROLLER]] = self._sums_over_aliases(
             unit_slope[None], loop.from_rate, spectra_by_actuation_path - actuation
         )
         # The output without actuation noise is proportional to the controller's gain.
         # Actuation noise is added to the output with a response of 1, which is subtracted here.
         control_law = loop.from_source[:, Quantity.OUTPUT].copy()
         control_law[Source.ACTUATION] -= 1
-        direct_part = np.einsum("sjf,scjf->cjf", source_densities * control_law, conjugate)
-        folded_direct_part = (direct_part * self._alias_phases[Quantity.OUTPUT]).sum(axis=-1).T
-        half_gradient[:, CONTROLLER, Quantity.OUTPUT] += folded_direct_part
+        direct_change = np.einsum("sjf,scjf->cjf", source_densities * control_law, conjugate)
+        sampled_change = (direct_change * self._alias_phases[Quantity.OUTPUT]).sum(axis=-1).T
+        half_gradient[:, CONTROLLER, Quantity.OUTPUT] += sampled_change
 
         # The same for the synchronous steps, in the order of θ: effect, damping, lag, delay, controller.
         slopes = np.array([unit_slope, damping_slope, lag_slope, delay_slope, unit_slope])
         rate_by_steps = (
             loop.sensitivity * loop.rate_from_source[Source.REFERENCE] * steps.alias_shares
         )
-        step_slopes = self._step_responses(slopes * rate_by_steps, loop.from_rate)
+        step_slopes = self._sampled_step_responses(slopes * rate_by_steps, loop.from_rate)
         step_slopes[:, CONTROLLER, Quantity.OUTPUT] += steps.response[:, Quantity.OUTPUT]
         response_conjugate = steps.response[:, None, None].conj()
         half_gradient += steps.density[..., None] * step_slopes[..., None] * response_conjugate
@@ -578,29 +626,31 @@ class DensityModel:
     def _step_time_gradient(
         self, parameters: LoopParameters, loop: ClosedLoopResponse, steps: SynchronousSteps
     ) -> ComplexArray:
-        """Returns the derivative of the density by the logarithm of ``step_time_odds``, the odds of the steps' time.
+        """Returns the derivative of the density by ln(``step_time_odds``), the odds of the steps' time.
 
-        The time of the steps only changes the phase of each alias a_k of the steps. With the time as a share p of the
-        surplus interval T (the message interval less one controller cycle), dp / d ln odds = p (1 − p), so that
-        d ln a_k / d ln odds is 2πj k f_s T p (1 − p). As the shares a_k are normalised to a sum of 1, their mean change
-        is subtracted.
+        A synchronous step comes p T before a message, with the share p of the surplus interval T (the message interval
+        less one controller cycle). Alias k of the steps has the amplitude e^(2πj k f_s p T) times a constant. As
+        dp / d ln odds = p (1 − p), the derivative of its logarithm is 2πj k f_s T p (1 − p). The alias shares are these
+        amplitudes over their sum, so that the mean of these derivatives is subtracted. The density S q qᴴ of the
+        steps, with their responses q, then changes by S (dq qᴴ + q dqᴴ).
 
         Args:
             parameters: the parameters of the loop.
-            loop: its frequency responses, of which those to the reference are used.
+            loop: its frequency responses, of which the responses to the reference are used.
             steps: the synchronous steps at these parameters.
 
         Returns:
-            Derivative (J, C, C): q qᴴ has the derivative dq qᴴ plus its adjoint.
+            Derivative (J, C, C).
         """
         share = _share_from_odds(parameters.step_time_odds)
-        phase_slopes = self._alias_s * (self.surplus_interval * share * (1 - share))
-        mean_slope = (steps.alias_shares * phase_slopes).sum(axis=-1, keepdims=True)
-        share_slopes = steps.alias_shares * (phase_slopes - mean_slope)
-        response_slopes = self._step_responses(
-            share_slopes[None], loop.from_source[Source.REFERENCE]
-        )[:, 0]
-        return _plus_adjoint(steps.density * _outer(response_slopes, steps.response))
+        # Derivatives of the logarithms of the amplitudes (F,), and their mean over the aliases (J, 1).
+        log_amplitude_slopes = self._alias_s * (self.surplus_interval * share * (1 - share))
+        mean_slope = (steps.alias_shares * log_amplitude_slopes).sum(axis=-1, keepdims=True)
+        alias_share_slopes = steps.alias_shares * (log_amplitude_slopes - mean_slope)
+        response_slope = self._sampled_step_response(
+            alias_share_slopes, loop.from_source[Source.REFERENCE]
+        )
+        return _plus_adjoint(steps.density * _outer(response_slope, steps.response))
 
 
 def _share_from_odds(odds: float) -> float:

@@ -50,8 +50,8 @@ class FilteredSegment(NamedTuple):
     precisions: Array
     """(T, 3, 3) inverses F⁻¹ of their covariances."""
 
-    smoothing: Array
-    """(T + 1, n + 3) vectors r of the disturbance smoother: row t sums up what samples t and later show."""
+    smoother_vectors: Array
+    """(T + 1, n + 3) vectors r of the disturbance smoother: row t is a weighted sum of the innovations from t on."""
 
     gains: Array
     """(T, n + 3, 3) gains of the filter."""
@@ -114,10 +114,11 @@ def filter_segment(kalman_filter: KalmanFilter, samples: Array) -> FilteredSegme
     # Cᵀ F⁻¹ e of each sample t, as rows.
     weighted_innovations = np.einsum("tij,tj->ti", precisions, innovations) @ kalman_filter.C
     transitions = kalman_filter.A - kalman_filter.gains @ kalman_filter.C
-    smoothing = np.zeros((T + 1, n))
+    smoother_vectors = np.zeros((T + 1, n))
     for t in range(T - 1, -1, -1):
-        smoothing[t] = weighted_innovations[t] + smoothing[t + 1] @ transitions[rows[t]]
-    return FilteredSegment(innovations, precisions, smoothing, gains)
+        later_vector = smoother_vectors[t + 1] @ transitions[rows[t]]
+        smoother_vectors[t] = weighted_innovations[t] + later_vector
+    return FilteredSegment(innovations, precisions, smoother_vectors, gains)
 
 
 class LoopFreeEnergy(NamedTuple):
@@ -159,7 +160,7 @@ class _SquaredErrors(NamedTuple):
 
 
 class _ProcessCovariances(NamedTuple):
-    """Covariances of the driving noises of the states: over one step, and before the first sample."""
+    """Prior covariances of the states' noise in one step, Q, and of the states at the first sample, P₀."""
 
     step: Array
     """(n, n) covariance of one step."""
@@ -167,17 +168,21 @@ class _ProcessCovariances(NamedTuple):
     start: Array
     """(n, n) covariance of the states before anything is measured."""
 
-    def squared_errors(self, smoothing: Array) -> float:
+    def squared_errors(self, smoother_vectors: Array) -> float:
         """Returns the sum of squares of the smoothed noises, each weighted by the inverse of its covariance.
 
-        The smoothed noise of a step is Q r, so that its square weighted by Q⁻¹ is rᵀ Q r; that of the state before the
-        first sample is rᵀ P₀ r.
+        The disturbance smoother has a vector r for each step, with which the smoothed noise of the step is w = Q r. So
+        its square weighted by Q⁻¹, wᵀ Q⁻¹ w, is rᵀ Q r, without an inverse. The states at the first sample are P₀ r
+        likewise, with the square rᵀ P₀ r.
 
         Args:
-            smoothing: (T + 1, n) vectors r of the disturbance smoother; row 0 is that before the first sample.
+            smoother_vectors: (T + 1, n) vectors r: of the first sample in row 0, then of each step.
         """
-        later = smoothing[1:]
-        return float(np.sum(later @ self.step * later) + smoothing[0] @ self.start @ smoothing[0])
+        first_vector = smoother_vectors[0]
+        step_vectors = smoother_vectors[1:]
+        # The sum of the elementwise product is the sum of rᵀ Q r over the steps.
+        step_squares = np.sum(step_vectors @ self.step * step_vectors)
+        return float(step_squares + first_vector @ self.start @ first_vector)
 
 
 def _squared_errors(
@@ -189,29 +194,35 @@ def _squared_errors(
 ) -> _SquaredErrors:
     """Sums the squares of all smoothed noises of one segment, for each group of noises.
 
+    The smoothed value of any noise is its prior covariance times the smoother's vector r. Its square over its variance
+    is therefore rᵀ · covariance · r, which is what is summed here. The trims (the mean of each channel in the segment)
+    are constant states, so that their smoothed value is determined by r at the first sample alone.
+
     Args:
         segment: the filtered and smoothed segment.
         noise_variance: (3,) variances of the measurement noises.
-        driving: covariances of all driving noises.
-        setpoint: the part of these covariances that the setpoint causes.
+        driving: covariances that all noises together cause in the states.
+        setpoint: the same, caused by the noise of the setpoint alone. As the noises are independent, the squares of the
+            others are the difference.
         trim_covariance: (3, 3) prior covariance of the trims.
 
     Returns:
         Sums of squares, each divided by its variance, of measurement noise, setpoint, and other driving noises, which
         include the trims.
     """
-    states = segment.smoothing[:, :STATES]
-    trims = segment.smoothing[0, STATES:]
-    setpoint_errors = setpoint.squared_errors(states)
-    trim_squares = float(trims @ trim_covariance @ trims)
+    # The columns of r belong to the states of the loop, and then to the trims.
+    state_vectors = segment.smoother_vectors[:, :STATES]
+    trim_vector = segment.smoother_vectors[0, STATES:]
+    setpoint_errors = setpoint.squared_errors(state_vectors)
+    trim_squares = float(trim_vector @ trim_covariance @ trim_vector)
     # The smoothed measurement noise is R (F⁻¹ e − Kᵀ r). Letters of einsum: sample t, channels i and j, state n.
     noise_per_variance = np.einsum("tij,tj->ti", segment.precisions, segment.innovations)
-    noise_per_variance -= np.einsum("tni,tn->ti", segment.gains, segment.smoothing[1:])
+    noise_per_variance -= np.einsum("tni,tn->ti", segment.gains, segment.smoother_vectors[1:])
     # The square of a noise over its variance is (noise / variance)² · variance.
     return _SquaredErrors(
         outputs=float(np.sum(noise_per_variance**2 * noise_variance)),
         inputs=setpoint_errors,
-        states=driving.squared_errors(states) - setpoint_errors + trim_squares,
+        states=driving.squared_errors(state_vectors) - setpoint_errors + trim_squares,
     )
 
 

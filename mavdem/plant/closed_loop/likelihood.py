@@ -103,9 +103,13 @@ class AxisPosterior:
     def expand(self, theta: Array) -> QuadraticExpansion:
         """Expands the log posterior about a point to second order, as Fisher scoring needs it.
 
-        With the derivative A_j of the density Φ_j in band j by an entry of θ, the log likelihood's is
-        Σ_j n_j tr(Φ_j⁻¹ A_j (Φ_j⁻¹ I_j − 1)). The curvature is its Fisher information (see the module's equations). The
-        normal prior adds its gradient and its precision.
+        With the estimated density I_j, the model's density Φ_j(θ) and n_j independent values in band j, the Whittle log
+        likelihood is −Σ_j n_j [ln det Φ_j + tr(Φ_j⁻¹ I_j)]. If Φ_j has the derivative A_j by one entry of θ and B_j by
+        another, the derivative of the log likelihood by the first is Σ_j n_j tr(Φ_j⁻¹ A_j Φ_j⁻¹ (I_j − Φ_j)), and the
+        Fisher information on both, which is used as the curvature, is Σ_j n_j tr(Φ_j⁻¹ A_j Φ_j⁻¹ B_j). The normal prior
+        adds its own gradient and precision.
+
+        All these traces are scalar products of whitened matrices (:meth:`_whitened_rows`).
 
         Args:
             theta: the point θ, logarithms of the parameters (k,).
@@ -119,12 +123,12 @@ class AxisPosterior:
         # The densities (J, C, C) of C quantities in J bands, and their derivatives (J, k, C, C).
         density, density_derivatives = self.densities.density_and_gradient(theta)
         whitened_density = self._whiten(density)
+        # One row for each entry of θ: the derivatives A_j of all bands, whitened and multiplied by √n_j.
         derivative_rows = self._whitened_rows(density_derivatives, whitened_density.whitener)
-        # The estimate I_j minus the model's density, whitened and weighted likewise, as one row.
+        # I_j − Φ_j in the same form: Φ_j is the identity after whitening.
         root_counts = np.sqrt(self._counts)
         residuals = root_counts[:, None, None] * (whitened_density.spectra - np.eye(QUANTITIES))
         residual_row = residuals.reshape(-1).view(float)
-        # The sums over j of the likelihood's gradient and information are scalar products of such rows.
         likelihood_gradient = derivative_rows @ residual_row
         information = derivative_rows @ derivative_rows.T
         precision = self.prior_sd**-2.0
@@ -134,26 +138,30 @@ class AxisPosterior:
         return QuadraticExpansion(theta, value, gradient, curvature)
 
     def _whitened_rows(self, derivatives: ComplexArray, whitener: ComplexArray) -> Array:
-        """Whitens derivatives of the density, and flattens those by each entry of θ to one row of real numbers.
+        """Whitens the derivatives of the density, and returns them as one row of real numbers for each entry of θ.
 
-        With Φ = L Lᴴ, tr(Φ⁻¹ A Φ⁻¹ B) is the scalar product of the whitened derivatives L⁻¹ A L⁻ᴴ and L⁻¹ B L⁻ᴴ. They
-        are multiplied by √n_j, so that the scalar product of two rows is the sum Σ_j n_j tr(Φ_j⁻¹ A_j Φ_j⁻¹ B_j).
+        The likelihood needs sums Σ_j n_j tr(Φ_j⁻¹ A_j Φ_j⁻¹ B_j) over the frequency bands j with n_j values each. With
+        Φ = L Lᴴ, one such trace is the scalar product of the whitened matrices L⁻¹ A L⁻ᴴ and L⁻¹ B L⁻ᴴ. They are
+        multiplied by √n_j, so that the scalar product of two rows is the whole sum.
 
         Args:
-            derivatives: derivatives A_j of the density by each of the k entries of θ (J, k, C, C).
-            whitener: inverse Cholesky factors L⁻¹ (J, C, C).
+            derivatives: derivatives of the density in J bands by each of the k entries of θ (J, k, C, C).
+            whitener: inverse Cholesky factors L⁻¹ of the density (J, C, C).
 
         Returns:
-            Rows (k, 2 J C²); real and imaginary parts are separate values.
+            Rows (k, 2 J C²): the entries of all bands side by side, real and imaginary parts as separate values.
         """
         bands, k = derivatives.shape[:2]
         entries = QUANTITIES**2
-        # In one band, (L⁻¹ A L⁻ᴴ)_ad = Σ_bc (L⁻¹)_ab A_bc (L⁻¹)*_dc is linear in the C² entries of A. So it is the
-        # product of A, flattened to a row of entries bc, with one matrix of the band, with rows bc and columns ad. That
-        # takes less time than two products for each of the k derivatives. Letters of einsum: band j, entries as above.
-        whitening = np.einsum("j,jab,jdc->jbcad", np.sqrt(self._counts), whitener, whitener.conj())
-        flat_derivatives = derivatives.reshape(bands, k, entries)
-        whitened_derivatives = flat_derivatives @ whitening.reshape(bands, entries, entries)
+        # Whitening is a linear map of the C² entries of a matrix: (L⁻¹ A L⁻ᴴ)_ad = Σ_bc (L⁻¹)_ab A_bc (L⁻¹)*_dc. It is
+        # computed once for each band as a matrix, with rows bc and columns ad, and multiplies all k derivatives at
+        # once. That is faster than two matrix products for each derivative. Letters of einsum: band j, quantities a to
+        # d.
+        root_counts = np.sqrt(self._counts)
+        whitening = np.einsum("j,jab,jdc->jbcad", root_counts, whitener, whitener.conj())
+        whitening_matrices = whitening.reshape(bands, entries, entries)
+        # In each band, the product (k, C²) @ (C², C²).
+        whitened_derivatives = derivatives.reshape(bands, k, entries) @ whitening_matrices
         # The bands of each entry of θ are put side by side: (J, k, C²) becomes (k, J C²).
         return whitened_derivatives.swapaxes(0, 1).reshape(k, -1).view(float)
 
