@@ -1,10 +1,10 @@
-"""Parts of another recording inside a log or a stream: blocks of an older file, or messages of another sender.
+"""Blocks of another recording in a log or stream: runs (messages with a rising clock) that fit no chain of other runs.
 
 A card that is used again, or whose file table is damaged, gives a file in which some blocks hold an older log. A stream
 may hold messages that another sender replays under the vehicle's ids. They are intact, but their times are of another
-flight: the clock jumps back and forth. The parts of one recording continue each other's clock, so that they form
-chains. Of two chains that cannot be of one vehicle the one with fewer messages is left out: they lie inside each other,
-or the later one is no boot that came after the first.
+flight: the clock jumps back and forth. A run is a sequence of messages with a rising clock. The runs of one recording
+continue each other's clock, so that they form chains. Of two chains that cannot be of one vehicle the one with fewer
+messages is left out: they lie inside each other, or the later one is no boot that came after the first.
 """
 
 from collections.abc import Sequence
@@ -128,7 +128,7 @@ STREAM_RULES = ClockRules(MAX_LATE_SECONDS, inf, restarts_need_utc=False)
 
 @dataclass(slots=True)
 class _Run:
-    """Messages that follow each other in the file and in time."""
+    """A run: messages that follow each other in the file and in time."""
 
     first: int
     """Row of the first message."""
@@ -153,7 +153,7 @@ class _Run:
 
 
 class _Chain:
-    """Runs of which each continues the clock of the one before.
+    """A chain: runs of messages, each of which continues the boot clock of the run before.
 
     Attributes:
         runs: the runs in the order of the file.
@@ -258,27 +258,28 @@ def _importance(chain: _Chain) -> int:
 
 
 def _seconds_per_byte(positions: StreamPositions, time: Array) -> float:
-    """Returns the median time per byte of the log, over parts of the size of a cluster.
+    """Estimates how much flight time a byte of a log stands for: the median over the log's clusters.
 
-    A cluster is the unit in which a memory card stores files. It is the size of the parts since blocks of another file
-    begin and end with a cluster.
+    A cluster is the unit in which a memory card stores files. Blocks of another file begin and end with a cluster, so
+    the time per byte is computed cluster by cluster, and the median is hardly affected by them.
 
     Args:
         positions: Offsets (N,) of messages in the file, ascending.
         time: Their stamps (N,), s.
 
     Returns:
-        Seconds per byte; 0 if no part shows it.
+        Seconds per byte; 0 if the time rises in no cluster.
     """
     clusters = positions // CLUSTER_BYTES
-    # Row of the first message in each cluster.
+    # Row of the first message in each cluster, and the last row.
     first_rows = np.flatnonzero(np.diff(clusters, prepend=-1))
-    durations = np.diff(time[np.append(first_rows, len(time) - 1)])
-    sizes = np.diff(positions[np.append(first_rows, len(time) - 1)])
-    is_forward = (durations > 0) & (sizes > 0)
-    if not is_forward.any():
+    bounds = np.append(first_rows, len(time) - 1)
+    durations = np.diff(time[bounds])
+    sizes = np.diff(positions[bounds])
+    is_rising = (durations > 0) & (sizes > 0)
+    if not is_rising.any():
         return 0.0
-    return float(np.median(durations[is_forward] / sizes[is_forward]))
+    return float(np.median(durations[is_rising] / sizes[is_rising]))
 
 
 def _runs(
@@ -330,44 +331,47 @@ def _runs(
 
 
 def _repeated_blocks(messages: StampedMessages, falls: Integers) -> dict[int, int]:
-    """Finds blocks of messages that repeat bytes from earlier in the file, as if a cluster was stored twice.
+    """Finds blocks of messages that repeat bytes from earlier in the file, as if a card had stored a cluster twice.
+
+    A repeated block begins where the clock goes back, since its messages have the stamps of the earlier copy.
 
     Args:
-        messages: The messages with sound stamps.
-        falls: Rows at which the clock goes back.
+        messages: The messages with sound stamps, and the bytes of the file.
+        falls: Rows of the messages at which the clock goes back.
 
     Returns:
-        The row after the last message of each block, by the row of its first message; empty where the content
-        is not known, as of a log whose positions are no offsets in bytes.
+        The row after the last message of each block, by the row of its first message. None are found without the bytes
+        of the file.
     """
     positions, _, content = messages
-    blocks: dict[int, int] = {}
+    end_row_of_block: dict[int, int] = {}
     if not content:
-        return blocks
-    for row in falls[:MAX_COMPARED_BLOCKS].tolist():
-        start = int(positions[row])
+        return end_row_of_block
+    for first_row in falls[:MAX_COMPARED_BLOCKS].tolist():
+        start = int(positions[first_row])
         earlier_start = content.find(content[start : start + COMPARED_BYTES], 0, start)
         if earlier_start < 0:
             continue
-        # The repetition is compared byte by byte up to the first difference, which may be within a message.
+        # The two copies are compared byte by byte up to the first difference, which may be within a message.
         max_size = min(start - earlier_start, len(content) - start)
         earlier_bytes = np.frombuffer(content, np.uint8, max_size, earlier_start)
         repeated_bytes = np.frombuffer(content, np.uint8, max_size, start)
         differences = np.flatnonzero(earlier_bytes != repeated_bytes)
         repeated_size = int(differences[0]) if len(differences) else max_size
-        blocks[row] = int(np.searchsorted(positions, start + repeated_size))
-    return blocks
+        end_row_of_block[first_row] = int(np.searchsorted(positions, start + repeated_size))
+    return end_row_of_block
 
 
 def _chains(runs: list[_Run], max_gap: float, rules: ClockRules) -> list[_Chain]:
-    """Joins runs of messages whose clocks continue each other to chains.
+    """Joins runs of messages to chains: in a chain each run continues the boot clock of the run before.
 
-    If a run may continue several chains, it joins the one whose end is nearest in time.
+    Between two runs of a recording there may be a block of another recording, with other times. Such a block becomes a
+    chain of its own. If a run may continue several chains, it joins the one whose end is nearest in time.
 
     Args:
-        runs: The runs in the order of the file.
-        max_gap: Longest time, s, between two runs of a chain if their UTC is not known. A gap is possible, since a
-            block of another recording may have replaced messages.
+        runs: The runs in the order of the file; those that repeat earlier bytes are left out.
+        max_gap: Longest time, s, between two runs of a chain, unless their UTC shows that they are of one boot. A gap
+            is possible, since the block between may have replaced messages.
         rules: Limits of what the clock may do.
 
     Returns:
@@ -377,52 +381,59 @@ def _chains(runs: list[_Run], max_gap: float, rules: ClockRules) -> list[_Chain]
     for run in runs:
         if run.is_repeated:
             continue
-        best_chain = None
-        best_distance = inf
+        nearest_chain = None
+        nearest_gap = inf
         for chain in chains:
-            advance = run.start_time - chain.end_time
-            if advance < -rules.max_fall or abs(advance) >= best_distance:
+            gap = run.start_time - chain.end_time
+            goes_back = gap < -rules.max_fall
+            if goes_back or abs(gap) >= nearest_gap:
                 continue
             if chain.utc_at_boot is not None and run.utc_at_boot is not None:
                 is_same_boot = abs(run.utc_at_boot - chain.utc_at_boot) <= MAX_UTC_DIFFERENCE
             else:
-                is_same_boot = abs(advance) <= max_gap
+                is_same_boot = abs(gap) <= max_gap
             if is_same_boot:
-                best_chain = chain
-                best_distance = abs(advance)
-        if best_chain is None:
+                nearest_chain = chain
+                nearest_gap = abs(gap)
+        if nearest_chain is None:
             chains.append(_Chain(run))
         else:
-            best_chain.add(run)
+            nearest_chain.add(run)
     return chains
 
 
 def _may_be_same_recording(chain: _Chain, kept_chain: _Chain, rules: ClockRules) -> bool:
-    """Returns whether a chain can belong to the same recording as a larger one that is kept.
+    """Returns whether a chain of messages can be of the same recording as a larger chain that is kept.
 
-    One chain must lie before the other in the file. The later chain must continue the time of the earlier one, or be of
-    another boot: a log begins there, its clock begins near zero, or by UTC its boot began after the end of the earlier
-    chain. Where UTC is known for both, it must confirm a continued time and, if ``rules`` demand it, another boot.
+    One chain must lie before the other in the file. The later one must then continue the boot clock of the earlier one,
+    or be of another boot of the vehicle.
 
     Args:
-        chain, kept_chain: The chains; a chain is a sequence of runs of messages, each continuing the clock of the run
-            before.
+        chain: The chain: runs of messages, each of which continues the clock of the run before.
+        kept_chain: The larger chain.
         rules: Limits of what the clock may do.
     """
-    earlier, later = sorted((chain, kept_chain), key=lambda each_chain: each_chain.runs[0].first)
-    if earlier.runs[-1].first > later.runs[0].first:
+    earlier, later = sorted((chain, kept_chain), key=_first_message)
+    is_interleaved = earlier.runs[-1].first > later.runs[0].first
+    if is_interleaved:
         return False
     if later.runs[0].begins_log:
         return True
     later_start = later.runs[0].start_time
     continues_time = later_start >= earlier.end_time - rules.max_fall
     starts_near_zero = later_start <= MAX_RESTART_TIME
+    # UTC at which the boot clock read 0 is the same throughout a boot, and shows which boot came first.
     if earlier.utc_at_boot is None or later.utc_at_boot is None:
         return continues_time or starts_near_zero
-    boot_difference = later.utc_at_boot - earlier.utc_at_boot
-    if continues_time and abs(boot_difference) <= rules.max_utc_difference:
+    seconds_between_boots = later.utc_at_boot - earlier.utc_at_boot
+    if continues_time and abs(seconds_between_boots) <= rules.max_utc_difference:
         return True
     if starts_near_zero and not rules.restarts_need_utc:
         return True
-    # Another boot: by UTC it began after the end of the earlier one.
-    return boot_difference >= earlier.end_time - MAX_UTC_DIFFERENCE
+    has_booted_afterwards = seconds_between_boots >= earlier.end_time - MAX_UTC_DIFFERENCE
+    return has_booted_afterwards
+
+
+def _first_message(chain: _Chain) -> int:
+    """Returns the row of the first message of a chain."""
+    return chain.runs[0].first

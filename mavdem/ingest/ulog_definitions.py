@@ -1,4 +1,4 @@
-"""The definitions in a ULog file, and checking whether a record fits them.
+"""The definitions in a ULog file (fields of each message, number of each topic), and whether a record fits them.
 
 A file defines its messages (the fields of each) and subscriptions (the number under which the records of one topic
 follow). Other records have a layout of their own.
@@ -27,7 +27,7 @@ HEADER = struct.Struct("<HB")
 DATA_HEADER = struct.Struct("<HBH")
 """Header of a data record, and the number of its subscription."""
 
-DATA_HEADER_FIELDS = np.dtype([("length", "<u2"), ("kind", "u1"), ("subscription", "<u2")])
+DATA_HEADER_FIELDS = np.dtype([("length", "<u2"), ("type", "u1"), ("subscription", "<u2")])
 """The same header as a structured type, for many records at once."""
 
 TOPIC_NUMBER_BYTES = 2
@@ -76,10 +76,10 @@ NUMBER_TYPES: dict[str, np.dtype[Any]] = {
 }
 """How a number is stored, by its type: little-endian. Flags and characters are read as integers, as pyulog does."""
 
-NUMBER_BYTES = {kind: stored.itemsize for kind, stored in NUMBER_TYPES.items()}
+NUMBER_BYTES = {type_name: stored.itemsize for type_name, stored in NUMBER_TYPES.items()}
 """Number of bytes of a number, by its type."""
 
-NUMBER_BYTES_BY_KEY_TYPE = {kind.encode(): count for kind, count in NUMBER_BYTES.items()}
+NUMBER_BYTES_BY_KEY_TYPE = {type_name.encode(): count for type_name, count in NUMBER_BYTES.items()}
 """The same by the type as the key of a parameter has it, in bytes."""
 
 FIELD = re.compile(r"(\w+)(?:\[(\d{1,5})\])? (\w+)")
@@ -124,14 +124,14 @@ class RecordHeader(NamedTuple):
 
     length: int
     """Number of bytes after it."""
-    kind: int
+    record_type: int
     """Type of the record, a letter."""
 
 
 class _Field(NamedTuple):
     """One field in the definition of a message."""
 
-    kind: str
+    type_name: str
     """Its type: the type of a number, such as "float", or the name of another message."""
     elements: int
     """Number of elements of an array; 1 for a field that is not an array."""
@@ -153,7 +153,7 @@ class NumberField(NamedTuple):
 
     name: str
     """Its name, such as ``q[0]`` for an element of an array, or ``current.lat`` in a message within the message."""
-    kind: str
+    type_name: str
     """Its type, a key of ``NUMBER_TYPES``."""
     offset: int
     """Number of bytes before it, without the header of the record."""
@@ -198,7 +198,7 @@ class Fit(Enum):
 
 
 class RecordDefinitions:
-    """The definitions of a ULog file that were read so far, and the records by their offsets.
+    """The message definitions and subscriptions of a ULog file that were read so far; checks records against them.
 
     Attributes:
         content: Bytes of the file.
@@ -224,88 +224,91 @@ class RecordDefinitions:
         # Layouts of messages by name: each is needed when a subscription is compared, and when it is learned.
         self._layouts: dict[str, TopicLayout | None] = {}
         self._sizes: dict[str, _MessageSize | None] = {}
-        self._record_start: re.Pattern[bytes] | None = None
+        self._record_start_pattern: re.Pattern[bytes] | None = None
 
-    def header(self, position: int) -> RecordHeader:
+    def header(self, offset: int) -> RecordHeader:
         """Returns the header at an offset; one that is cut off by the end of the file has length 0 and type 0."""
-        if position + HEADER.size > len(self.content):
+        if offset + HEADER.size > len(self.content):
             return RecordHeader(0, 0)
-        return RecordHeader(*HEADER.unpack_from(self.content, position))
+        return RecordHeader(*HEADER.unpack_from(self.content, offset))
 
-    def next_position(self, position: int) -> int:
+    def record_end(self, offset: int) -> int:
         """Returns the offset at which the record at an offset ends, by its length."""
-        return position + HEADER.size + self.header(position).length
+        return offset + HEADER.size + self.header(offset).length
 
-    def fit(self, position: int, end: int, header: RecordHeader | None = None) -> Fit:
+    def fit(self, offset: int, end: int, header: RecordHeader | None = None) -> Fit:
         """Checks whether the record at an offset is consistent with the definitions of the file.
 
         Args:
-            position: Offset of the record, bytes.
-            end: Offset of the end of this part of the file, which the record must not exceed.
+            offset: Offset of the record in the file, bytes.
+            end: Offset which the record must not exceed: the end of the file, or where data was appended to it.
             header: Header of the record, if it was read before.
 
         Returns:
-            Whether the record is sound, unused by parsers, of an unknown kind, or damaged.
+            Whether the record is sound, unused by parsers, of an unknown type, or damaged.
         """
-        length, kind = header or self.header(position)
-        body_start = position + HEADER.size
+        length, record_type = header or self.header(offset)
+        body_start = offset + HEADER.size
         if body_start + length > end:
             return Fit.DAMAGED
-        if kind == DATA:
+        if record_type == DATA:
             return self._fit_of_data(body_start, length)
         body = self.content[body_start : body_start + length]
-        if kind in KEY_OFFSETS:
-            return _fit_if(fits=_is_key_and_value(body[KEY_OFFSETS[kind] - HEADER.size :]))
-        if kind == FORMAT:
+        if record_type in KEY_OFFSETS:
+            key_and_value = body[KEY_OFFSETS[record_type] - HEADER.size :]
+            return _sound_or_damaged(_is_key_and_value(key_and_value))
+        if record_type == FORMAT:
             parsed_format = _parsed_format(body)
             # A second definition of the same name would replace the first.
             is_repeated = parsed_format is not None and parsed_format.name in self._formats
-            return Fit.UNUSED if is_repeated else _fit_if(fits=parsed_format is not None)
-        if kind == SUBSCRIPTION:
+            return Fit.UNUSED if is_repeated else _sound_or_damaged(parsed_format is not None)
+        if record_type == SUBSCRIPTION:
             return self._fit_of_subscription(body)
-        if kind == TEXT:
-            return _fit_if(fits=_is_text(body, stamp_offset=1))
-        if kind == TAGGED_TEXT:
+        if record_type == TEXT:
+            return _sound_or_damaged(_is_text(body, stamp_offset=1))
+        if record_type == TAGGED_TEXT:
             # The tag, two bytes, precedes the stamp.
-            return _fit_if(fits=_is_text(body, stamp_offset=3))
-        if kind == SYNC:
-            return _fit_if(fits=body == SYNC_MAGIC)
-        if kind == DROPOUT:
-            return _fit_if(fits=length == 2)
-        if kind == UNSUBSCRIPTION:
+            return _sound_or_damaged(_is_text(body, stamp_offset=3))
+        if record_type == SYNC:
+            return _sound_or_damaged(body == SYNC_MAGIC)
+        if record_type == DROPOUT:
+            return _sound_or_damaged(length == 2)
+        if record_type == UNSUBSCRIPTION:
             return Fit.UNUSED if length == 2 else Fit.DAMAGED
-        # A data record whose letter is damaged must not pass for a record of an unknown kind: with the right letter it
-        # would have the length of its subscription.
-        data_header = self.content[position : position + 2] + bytes([DATA]) + body[:2]
-        is_data = self.data_length(data_header) is not None
-        if kind in FUTURE_TYPES and 0 < length <= MAX_UNKNOWN_BYTES and not is_data:
+        # A data record whose type letter is damaged must not pass for a record of an unknown type: with the right
+        # letter it would have the length of its subscription.
+        header_with_right_type = self.content[offset : offset + 2] + bytes([DATA]) + body[:2]
+        is_data = self.data_length(header_with_right_type) is not None
+        if record_type in FUTURE_TYPES and 0 < length <= MAX_UNKNOWN_BYTES and not is_data:
             return Fit.UNKNOWN
         return Fit.DAMAGED
 
-    def keyed_run(self, position: int, end: int) -> KeyedRun:
+    def keyed_run(self, offset: int, end: int) -> KeyedRun:
         """Finds sound information and parameter records that follow each other, of which a log has about a thousand.
 
-        They are checked here in one loop, which is faster than :meth:`fit` for each.
+        Such a record has a key, "float MC_ROLL_P", and a value. They are checked here in one loop, which is faster than
+        :meth:`fit` for each.
 
         Args:
-            position: Offset of the first record.
-            end: Offset of the end of this part of the file, which no record must exceed.
+            offset: Offset of the first record, bytes.
+            end: Offset which no record must exceed: the end of the file, or where data was appended to it.
 
         Returns:
-            Offsets of the records, and the offset after the last one, which is ``position`` if there are none.
+            Offsets of the records, and the offset after the last one, which is ``offset`` if there are none.
         """
         content = self.content
         starts = []
-        while position + HEADER.size <= end:
-            length, kind = HEADER.unpack_from(content, position)
-            next_position = position + HEADER.size + length
-            if kind not in KEY_OFFSETS or next_position > end:
+        while offset + HEADER.size <= end:
+            length, record_type = HEADER.unpack_from(content, offset)
+            record_end = offset + HEADER.size + length
+            if record_type not in KEY_OFFSETS or record_end > end:
                 break
-            if not _is_key_and_value(content[position + KEY_OFFSETS[kind] : next_position]):
+            key_and_value = content[offset + KEY_OFFSETS[record_type] : record_end]
+            if not _is_key_and_value(key_and_value):
                 break
-            starts.append(position)
-            position = next_position
-        return KeyedRun(starts, position)
+            starts.append(offset)
+            offset = record_end
+        return KeyedRun(starts, offset)
 
     def _fit_of_data(self, body_start: int, length: int) -> Fit:
         """Checks the length of a data record against the layout of its topic.
@@ -348,50 +351,55 @@ class RecordDefinitions:
             return Fit.UNUSED
         return Fit.UNKNOWN if self._layout(name.decode()) is None else Fit.SOUND
 
-    def learn(self, position: int) -> None:
-        """Adds a definition or subscription of the file; other records change nothing.
+    def add(self, offset: int) -> None:
+        """Adds the definition or subscription in a record of the file; other records change nothing.
+
+        A definition (FORMAT) names the fields of a message. A subscription assigns a number to an instance of a topic;
+        data records carry that number.
 
         Args:
-            position: Offset of the record, which is sound (:meth:`fit`).
+            offset: Offset of the record, which is sound (:meth:`fit`).
         """
-        length, kind = self.header(position)
-        body_start = position + HEADER.size
+        length, record_type = self.header(offset)
+        body_start = offset + HEADER.size
         body = self.content[body_start : body_start + length]
-        if kind == FORMAT:
+        if record_type == FORMAT:
             parsed_format = _parsed_format(body)
             if parsed_format is not None:
                 self._formats[parsed_format.name] = parsed_format.fields
-                # Layouts and sizes of other messages may depend on this definition.
+                # What was derived from the definitions so far may depend on this one, if messages are nested.
                 self._fields.pop(parsed_format.name, None)
                 self._layouts.clear()
                 self._sizes.clear()
-        elif kind == SUBSCRIPTION:
+        elif record_type == SUBSCRIPTION:
             instance, number = SUBSCRIPTION_HEADER.unpack_from(body)
             topic = self._layout(body[SUBSCRIPTION_HEADER.size :].decode())
             if topic is not None:
                 self.topics[number] = topic
                 self.instances[number] = instance
-                self._record_start = None
                 if topic.stamp_offset is not None:
                     self.lengths_by_number[number] = TOPIC_NUMBER_BYTES + topic.min_bytes
+                # The pattern of a record's start contains the numbers of all subscriptions.
+                self._record_start_pattern = None
 
     def data_length(self, data_header: bytes) -> int | None:
-        """Returns the number of bytes of a whole data record, header included.
+        """Returns the number of bytes of a whole data record, header included, by its first five bytes.
 
         Args:
-            data_header: The first five bytes of the record, or fewer at the end of the file.
+            data_header: Length of the body (2 bytes), type letter "D", and number of the subscription (2 bytes); fewer
+                bytes at the end of the file.
 
         Returns:
-            The number; None if it is no header of a data record.
+            The number; None unless the subscription has records of this length.
         """
         if len(data_header) < DATA_HEADER.size:
             return None
-        length, kind, number = DATA_HEADER.unpack(data_header)
-        is_of_topic = kind == DATA and length > 0 and self.lengths_by_number[number] == length
-        return HEADER.size + length if is_of_topic else None
+        length, record_type, number = DATA_HEADER.unpack(data_header)
+        is_data = record_type == DATA and length > 0 and self.lengths_by_number[number] == length
+        return HEADER.size + length if is_data else None
 
     def possible_data_records(self, first: int, stop: int) -> PossibleRecords:
-        """Finds offsets that look like data records of the subscriptions read so far.
+        """Finds all offsets in a range of the file that look like data records of the subscriptions read so far.
 
         The header of a data record is five bytes: its length, the letter D, and the number of a subscription, all of
         whose records have one length.
@@ -403,16 +411,18 @@ class RecordDefinitions:
         Returns:
             Offset (n,) of the start of each possible record, and of the byte after it.
         """
-        # The bytes of all headers that begin in the range, up to the end of the last header.
         content = np.frombuffer(self.content, dtype=np.uint8)
-        header_bytes = content[first : stop + DATA_HEADER.size - 1]
-        header_count = max(len(header_bytes) - DATA_HEADER.size + 1, 0)
+        # All headers that begin in the range lie in these bytes.
+        searched_bytes = content[first : stop + DATA_HEADER.size - 1]
+        header_count = max(len(searched_bytes) - DATA_HEADER.size + 1, 0)
+        # The letter is the third byte of a header. Headers begin where a D is two bytes later.
         letter_offset = HEADER.size - 1
-        letters = header_bytes[letter_offset : letter_offset + header_count]
+        letters = searched_bytes[letter_offset : letter_offset + header_count]
         starts = np.flatnonzero(letters == DATA)
-        headers = rows_of(header_bytes, starts, DATA_HEADER.size).view(DATA_HEADER_FIELDS)[:, 0]
+        headers = rows_of(searched_bytes, starts, DATA_HEADER.size).view(DATA_HEADER_FIELDS)[:, 0]
         lengths = headers["length"]
-        is_data = (lengths > 0) & (self.lengths_by_number[headers["subscription"]] == lengths)
+        lengths_of_subscriptions = self.lengths_by_number[headers["subscription"]]
+        is_data = (lengths > 0) & (lengths == lengths_of_subscriptions)
         starts = starts[is_data] + first
         return PossibleRecords(starts, starts + HEADER.size + lengths[is_data])
 
@@ -423,7 +433,7 @@ class RecordDefinitions:
         return self._layouts[name]
 
     def _layout_of_format(self, name: str) -> TopicLayout | None:
-        """Returns the layout of a message's data records.
+        """Returns the layout of a message's data records: their length, and where the time stamp is.
 
         Padding at the end, fields whose names begin with ``_padding``, is not always logged, so that a record has a
         minimal and a maximal length.
@@ -444,73 +454,89 @@ class RecordDefinitions:
         if name not in self._formats or size is None or size.numbers > MAX_FIELDS:
             return None
         if not size.has_distinct_names:
-            numbers = [number.name for number in self.number_fields(name)]
-            if len(set(numbers)) < len(numbers):
+            names = [number.name for number in self.number_fields(name)]
+            if len(set(names)) < len(names):
                 return None
-        fields = self._fields_of(name)
-        min_bytes = size.length
-        for field in reversed(fields):
+        min_bytes = size.length - self._padding_bytes(name)
+        return TopicLayout(name, min_bytes, size.length, self._stamp_offset(name, min_bytes))
+
+    def _padding_bytes(self, name: str) -> int:
+        """Returns the number of bytes of the padding fields at the end of a message."""
+        padding_bytes = 0
+        for field in reversed(self._fields_of(name)):
             if not field.name.startswith(PADDING):
                 break
-            min_bytes -= self._length(field)
-        stamp_offset = None
-        offset = 0
-        for field in fields:
-            # Parsers read eight bytes of the time stamp, even if it is declared with another type.
-            is_stamp = field.name == "timestamp" and field.elements == 1
-            if is_stamp and field.kind in NUMBER_BYTES and offset + STAMP.size <= min_bytes:
-                stamp_offset = offset
-                break
-            offset += self._length(field)
-        return TopicLayout(name, min_bytes, size.length, stamp_offset)
+            padding_bytes += self._length(field)
+        return padding_bytes
 
-    def _size(self, kind: str) -> _MessageSize | None:
-        """Returns the number of values and of bytes of a number or a message; None if a definition is missing.
+    def _stamp_offset(self, name: str, min_bytes: int) -> int | None:
+        """Returns the offset of the field ``timestamp`` in a message.
 
         Args:
-            kind: The message's name, or the type of a number.
+            name: Name of the message.
+            min_bytes: Its number of bytes without the padding at the end.
 
         Returns:
-            Number of values, number of bytes, and whether no field name occurs twice; or None.
+            The offset, bytes; None if the message has no such field, or too few bytes after it.
+        """
+        offset = 0
+        for field in self._fields_of(name):
+            # Parsers read eight bytes of the time stamp, even if it is declared with another type.
+            is_stamp = field.name == "timestamp" and field.elements == 1
+            if is_stamp and field.type_name in NUMBER_BYTES and offset + STAMP.size <= min_bytes:
+                return offset
+            offset += self._length(field)
+        return None
+
+    def _size(self, type_name: str) -> _MessageSize | None:
+        """Returns the size of a type: of a number, or of a message with the messages nested in it.
+
+        Args:
+            type_name: The type of a number, such as "float", or the name of a message.
+
+        Returns:
+            Number of values, number of bytes, and whether no message has two fields of one name; None if the message or
+            one nested in it is not defined.
 
         Raises:
             RecursionError: The message contains itself.
         """
-        if kind in NUMBER_BYTES:
-            return _MessageSize(1, NUMBER_BYTES[kind], has_distinct_names=True)
-        if kind not in self._formats:
+        if type_name in NUMBER_BYTES:
+            return _MessageSize(1, NUMBER_BYTES[type_name], has_distinct_names=True)
+        if type_name not in self._formats:
             return None
-        if kind not in self._sizes:
-            self._sizes[kind] = self._size_of_fields(self._fields_of(kind))
-        return self._sizes[kind]
+        if type_name not in self._sizes:
+            self._sizes[type_name] = self._size_of_fields(self._fields_of(type_name))
+        return self._sizes[type_name]
 
     def _size_of_fields(self, fields: Sequence[_Field]) -> _MessageSize | None:
-        """Returns the number of values and of bytes of all fields together; None if a definition is missing.
+        """Returns the size of all fields of a message together.
 
         Args:
-            fields: Fields of a message, which may be arrays or nested messages.
+            fields: The fields, which may be arrays or nested messages.
 
         Returns:
-            Number of values, number of bytes, and whether no field name occurs twice; or None.
+            Number of values, number of bytes, and whether no message has two fields of one name, which parsers could
+            not distinguish; None if a nested message is not defined.
 
         Raises:
             RecursionError: A nested message contains itself.
         """
-        numbers = 0
-        length = 0
+        value_count = 0
+        byte_count = 0
         has_distinct_names = len({field.name for field in fields}) == len(fields)
         for field in fields:
-            size = self._size(field.kind)
-            if size is None:
+            element_size = self._size(field.type_name)
+            if element_size is None:
                 return None
-            numbers += field.elements * size.numbers
-            length += field.elements * size.length
-            has_distinct_names = has_distinct_names and size.has_distinct_names
-        return _MessageSize(numbers, length, has_distinct_names)
+            value_count += field.elements * element_size.numbers
+            byte_count += field.elements * element_size.length
+            has_distinct_names = has_distinct_names and element_size.has_distinct_names
+        return _MessageSize(value_count, byte_count, has_distinct_names)
 
     def _length(self, field: _Field) -> int:
         """Returns the number of bytes of a field whose type is defined."""
-        size = self._size(field.kind)
+        size = self._size(field.type_name)
         return field.elements * size.length if size is not None else 0
 
     def number_fields(self, name: str) -> Sequence[NumberField]:
@@ -528,25 +554,28 @@ class RecordDefinitions:
             numbers.pop()
         return numbers
 
-    def _list_numbers(self, kind: str, name: str, numbers: list[NumberField]) -> None:
-        """Appends all numbers of a message, or of a field of one, to ``numbers``, by recursion into nested messages.
+    def _list_numbers(self, type_name: str, name: str, numbers: list[NumberField]) -> None:
+        """Appends the numbers in a field to a list, with their offsets, by recursion into nested messages and arrays.
+
+        A field "position" of a message type with "x" and "y" gives the numbers "position.x" and "position.y".
 
         Args:
-            kind: The message's name, or the type of a number.
+            type_name: Type of the field: the type of a number, or the name of a message.
             name: Name of the field; empty for a whole message.
-            numbers: List of the numbers before it, to which its own are appended.
+            numbers: The numbers before the field in the record, to which the numbers in the field are appended.
         """
-        if kind in NUMBER_BYTES:
+        if type_name in NUMBER_BYTES:
             offset = 0
             if numbers:
-                offset = numbers[-1].offset + NUMBER_BYTES[numbers[-1].kind]
-            numbers.append(NumberField(name, kind, offset))
+                previous = numbers[-1]
+                offset = previous.offset + NUMBER_BYTES[previous.type_name]
+            numbers.append(NumberField(name, type_name, offset))
             return
-        for field in self._fields_of(kind):
+        for field in self._fields_of(type_name):
             field_name = f"{name}.{field.name}" if name else field.name
             for element in range(field.elements):
                 element_name = f"{field_name}[{element}]" if field.elements > 1 else field_name
-                self._list_numbers(field.kind, element_name, numbers)
+                self._list_numbers(field.type_name, element_name, numbers)
 
     def _fields_of(self, name: str) -> Sequence[_Field]:
         """Returns the fields of a message, which are parsed when they are first used.
@@ -559,22 +588,26 @@ class RecordDefinitions:
         """
         if name not in self._fields:
             fields = []
-            for kind, elements, field_name in FIELD.findall(self._formats.get(name, "")):
+            for type_name, elements, field_name in FIELD.findall(self._formats.get(name, "")):
                 # ULog parsers read an array of 0 elements as a single number.
-                fields.append(_Field(kind, max(int(elements or 1), 1), field_name))
+                fields.append(_Field(type_name, max(int(elements or 1), 1), field_name))
             self._fields[name] = fields
         return self._fields[name]
 
     def record_start_pattern(self) -> re.Pattern[bytes]:
-        """Returns the pattern of bytes with which a record may begin, by the subscriptions that were read so far."""
-        if self._record_start is None:
+        """Returns a pattern of the bytes with which a record may begin, for the search after damage.
+
+        A data record begins with its length, the letter D, and the number of one of the subscriptions read so far.
+        ``START_OF_DEFINITION`` has the beginnings of all other records.
+        """
+        if self._record_start_pattern is None:
             numbers = [re.escape(number.to_bytes(2, "little")) for number in self.topics]
             # An empty list of numbers would match any data record.
             start_of_data = rb"..D(?:" + b"|".join(numbers) + rb")|" if numbers else b""
             # A lookahead matches without consuming bytes, so that the next match may begin at the next byte.
             pattern = rb"(?=" + start_of_data + START_OF_DEFINITION + rb")"
-            self._record_start = re.compile(pattern, re.DOTALL)
-        return self._record_start
+            self._record_start_pattern = re.compile(pattern, re.DOTALL)
+        return self._record_start_pattern
 
 
 class _ParsedFormat(NamedTuple):
@@ -631,6 +664,6 @@ def _is_text(body: bytes, stamp_offset: int) -> bool:
     return has_stamp and body[0] in TEXT_LEVELS and len(text) <= MAX_TEXT_BYTES and 0 not in text
 
 
-def _fit_if(*, fits: bool) -> Fit:
-    """Returns the fit of a record that is kept if it fits."""
+def _sound_or_damaged(fits: bool) -> Fit:
+    """Returns the fit of a record that is kept if it fits the definitions, and damaged otherwise."""
     return Fit.SOUND if fits else Fit.DAMAGED

@@ -148,33 +148,33 @@ def read_other_records(
     has_begun_data = False
     data_before = np.searchsorted(data_offsets, other_offsets)
     for offset, data_count in zip(other_offsets.tolist(), data_before.tolist(), strict=True):
-        length, kind = HEADER.unpack_from(content, offset)
-        has_begun_data = has_begun_data or kind in START_OF_DATA
-        if kind in KEY_OFFSETS:
+        length, record_type = HEADER.unpack_from(content, offset)
+        has_begun_data = has_begun_data or record_type in START_OF_DATA
+        if record_type in KEY_OFFSETS:
             record = content[offset : offset + HEADER.size + length]
-            name, value = _name_and_value(record, KEY_OFFSETS[kind])
-            if kind == INFORMATION:
+            name, value = _name_and_value(record, KEY_OFFSETS[record_type])
+            if record_type == INFORMATION:
                 other.information[name] = value
             elif isinstance(value, str | bytes):
                 continue
-            elif kind == DEFAULT:
+            elif record_type == DEFAULT:
                 if record[HEADER.size] & FIRMWARE_DEFAULT:
                     other.firmware_defaults[name] = float(value)
                 if record[HEADER.size] & AIRFRAME_DEFAULT:
                     other.airframe_defaults[name] = float(value)
-            elif kind == PARAMETER and has_begun_data:
+            elif record_type == PARAMETER and has_begun_data:
                 last_offsets = data_offsets[max(data_count - RECORDS_TO_DATE_BY, 0) : data_count]
                 latest_stamp = max(latest_stamp, _latest_stamp(records, last_offsets))
                 setting = ParameterSetting(latest_stamp, name, float(value))
                 other.changed_settings.append(setting)
-            elif kind == PARAMETER:
+            elif record_type == PARAMETER:
                 other.initial_settings[name] = float(value)
-        elif kind == TEXT:
+        elif record_type == TEXT:
             level, stamp = TEXT_HEADER.unpack_from(content, offset + HEADER.size)
             text_start = offset + HEADER.size + TEXT_HEADER.size
             text = content[text_start : offset + HEADER.size + length].decode(errors="ignore")
             other.texts.append(LoggedText(level, stamp, text))
-        elif kind == DROPOUT and has_begun_data:
+        elif record_type == DROPOUT and has_begun_data:
             other.dropout_durations.extend(DURATION.unpack_from(content, offset + HEADER.size))
     if not records.flags.compatible & DEFAULTS_FLAG:
         other.firmware_defaults.clear()

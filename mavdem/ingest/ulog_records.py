@@ -1,9 +1,9 @@
-"""The sound records of a ULog file, without those that a parser would misread because of damage or a cut.
+"""The sound records of a ULog file: those that fit its definitions, without damaged ones, which parsers misread.
 
-A ULog is a chain of records, each with a header of three bytes: its length (uint16) and its type, a letter. There are
-no checksums, and files before PX4 1.11 have no marks of synchronisation, so that one wrong length would shift all that
-follows. Here a record must fit the definitions of the file; where one does not, the search continues byte by byte until
-several records in a row fit.
+A ULog is a sequence of records, each with a header of three bytes: its length (uint16) and its type, a letter. There
+are no checksums, and files before PX4 1.11 have no marks of synchronisation, so that one wrong length would shift all
+that follows. Here a record must fit the definitions of the file; where one does not, the search continues byte by byte
+until several records in a row fit.
 
 Layout: https://docs.px4.io/main/en/dev_log/ulog_file_format.html.
 """
@@ -50,7 +50,7 @@ FLAGS = struct.Struct("<QQ3Q")
 APPENDED_DATA_FLAG = 1
 """Bit of the incompatible flags: data was appended, at the offsets after the flags."""
 
-RECORDS_OF_CHAIN = 5
+MIN_SEQUENCE_RECORDS = 5
 """Number of records in a row that must fit the definitions for the search after damage to end: a choice.
 
 A data record fits by chance at one place of 2^40 / (number of topics): three random records would be enough. Five cost
@@ -58,7 +58,7 @@ nothing where the file is sound.
 """
 
 MAX_UNKNOWN_RECORDS = 20
-"""Number of records without a definition that such a chain may contain: a choice."""
+"""Number of records without a definition that such a sequence may contain: a choice."""
 
 
 class RecordLoss(NamedTuple):
@@ -100,7 +100,7 @@ class SoundRecords:
 
 
 def sound_records(content: FileContent) -> SoundRecords:
-    """Leaves out the parts of a ULog file that do not fit its definitions.
+    """Finds the records of a ULog file that fit its definitions, and leaves out everything else.
 
     Sound records that cannot be read are left out too: those of a topic without a time stamp, repeated
     subscriptions and definitions, and types of records that this version of the format does not have. Data that was
@@ -127,7 +127,10 @@ def sound_records(content: FileContent) -> SoundRecords:
 
 
 class _RecordScan:
-    """One pass over a ULog file that finds its records.
+    """One pass over a ULog file that finds its sound records, and searches for the next ones after damage.
+
+    The file has one section, or several if data was appended to it after a crash: ``section_end`` is the offset at
+    which the section ends, so that no record goes beyond it.
 
     Attributes:
         content: Bytes of the file.
@@ -151,7 +154,7 @@ class _RecordScan:
         self.flags = FileFlags()
 
     def run(self) -> None:
-        """Finds the records of the whole file, part by part where data was appended to it.
+        """Finds the records of the whole file, section by section where data was appended to it.
 
         Raises:
             EOFError: The file ends within its header, or within its flags record.
@@ -168,7 +171,7 @@ class _RecordScan:
             compatible, incompatible, *offsets = FLAGS.unpack_from(self.content, flags_start)
             self.flags = FileFlags(compatible, incompatible, tuple(offsets))
         for end in [*self._appended_offsets(start), len(self.content)]:
-            self._run_part(start, end)
+            self._scan_section(start, end)
             start = end
 
     def _appended_offsets(self, first_record: int) -> list[int]:
@@ -187,243 +190,267 @@ class _RecordScan:
             return offsets
         return []
 
-    def _run_part(self, start: int, end: int) -> None:
+    def _scan_section(self, start: int, section_end: int) -> None:
         """Finds the records between two offsets.
 
         A record that is cut by the end is left out; that is no damage, since logs usually end so.
 
         Args:
             start: Offset of the first record.
-            end: Offset at which the part ends, or another one was appended.
+            section_end: Offset at which the section ends.
         """
-        content = self.content
         offsets = self.offsets
-        position = start
+        offset = start
         # The number of records before the present run of sound ones.
         records_before_run = len(offsets)
-        while position < end:
-            header = self.definitions.header(position)
-            end_of_run = self._add_run(position, end, header.kind)
+        while offset < section_end:
+            header = self.definitions.header(offset)
+            end_of_run = self._add_run(offset, section_end, header.record_type)
             if end_of_run is not None:
-                position = end_of_run
+                offset = end_of_run
                 continue
-            fit = self.definitions.fit(position, end, header)
-            next_position = position + HEADER.size + header.length
-            if fit is Fit.UNKNOWN and not self._is_whole_unknown_record(position, end):
+            fit = self.definitions.fit(offset, section_end, header)
+            record_end = offset + HEADER.size + header.length
+            if fit is Fit.UNKNOWN and not self._is_whole_unknown_record(offset, section_end):
                 fit = Fit.DAMAGED
             if fit is Fit.SOUND:
-                if header.kind in (FORMAT, SUBSCRIPTION):
-                    self.definitions.learn(position)
-                if header.kind == SUBSCRIPTION:
-                    # Places that looked like nothing before may now be records of this subscription.
+                if header.record_type in (FORMAT, SUBSCRIPTION):
+                    self.definitions.add(offset)
+                if header.record_type == SUBSCRIPTION:
+                    # What looked like nothing before may now be a record of this subscription.
                     self._data_runs.discard_search()
-                offsets.append(position)
-                position = next_position
+                offsets.append(offset)
+                offset = record_end
                 continue
-            omitted_bytes = slice(position, next_position)
+            omitted_bytes = slice(offset, record_end)
             if fit is Fit.DAMAGED:
-                recent = offsets[max(records_before_run, len(offsets) - RECORDS_OF_CHAIN) :]
-                omitted_bytes = self._damaged_place(position, end, recent)
-            elif fit is Fit.UNKNOWN and content[position + 2] == DATA:
+                first_recent = max(records_before_run, len(offsets) - MIN_SEQUENCE_RECORDS)
+                omitted_bytes = self._damaged_bytes(offset, section_end, offsets[first_recent:])
+            elif fit is Fit.UNKNOWN and header.record_type == DATA:
                 # The definition of this subscription was lost by earlier damage.
                 self._add_loss(0, omitted_bytes.stop - omitted_bytes.start, 0.0)
             while len(offsets) > records_before_run and offsets[-1] >= omitted_bytes.start:
                 offsets.pop()
-            position = omitted_bytes.stop
+            offset = omitted_bytes.stop
             records_before_run = len(offsets)
-        if position > end and len(offsets) > records_before_run:
+        if offset > section_end and len(offsets) > records_before_run:
             # The last record is cut off.
             offsets.pop()
 
-    def _add_run(self, position: int, end: int, kind: int) -> int | None:
-        """Adds the offsets of sound records of one kind that follow each other, which is faster than one by one.
+    def _add_run(self, offset: int, section_end: int, record_type: int) -> int | None:
+        """Adds a run of sound records of one type, without a gap between them, which is faster than one by one.
 
         Args:
-            position: Offset of the first record.
-            end: Offset at which the part ends.
-            kind: Kind of the first record. Only data, information and parameters have such runs.
+            offset: Offset of the first record.
+            section_end: Offset at which the section of the file ends.
+            record_type: Type of the first record. Only data, information and parameters have such runs.
 
         Returns:
             Offset after the run; None if none begins there, and nothing was added.
         """
-        if kind == DATA:
-            data_run = self._data_runs.run_at(position, end)
+        if record_type == DATA:
+            data_run = self._data_runs.run_at(offset, section_end)
             if data_run is not None:
+                # Both are 64-bit numbers, which are copied as bytes.
                 self.offsets.frombytes(data_run.starts.tobytes())
                 return data_run.end
-        elif kind in KEY_OFFSETS:
-            keyed_run = self.definitions.keyed_run(position, end)
+        elif record_type in KEY_OFFSETS:
+            keyed_run = self.definitions.keyed_run(offset, section_end)
             if keyed_run.starts:
                 self.offsets.extend(keyed_run.starts)
                 return keyed_run.end
         return None
 
-    def _is_chain(self, position: int, end: int, *, may_begin_unknown: bool = False) -> bool:
-        """Returns whether ``RECORDS_OF_CHAIN`` records from an offset on fit the definitions, or all up to the end.
+    def _begins_sequence(
+        self, offset: int, section_end: int, *, may_begin_unknown: bool = False
+    ) -> bool:
+        """Returns whether a sequence of records begins at an offset, which proves that these bytes are not damaged.
 
-        Up to ``MAX_UNKNOWN_RECORDS`` records of unknown kinds may lie between them. A synchronisation record, with its
-        magic bytes, is proof by itself.
+        ULog has no checksums, and a single record may fit the definitions by chance. A sequence is
+        ``MIN_SEQUENCE_RECORDS`` records in a row that fit, or fewer up to the end of the section. Some records of
+        unknown types may lie between them. A synchronisation record, with its magic bytes, is proof by itself.
 
         Args:
-            position: Offset of the first record.
-            end: Offset at which the part of the file ends; the last record may be cut off there.
-            may_begin_unknown: Whether the first record may be unknown too.
+            offset: Offset of the first record.
+            section_end: Offset at which the section of the file ends; the last record may be cut off there.
+            may_begin_unknown: Whether the first record may be of an unknown type.
         """
-        fitting_records = 0
-        unknown_records = 0
-        while fitting_records < RECORDS_OF_CHAIN:
-            if position >= end:
-                return fitting_records > 0 or may_begin_unknown
-            if self.definitions.next_position(position) > end or end - position < HEADER.size:
-                # The last record is cut off. It counts if a fitting record precedes it, or if its header is that of a
-                # data record.
-                data_header = self.content[position : position + DATA_HEADER.size]
-                return fitting_records > 0 or self.definitions.data_length(data_header) is not None
-            fit = self.definitions.fit(position, end)
+        fitting_count = 0
+        unknown_count = 0
+        while fitting_count < MIN_SEQUENCE_RECORDS:
+            if offset >= section_end:
+                return fitting_count > 0 or may_begin_unknown
+            if self._is_cut_off(offset, section_end):
+                return fitting_count > 0 or self._has_data_header(offset)
+            fit = self.definitions.fit(offset, section_end)
             if fit is Fit.DAMAGED:
                 return False
             if fit is Fit.UNKNOWN:
-                unknown_records += 1
-                is_first = fitting_records == 0
-                if unknown_records > MAX_UNKNOWN_RECORDS or (is_first and not may_begin_unknown):
+                unknown_count += 1
+                if unknown_count > MAX_UNKNOWN_RECORDS:
                     return False
-            elif self.definitions.header(position).kind == SYNC:
+                if fitting_count == 0 and not may_begin_unknown:
+                    return False
+            elif self.definitions.header(offset).record_type == SYNC:
                 return True
             else:
-                fitting_records += 1
-            position = self.definitions.next_position(position)
+                fitting_count += 1
+            offset = self.definitions.record_end(offset)
         return True
 
-    def _is_whole_unknown_record(self, position: int, end: int) -> bool:
-        """Returns whether the bytes at an offset are a record of an unknown kind, and not damaged bytes.
+    def _is_cut_off(self, offset: int, section_end: int) -> bool:
+        """Returns whether the record at an offset, or its header, goes beyond the end of the section."""
+        return (
+            section_end - offset < HEADER.size or self.definitions.record_end(offset) > section_end
+        )
 
-        A chain of records must begin after the record, and none inside it.
+    def _has_data_header(self, offset: int) -> bool:
+        """Returns whether the header of a data record is at an offset, with the length of its subscription."""
+        header_bytes = self.content[offset : offset + DATA_HEADER.size]
+        return self.definitions.data_length(header_bytes) is not None
+
+    def _is_whole_unknown_record(self, offset: int, section_end: int) -> bool:
+        """Returns whether the bytes at an offset are a record of an unknown type, and not damaged bytes.
+
+        A sequence of records that fit the definitions must begin right after the record, and none inside it.
 
         Args:
-            position: Offset of the record.
-            end: Offset at which this part of the file ends.
+            offset: Offset of the record.
+            section_end: Offset at which the section of the file ends.
         """
-        next_position = self.definitions.next_position(position)
-        if not self._is_chain(next_position, end, may_begin_unknown=True):
+        record_end = self.definitions.record_end(offset)
+        if not self._begins_sequence(record_end, section_end, may_begin_unknown=True):
             return False
-        starts_inside = self.definitions.record_start_pattern().finditer(
-            self.content, position + 1, next_position
-        )
-        return not any(self._is_chain(start.start(), end) for start in starts_inside)
+        return self._next_sequence(offset + 1, record_end, section_end) is None
 
-    def _next_chain(self, start: int, end: int) -> int:
-        """Returns the first offset at which a chain of records begins.
-
-        A chain is several records in a row that fit the definitions, which proves that they are not there by chance.
+    def _next_sequence(self, start: int, stop: int, section_end: int) -> int | None:
+        """Searches for the next offset at which a sequence of records begins that fit the definitions.
 
         Args:
             start: Offset at which the search starts.
-            end: Offset at which this part of the file ends.
+            stop: Offset before which the beginning of the first record lies.
+            section_end: Offset at which the section of the file ends.
 
         Returns:
-            The offset; ``end`` without any chain.
+            The offset; None if there is none.
         """
-        for record_start in self.definitions.record_start_pattern().finditer(
-            self.content, start, end
-        ):
-            position = record_start.start()
-            if self._is_chain(position, end):
-                return position
-        return end
+        possible_starts = self.definitions.record_start_pattern().finditer(
+            self.content, start, stop
+        )
+        for match in possible_starts:
+            if self._begins_sequence(match.start(), section_end):
+                return match.start()
+        return None
 
-    def _damaged_place(self, position: int, end: int, recent: Sequence[int]) -> slice:
+    def _damaged_bytes(self, offset: int, section_end: int, recent: Sequence[int]) -> slice:
         """Finds the bytes to leave out around a record that does not fit, and adds them to ``loss``.
 
         The data record before it may be damaged too: if bytes are missing, it contains the beginning of a later record;
         if bytes were overwritten, nothing shows it. So it is left out as well, unless only the header of the record
-        after it is wrong.
+        after it is wrong. Bytes up to the end of the file that were never written are no loss: a log usually ends so
+        when the power is switched off.
 
         Args:
-            position: Offset of the record that does not fit.
-            end: Offset at which this part of the file ends.
+            offset: Offset of the record that does not fit.
+            section_end: Offset at which the section of the file ends.
             recent: Offsets of the last records before it, ascending.
 
         Returns:
             The range of offsets to leave out.
         """
-        start = position
-        has_data_before = bool(recent) and self.definitions.header(recent[-1]).kind == DATA
-        if has_data_before:
+        start = offset
+        if recent and self.definitions.header(recent[-1]).record_type == DATA:
             start = recent[-1]
-        next_chain = self._next_chain(start + 1, end)
-        next_position = self.definitions.next_position(position)
-        is_followed = next_position < end and self.definitions.fit(next_position, end) is Fit.SOUND
-        if is_followed and next_position <= next_chain:
-            # The length in the record's header is right, so that only this record is damaged.
-            next_chain = next_position
-        is_cut_record = self._is_cut_record(position, end)
-        if next_chain == end and (is_cut_record or self._is_unwritten(position, end)):
-            # The usual end of a log when the power is switched off; it does not count as a loss.
-            return slice(position if is_cut_record else start, end)
-        if self._has_wrong_header_only(position, next_chain):
-            start = position
-        before = [offset for offset in recent if offset < start]
-        gap = self._seconds_between(before, self._data_offsets(next_chain, end))
-        self._add_loss(1, next_chain - start, gap)
-        return slice(start, next_chain)
+        next_sound = self._next_sound_record(offset, start + 1, section_end)
+        is_cut_record = self._may_be_cut_off(offset, section_end)
+        if next_sound == section_end and is_cut_record:
+            return slice(offset, section_end)
+        if next_sound == section_end and self._is_unwritten(offset, section_end):
+            return slice(start, section_end)
+        if self._has_wrong_header_only(offset, next_sound):
+            start = offset
+        records_before = [record for record in recent if record < start]
+        records_after = self._data_offsets(next_sound, section_end)
+        self._add_loss(1, next_sound - start, self._seconds_between(records_before, records_after))
+        return slice(start, next_sound)
 
-    def _is_cut_record(self, position: int, end: int) -> bool:
-        """Returns whether the bytes at an offset may be the beginning of a record that goes beyond the end.
+    def _next_sound_record(self, damaged: int, search_start: int, section_end: int) -> int:
+        """Returns the offset of the first sound record after a damaged one; the end of the section if there is none.
 
         Args:
-            position: Offset of the bytes.
-            end: Offset at which this part of the file ends.
+            damaged: Offset of the damaged record.
+            search_start: Offset from which on a sequence of records is searched, byte by byte.
+            section_end: Offset at which the section of the file ends.
         """
-        if end - position < HEADER.size:
-            return True
-        is_type = TYPE_BYTES.match(self.content, position + HEADER.size - 1) is not None
-        return is_type and self.definitions.next_position(position) > end
+        next_sequence = self._next_sequence(search_start, section_end, section_end)
+        next_sound = section_end if next_sequence is None else next_sequence
+        # If a sound record follows where the damaged one ends by its length, the length is right.
+        record_end = self.definitions.record_end(damaged)
+        if record_end < section_end and record_end <= next_sound:
+            if self.definitions.fit(record_end, section_end) is Fit.SOUND:
+                return record_end
+        return next_sound
 
-    def _is_unwritten(self, position: int, end: int) -> bool:
-        """Returns whether only zero bits, or only one bits, follow: the content of memory that was never written."""
-        unwritten = UNWRITTEN_BYTES.match(self.content, position, end)
-        return unwritten is not None and unwritten.end() == end
+    def _may_be_cut_off(self, offset: int, section_end: int) -> bool:
+        """Returns whether the bytes at an offset may be the beginning of a record that goes beyond the section's end.
 
-    def _has_wrong_header_only(self, position: int, next_record: int) -> bool:
-        """Returns whether a damaged record ends where the next one begins, so that at most its header is wrong.
-
-        Either the length in its header says so, and its type is wrong. Or the length of the subscription with the
-        record's number does, and its length is wrong.
+        So few bytes that they hold no whole header may always be one; others must have the letter of a record's type.
 
         Args:
-            position: Offset of the record.
+            offset: Offset of the bytes.
+            section_end: Offset at which the section of the file ends.
+        """
+        if section_end - offset < HEADER.size:
+            return True
+        type_offset = offset + HEADER.size - 1
+        has_record_type = TYPE_BYTES.match(self.content, type_offset) is not None
+        return has_record_type and self.definitions.record_end(offset) > section_end
+
+    def _is_unwritten(self, offset: int, section_end: int) -> bool:
+        """Returns whether only zero bits, or only one bits, follow: the content of memory that was never written."""
+        unwritten = UNWRITTEN_BYTES.match(self.content, offset, section_end)
+        return unwritten is not None and unwritten.end() == section_end
+
+    def _has_wrong_header_only(self, offset: int, next_record: int) -> bool:
+        """Returns whether a damaged record ends where the next sound one begins, so that only its header is wrong.
+
+        Either the length in its header leads there, and the type letter is wrong. Or the type or the length is wrong,
+        and the record is as long as those of the subscription whose number it has.
+
+        Args:
+            offset: Offset of the damaged record.
             next_record: Offset at which the next sound record begins.
         """
-        length = next_record - position
-        if position + HEADER.size + self.definitions.header(position).length == next_record:
+        if self.definitions.record_end(offset) == next_record:
             return True
-        subscription = self.content[position + HEADER.size : position + DATA_HEADER.size]
-        # The header that a data record of this length would have. The field of the length has 16 bits.
-        length_field = (length - HEADER.size) % (1 << 16)
-        data_header = HEADER.pack(length_field, DATA) + subscription
-        return self.definitions.data_length(data_header) == length
+        record_bytes = next_record - offset
+        subscription_number = self.content[offset + HEADER.size : offset + DATA_HEADER.size]
+        # The header of a data record of this size. The field of its length has 16 bits.
+        right_length = (record_bytes - HEADER.size) % (1 << 16)
+        right_header = HEADER.pack(right_length, DATA) + subscription_number
+        return self.definitions.data_length(right_header) == record_bytes
 
-    def _data_offsets(self, position: int, end: int) -> list[int]:
+    def _data_offsets(self, offset: int, section_end: int) -> list[int]:
         """Returns the offsets of the first data records from an offset on.
 
-        Other records between them are passed over; damage ends the search.
+        Records of other types are passed over; damage ends the search.
 
         Args:
-            position: Offset of the first record.
-            end: Offset at which the part of the file ends.
+            offset: Offset of the first record.
+            section_end: Offset at which the section of the file ends.
 
         Returns:
-            ``RECORDS_OF_CHAIN`` offsets, or fewer.
+            ``MIN_SEQUENCE_RECORDS`` offsets, or fewer.
         """
-        offsets: list[int] = []
-        while position < end and len(offsets) < RECORDS_OF_CHAIN:
-            fit = self.definitions.fit(position, end)
+        data_offsets: list[int] = []
+        while offset < section_end and len(data_offsets) < MIN_SEQUENCE_RECORDS:
+            fit = self.definitions.fit(offset, section_end)
             if fit is Fit.DAMAGED:
                 break
-            if fit is Fit.SOUND and self.definitions.header(position).kind == DATA:
-                offsets.append(position)
-            position = self.definitions.next_position(position)
-        return offsets
+            if fit is Fit.SOUND and self.definitions.header(offset).record_type == DATA:
+                data_offsets.append(offset)
+            offset = self.definitions.record_end(offset)
+        return data_offsets
 
     def _seconds_between(self, before: Sequence[int], after: Sequence[int]) -> float:
         """Returns the time between the records before a damaged place and those after it.
@@ -457,9 +484,11 @@ class _RecordScan:
             body_start = offset + DATA_HEADER.size
             length = self.definitions.data_length(self.content[offset:body_start])
             if length is None:
+                # It is no data record.
                 continue
-            number = int.from_bytes(self.content[offset + HEADER.size : body_start], "little")
-            stamp_offset = self.definitions.topics[number].stamp_offset
+            number_bytes = self.content[offset + HEADER.size : body_start]
+            subscription = int.from_bytes(number_bytes, "little")
+            stamp_offset = self.definitions.topics[subscription].stamp_offset
             if stamp_offset is not None and offset + length <= len(self.content):
                 stamp_start = body_start + stamp_offset
                 stamp_bytes = self.content[stamp_start : stamp_start + STAMP.size]
@@ -467,12 +496,12 @@ class _RecordScan:
         return stamps
 
     def _add_loss(self, places: int, lost_bytes: int, lost_seconds: float) -> None:
-        """Adds a loss to the sum of the file, ``loss``.
+        """Adds a damaged place, or a record without a definition, to ``loss``, the sum of what the file has lost.
 
         Args:
-            places: 1 for a damaged place; 0 for sound records that cannot be read without a lost definition.
-            lost_bytes: number of bytes that are left out.
-            lost_seconds: time between the records before and after the place, s.
+            places: Number of damaged places: 1, or 0 for a sound record whose definition was lost by earlier damage.
+            lost_bytes: Number of bytes that are left out.
+            lost_seconds: Time between the records before and after the damaged place, s.
         """
         self.loss = RecordLoss(
             self.loss.places + places,

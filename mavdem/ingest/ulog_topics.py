@@ -93,7 +93,7 @@ def _columns(
     record_type = np.dtype(
         {
             "names": [field.name for field in fields],
-            "formats": [NUMBER_TYPES[field.kind] for field in fields],
+            "formats": [NUMBER_TYPES[field.type_name] for field in fields],
             "offsets": [field.offset for field in fields],
             "itemsize": layout.min_bytes,
         }

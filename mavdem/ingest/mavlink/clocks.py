@@ -7,6 +7,7 @@ reboots and outliers; all other stamps are compared with it, which undoes their 
 """
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -112,6 +113,10 @@ class _ClockReadings(NamedTuple):
     boot: Rows
     """Number of the boot (m,), from 0."""
 
+    def select(self, rows: Rows | Flags | slice) -> "_ClockReadings":
+        """Returns some of the messages."""
+        return _ClockReadings(self.positions[rows], self.time[rows], self.boot[rows])
+
 
 def deviates_from_median(values: Times, window: int, limit: float | Times) -> Flags:
     """Flags values that are far from the running median.
@@ -204,19 +209,23 @@ def boot_clock(message_types: Sequence[MessageStamps]) -> tuple[dict[str, BootTi
 
 
 def stamped_messages(message_type: MessageStamps) -> tuple[StreamPositions, Times]:
-    """Returns the messages of a type that have a stamp.
+    """Returns the messages of a type whose stamp is not 0, which means that it was not set.
 
     Args:
-        message_type: The messages of the type. Their stamps may be a function that decodes them, or None.
+        message_type: The messages of the type. It has their stamps, a function that decodes them, or None for a type
+            without stamps.
 
     Returns:
-        Positions (m,) in the stream, and stamps (m,), s.
+        Positions (m,) of these messages in the stream, and their stamps (m,), s.
     """
-    if message_type.stamps is None:
+    stamps = message_type.stamps
+    if stamps is None:
         return message_type.positions[:0], np.empty(0)
-    stamps = message_type.stamps() if callable(message_type.stamps) else message_type.stamps
+    if callable(stamps):
+        stamps = stamps()
     has_stamp = stamps > 0
     if has_stamp.all():
+        # Without a selection the arrays are not copied.
         return message_type.positions, stamps
     return message_type.positions[has_stamp], stamps[has_stamp]
 
@@ -224,30 +233,36 @@ def stamped_messages(message_type: MessageStamps) -> tuple[StreamPositions, Time
 def reference_type_of(message_types: Sequence[MessageStamps]) -> MessageStamps | None:
     """Chooses the message type to whose clock all others are compared.
 
+    It is the first of ``REFERENCES`` with enough stamps, or otherwise the type with most stamps. In the second case
+    types whose counter has 32 bits, and so a finite period after which it starts again, are preferred: a stamp of 64
+    bits may be UNIX time instead of the time since boot.
+
     Args:
         message_types: The messages of a component by type.
 
     Returns:
-        The first of ``REFERENCES`` with enough stamps; otherwise the type with most stamps, one whose counter wraps
-        preferred, since 64-bit stamps may be UNIX time; None if no message has a stamp.
+        The type; None if no message has a stamp.
     """
     types_by_name = {message_type.message: message_type for message_type in message_types}
     for name in REFERENCES:
-        if (
-            name in types_by_name
-            and len(stamped_messages(types_by_name[name])[0]) >= MIN_REFERENCE_STAMPS
-        ):
+        if name in types_by_name and _stamp_count(types_by_name[name]) >= MIN_REFERENCE_STAMPS:
             return types_by_name[name]
-    stamp_counts: dict[str, int] = {}
+    stamp_counts = {}
     for message_type in message_types:
-        positions, _ = stamped_messages(message_type)
-        if len(positions):
-            stamp_counts[message_type.message] = len(positions)
+        count = _stamp_count(message_type)
+        if count:
+            stamp_counts[message_type.message] = count
     if not stamp_counts:
         return None
-    wrapping_names = [name for name in stamp_counts if np.isfinite(types_by_name[name].period)]
-    most_stamped = max(wrapping_names or stamp_counts, key=stamp_counts.__getitem__)
+    names_of_boot_time = [name for name in stamp_counts if np.isfinite(types_by_name[name].period)]
+    most_stamped = max(names_of_boot_time or stamp_counts, key=stamp_counts.__getitem__)
     return types_by_name[most_stamped]
+
+
+def _stamp_count(message_type: MessageStamps) -> int:
+    """Returns how many messages of a type have a stamp."""
+    positions, _ = stamped_messages(message_type)
+    return len(positions)
 
 
 def _last_rows_before(positions: StreamPositions, query: StreamPositions) -> Rows:
@@ -258,53 +273,48 @@ def _last_rows_before(positions: StreamPositions, query: StreamPositions) -> Row
 def _fill_unstamped(
     message_types: Sequence[MessageStamps], boot_times: Mapping[str, BootTimes]
 ) -> None:
-    """Gives each message without a time the time of the last message before it, of any type.
+    """Gives each message without a time the time and boot of the last message before it in the stream, of any type.
 
-    Messages before all times get the first time.
+    Messages before the first one with a time get that time.
 
     Args:
         message_types: The messages of a component by type.
-        boot_times: Their times and boots, which are changed in place; NaN where there is no time yet. Boots that cannot
-            be written to belong to a log with one boot (:func:`boot_clock`), and stay.
+        boot_times: Their times and boots by name of the type, which are changed in place; a time is NaN where it is not
+            known yet.
     """
-    timed_types = _timed_messages(message_types, boot_times)
+    timed_types = _messages_with_time(message_types, boot_times)
     if not timed_types:
         return
     first_type = min(timed_types, key=lambda readings: int(readings.positions[0]))
-    first_boot = first_type.boot[0]
     untimed_types = []
     for message_type in message_types:
         times = boot_times[message_type.message]
-        missing_rows = np.flatnonzero(np.isnan(times.time))
-        if len(missing_rows):
-            times.time[missing_rows] = first_type.time[0]
-            if times.boot.flags.writeable:
-                times.boot[missing_rows] = first_boot
-            positions = message_type.positions[missing_rows]
-            untimed_types.append(_UntimedMessages(times, missing_rows, positions))
+        rows = np.flatnonzero(np.isnan(times.time))
+        if len(rows):
+            untimed = _UntimedMessages(times, rows, message_type.positions[rows])
+            untimed.set_times(0, first_type.time[:1], first_type.boot[:1])
+            untimed_types.append(untimed)
     if not untimed_types:
         return
-    for readings in _readings_in_stream_order(timed_types):
-        # A later part of the stream replaces what an earlier one gives.
-        for untimed_messages in untimed_types:
-            first = int(np.searchsorted(untimed_messages.positions, readings.positions[0]))
-            latest = _last_rows_before(readings.positions, untimed_messages.positions[first:])
-            untimed_messages.times.time[untimed_messages.rows[first:]] = readings.time[latest]
-            if untimed_messages.times.boot.flags.writeable:
-                untimed_messages.times.boot[untimed_messages.rows[first:]] = readings.boot[latest]
+    for readings in _merged_in_stream_order(timed_types):
+        # These readings are valid for all later messages, until the next readings replace them.
+        for untimed in untimed_types:
+            first = int(np.searchsorted(untimed.positions, readings.positions[0]))
+            rows_before = _last_rows_before(readings.positions, untimed.positions[first:])
+            untimed.set_times(first, readings.time[rows_before], readings.boot[rows_before])
 
 
-def _timed_messages(
+def _messages_with_time(
     message_types: Sequence[MessageStamps], boot_times: Mapping[str, BootTimes]
 ) -> list[_ClockReadings]:
-    """Selects the messages that have a time.
+    """Selects the messages whose time is known, of each type that has any.
 
     Args:
         message_types: The messages of a component by type.
-        boot_times: Their times and boots; NaN where there is no time.
+        boot_times: Their times, s, and boots by name of the type; a time that is not known is NaN.
 
     Returns:
-        The messages with a time, of each type that has any.
+        Positions in the stream, times and boots of these messages, for each type.
     """
     timed_types = []
     for message_type in message_types:
@@ -315,11 +325,7 @@ def _timed_messages(
             # Without a selection the arrays are not copied.
             timed_types.append(readings)
         elif is_timed.any():
-            timed_types.append(
-                _ClockReadings(
-                    readings.positions[is_timed], readings.time[is_timed], readings.boot[is_timed]
-                )
-            )
+            timed_types.append(readings.select(is_timed))
     return timed_types
 
 
@@ -333,42 +339,51 @@ class _UntimedMessages(NamedTuple):
     positions: StreamPositions
     """Positions of the m messages in the stream."""
 
+    def set_times(self, first: int, time: Times, boot: Rows) -> None:
+        """Sets the times of these messages from one on to the last.
+
+        Args:
+            first: Number of the first of the m messages whose time is set.
+            time: Times (m − first,), s, or one (1,) for all.
+            boot: Numbers of the boots, likewise. In a log of a single boot they cannot be written to, and stay 0.
+        """
+        self.times.time[self.rows[first:]] = time
+        if self.times.boot.flags.writeable:
+            self.times.boot[self.rows[first:]] = boot
+
 
 READINGS_AT_ONCE = 1 << 20
 """Number of readings that are put in the order of the stream at once, about: a choice, which bounds the memory."""
 
 
-def _readings_in_stream_order(timed_types: Sequence[_ClockReadings]) -> Iterator[_ClockReadings]:
-    """Merges the readings of several message types into the order of the stream, part by part to bound the memory.
+def _merged_in_stream_order(timed_types: Sequence[_ClockReadings]) -> Iterator[_ClockReadings]:
+    """Merges the messages of several types into the order of the stream, section by section to bound the memory.
 
     Args:
-        timed_types: The readings of each type, at least one reading of each.
+        timed_types: Stream positions, times and boots of the messages of each type, at least one message of each.
 
     Yields:
-        About ``READINGS_AT_ONCE`` readings or fewer that follow each other in the stream. Readings at the same position
-        are in the order of their types in ``timed_types``. Empty parts are left out.
+        The messages in one section of the stream, ``READINGS_AT_ONCE`` or fewer on average; sections without a message
+        are left out. Messages at the same position are in the order of their types in ``timed_types``.
     """
-    part_count = sum(len(readings.positions) for readings in timed_types) // READINGS_AT_ONCE + 1
+    message_count = sum(len(readings.positions) for readings in timed_types)
     first = min(int(readings.positions[0]) for readings in timed_types)
     end = max(int(readings.positions[-1]) for readings in timed_types) + 1
-    for part_number in range(part_count):
-        part_start = first + (end - first) * part_number // part_count
-        part_end = first + (end - first) * (part_number + 1) // part_count
-        parts = []
+    # Sections of equal length, which need not have equally many messages.
+    section_count = message_count // READINGS_AT_ONCE + 1
+    section_bounds = [first + (end - first) * k // section_count for k in range(section_count + 1)]
+    for section_start, section_end in pairwise(section_bounds):
+        sections = []
         for readings in timed_types:
             # With bounds of another data type, ``searchsorted`` would convert a copy of all positions.
-            bounds = np.array([part_start, part_end], dtype=readings.positions.dtype)
+            bounds = np.array([section_start, section_end], dtype=readings.positions.dtype)
             first_row, end_row = np.searchsorted(readings.positions, bounds).tolist()
-            rows = slice(first_row, end_row)
-            parts.append(
-                _ClockReadings(readings.positions[rows], readings.time[rows], readings.boot[rows])
-            )
-        positions = np.concatenate([part.positions for part in parts])
-        order = np.argsort(positions, kind="stable")
-        if len(order):
-            time = np.concatenate([part.time for part in parts])
-            boot = np.concatenate([part.boot for part in parts])
-            yield _ClockReadings(positions[order], time[order], boot[order])
+            sections.append(readings.select(slice(first_row, end_row)))
+        merged = _ClockReadings(
+            *(np.concatenate(columns) for columns in zip(*sections, strict=True))
+        )
+        if len(merged.positions):
+            yield merged.select(np.argsort(merged.positions, kind="stable"))
 
 
 def _reference_readings(reference_type: MessageStamps) -> tuple[_ClockReadings, Facts]:
@@ -469,8 +484,8 @@ def _reboot_rows(time: Times) -> Rows:
 def rises_steadily(stamps: Times, former_highest: float, median_step: float) -> bool:
     """Returns whether a clock that fell rises again message by message, as after a restart of the autopilot.
 
-    A restarted clock rises without gaps to its former value, with about as many messages on the way as their rate
-    implies. With late messages of a second link it does not: there are fewer of them, since copies were dropped, or
+    A restarted clock rises without gaps to its former value, with about as many messages as come in this time at the
+    usual rate. With late messages of a second link it does not: there are fewer of them, since copies were dropped, or
     messages of the first link arrive in between, so that the clock jumps.
 
     Args:
@@ -478,15 +493,15 @@ def rises_steadily(stamps: Times, former_highest: float, median_step: float) -> 
         former_highest: Highest stamp before the fall, s.
         median_step: Median of the rising steps of the whole clock, s.
     """
-    regained_stamp = former_highest - MIN_RESET_STEP
-    stamps_on_the_way = np.count_nonzero(stamps < regained_stamp)
-    expected_stamps = (regained_stamp - stamps[0]) / median_step
+    former_value = former_highest - MIN_RESET_STEP
+    stamps_below = np.count_nonzero(stamps < former_value)
+    expected_stamps = (former_value - stamps[0]) / median_step
     has_gaps = (np.diff(stamps) > MIN_RESET_STEP).any()
-    return bool(not has_gaps and stamps_on_the_way >= MIN_STAMPS_SHARE * expected_stamps)
+    return bool(not has_gaps and stamps_below >= MIN_STAMPS_SHARE * expected_stamps)
 
 
 def _highest_ahead(values: Times, count: int) -> Times:
-    """Returns the running maximum of each value and the ``count`` − 1 values after it; of fewer at the end.
+    """Returns, for each row, the maximum of its value and the ``count`` − 1 values after it; of fewer at the end.
 
     Args:
         values: Values (n,).
@@ -570,18 +585,18 @@ def _compared_with_reference(
 ) -> _Comparison:
     """Compares each stamp with the stamps of the reference messages before and after it in the stream.
 
-    A message between two reference messages should have a stamp between theirs. Around a reboot these two are of
-    different boots, and the message belongs to the one whose stamp is nearer. The counter of the stamps may have
-    wrapped relative to the reference; whole periods are added that bring the stamp nearest to the reference stamp.
+    A message between two reference messages should have a stamp between theirs; its offset is how far it lies outside.
+    Around a reboot the two are of different boots: there is no interval between them, the offset is the distance from
+    the nearer one, and the message belongs to the boot of that one.
 
     Args:
         reference: Stamps of the reference type on the boot clock.
-        positions: Positions (m,) of the messages.
-        stamps: Their stamps (m,), s, as sent, before wraps are undone.
+        positions: Positions (m,) of the messages in the stream.
+        stamps: Their stamps (m,), s, as sent; their counter may have wrapped, that is started again at 0.
         period: Time after which the counter of the stamps wraps, s.
 
     Returns:
-        For each message (m,) the unwrapped stamp, s, its distance from the interval of the reference, s, and its boot.
+        For each message (m,) its stamp with wraps undone, s, its offset, s, and its boot.
     """
     next_rows = np.searchsorted(reference.positions, positions)
     row_before = np.maximum(next_rows - 1, 0)
@@ -589,22 +604,40 @@ def _compared_with_reference(
     time_before = reference.time[row_before]
     time_after = reference.time[row_after]
     is_same_boot = reference.boot[row_before] == reference.boot[row_after]
-    # Wraps are undone twice, once so that the stamp is nearest to the reference's before it, once to the one after it.
-    time_by_reference_before = _unwrapped(stamps, period, time_before)
-    time_by_reference_after = _unwrapped(stamps, period, time_after)
-    inside_by_before = np.clip(time_by_reference_before, time_before, time_after)
-    inside_by_after = np.clip(time_by_reference_after, time_before, time_after)
-    # Within one boot a stamp between the reference's two has no offset. Around a reboot there is no such interval.
-    offset_by_before = time_by_reference_before - np.where(
-        is_same_boot, inside_by_before, time_before
+    # Whole periods are added to a stamp, once so that it is nearest to the reference before it, once to the one after.
+    stamp_near_before = _unwrapped(stamps, period, time_before)
+    stamp_near_after = _unwrapped(stamps, period, time_after)
+    offset_from_before = _offset_from_reference(
+        stamp_near_before, time_before, time_before, time_after, is_same_boot
     )
-    offset_by_after = time_by_reference_after - np.where(is_same_boot, inside_by_after, time_after)
-    is_nearer_before = abs(offset_by_before) <= abs(offset_by_after)
+    offset_from_after = _offset_from_reference(
+        stamp_near_after, time_after, time_before, time_after, is_same_boot
+    )
+    is_nearer_before = abs(offset_from_before) <= abs(offset_from_after)
     return _Comparison(
-        np.where(is_nearer_before, time_by_reference_before, time_by_reference_after),
-        np.where(is_nearer_before, offset_by_before, offset_by_after),
+        np.where(is_nearer_before, stamp_near_before, stamp_near_after),
+        np.where(is_nearer_before, offset_from_before, offset_from_after),
         np.where(is_nearer_before, reference.boot[row_before], reference.boot[row_after]),
     )
+
+
+def _offset_from_reference(
+    stamps: Times, reference: Times, time_before: Times, time_after: Times, is_same_boot: Flags
+) -> Times:
+    """Returns how far stamps lie outside the interval of the reference's times before and after them.
+
+    Args:
+        stamps: Stamps (m,), s.
+        reference: One of the two reference times (m,), s, from which the offset counts where they are of two boots.
+        time_before: Times (m,) of the reference messages before, s.
+        time_after: Times (m,) of the reference messages after, s.
+        is_same_boot: Whether both are of the same boot (m,).
+
+    Returns:
+        Offsets (m,), s; 0 inside the interval.
+    """
+    nearest_in_interval = np.clip(stamps, time_before, time_after)
+    return stamps - np.where(is_same_boot, nearest_in_interval, reference)
 
 
 def _unwrapped(stamps: Times, period: float, nearby: Times) -> Times:
