@@ -297,7 +297,7 @@ def _figures_of_batteries(signals: Signals, segments: Segments) -> tuple[Battery
 
     Args:
         signals: signals of the vehicle.
-        segments: parts of the flight to evaluate.
+        segments: segments of the flight that are evaluated.
 
     Returns:
         Figures of each battery that was recorded in the segments.
@@ -317,7 +317,7 @@ def _battery_figures(battery: Battery, segments: Segments) -> BatteryFigures | N
 
     Args:
         battery: the battery.
-        segments: parts of the flight to evaluate; the first and the last may be in different boots.
+        segments: segments of the flight that are evaluated; the first and the last may be in different boots.
 
     Returns:
         Voltages in V and currents in A. The currents are None if no current was measured. The result is None if the

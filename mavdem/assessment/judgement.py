@@ -1,4 +1,4 @@
-"""Judgement of a vehicle: facts (coded findings with a level) for its lights, its loops, the headline and next step."""
+"""Judgement of a vehicle: a status light (a fact with a level) for each subject, its loops, headline and next step."""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
@@ -180,7 +180,9 @@ def light_of_event(event: Fact) -> Light | None:
 
 
 def lights_without_loops(evidence: Evidence) -> dict[str, Fact]:
-    """Judges the lights that do not depend on the control loops, as :func:`judge` shows them.
+    """Judges the status lights that do not depend on the control loops, such as power, as :func:`judge` shows them.
+
+    If the vehicle must not fly as it is, the lights are shown without advice to fly (``Fact.grounded``).
 
     Args:
         evidence: signals, events and measurements of the vehicle; its loops need not be known yet.
@@ -190,6 +192,7 @@ def lights_without_loops(evidence: Evidence) -> dict[str, Fact]:
     """
     lights = dict[str, Fact]()
     for light in REGISTRY:
+        # A light may need the facts of lights before it.
         if not light.is_of_loops:
             lights[str(light.name)] = _judged_light(evidence, light, lights)
     if evidence.reasons_not_to_fly:
@@ -203,7 +206,7 @@ def _judged_light(
     earlier_lights: NamedFacts,
     known_lights: NamedFacts = MappingProxyType({}),
 ) -> Fact:
-    """Returns the fact of one light: that it is not judged, the known fact, or what its function returns.
+    """Returns the fact of one status light: that it is not judged, the known fact, or what its function returns.
 
     Args:
         evidence: signals, events and measurements of the vehicle.
@@ -231,17 +234,17 @@ def loop_decisions(evidence: Evidence, motors: Fact) -> DecisionsByAxis:
     """
     if evidence.not_flown is not None or evidence.other_vehicle is not None:
         return {}
-    doubts = repairs_before_tuning(evidence, motors)
+    repairs = repairs_before_tuning(evidence, motors)
     decisions = dict[str, LoopDecision]()
     for margins in evidence.margins:
         observations = LoopObservations(
-            margins,
-            evidence.tracking[margins.axis],
-            evidence.condition.oscillation,
-            evidence.gain_reduction,
-            doubts,
-            evidence.signals.telemetry.parameters,
-            tuple(evidence.command_arguments),
+            margins=margins,
+            tracking=evidence.tracking[margins.axis],
+            oscillation=evidence.condition.oscillation,
+            gain_reduction=evidence.gain_reduction,
+            vehicle_doubts=repairs,
+            parameters=evidence.signals.telemetry.parameters,
+            tune_arguments=tuple(evidence.command_arguments),
         )
         decisions[margins.axis] = decide_on_loops(observations)
     return decisions
@@ -252,26 +255,26 @@ def repairs_before_tuning(evidence: Evidence, motors: Fact) -> Facts:
 
     Args:
         evidence: signals, events and measurements of the vehicle.
-        motors: the fact of the light "motors".
+        motors: the fact that the status light "motors" shows.
 
     Returns:
         The reasons; empty if no repair is needed.
     """
-    if evidence.reasons_not_to_fly or not motors.is_bad:
+    if evidence.reasons_not_to_fly:
         return evidence.reasons_not_to_fly
-    return (motors,)
+    return (motors,) if motors.is_bad else ()
 
 
 def with_action_on_loops(light: Fact, decisions: DecisionsByAxis) -> Fact:
-    """Adds to the fact of a light on loops the action that was decided for the axes that it names.
+    """Adds to the fact of a status light about loops the action that was decided for the axes that the fact names.
 
     Args:
-        light: light of tracking or margins.
+        light: fact of the light of tracking or of margins.
         decisions: decisions on the loops, by axis.
 
     Returns:
-        The fact with the figure ``action``. A good light needs none, but has ``follows`` = False if its axis follows
-        its setpoint badly. A light that names no axis is unchanged.
+        The fact with the figure ``action``. A good light needs none; if its axis follows its setpoint badly although
+        the margins are good, its figure ``follows`` is False. A light that names no axis is unchanged.
     """
     axis = light.figures.get("axis", "")
     if axis not in decisions:
@@ -339,7 +342,7 @@ def headline_of(evidence: Evidence, lights: NamedFacts) -> Fact:
     if urgent:
         return urgent[0]
     if bad_lights:
-        return _largest_of_first_kind(bad_lights)
+        return _largest_with_first_code(bad_lights)
     if open_ends:
         return open_ends[0]
     if not evidence.has_operated:
@@ -360,7 +363,7 @@ def _facts_to_watch(evidence: Evidence, vehicle_lights: Sequence[Fact]) -> Facts
     Returns:
         The facts, the most important first, of any level but bad.
     """
-    # Only events of the attitude have the figure "angle", its distance from the setpoint.
+    # Only events of the attitude have the figure "angle", its distance from the setpoint, rad.
     far_attitudes = [
         event for event in evidence.events if event.figures.get("angle", 0.0) > FAR_ANGLE
     ]
@@ -376,13 +379,13 @@ def _worst_event(bad_events: Sequence[Fact]) -> Fact:
     """Returns the bad event that the headline names.
 
     Args:
-        bad_events: at least one, the most important kind first.
+        bad_events: at least one, the most important first.
 
     Returns:
-        The largest event of the first kind. A spent battery is worse than a critical one: if the first kind is a
-        critical battery, and a battery was spent too, the event of the spent one.
+        The largest of the events with the code of the first. A spent battery is worse than a critical one: if the first
+        is a critical battery, and a battery was spent too, the event of the spent one.
     """
-    worst = _largest_of_first_kind(bad_events)
+    worst = _largest_with_first_code(bad_events)
     if worst.code is ReportedEvent.BATTERY_ALARMED:
         for event in bad_events:
             if event.code is ReportedEvent.BATTERY_SPENT:
@@ -391,23 +394,27 @@ def _worst_event(bad_events: Sequence[Fact]) -> Fact:
 
 
 def _with_weak_motor(event: Fact, motors: Fact) -> Fact:
-    """Adds a motor that was found weak before the loss to the event of a lost flight.
+    """Adds to the event of a lost flight a motor that was found weak before the loss.
 
-    It need not be the cause: the motion may not show what failed first, or it may be something else.
+    The motor need not be the cause: the motion may not show what failed first, or something else may have failed.
 
     Args:
-        event: the event in the headline.
-        motors: the fact of the light "motors", which judges the flight until it was lost.
+        event: the event in the headline. Its figure ``cause`` is what failed first, and ``word`` is what the autopilot
+            reported of a motor; each may name a motor.
+        motors: the fact of the light "motors", which judges the flight until it was lost. If it is about one motor,
+            this is its subject, such as "motor 2 (rear left)".
 
     Returns:
-        The event, with the fact about the motor as ``weak_motor``. It is unchanged if it is no loss of a flight, no
-        single motor was found weak, or the event names this motor already.
+        The event, with ``motors`` as its figure ``weak_motor``. It is unchanged if it is no loss of a flight, no single
+        motor was found weak, or the event names this motor already.
     """
+    is_loss = event.code in Ending
+    # The light may show the loss itself, if that names a motor.
+    is_about_weak_motor = motors.code not in Ending and bool(motors.subject)
     is_weak = motors.is_bad or motors.code in TRIMS_OF_WEAK_MOTOR
-    if event.code not in Ending or motors.code in Ending or not motors.subject or not is_weak:
+    if not (is_loss and is_about_weak_motor and is_weak):
         return event
-    named_facts = (event, event.figures.get("cause"), event.figures.get("word"))
-    for fact in named_facts:
+    for fact in (event, event.figures.get("cause"), event.figures.get("word")):
         if fact is None:
             continue
         names = (fact.subject, *fact.figures.get("names", ()))
@@ -426,17 +433,17 @@ def _reason_on_ground(evidence: Evidence) -> Fact:
     return evidence.learnability.reason
 
 
-def _largest_of_first_kind(bad_facts: Sequence[Fact]) -> Fact:
+def _largest_with_first_code(bad_facts: Sequence[Fact]) -> Fact:
     """Returns the fact that the headline names: the largest one of those with the same code as the first.
 
     Only losses of thrust have a size: their figure ``rise``, by which the command of a motor rose to compensate its
     loss. The largest loss is named, not the earliest. Of facts without that figure the first is returned.
 
     Args:
-        bad_facts: at least one, the most important kind first.
+        bad_facts: at least one, the most important first.
     """
-    same_kind = [fact for fact in bad_facts if fact.code is bad_facts[0].code]
-    return max(same_kind, key=lambda fact: fact.figures.get("rise", 0.0))
+    with_first_code = [fact for fact in bad_facts if fact.code is bad_facts[0].code]
+    return max(with_first_code, key=lambda fact: fact.figures.get("rise", 0.0))
 
 
 def _urgent_warnings(evidence: Evidence) -> list[Fact]:
@@ -548,7 +555,7 @@ def next_step_of(headline: Fact, lights: NamedFacts, model_step: Fact | None) ->
 
 
 def _next_step_against(headline: Fact, lights: NamedFacts) -> Fact:
-    """Returns the next step against the fault in the ``headline``, with the advice of other bad lights.
+    """Returns the next step: to do what the fault in the headline needs, and what some other bad lights need.
 
     The advice of another light is added only if the fault in the headline does not explain that light. Bad power always
     has other causes, and so has bad vibration if power is the headline. After a loss of the vehicle, every bad light
@@ -559,28 +566,28 @@ def _next_step_against(headline: Fact, lights: NamedFacts) -> Fact:
         lights: the facts of all lights, by name.
 
     Returns:
-        The fact that advises the step.
+        The fact that advises the step, with the headline as ``reason`` and the facts of the other lights as ``also``.
     """
-    related_lights = [Light.POWER]
+    unexplained_lights = [Light.POWER]
     if headline == lights[Light.POWER]:
-        related_lights.append(Light.VIBRATION)
-    if headline.code in Ending:
-        related_lights = VEHICLE_LIGHTS
+        unexplained_lights.append(Light.VIBRATION)
+    is_loss = headline.code in Ending
+    if is_loss:
+        unexplained_lights = VEHICLE_LIGHTS
         motors = lights[Light.MOTORS]
         if motors.is_bad or "weak_motor" in headline.figures:
             headline = headline.replace(suspect=motors.subject)
-    also: Facts = tuple(
-        lights[name]
-        for name in related_lights
-        # A light may be the ending itself, which is in the headline.
-        if lights[name].is_bad
-        and lights[name].code not in Ending
-        and not _advises_other_step_first(lights[name])
-    )
-    return Fact(NextStep.DO_AS_ADVISED, headline.level, reason=headline, also=also)
+    other_facts = []
+    for name in unexplained_lights:
+        fact = lights[name]
+        # The fact of a light may be the loss itself, which is in the headline already.
+        shows_loss = fact.code in Ending
+        if fact.is_bad and not shows_loss and not _advises_other_step_first(fact):
+            other_facts.append(fact)
+    return Fact(NextStep.DO_AS_ADVISED, headline.level, reason=headline, also=tuple(other_facts))
 
 
 def _advises_other_step_first(light: Fact) -> bool:
-    """Returns whether a light only advises to do first what the headline or another light advises."""
+    """Returns whether the fact of a light only advises to do first what the headline or another light advises."""
     action = light.figures.get("action")
     return isinstance(action, Fact) and action.code is LoopAction.DO_FIRST

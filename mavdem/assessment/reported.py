@@ -121,20 +121,20 @@ def reported_events(signals: Signals) -> Facts:
     ]
     possible_problems = [problem for problem in problems if _is_possible(problem, signals)]
     events = []
-    for recorded_part in recorded_spans(signals):
-        flights = flights_in_boot(signals, recorded_part.boot)
+    for recorded_span in recorded_spans(signals):
+        flights = flights_in_boot(signals, recorded_span.boot)
         # Faults shortly before arming and after disarming belong to the flight too.
         around_armed = [
             (start - AVERAGING_SECONDS, end + AVERAGING_SECONDS)
-            for start, end in armed_intervals(signals, recorded_part.boot)
+            for start, end in armed_intervals(signals, recorded_span.boot)
         ]
         state_changes = [
-            *_arming_events(signals, recorded_part),
-            *_take_offs_and_landings(signals, recorded_part),
-            *_mode_changes(signals, recorded_part),
+            *_arming_events(signals, recorded_span),
+            *_take_offs_and_landings(signals, recorded_span),
+            *_mode_changes(signals, recorded_span),
         ]
         faults = merge_repeats(
-            _faults_of_boot(signals, recorded_part, possible_problems, fault_states)
+            _faults_of_boot(signals, recorded_span, possible_problems, fault_states)
         )
         for fact in in_time_order([*state_changes, *faults]):
             time = fact.start_time
@@ -146,14 +146,14 @@ def reported_events(signals: Signals) -> Facts:
             if fact.is_bad and not is_restart and not in_intervals(time, around_armed):
                 fact = fact.replace(Level.WATCH)
             events.append(
-                fact.replace(height=_height_at(signals, recorded_part.boot, flights, time))
+                fact.replace(height=_height_at(signals, recorded_span.boot, flights, time))
             )
     return tuple(events)
 
 
 def _faults_of_boot(
     signals: Signals,
-    recorded_part: Segment,
+    recorded_span: Segment,
     problems: Sequence[Fact],
     fault_states: Sequence[FaultSignal],
 ) -> list[Fact]:
@@ -163,21 +163,21 @@ def _faults_of_boot(
 
     Args:
         signals: signals of the vehicle.
-        recorded_part: the recorded part of the boot.
+        recorded_span: recorded time of the boot.
         problems: facts about what texts and error codes report, of all boots.
         fault_states: messages that report a fault for as long as it lasts, of all boots.
 
     Returns:
         A fact for each fault. A restart by the watchdog is stated once.
     """
-    restarts_of_boot = list(restarts(signals, recorded_part))
+    restarts_of_boot = list(restarts(signals, recorded_span))
     problems_of_boot = [
-        problem for problem in problems if problem.figures["boot"] == recorded_part.boot
+        problem for problem in problems if problem.figures["boot"] == recorded_span.boot
     ]
     faults = [
         *restarts_of_boot,
-        *_estimator_changes(signals, recorded_part),
-        *_lasting_faults(signals, recorded_part, fault_states),
+        *_estimator_changes(signals, recorded_span),
+        *_lasting_faults(signals, recorded_span, fault_states),
         *problems_of_boot,
     ]
     if any(restart.figures.get("watchdog") for restart in restarts_of_boot):
@@ -286,7 +286,7 @@ def _without_contradicted_claim(
 
 def _event(
     signals: Signals,
-    recorded_part: Segment,
+    recorded_span: Segment,
     message: str,
     code: ReportedEvent,
     time: float,
@@ -297,7 +297,7 @@ def _event(
 
     Args:
         signals: signals of the vehicle.
-        recorded_part: the recorded time of the boot.
+        recorded_span: the recorded time of the boot.
         message: name of the message that reports the event.
         code: code of the fact.
         time: time on the boot clock, s.
@@ -305,10 +305,10 @@ def _event(
         figures: further figures, subject and end of the fact.
     """
     basis = (signals.telemetry.name_in_source(message),)
-    return Fact(code, level, time=time, boot=recorded_part.boot, basis=basis, **figures)
+    return Fact(code, level, time=time, boot=recorded_span.boot, basis=basis, **figures)
 
 
-def _arming_events(signals: Signals, recorded_part: Segment) -> Iterator[Fact]:
+def _arming_events(signals: Signals, recorded_span: Segment) -> Iterator[Fact]:
     """Yields an event for each time the motors were armed or disarmed, by the flag in HEARTBEAT messages.
 
     If a log begins while they are armed, the first event is at the beginning of the log, and its figure ``is_begun`` is
@@ -316,18 +316,18 @@ def _arming_events(signals: Signals, recorded_part: Segment) -> Iterator[Fact]:
 
     Args:
         signals: signals of the vehicle.
-        recorded_part: the recorded part of one boot.
+        recorded_span: recorded time of one boot.
     """
-    state = series_of_boot(signals.armed, recorded_part.boot)
+    state = series_of_boot(signals.armed, recorded_span.boot)
     if state is None:
         return
     is_armed = state.values > 0
     for row in np.flatnonzero(np.diff(is_armed, prepend=False)):
         code = ReportedEvent.MOTORS_ARMED if is_armed[row] else ReportedEvent.MOTORS_DISARMED
-        yield _event(signals, recorded_part, "HEARTBEAT", code, state.time[row], is_begun=row == 0)
+        yield _event(signals, recorded_span, "HEARTBEAT", code, state.time[row], is_begun=row == 0)
 
 
-def _take_offs_and_landings(signals: Signals, recorded_part: Segment) -> Iterator[Fact]:
+def _take_offs_and_landings(signals: Signals, recorded_span: Segment) -> Iterator[Fact]:
     """Yields take-offs and landings in one boot.
 
     The flights are those that motor outputs and heights show, because a land detector may be mistaken. As they come
@@ -337,15 +337,15 @@ def _take_offs_and_landings(signals: Signals, recorded_part: Segment) -> Iterato
 
     Args:
         signals: signals of the vehicle.
-        recorded_part: the recorded part of one boot.
+        recorded_span: recorded time of one boot.
     """
     vehicle = signals.telemetry.vehicle
     if vehicle in SURFACE_VEHICLES:
         return
-    detected_changes = _detected_changes(signals, recorded_part.boot)
+    detected_changes = _detected_changes(signals, recorded_span.boot)
     motor_message = DEMAND_MESSAGE if signals.motors is None else signals.motors.message
-    for flight in flights_in_boot(signals, recorded_part.boot):
-        if not without_grounded([flight], signals, recorded_part.boot):
+    for flight in flights_in_boot(signals, recorded_span.boot):
+        if not without_grounded([flight], signals, recorded_span.boot):
             continue
         take_off, landing = flight
         for code, time in (
@@ -358,14 +358,14 @@ def _take_offs_and_landings(signals: Signals, recorded_part: Segment) -> Iterato
             distances = abs(detected_changes - time)
             if np.any(distances <= AVERAGING_SECONDS):
                 detected_time = detected_changes[np.argmin(distances)]
-                yield _event(signals, recorded_part, "EXTENDED_SYS_STATE", code, detected_time)
+                yield _event(signals, recorded_span, "EXTENDED_SYS_STATE", code, detected_time)
                 continue
             if vehicle not in POSSIBLE_MULTIROTORS:
                 continue
-            sensors = BootSensors(signals, recorded_part.boot, take_off)
+            sensors = BootSensors(signals, recorded_span.boot, take_off)
             is_landing = code is ReportedEvent.ON_GROUND
             if not (is_landing and stopped_in_air(sensors.height_above_take_off, landing)):
-                yield _event(signals, recorded_part, motor_message, code, time)
+                yield _event(signals, recorded_span, motor_message, code, time)
 
 
 def _detected_changes(signals: Signals, boot: int) -> Array:
@@ -421,7 +421,7 @@ def has_sunk_after(height: TimeSeries, end: float) -> bool:
     return bool(drops[is_possible].max(initial=0.0) > MAX_TOUCH_DOWN_DROP)
 
 
-def _mode_changes(signals: Signals, recorded_part: Segment) -> Iterator[Fact]:
+def _mode_changes(signals: Signals, recorded_span: Segment) -> Iterator[Fact]:
     """Yields changes of the flight mode in one boot, with ArduPilot's reason if the log contains it.
 
     The level of an event is that of its reason: a mode that the pilot chose is good, one of a failsafe is to be
@@ -429,23 +429,23 @@ def _mode_changes(signals: Signals, recorded_part: Segment) -> Iterator[Fact]:
 
     Args:
         signals: signals of the vehicle.
-        recorded_part: the recorded part of one boot.
+        recorded_span: recorded time of one boot.
     """
     columns = signals.telemetry.messages.get("CURRENT_MODE", {})
     message = "CURRENT_MODE" if columns else "HEARTBEAT"
     reason_numbers = {}
     if "Rsn" in columns:
-        is_selected = columns["boot"] == recorded_part.boot
+        is_selected = columns["boot"] == recorded_span.boot
         reason_numbers = dict(
             zip(columns["time"][is_selected].tolist(), columns["Rsn"][is_selected], strict=True)
         )
-    for time, mode in signals.mode_changes(recorded_part.boot):
+    for time, mode in signals.mode_changes(recorded_span.boot):
         cause, level = mode_change_reason(reason_numbers.get(time))
         code = ReportedEvent.MODE_CHANGED
-        yield _event(signals, recorded_part, message, code, time, level, subject=mode, cause=cause)
+        yield _event(signals, recorded_span, message, code, time, level, subject=mode, cause=cause)
 
 
-def _estimator_changes(signals: Signals, recorded_part: Segment) -> Iterator[Fact]:
+def _estimator_changes(signals: Signals, recorded_span: Segment) -> Iterator[Fact]:
     """Yields each change of the state estimator's primary lane, and each of its resets, in one boot.
 
     Each change of the value of one of the ``COUNTING_FIELDS``, which have the number of the lane or count resets, is an
@@ -453,24 +453,24 @@ def _estimator_changes(signals: Signals, recorded_part: Segment) -> Iterator[Fac
 
     Args:
         signals: signals of the vehicle.
-        recorded_part: the recorded part of one boot.
+        recorded_span: recorded time of one boot.
     """
     for counting in COUNTING_FIELDS:
         columns = signals.telemetry.messages.get(counting.message, {})
         if counting.field not in columns:
             continue
-        is_selected = columns["boot"] == recorded_part.boot
+        is_selected = columns["boot"] == recorded_span.boot
         values = columns[counting.field][is_selected]
         times = columns["time"][is_selected]
         for row in 1 + np.flatnonzero(values[1:] != values[:-1]):
             subject = counting.subject.format(int(values[row]))
             yield _event(
-                signals, recorded_part, counting.message, counting.code, times[row], subject=subject
+                signals, recorded_span, counting.message, counting.code, times[row], subject=subject
             )
 
 
 def _lasting_faults(
-    signals: Signals, recorded_part: Segment, fault_states: Sequence[FaultSignal]
+    signals: Signals, recorded_span: Segment, fault_states: Sequence[FaultSignal]
 ) -> Iterator[Fact]:
     """Yields the faults of sensors, radio and battery that have a beginning and an end, while the motors are armed.
 
@@ -478,30 +478,30 @@ def _lasting_faults(
 
     Args:
         signals: signals of the vehicle.
-        recorded_part: the recorded part of one boot.
+        recorded_span: recorded time of one boot.
         fault_states: messages that report a fault for as long as it lasts, of all boots.
 
     Yields:
         A fact with start and end for each interval; a fault that is still there when the record ends has no end.
     """
     armed = intersection(
-        armed_intervals(signals, recorded_part.boot), [(recorded_part.start, recorded_part.end)]
+        armed_intervals(signals, recorded_span.boot), [(recorded_span.start, recorded_span.end)]
     )
     for fault in fault_states:
         if not len(fault.is_faulty):
             continue
         columns = fault.columns_of(signals)
-        is_selected = columns["boot"] == recorded_part.boot
+        is_selected = columns["boot"] == recorded_span.boot
         faulty_intervals = true_intervals(
             columns["time"][is_selected], fault.is_faulty[is_selected]
         )
         for start, end in intersection(faulty_intervals, armed):
             yield _event(
                 signals,
-                recorded_part,
+                recorded_span,
                 fault.message,
                 fault.code,
                 start,
-                end_time=end if end < recorded_part.end else None,
+                end_time=end if end < recorded_span.end else None,
                 subject=fault.subject,
             )

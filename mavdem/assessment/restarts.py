@@ -69,12 +69,12 @@ WATCHDOG_ERROR = 0x800
 """Bit of ArduPilot's internal errors that means a watchdog reset."""
 
 
-def restarts(signals: Signals, recorded_part: Segment) -> Iterator[Fact]:
+def restarts(signals: Signals, recorded_span: Segment) -> Iterator[Fact]:
     """Yields an event if the autopilot restarted before one boot of a log.
 
     Args:
         signals: signals of the vehicle.
-        recorded_part: the recorded part of the boot.
+        recorded_span: recorded time of the boot.
 
     Yields:
         At most one fact, with the figures of :func:`mavdem.assessment.reported.reported_events`. That of a restart in
@@ -82,26 +82,26 @@ def restarts(signals: Signals, recorded_part: Segment) -> Iterator[Fact]:
         ``impact``, when it hit the ground, s since boot. The last two are None if it did not, or that is not known.
     """
     telemetry = signals.telemetry
-    is_watchdog = _reports_watchdog(telemetry, recorded_part)
-    was_flying = recorded_part.boot > 0 and _ends_in_air(signals, recorded_part.boot - 1)
-    fall = _fall_at_start(signals, recorded_part)
+    is_watchdog = _reports_watchdog(telemetry, recorded_span)
+    was_flying = recorded_span.boot > 0 and _ends_in_air(signals, recorded_span.boot - 1)
+    fall = _fall_at_start(signals, recorded_span)
     descent = 0.0 if fall is None else fall.descent
     has_fallen = descent >= MIN_FALL_HEIGHT
     if is_watchdog or was_flying:
-        is_in_flight = has_fallen or _begins_in_flight(signals, recorded_part)
+        is_in_flight = has_fallen or _begins_in_flight(signals, recorded_span)
     else:
         # There is no other sign of a flight. Only a fall from a greater height, and a tumble, soon after the boot are.
         has_fallen_far = descent >= MIN_UNREPORTED_FALL_HEIGHT
-        is_early = recorded_part.start <= MAX_BOOT_CLOCK
-        is_in_flight = is_early and has_fallen_far and _tumbles(signals, recorded_part)
+        is_early = recorded_span.start <= MAX_BOOT_CLOCK
+        is_in_flight = is_early and has_fallen_far and _tumbles(signals, recorded_span)
     attitude_name = telemetry.name_in_source("ATTITUDE")
     if not is_in_flight:
         # The first boot of a log is no restart.
-        if recorded_part.boot > 0:
+        if recorded_span.boot > 0:
             yield Fact(
                 ReportedEvent.RESTARTED,
-                time=recorded_part.start,
-                boot=recorded_part.boot,
+                time=recorded_span.start,
+                boot=recorded_span.boot,
                 basis=(attitude_name,),
             )
         return
@@ -110,8 +110,8 @@ def restarts(signals: Signals, recorded_part: Segment) -> Iterator[Fact]:
         basis = (telemetry.name_in_source("STATUSTEXT"), attitude_name)
     yield Fact(
         ReportedEvent.RESTARTED_IN_FLIGHT,
-        time=recorded_part.start,
-        boot=recorded_part.boot,
+        time=recorded_span.start,
+        boot=recorded_span.boot,
         basis=basis,
         watchdog=is_watchdog,
         descent=descent if has_fallen else None,
@@ -119,17 +119,17 @@ def restarts(signals: Signals, recorded_part: Segment) -> Iterator[Fact]:
     )
 
 
-def _reports_watchdog(telemetry: Telemetry, recorded_part: Segment) -> bool:
+def _reports_watchdog(telemetry: Telemetry, recorded_span: Segment) -> bool:
     """Returns whether the autopilot reports, in the first ``MAX_BOOT_CLOCK`` of a boot, that its watchdog reset it.
 
     Args:
         telemetry: messages of the vehicle, with the texts of the autopilot.
-        recorded_part: the recorded part of the boot.
+        recorded_span: recorded time of the boot.
     """
     for message in status_texts(telemetry):
         is_of_start = (
-            message.boot == recorded_part.boot
-            and message.time <= recorded_part.start + MAX_BOOT_CLOCK
+            message.boot == recorded_span.boot
+            and message.time <= recorded_span.start + MAX_BOOT_CLOCK
         )
         if is_of_start and _is_watchdog_text(message):
             return True
@@ -153,22 +153,22 @@ def _ends_in_air(signals: Signals, boot: int) -> bool:
     return last_landing == np.inf
 
 
-def _begins_in_flight(signals: Signals, recorded_part: Segment) -> bool:
+def _begins_in_flight(signals: Signals, recorded_span: Segment) -> bool:
     """Returns whether the motors are armed and the vehicle flies from the beginning of a boot on.
 
     Both must begin within ``MAX_LATE_TAKE_OFF``: nobody arms and takes off so soon after a start on the ground.
 
     Args:
         signals: signals of the vehicle.
-        recorded_part: the recorded part of the boot.
+        recorded_span: recorded time of the boot.
     """
-    armed = armed_intervals(signals, recorded_part.boot)
-    flights = flights_in_boot(signals, recorded_part.boot)
+    armed = armed_intervals(signals, recorded_span.boot)
+    flights = flights_in_boot(signals, recorded_span.boot)
     if not armed or not flights:
         return False
     first_arming, _ = armed[0]
     first_take_off, _ = flights[0]
-    return max(first_arming, first_take_off) <= recorded_part.start + MAX_LATE_TAKE_OFF
+    return max(first_arming, first_take_off) <= recorded_span.start + MAX_LATE_TAKE_OFF
 
 
 class FallAtStart(NamedTuple):
@@ -181,24 +181,24 @@ class FallAtStart(NamedTuple):
     """When the vehicle hit the ground, s; None if it did not within ``FALL_SECONDS``, or did not rest then."""
 
 
-def _fall_at_start(signals: Signals, recorded_part: Segment) -> FallAtStart | None:
+def _fall_at_start(signals: Signals, recorded_span: Segment) -> FallAtStart | None:
     """Returns the fall of the vehicle at the beginning of a boot, if height and vertical speed agree on it.
 
     It hit the ground if a fast fall ends within ``MAX_STOP_SECONDS``, and the height is constant from then on.
 
     Args:
         signals: signals of the vehicle.
-        recorded_part: the recorded part of the boot.
+        recorded_span: recorded time of the boot.
 
     Returns:
         The fall within ``FALL_SECONDS``; None if height or speed was not recorded, or the speed does not reach
         ``MIN_FALL_SPEED``.
     """
-    height = series_of_boot(signals.height, recorded_part.boot)
-    climb_rate = series_of_boot(signals.climb_rate, recorded_part.boot)
+    height = series_of_boot(signals.height, recorded_span.boot)
+    climb_rate = series_of_boot(signals.climb_rate, recorded_span.boot)
     if height is None or climb_rate is None:
         return None
-    end = recorded_part.start + FALL_SECONDS
+    end = recorded_span.start + FALL_SECONDS
     time = height.time[height.time <= end]
     heights = height.values[height.time <= end]
     speeds = climb_rate.values[climb_rate.time <= end]
@@ -219,16 +219,16 @@ def _fall_at_start(signals: Signals, recorded_part: Segment) -> FallAtStart | No
     return FallAtStart(descent, impact=fall_end if rests and was_fast else None)
 
 
-def _tumbles(signals: Signals, recorded_part: Segment) -> bool:
+def _tumbles(signals: Signals, recorded_span: Segment) -> bool:
     """Returns whether roll or pitch exceeds ``MIN_FALL_TILT`` in the first ``FALL_SECONDS`` of a boot.
 
     Args:
         signals: signals of the vehicle.
-        recorded_part: the recorded part of the boot.
+        recorded_span: recorded time of the boot.
     """
     for tilt in signals.tilts:
-        is_of_fall = (tilt.boot == recorded_part.boot) & (
-            tilt.time <= recorded_part.start + FALL_SECONDS
+        is_of_fall = (tilt.boot == recorded_span.boot) & (
+            tilt.time <= recorded_span.start + FALL_SECONDS
         )
         if (abs(tilt.angle[is_of_fall]) > MIN_FALL_TILT).any():
             return True

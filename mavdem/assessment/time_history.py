@@ -205,7 +205,7 @@ def _motor_history(signals: Signals, segment: Segment) -> MotorHistory | None:
 
     Args:
         signals: signals of the vehicle.
-        segment: part of the log.
+        segment: boot and time that are shown.
 
     Returns:
         The outputs; None if they were not recorded.
@@ -244,7 +244,7 @@ def _axis_history(signals: Signals, segment: Segment) -> AxisHistory | None:
 
     Args:
         signals: signals of the vehicle, for this axis.
-        segment: part of the log.
+        segment: boot and time that are shown.
 
     Returns:
         Angle and rate with their setpoints; None without an attitude.
@@ -272,7 +272,7 @@ def _followed_setpoint(
         signal: measured quantity.
         setpoint: commanded quantity; None if it was not recorded.
         unit: unit of both.
-        segment: part of the log.
+        segment: boot and time that are shown.
 
     Returns:
         The signal within the segment; None with less than two samples there.
@@ -294,7 +294,7 @@ def wind_history(evidence: WindEvidence, segment: Segment) -> WindHistory | None
 
     Args:
         evidence: evidence of the wind.
-        segment: part of the log.
+        segment: boot and time that are shown.
 
     Returns:
         The wind; None if it is not known, or was estimated in another boot than that of the ``segment``.
@@ -319,7 +319,7 @@ def _mode_intervals(signals: Signals, segment: Segment) -> tuple[ModeInterval, .
 
     Args:
         signals: signals of the vehicle.
-        segment: part of the log.
+        segment: boot and time that are shown.
 
     Returns:
         The modes in time order, with start and end of each.

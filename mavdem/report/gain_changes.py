@@ -9,7 +9,7 @@ from types import MappingProxyType
 from typing import NamedTuple
 from urllib.parse import quote
 
-from mavdem.assessment.axis.tuning import STAGE_REMARKS
+from mavdem.assessment.axis.tuning import STAGE_HEADINGS
 from mavdem.facts import Fact
 from mavdem.facts.loops import GainFact, LoopAction
 from mavdem.ingest.parameter_file import parameter_files
@@ -29,7 +29,7 @@ LOWERING = (GainFact.LOWER_GAINS, LoopAction.LOWER_BY_A_THIRD)
 NO_PARAMETERS: Parameters = MappingProxyType({})
 """No parameters besides the gains."""
 
-LOWERED_GAINS_REMARK = "Gains to lower before the next flight"
+LOWERED_GAINS_HEADING = "Gains to lower before the next flight"
 """First line of the parameter files of gains to lower."""
 
 
@@ -65,7 +65,7 @@ class _GainSet(NamedTuple):
     gains: Mapping[str, Gain]
     """Gains that change, by the autopilot's name."""
 
-    remark: str
+    heading: str
     """First line of their parameter files."""
 
     suffix: str = ""
@@ -93,7 +93,7 @@ def gain_changes(
     """
     lowered = dict(_gains_to_lower(next_step))
     if lowered:
-        gain_sets = [_GainSet(lowered, LOWERED_GAINS_REMARK)]
+        gain_sets = [_GainSet(lowered, LOWERED_GAINS_HEADING)]
     else:
         gain_sets = [*_advised_gain_sets(advice)]
     rows = []
@@ -109,7 +109,7 @@ def gain_changes(
             rows.append([name, "" if now is None else f"{now:.4g}", f"{value:.4g}", ""])
         values |= remaining_notch
         remaining_notch = NO_PARAMETERS
-        files = parameter_files(values, vehicle, gain_set.remark)
+        files = parameter_files(values, vehicle, gain_set.heading)
         for ending in sorted(files):
             name = f"{PurePath(log_name).stem}{gain_set.suffix}{ending}"
             stage = gain_set.suffix.replace(".stage", "Stage ")
@@ -159,7 +159,7 @@ def _advised_gain_sets(advice: AdviceByAxis) -> Iterator[_GainSet]:
             axes_of_stage.setdefault(axis_advice.stage, {}).update(changed)
     for stage, gains in sorted(axes_of_stage.items()):
         suffix = f".stage{stage:d}" if len(axes_of_stage) > 1 else ""
-        yield _GainSet(gains, STAGE_REMARKS[stage], suffix)
+        yield _GainSet(gains, STAGE_HEADINGS[stage], suffix)
 
 
 def _gains_to_lower(fact: Fact) -> Iterator[tuple[str, Gain]]:

@@ -1,6 +1,8 @@
-"""The decision on the control loops of an axis, by facts (coded findings): what is wrong with them, what to change.
+"""The decision on the control loops of an axis: what is wrong, what to do, and the doubts that forbid new gains.
 
 It is made once, from limit cycles, margins, the measured response, tracking, and what speaks against the vehicle.
+A doubt is a fact (a coded finding) because of which no gains may be computed from the identified loop; what a fact
+advises is its remedy.
 Lights, screen, pages, dashboards, `mavdem tune`, live sessions, fleets and documents show this decision, and no other
 advice on gains. Which gains `mavdem tune` advises is computed later (:mod:`mavdem.loops.advice`), since it takes long;
 whether it advises any is decided here.
@@ -110,7 +112,7 @@ def decide_on_loops(observations: LoopObservations) -> LoopDecision:
     1. A limit cycle: lower the gains that drive it, on the axes that oscillate. Nothing else is known before it ends.
     2. An axis so far from its setpoint that no loop explains it: check the vehicle.
     3. Margins below the goal: load the gains that `mavdem tune` advises if the loop is identified without doubts.
-       Otherwise lower P and D by a third if the margins were measured, or first do what the advice of gains needs.
+       Otherwise lower P and D by a third if the margins were measured, or first remove the doubt.
     4. The axis follows its setpoint badly although its loops have their margins, or these are not known.
     5. Nothing is wrong, or it is not known whether something is.
 
@@ -136,10 +138,17 @@ def decide_on_loops(observations: LoopObservations) -> LoopDecision:
     doubts = observations.vehicle_doubts
     if not doubts:
         return decision
-    action = None
-    if decision.action is not None:
-        action = Fact(LoopAction.DO_FIRST, reason=doubts[0])
+    action = None if decision.action is None else _action_to_remedy(doubts[0])
     return LoopDecision(decision.axis, decision.diagnosis, decision.reason, action, doubts)
+
+
+def _action_to_remedy(reason: Fact) -> Fact:
+    """Returns the action to do first what a fact advises as its remedy, before any gain is changed.
+
+    Args:
+        reason: the fact, such as a doubt about the loop, or a repair that the vehicle needs.
+    """
+    return Fact(LoopAction.DO_FIRST, reason=reason)
 
 
 def _decision_on_oscillation(
@@ -153,7 +162,7 @@ def _decision_on_oscillation(
 
     Args:
         observations: margins, tracking and doubts that the flight shows of the axis.
-        oscillation: the limit cycle of the axis with the largest body rates, which lists those of the other axes.
+        oscillation: the limit cycle of the axis with the largest body rates, with the limit cycles of other axes.
     """
     axis = observations.margins.axis
     gain_reduction = observations.gain_reduction
@@ -176,21 +185,18 @@ def _decision_on_oscillation(
 def _decision_by_margins(observations: LoopObservations) -> LoopDecision | None:
     """Returns the decision on an axis whose margins are below the goal, or may be.
 
-    Margins come from three sources, in this order:
+    The sources of the margins are examined in this order, and the first that warns decides:
 
-    1. A signal that was injected into the loop measures them without a model.
-    2. The identified loop predicts them. They are below the goal if the estimate is. They may be below it if too many
-       other models that fit the flight are, or if the measured response contradicts the model. Then no gains are
-       computed from the loop.
-    3. The measured response to the setpoint has a resonance, which a loop with enough margin does not have.
-
-    So the identified loop decides alone if it is below the goal. If it is not, a resonance contradicts it.
+    1. The response of the loop to an injected signal, which measures the margins without a model.
+    2. The identified loop, if its estimated margins are below the goal, and no measured response contradicts it.
+    3. A resonance in the measured response to the setpoint: a loop with enough margin has none.
+    4. The identified loop, if its margins are uncertain (:func:`_decision_on_uncertain_loop`).
 
     Args:
         observations: margins, tracking and doubts that the flight shows of the axis.
 
     Returns:
-        The decision; None if no source shows margins below the goal.
+        The decision; None if no source warns.
     """
     margins = observations.margins
     facts_by_code = {fact.code: fact for fact in margins.facts}
@@ -204,15 +210,34 @@ def _decision_by_margins(observations: LoopObservations) -> LoopDecision | None:
     resonance = facts_by_code.get(MarginsLight.RESONATES)
     if resonance is not None:
         return _decision_by_measurement(observations, resonance)
-    # A loop that a measurement contradicts does not decide if the tracking error, measured too, shows what is wrong:
-    # then the decision by tracking follows.
-    is_explained_by_tracking = margins.contradiction is not None and observations.tracking.warns
-    if loop_fact is not None and loop_fact.warns and not is_explained_by_tracking:
-        action = _advice_to_fly_doublets(margins.axis, loop_fact)
-        reason = loop_fact.replace(action=action)
-        doubts = () if margins.contradiction is None else (margins.contradiction,)
-        return LoopDecision(margins.axis, LoopDiagnosis.UNKNOWN, reason, action, doubts)
+    if loop_fact is not None and loop_fact.warns:
+        return _decision_on_uncertain_loop(observations, loop_fact)
     return None
+
+
+def _decision_on_uncertain_loop(
+    observations: LoopObservations, loop_fact: Fact
+) -> LoopDecision | None:
+    """Returns the decision on an axis whose identified loop may have margins below the goal.
+
+    Its margins are uncertain if too many other models that fit the flight as well have smaller margins, or if a
+    measured response contradicts the loop. The action is to fly doublets, which show the margins better.
+
+    Args:
+        observations: margins, tracking and doubts that the flight shows of the axis.
+        loop_fact: the fact about the margins of the identified loop, which warns.
+
+    Returns:
+        The decision, with the diagnosis "unknown". None if a response contradicts the loop and the axis follows its
+        setpoint badly: then the tracking, which is measured, decides.
+    """
+    margins = observations.margins
+    if margins.contradiction is not None and observations.tracking.warns:
+        return None
+    action = _advice_to_fly_doublets(margins.axis, loop_fact)
+    reason = loop_fact.replace(action=action)
+    doubts = () if margins.contradiction is None else (margins.contradiction,)
+    return LoopDecision(margins.axis, LoopDiagnosis.UNKNOWN, reason, action, doubts)
 
 
 def _decision_by_measurement(
@@ -220,12 +245,12 @@ def _decision_by_measurement(
 ) -> LoopDecision:
     """Returns the decision on an axis whose margins were measured, without a model, to be below the goal.
 
-    The action is to lower P and D of the rate loop by a third. The measurement contradicts an identified loop with good
-    margins, so no gains are computed from that loop.
+    The action is to lower P and D of the rate loop by a third. Even if an identified loop has good margins, no gains
+    are computed from it, since the measurement contradicts it.
 
     Args:
         observations: margins, tracking and doubts that the flight shows of the axis.
-        measurement_fact: the fact that states the measured margins, or the measured resonance.
+        measurement_fact: the fact about the measured margins, or about the measured resonance.
 
     Returns:
         The decision, with the diagnosis "below the goal".
@@ -241,13 +266,13 @@ def _decision_by_identified_loop(
 ) -> LoopDecision:
     """Returns the decision on an axis whose identified loop has margins below the goal.
 
-    The action is to load the gains that `mavdem tune` advises. If there are doubts about the loop, it is to do first
-    what the first doubt needs.
+    The action is to load the gains that `mavdem tune` advises. If there are doubts about the loop, such as a biased
+    control effectiveness, the action is the remedy of the first doubt.
 
     Args:
         observations: margins, tracking and doubts that the flight shows of the axis.
-        loop: the identified loop, which no measurement refutes.
-        loop_fact: the fact that states its margins.
+        loop: the identified loop, which no measured response contradicts.
+        loop_fact: the fact about its margins.
 
     Returns:
         The decision, with the diagnosis "below the goal".
@@ -255,7 +280,7 @@ def _decision_by_identified_loop(
     axis = observations.margins.axis
     doubts = reasons_for_no_gains(loop)
     if doubts:
-        action = Fact(LoopAction.DO_FIRST, reason=doubts[0])
+        action = _action_to_remedy(doubts[0])
     else:
         action = Fact(LoopAction.LOAD_ADVISED_GAINS, arguments=observations.tune_arguments)
     reason = loop_fact.replace(action=action)
@@ -265,14 +290,15 @@ def _decision_by_identified_loop(
 def _decision_by_tracking(observations: LoopObservations) -> LoopDecision | None:
     """Returns the decision on an axis that follows its setpoint badly, although its margins are not below the goal.
 
-    An identified loop with enough margin does not explain that, so that no gains are computed from it, unless the axis
-    is only too slow.
+    An identified loop with enough margin would follow well, so that it cannot be right, and no gains are computed from
+    it. The exception is an axis whose body rate only falls short of its setpoint: such a loop may be right but slow.
+    The action depends on what is wrong: an overshoot, amplified setpoints, or a large error for another reason.
 
     Args:
         observations: margins, tracking and doubts that the flight shows of the axis.
 
     Returns:
-        The decision; None if it follows well, or that is not known.
+        The decision; None if the axis follows well, or that is not known.
     """
     tracking = observations.tracking
     if not tracking.warns:
@@ -301,8 +327,7 @@ def _decision_on_slow_rate(observations: LoopObservations) -> LoopDecision:
 
     1. A motor was at a limit in the turns, so no gain helps: fly slower turns.
     2. The loop is not identified: first do what identifies it.
-    3. There are doubts about gains that would be computed from the loop: first remove them.
-    4. The rate loop is too slow: raise its gains as far as the margins allow.
+    3. The rate loop is too slow (:func:`_decision_to_raise_gains`).
 
     Args:
         observations: margins, tracking and doubts that the flight shows of the axis.
@@ -316,26 +341,44 @@ def _decision_on_slow_rate(observations: LoopObservations) -> LoopDecision:
     at_limit_share = tracking.figures["at_limit_share"]
     if at_limit_share is not None and at_limit_share > MIN_AT_LIMIT_SHARE:
         action = Fact(LoopAction.SLOWER_TURNS, axis=axis)
-        reason = tracking.replace(action=action)
-        return LoopDecision(axis, LoopDiagnosis.FOLLOWS_BADLY, reason, action, doubts=(reason,))
-    if not isinstance(loop, Loop):
-        action = Fact(LoopAction.DO_FIRST, reason=_reason_for_no_margins(observations))
-        reason = tracking.replace(action=action)
-        return LoopDecision(axis, LoopDiagnosis.FOLLOWS_BADLY, reason, action, doubts=(reason,))
+    elif not isinstance(loop, Loop):
+        action = _action_to_remedy(_reason_for_no_margins(observations))
+    else:
+        return _decision_to_raise_gains(observations, loop)
+    # In these cases the slow rate itself is the doubt that keeps gains from being computed.
+    reason = tracking.replace(action=action)
+    return LoopDecision(axis, LoopDiagnosis.FOLLOWS_BADLY, reason, action, doubts=(reason,))
+
+
+def _decision_to_raise_gains(observations: LoopObservations, loop: Loop) -> LoopDecision:
+    """Returns the decision on an axis whose rate loop is too slow.
+
+    The action is to raise its gains as far as the margins allow, as `mavdem tune` advises. If there are doubts about
+    higher gains, the action is the remedy of the first doubt.
+
+    Args:
+        observations: margins, tracking and doubts that the flight shows of the axis.
+        loop: the identified loop.
+
+    Returns:
+        The decision, with the diagnosis that the axis follows badly because it is too slow.
+    """
+    axis = observations.margins.axis
     doubts = reasons_for_no_gains(loop, for_higher_gains=True)
     if doubts:
-        action = Fact(LoopAction.DO_FIRST, reason=doubts[0])
+        action = _action_to_remedy(doubts[0])
     else:
         action = Fact(LoopAction.RAISE_AS_ADVISED, axis=axis, arguments=observations.tune_arguments)
-    reason = tracking.replace(action=action)
+    reason = observations.tracking.replace(action=action)
     return LoopDecision(axis, LoopDiagnosis.FOLLOWS_BADLY, reason, action, doubts, is_too_slow=True)
 
 
 def _decision_without_fault(observations: LoopObservations) -> LoopDecision:
     """Returns the decision on an axis with which nothing is known to be wrong.
 
-    If some source shows good margins, nothing is wrong. Otherwise that is not known, and the action is the remedy of
-    the reason why, if it has one.
+    Nothing is wrong if the margins are known to be good: by an injected signal, the identified loop or the measured
+    response. Otherwise it is not known whether something is wrong. Then the action is what the reason for that advises,
+    such as to log the setpoint.
 
     Args:
         observations: margins, tracking and doubts that the flight shows of the axis.
@@ -345,29 +388,27 @@ def _decision_without_fault(observations: LoopObservations) -> LoopDecision:
     """
     margins = observations.margins
     good_facts = [fact for fact in margins.facts if fact.is_good]
-    if good_facts:
-        best_fact = good_facts[0]
-        doubts: Facts = ()
-        if best_fact.code is MarginsLight.LOOP_MEASURED:
-            # An injected signal moves the vehicle, so that no gains are computed from such a flight.
-            doubts = (best_fact,)
-        elif isinstance(margins.loop, Fact):
-            # The fact states why there is no loop from which gains could be computed.
-            doubts = (margins.loop,)
-        return LoopDecision(margins.axis, LoopDiagnosis.NOTHING_WRONG, best_fact, doubts=doubts)
-    reason = _reason_for_no_margins(observations)
-    action = None
-    if reason.remedy:
-        action = Fact(LoopAction.DO_FIRST, reason=reason)
-    # The reason may cast doubt on an identified loop. As a doubt it keeps gains from being computed from that loop.
-    return LoopDecision(margins.axis, LoopDiagnosis.UNKNOWN, reason, action, doubts=(reason,))
+    if not good_facts:
+        reason = _reason_for_no_margins(observations)
+        action = _action_to_remedy(reason) if reason.remedy else None
+        # A loop whose margins are not known to be good is no basis for new gains.
+        return LoopDecision(margins.axis, LoopDiagnosis.UNKNOWN, reason, action, doubts=(reason,))
+    best_fact = good_facts[0]
+    doubts: Facts = ()
+    if best_fact.code is MarginsLight.LOOP_MEASURED:
+        # An injected signal moves the vehicle, so that no gains are computed from such a flight.
+        doubts = (best_fact,)
+    elif isinstance(margins.loop, Fact):
+        # This fact says why no loop was identified from which gains could be computed.
+        doubts = (margins.loop,)
+    return LoopDecision(margins.axis, LoopDiagnosis.NOTHING_WRONG, best_fact, doubts=doubts)
 
 
 def _reason_for_no_margins(observations: LoopObservations) -> Fact:
     """Returns the fact that says why the margins of an axis are not known.
 
-    The first of these that exists is returned: a fact about margins that does not suffice to know them, such as a peak
-    in the spectrum of the rate; the reason why no loop was identified; or how the axis follows its setpoint.
+    The first of these that exists is returned: a fact about margins that leaves them uncertain, such as a peak in the
+    spectrum of the rate; the reason why no loop was identified; or how the axis follows its setpoint.
 
     Args:
         observations: margins, tracking and doubts that the flight shows of the axis.
@@ -388,8 +429,8 @@ def _advice_to_fly_doublets(axis: str, loop_fact: Fact) -> Fact:
 
     Args:
         axis: "roll", "pitch" or "yaw".
-        loop_fact: the fact that states the margins of the identified loop. Its figure ``is_biased`` is whether wind
-            biases them, which the advice then gives as its reason.
+        loop_fact: the fact about the margins of the identified loop. Its figure ``is_biased`` is whether wind biases
+            them, which the advice then gives as its reason.
     """
     return Fact(LoopAction.FLY_DOUBLETS, axis=axis, is_biased=loop_fact.figures["is_biased"])
 
@@ -419,10 +460,10 @@ def _advice_to_lower_gains(observations: LoopObservations, loop_name: str) -> Fa
 
 
 def common_action(actions: Sequence[Fact | None]) -> Fact | None:
-    """Returns the one next step for several axes: the action of the first axis that needs one.
+    """Returns the one action for several axes, which a status light advises: that of the first axis that needs one.
 
-    A light states one next step, and a flight after it shows what the other axes still need. But gains that are to be
-    lowered by a third are lowered on all axes at once, before that flight: their changes are joined in one action.
+    A flight after it shows what the other axes still need. But gains that are to be lowered by a third are lowered on
+    all axes at once, before that flight: their changes are joined in one action.
 
     Args:
         actions: the action of each axis; None if nothing is to be done.

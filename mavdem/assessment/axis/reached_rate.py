@@ -69,7 +69,7 @@ def reached_rate(signals: Signals, segments: Segments) -> ReachedRate | None:
 
     Args:
         signals: signals of the vehicle and axis.
-        segments: parts of the flight to judge.
+        segments: segments of the flight that are judged.
 
     Returns:
         The rates of the turn with the median share; None without turns, or if messages are too slow.
@@ -97,7 +97,7 @@ def _turns(rate: TimeSeries, setpoint: TimeSeries, segments: Segments) -> list[_
     Args:
         rate: body rate, rad/s.
         setpoint: setpoint of the body rate, rad/s.
-        segments: parts of the flight to judge.
+        segments: segments of the flight that are judged.
 
     Returns:
         The turns, those in positive direction first; empty if no setpoint reaches ``MIN_TURN_RATE``.

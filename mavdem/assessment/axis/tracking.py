@@ -133,7 +133,7 @@ def tracking_of_axes(signals: Signals, segments: Segments) -> NamedFacts:
 
     Args:
         signals: signals of the vehicle.
-        segments: parts of the flight to judge.
+        segments: segments of the flight that are judged.
     """
     return {axis: _axis_tracking(signals.for_axis(axis), segments) for axis in AXES}
 
@@ -147,7 +147,7 @@ def _axis_tracking(signals: Signals, segments: Segments) -> Fact:
 
     Args:
         signals: signals of the vehicle, for the axis to judge.
-        segments: parts of the flight to judge.
+        segments: segments of the flight that are judged.
 
     Returns:
         A fact with these figures:
@@ -254,7 +254,7 @@ def _tracking_rating(
 
     Args:
         signals: signals of the vehicle and axis.
-        segments: parts of the flight in which the angle is judged.
+        segments: segments of the flight in which the angle is judged.
         error_level: level of the error of the angle.
         turn: the rate that was reached in turns; None if it is not known.
         peak: the largest response to the setpoint; None if the setpoint hardly moves.
@@ -295,7 +295,7 @@ def _response_peak_without_position_control(
 
     Args:
         signals: signals of the vehicle for roll or pitch, with the setpoint of the angle and the attitude.
-        segments: parts of the flight in which the angle is judged.
+        segments: segments of the flight in which the angle is judged.
 
     Returns:
         The peak; None if there is no such flight, or no frequency at which the angle is coherent with its setpoint.
@@ -317,7 +317,7 @@ def _segments_without_turns(setpoint: TimeSeries, segments: Segments) -> Segment
 
     Args:
         setpoint: setpoint of yaw, rad, unwrapped.
-        segments: parts of the flight to judge.
+        segments: segments of the flight that are judged.
 
     Returns:
         The segments, cut at the turns.
@@ -344,7 +344,7 @@ def _yaw_movement(setpoint: TimeSeries, segments: Segments) -> float:
 
     Args:
         setpoint: setpoint of yaw, rad, without jumps by a turn.
-        segments: parts of the flight to judge.
+        segments: segments of the flight that are judged.
 
     Returns:
         The movement, rad.
@@ -368,7 +368,7 @@ def _rate_error(signals: Signals, segments: Segments) -> float | None:
 
     Args:
         signals: signals of the vehicle, for one axis.
-        segments: parts of the flight to judge.
+        segments: segments of the flight that are judged.
 
     Returns:
         RMS difference, rad/s; None if rate or setpoint was not recorded in these segments.
@@ -394,7 +394,7 @@ def _setpoint_errors(
     Args:
         setpoint: setpoint in the unit of the response.
         response: angle, rad, or body rate, rad/s.
-        segments: parts of the flight to compare.
+        segments: segments of the flight that are compared.
         delays: (D,) s.
 
     Returns:
@@ -439,7 +439,7 @@ def _response_peak(
     Args:
         setpoint: setpoint of the angle, rad.
         angle: the response, rad.
-        segments: parts of the flight to judge.
+        segments: segments of the flight that are judged.
 
     Returns:
         The peak; None if the setpoint moves at no frequency at which the angle is coherent with it.

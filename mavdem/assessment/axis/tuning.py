@@ -24,12 +24,12 @@ from mavdem.loops.advice import Advice, AdviceByAxis, advise, reasons_for_no_gai
 from mavdem.loops.axis_loops import Loop
 from mavdem.loops.gain_design import SURE_SHARE, Stage
 
-STAGE_REMARKS = {
+STAGE_HEADINGS = {
     Stage.RATE: "Stage 1 of 2, rate P, I and D: load, hover one minute, fly ten doublets, mavdem tune",
     Stage.ANGLE: "Stage 2 of 2, angle P: load, hover one minute, fly ten doublets, mavdem tune",
 }
 """First line of the parameter files of each stage."""
-NOTCH_REMARK = "Notch filter, with the gains of the log"
+NOTCH_HEADING = "Notch filter, with the gains of the log"
 """First line of the parameter files of a notch filter alone."""
 
 
@@ -72,7 +72,7 @@ class Tuning(NamedTuple):
         """
         texts = {}
         remaining_notch = self.notch_parameters
-        for stage, remark in STAGE_REMARKS.items():
+        for stage, heading in STAGE_HEADINGS.items():
             parameters = dict[str, float]()
             for advice in self.advice:
                 if advice.stage is stage:
@@ -80,10 +80,10 @@ class Tuning(NamedTuple):
             if parameters:
                 parameters |= remaining_notch
                 remaining_notch = {}
-                for ending, text in parameter_files(parameters, vehicle, remark).items():
+                for ending, text in parameter_files(parameters, vehicle, heading).items():
                     texts[f".stage{stage:d}{ending}"] = text
         if remaining_notch:
-            for ending, text in parameter_files(remaining_notch, vehicle, NOTCH_REMARK).items():
+            for ending, text in parameter_files(remaining_notch, vehicle, NOTCH_HEADING).items():
                 texts[f".notch{ending}"] = text
         return texts
 
@@ -275,7 +275,7 @@ def _step_with_gains(
     *,
     is_written: bool,
 ) -> Fact:
-    """Returns the next step of loading new gains, with what is uncertain about them.
+    """Returns the fact that advises to load the new gains next, with what is uncertain about them.
 
     Args:
         judgement: the judgement of the flight.
@@ -285,7 +285,9 @@ def _step_with_gains(
         is_written: whether the gains are written to a file.
 
     Returns:
-        The fact, with the ``share`` of models that agree with the flight and have the margins: the lowest of all loops.
+        The fact. Its ``share`` is the share of the models that agree with the flight and have the margins, the lowest
+        of all loops; new gains are surely right if that is at least ``needed``. ``is_biased`` is whether wind biased
+        the control effectiveness of a loop, and ``missing`` are the lights that should be known before.
     """
     new_gains = _advice_to_load(advice_on_loops)
     is_biased = any(
@@ -300,7 +302,7 @@ def _step_with_gains(
         share=min(advice.sure for advice in new_gains),
         needed=SURE_SHARE,
         is_biased=is_biased,
-        missing=_unknown_of_motors(judgement, new_gains),
+        missing=_unknown_lights_for_higher_gains(judgement, new_gains),
         others=tuple(other_axes),
         arguments=tuple(arguments),
     )
@@ -315,15 +317,17 @@ def _advice_to_load(advice_on_loops: Sequence[Advice]) -> list[Advice]:
         advice_on_loops: advice on all loops.
 
     Returns:
-        The advice on loops with new gains. If no gain changes, only a notch filter is new: then the advice on all
-        identified loops, since the filter changes each.
+        The advice on loops with gains that change (``Advice.parameters``). If no gain changes, only a notch filter is
+        new, which changes every loop: then the advice on all loops whose gains are known (``Advice.gains``).
     """
     changed_loops = [advice for advice in advice_on_loops if advice.parameters]
     return changed_loops or [advice for advice in advice_on_loops if advice.gains]
 
 
-def _unknown_of_motors(judgement: Judgement, new_gains: Sequence[Advice]) -> tuple[str, ...]:
-    """Returns the lights of motors and vibration that are unknown, if a gain is to be raised.
+def _unknown_lights_for_higher_gains(
+    judgement: Judgement, new_gains: Sequence[Advice]
+) -> tuple[str, ...]:
+    """Returns which of the status lights of motors and vibration are unknown, if a gain is to be raised.
 
     Higher gains strain the motors and amplify vibration, so that both should be known before.
 
@@ -355,7 +359,7 @@ def _advises_to_tune(next_step: Fact) -> bool:
 def _step_without_gains(
     advice_on_loops: Sequence[Advice], other_axes: Sequence[str], arguments: Sequence[str]
 ) -> Fact:
-    """Returns the next step if no gains of the requested axes change, although a loop lacks something.
+    """Returns the fact that advises the next step if tuning changes no gains of the requested axes.
 
     Args:
         advice_on_loops: advice on the requested axes, at least one, none of which has new gains.
@@ -363,10 +367,9 @@ def _step_without_gains(
         arguments: arguments of ``mavdem tune`` that repeat this run, without its axes.
 
     Returns:
-        To tune the other axes. If there are none: to do what the advice on the first requested axis with a remedy says,
-        or else the advice on the first one.
+        To tune the other axes, if there are any. Otherwise to do what the first requested axis needs, such as to fly
+        doublets; if no axis needs anything, to keep the gains of the first one.
     """
-    conclusions = [advice.conclusion for advice in advice_on_loops]
     if other_axes:
         return Fact(
             NextStep.TUNE_OTHER_AXES,
@@ -374,9 +377,11 @@ def _step_without_gains(
             others=tuple(other_axes),
             arguments=tuple(arguments),
         )
-    with_remedy = [conclusion for conclusion in conclusions if conclusion.remedy]
-    reason = (with_remedy or conclusions)[0]
-    return Fact(NextStep.DO_AS_ADVISED, reason=reason)
+    advice_facts = [advice.conclusion for advice in advice_on_loops]
+    for advice_fact in advice_facts:
+        if advice_fact.remedy:
+            return Fact(NextStep.DO_AS_ADVISED, reason=advice_fact)
+    return Fact(NextStep.DO_AS_ADVISED, reason=advice_facts[0])
 
 
 def _advice_on_loop(
@@ -390,33 +395,32 @@ def _advice_on_loop(
 ) -> Advice:
     """Returns the advice on the gains of one identified loop, with a notch filter if one is to be set.
 
-    The gains are advised up to three times, and the last advice counts:
+    The advice is for the gains at the end of the log, with which the next flight begins. It is computed again if
 
-    1. For the loop with the gains at the end of the log, which are those of the next flight. An axis that is too slow
-       needs a faster rate loop, so its gains are raised even if the loop is sound.
-    2. Without raising sound gains, if that advice for a slow axis is to raise the angle gain.
-    3. With the notch filter, whose phase lag costs margin, if gains may be advised at all.
+    - the axis is too slow, but the advice is to raise the angle gain (``Stage.ANGLE``), which would only demand more of
+      the slow rate loop: then without raising gains that have enough margin;
+    - a notch filter is to be set, whose phase lag costs margin: then for the loop with the filter.
 
     Args:
         flown_loop: rate and attitude loop of the axis, with the gains that flew.
         margins: name of the margins to have, in ``MARGIN_TARGETS``.
         doubts: reasons why gains must not be computed from the loop; empty if they may be.
         notch_parameters: parameters that set the notch filter; empty without one.
-        raises_sound_gains: whether the gains of a loop that has enough margin are raised.
-        is_too_slow: whether the axis follows its setpoint too slowly.
+        raises_sound_gains: whether the user wants higher gains even if the loop has enough margin.
+        is_too_slow: whether the axis follows its setpoint too slowly, so that its gains are raised in any case.
     """
     loop = loop_at_end_of_log(flown_loop)
     if loop is not flown_loop:
-        # What was measured in flight, and may refute the identified loop, was measured with the gains that flew.
+        # A measured response, which may contradict the identified loop, was measured with the gains that flew.
         doubts = (*doubts, *reasons_for_no_gains(flown_loop))
     raises_gains = raises_sound_gains or is_too_slow
     advice = advise(loop, margins, doubts, raises_sound_gains=raises_gains)
     if is_too_slow and not raises_sound_gains and advice.stage is Stage.ANGLE:
-        # A higher angle gain only demands more of a rate loop that is too slow already.
         raises_gains = False
-        advice = advise(loop, margins, doubts)
-    if notch_parameters and not advice.refusals:
-        # The advice refused nothing, so that there are no doubts to pass on.
+        advice = advise(loop, margins, doubts, raises_sound_gains=False)
+    may_be_advised = not advice.refusals
+    if notch_parameters and may_be_advised:
+        # Doubts would have been among the refusals: there are none to pass on.
         loop_with_notch = loop.with_parameters(notch_parameters)
         advice = advise(loop_with_notch, margins, raises_sound_gains=raises_gains)
     return advice
@@ -439,24 +443,27 @@ def _gains_come_next(headline: Fact) -> bool:
 def _doubts_on_vehicle(evidence: Evidence, judgement: Judgement) -> Facts:
     """Returns the reasons why no gains of any axis may be raised.
 
-    A vehicle that must be repaired is one, a limit cycle is another. Several facts report a limit cycle: only that of
-    the decision on the loops is returned, which also names the gains to lower.
+    The reasons are the repairs that the vehicle needs, and a limit cycle (an oscillation of the loops). A limit
+    cycle is reported as a repair and by the decision on the loops. Only the fact of that decision is returned, since it
+    also names the gains to lower.
 
     Args:
         evidence: signals, events and measurements of the vehicle.
-        judgement: its lights, among them that of the motors.
+        judgement: judgement of the vehicle, with its status lights and the decisions on its loops.
 
     Returns:
         The reasons as facts; empty if gains may be raised.
     """
-    doubts = repairs_before_tuning(evidence, judgement.lights[Light.MOTORS])
-    if not evidence.gain_reduction:
-        return doubts
+    repairs = repairs_before_tuning(evidence, judgement.lights[Light.MOTORS])
+    # The gains to lower against a limit cycle; None if nothing oscillates.
+    gain_reduction = evidence.gain_reduction
+    if not gain_reduction:
+        return repairs
     for decision in judgement.loop_decisions.values():
         if decision.reason.code is MarginsLight.OSCILLATES:
-            other_doubts = [doubt for doubt in doubts if doubt.code is not Override.OSCILLATION]
-            return (*other_doubts, decision.reason)
-    return (*doubts, evidence.gain_reduction)
+            other_repairs = [fact for fact in repairs if fact.code is not Override.OSCILLATION]
+            return (*other_repairs, decision.reason)
+    return (*repairs, gain_reduction)
 
 
 def _measured_loops(assessment: Assessment) -> dict[str, Fact]:
