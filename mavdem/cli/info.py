@@ -98,16 +98,17 @@ def _print_analyses(
     """Prints a screen for each vehicle of a log: what was received, and whether a model can be learned.
 
     Args:
-        document: document of the command.
+        document: JSON document of the command, with the contents of the log in its ``vehicles`` and ``speakers``.
         log: the log.
         all_signals: signals of each vehicle, in the document's order.
-        analyses: analyses of each vehicle, in the same order.
+        analyses: analysis of each vehicle, in the same order.
     """
     senders = stream_contents(document)
     next_step = Sentence(
         f"`mavdem {quote(log.source)}` says what happened and what is wrong.", "Next:"
     )
     for values, signals, analysis in zip(document["vehicles"], all_signals, analyses, strict=True):
+        # A vehicle that was lost matters more than what the log holds.
         loss = loss_of_flight(signals)
         headlines = [] if loss is None else [headline_sentence(loss)]
         print_screen(
@@ -120,10 +121,10 @@ def _print_analyses(
 
 
 def _print_assessments(document: JsonValues, assessments: Sequence[Assessment]) -> None:
-    """Prints, for each vehicle of a log, all that was received, every instance, headline and next step.
+    """Prints for each vehicle of a log what was received, its lights, sensors and batteries, headline and next step.
 
     Args:
-        document: document of the command.
+        document: JSON document of the command, with the contents of the log in its ``vehicles`` and ``speakers``.
         assessments: assessments of the vehicles, in the document's order.
     """
     senders = stream_contents(document)
@@ -145,7 +146,8 @@ def _why_not_learnable(document: JsonValues, source: str, axis: str) -> Fact:
     JSON document has the reasons for the others.
 
     Args:
-        document: The document that was printed. Its ``vehicles`` have a ``verdict`` each, with the ``reason``.
+        document: The JSON document that was printed. In its ``vehicles``, the key "verdict" has the learnability of the
+            log for each vehicle, with the reason.
         source: Path of the log.
         axis: Axis of the model: roll, pitch or yaw.
 
@@ -153,10 +155,11 @@ def _why_not_learnable(document: JsonValues, source: str, axis: str) -> Fact:
         The fact, whose sentence is printed on standard error. It has no reason if the log has no vehicle.
     """
     vehicles = document["vehicles"]
+    reason = vehicles[0]["verdict"].reason if vehicles else None
     return Fact(
         NotLearnableReason.LOG_NOT_LEARNABLE,
         axis=axis,
         path=source,
         names=[component_id(values) for values in vehicles],
-        reason=vehicles[0]["verdict"].reason if vehicles else None,
+        reason=reason,
     )

@@ -152,10 +152,10 @@ def learn_command(
 
 
 def _print_assessment(assessment: Assessment, *, verbose: bool) -> None:
-    """Prints the screen of a flight: with a model its grades, otherwise why there is none.
+    """Prints the report of a flight on one screen: with a model its grades, otherwise why there is none.
 
     Args:
-        assessment: The assessment, with an analysis.
+        assessment: Assessment of the log, with the analysis of at least one axis.
         verbose: Whether to print all figures, and how the model was learned.
     """
     analysis = assessment.analysis

@@ -39,7 +39,7 @@ from mavdem.live.session import LiveSession
 from mavdem.live.session_loop import run_session
 from mavdem.live.session_status import STATUS_PERIOD, SessionStatus
 from mavdem.live.vehicle_selection import Component
-from mavdem.report.live import verdict_lines
+from mavdem.report.live import headline_and_next_step
 from mavdem.report.pages.flight_page import live_page
 from mavdem.report.templates import as_clause
 
@@ -122,10 +122,13 @@ class FollowedFlight:
     """Name of the vehicle to follow next; None if the command is to end."""
 
     def move_frames_of_next_vehicle(self, recording: RawRecording) -> list[ReceivedPiece]:
-        """Moves what came of the next vehicle, while this one was silent, to the recording of the next session.
+        """Moves the frames of the next vehicle from the end of this session's recording to that of the next session.
+
+        A session waits some time after its vehicle has fallen silent. If another vehicle sends on the same link
+        meanwhile, its frames are recorded too, but belong to the session of that vehicle.
 
         Args:
-            recording: Recording of the next session, which begins with it.
+            recording: Recording of the next session, which begins with these frames.
 
         Returns:
             The moved frames with their times of arrival; none if this session has no complete recording.
@@ -402,7 +405,7 @@ def _follow_vehicle(
             # Another vehicle may be in the air: nobody waits for advice on the gains of the one before.
             session.report_gain_advice(is_at_end=True)
         status = _with_final_judgement(status, session)
-        _print_conclusion(status.overall_judgement)
+        _print_headline_and_next_step(status.overall_judgement)
         dashboard.report(status)
         resources.close()
         if dashboard.is_recording_empty:
@@ -593,11 +596,14 @@ def _final_model(session: LiveSession, session_end: ExitStack) -> Learned | None
 
 
 def _with_final_judgement(status: SessionStatus, session: LiveSession) -> SessionStatus:
-    """Returns the status at the end of a session with the judgement of its final model.
+    """Returns the status at the end of a session, with the judgement of the model of the whole flight.
+
+    While the vehicle flies, models of the flight so far are learned and judged. At the end a last one is learned from
+    the whole flight, whose judgement replaces theirs.
 
     Args:
-        status: The status when its analysis ended.
-        session: The session, whose final model is judged.
+        status: The status when the vehicle had landed.
+        session: The session, whose last model is judged.
     """
     return replace(
         status,
@@ -607,13 +613,13 @@ def _with_final_judgement(status: SessionStatus, session: LiveSession) -> Sessio
     )
 
 
-def _print_conclusion(judgement: Judgement) -> None:
+def _print_headline_and_next_step(judgement: Judgement) -> None:
     """Prints the headline of a judgement and its next step on standard error.
 
     Args:
         judgement: Judgement of the flight and its final model.
     """
-    for line in verdict_lines(judgement):
+    for line in headline_and_next_step(judgement):
         print_to_stderr(line)
 
 

@@ -103,15 +103,16 @@ class Dashboard:
         return self.file is not None and self.file.is_broken
 
     def open(self, row_format: RowFormat) -> LiveView | None:
-        """Prepares the view for rows of a new format, which follow.
+        """Tells the view the names and units of the samples that follow, before the first of them.
 
-        The format is known only when messages have been received, and it may change during the flight.
+        A row holds the inputs and outputs of the vehicle at one time. Its format is known only when messages have been
+        received, and it may change during the flight, for example if another motor message comes.
 
         Args:
-            row_format: Inputs, units and sampling step of the rows.
+            row_format: Motors, units and sampling step of the rows.
 
         Returns:
-            The view, which receives the rows; None if no viewer, browser or file shows them.
+            The view, to which the caller sends the rows; None if no viewer, browser or file shows them.
         """
         if self.view is None:
             return None

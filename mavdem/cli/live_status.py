@@ -18,9 +18,9 @@ from mavdem.facts.watch import WatchFact
 from mavdem.live.session import LiveSession
 from mavdem.live.session_status import SessionStatus
 from mavdem.report.live import (
+    headline_and_next_step,
     moment_text,
     vehicle_text,
-    verdict_lines,
     watched_quantities_text,
 )
 from mavdem.report.templates import render_section
@@ -29,7 +29,7 @@ UNCHANGED_STATE_PERIOD = 30.0
 """Time between two lines of a state that is the same except for its figures, s; a choice."""
 
 
-PASSING_OBSTACLES = frozenset(
+UNREPORTED_REASONS = frozenset(
     {
         WatchFact.ON_GROUND_NOW,
         WatchFact.REFERENCE_SHORT,
@@ -57,12 +57,28 @@ class PrintedState(NamedTuple):
     """Whether this computer does not keep up."""
 
 
+class StatusTexts(NamedTuple):
+    """The status of a session in sentences, ready to be printed."""
+
+    vehicle: str
+    """The vehicle, its mode and its battery."""
+
+    learning: str
+    """Whether the session learns, and how much it has learned."""
+
+    problems: list[str]
+    """What is wrong now: alarms, a computer that is too slow, and why nothing is learned."""
+
+    judgement: str
+    """The headline of the judgement so far, and the next step."""
+
+
 class StatusLines:
     """Shows the status of a live session on standard error.
 
     On a terminal the status is updated where it is. Elsewhere a line with the time of day is printed where the state is
     new, and every ``UNCHANGED_STATE_PERIOD``. Which quantities are watched, or cannot be, is printed when it changes,
-    and not for ``PASSING_OBSTACLES``. A fact is new if it has another code; the same code with other values is not
+    and not for ``UNREPORTED_REASONS``. A fact is new if it has another code; the same code with other values is not
     printed again.
     """
 
@@ -73,19 +89,19 @@ class StatusLines:
             terminal_text: The text on the terminal that is updated; None to print lines below each other.
         """
         self._terminal_text = terminal_text
-        # The state that was printed last and when, s of the monotonic clock; and what was last printed of each quantity
-        # that is watched, by its vehicle and name.
+        # The state that was printed last and when, s of the monotonic clock.
         self._printed_state: PrintedState | None = None
         self._print_time = -inf
-        self._watch_meanings: dict[Hashable, Hashable] = {}
+        # For each watched quantity, by its vehicle and name, the fact that was printed last, without its numbers.
+        self._printed_watch_facts: dict[Hashable, Hashable] = {}
 
     def show(self, session: LiveSession) -> None:
         """Shows the present status of a session.
 
-        On a terminal, lines are updated in place: one on the vehicle and the link, one with the verdict so far and the
+        On a terminal, lines are updated in place: one on the vehicle and the link, one with the headline so far and the
         next step, one on the learning, and one on problems and on the quantities that are watched without a model, such
-        as the battery. Those on the verdict and on problems are red while an alarm lasts. Elsewhere, as in a file, only
-        what is new is printed.
+        as the battery. Those on the headline and on problems are red while an alarm lasts. Elsewhere, as in a file,
+        only what is new is printed.
 
         Args:
             session: The session.
@@ -93,59 +109,45 @@ class StatusLines:
         status = session.status
         if status.loss is None:
             self._print_watch_changes(status.watch_facts)
-        sentences = [
-            escape_unprintable(sentence.text)
-            for sentence in render_section("live_status", status=status)
-        ]
-        judgement = status.overall_judgement
-        vehicle_line = escape_unprintable(vehicle_text(status))
-        verdict = escape_unprintable(" ".join(verdict_lines(judgement)))
-        obstacle = status.obstacle
-        if obstacle is not None:
-            # The reason why nothing is learned, and its remedy, are left out here if the verdict states them.
-            advised = escape_unprintable(obstacle.advised)
-            remedy = escape_unprintable(obstacle.remedy)
-            if judgement.headline == obstacle:
-                sentences[sentences.index(advised)] = "" if remedy in verdict else remedy
-            elif remedy in verdict:
-                sentences[sentences.index(advised)] = escape_unprintable(obstacle.sentence)
-        sentences = [text for text in sentences if text and text not in verdict]
+        texts = _status_texts(status)
         if self._terminal_text is None:
-            self._print_new(status, [vehicle_line, *sentences, verdict])
+            self._print_new(status, texts)
             return
-        learning_line = sentences[0]
-        problems = sentences[1:]
-        # The obstacle to learning is stated in the sentences above: it is not repeated as the reason for not watching.
-        watched = watched_quantities_text(status.watch_facts, status.obstacle)
+        # The problems state why nothing is learned: it is not repeated as the reason for not watching.
+        watched = watched_quantities_text(status.watch_facts, stated_reason=status.obstacle)
         style = _style(*status.active_alarms)
         lines = Group(
-            vehicle_line,
-            Text(verdict, style),
-            learning_line,
-            Text(" ".join([*problems, watched]), style),
+            texts.vehicle,
+            Text(texts.judgement, style),
+            texts.learning,
+            Text(" ".join([*texts.problems, watched]), style),
         )
         self._terminal_text.update(lines, refresh=True)
 
     def _print_watch_changes(self, watch_facts: Facts) -> None:
-        """Prints the quantities that are watched, or are no longer watched, since the last call, with the reason.
+        """Prints which quantities are watched now, or no longer, if that has changed since the last call, and why.
+
+        A session compares quantities such as the battery and the vibration with their values earlier in the flight,
+        also without a model.
 
         Args:
-            watch_facts: A fact for each quantity that is watched without a model, such as the battery: since when it is
-                watched, or why it is not.
+            watch_facts: A fact for each of these quantities: since when it is watched, or why it is not.
         """
         changed_facts = []
         for fact in watch_facts:
             reason = fact.figures.get("reason")
-            if isinstance(reason, Fact) and reason.code in PASSING_OBSTACLES:
+            if isinstance(reason, Fact) and reason.code in UNREPORTED_REASONS:
                 continue
-            key = (fact.figures.get("vehicle"), fact.subject)
-            if self._watch_meanings.get(key) != fact.meaning:
-                self._watch_meanings[key] = fact.meaning
+            quantity = (fact.figures.get("vehicle"), fact.subject)
+            # Measured numbers in a fact change all the time, which is no news.
+            content = fact.without_measurements
+            if self._printed_watch_facts.get(quantity) != content:
+                self._printed_watch_facts[quantity] = content
                 changed_facts.append(fact)
         if changed_facts:
             print_to_stderr(timed(watched_quantities_text(changed_facts)))
 
-    def _print_new(self, status: SessionStatus, sentences: list[str]) -> None:
+    def _print_new(self, status: SessionStatus, texts: StatusTexts) -> None:
         """Prints a line if the state has changed since the last line, or if that line was printed long ago.
 
         A changed state is a short line on the vehicle and the learning, since the session itself reports alarms and
@@ -154,8 +156,7 @@ class StatusLines:
 
         Args:
             status: The status.
-            sentences: A sentence about the vehicle, one about the learning, those about problems, and at the end the
-                headline with the next step.
+            texts: The same status in sentences.
         """
         state = PrintedState(
             status.vehicle,
@@ -169,19 +170,52 @@ class StatusLines:
             return
         self._printed_state = state
         self._print_time = now
-        # The reason why nothing is learned was reported when it began: it is not repeated.
-        reported_texts = set()
-        if status.obstacle is not None:
-            reported_texts.add(escape_unprintable(status.obstacle.sentence))
-            reported_texts.add(escape_unprintable(status.obstacle.advised))
-        *first_sentences, verdict = sentences
-        printed_sentences = [text for text in first_sentences if text not in reported_texts]
-        printed_sentences.append(verdict)
         if is_new:
-            printed_sentences = sentences[:2]
+            sentences = [texts.vehicle, texts.learning]
             if status.delay_fact is not None:
-                printed_sentences.append(str(status.delay_fact))
-        print_to_stderr(timed(" ".join(printed_sentences)))
+                sentences.append(str(status.delay_fact))
+        else:
+            # The reason why nothing is learned was reported when it began: it is not repeated.
+            reported_texts = set()
+            reason = status.obstacle
+            if reason is not None:
+                reported_texts.add(escape_unprintable(reason.sentence))
+                reported_texts.add(escape_unprintable(reason.advised))
+            problems = [text for text in texts.problems if text not in reported_texts]
+            sentences = [texts.vehicle, texts.learning, *problems, texts.judgement]
+        print_to_stderr(timed(" ".join(sentences)))
+
+
+def _status_texts(status: SessionStatus) -> StatusTexts:
+    """Returns the status of a session in sentences, none of which repeats the headline or the next step.
+
+    Args:
+        status: The status. Its ``obstacle`` is the fact that says why no model is learned now; None while one is.
+    """
+    judgement = status.overall_judgement
+    judgement_text = escape_unprintable(" ".join(headline_and_next_step(judgement)))
+    sentences = [
+        escape_unprintable(sentence.text)
+        for sentence in render_section("live_status", status=status)
+    ]
+    reason = status.obstacle
+    if reason is not None:
+        # The section ends with the reason why nothing is learned and its remedy. The headline may be the same fact, and
+        # the next step may be the same remedy.
+        advised = escape_unprintable(reason.advised)
+        remedy = escape_unprintable(reason.remedy)
+        if judgement.headline == reason:
+            sentences[sentences.index(advised)] = "" if remedy in judgement_text else remedy
+        elif remedy in judgement_text:
+            sentences[sentences.index(advised)] = escape_unprintable(reason.sentence)
+    sentences = [text for text in sentences if text and text not in judgement_text]
+    # The first sentence of the section is always there.
+    return StatusTexts(
+        vehicle=escape_unprintable(vehicle_text(status)),
+        learning=sentences[0],
+        problems=sentences[1:],
+        judgement=judgement_text,
+    )
 
 
 def print_fact(fact: Fact, moment: str = "") -> None:

@@ -36,14 +36,17 @@ class ModelOrders(NamedTuple):
 def model_orders() -> dict[str, ModelOrders]:
     """Returns the numbers of states that --order accepts, by the value of --preset.
 
-    The prior of "real" has one state for each of its two outputs and at most p hidden states, where p is the embedding
-    order of the outputs. "paper" ends at 10, since the memory of a fit with n states grows with n⁴.
+    A model of "real" has its two outputs, angle and rate, as states, and at most p hidden states, where p is the number
+    of time derivatives that DEM tracks of each state (``Settings.p``). Models of "paper" end at 10 states, since the
+    memory of a fit with n states grows with n⁴.
     """
     # Commands without a model need not wait for the import.
     from mavdem.dem import Settings
 
+    output_count = 2
+    max_hidden_count = Settings().p
     return {
-        "real": ModelOrders(range(2, 2 + Settings().p + 1)),
+        "real": ModelOrders(range(output_count, output_count + max_hidden_count + 1)),
         "paper": ModelOrders(range(1, 11)),
     }
 

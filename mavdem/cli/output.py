@@ -24,7 +24,7 @@ from mavdem.report.blocks import SCREEN_LINES, Block, Sentence
 TERMINAL_LINES = 24
 """Lines of a terminal that nobody has enlarged, up to which texts in tables may take more than one line."""
 
-ROW_LINES = (None, 3, 2)
+LINES_PER_ROW = (None, 3, 2)
 """Lines to which texts in tables of a screen are shortened, by preference; None for whole texts."""
 
 
@@ -93,7 +93,7 @@ def print_screen(
         return
     lines = []
     for block in title_blocks:
-        lines += _block_lines(block, row_lines=1)
+        lines += _block_lines(block, lines_per_row=1)
     footer_lines = []
     for block in footer:
         footer_lines += _block_lines(block)
@@ -101,15 +101,15 @@ def print_screen(
     line_count = len(lines)
     fitting_blocks: list[tuple[Block, list[str]]] = []
     for block in summary:
-        short_lines = _block_lines(block, row_lines=1)
+        short_lines = _block_lines(block, lines_per_row=1)
         if line_count + len(short_lines) < available_lines:
             fitting_blocks.append((block, short_lines))
             line_count += len(short_lines)
     available_lines += TERMINAL_LINES - SCREEN_LINES
     for block, short_lines in fitting_blocks:
         shown_lines = short_lines
-        for row_lines in ROW_LINES:
-            longer_lines = _block_lines(block, row_lines)
+        for lines_per_row in LINES_PER_ROW:
+            longer_lines = _block_lines(block, lines_per_row)
             further_count = len(longer_lines) - len(short_lines)
             if line_count + further_count < available_lines:
                 shown_lines = longer_lines
@@ -119,15 +119,15 @@ def print_screen(
     print_to_stdout("\n".join([*lines, *footer_lines]))
 
 
-def _block_lines(block: Block, row_lines: int | None = None) -> list[str]:
+def _block_lines(block: Block, lines_per_row: int | None = None) -> list[str]:
     """Returns the lines of a sentence or a table, laid out for standard output.
 
     They wrap at the width of standard output. Files and pipes have no width: there a sentence is one line.
 
     Args:
         block: The sentence or table.
-        row_lines: Approximate number of lines of a row, to which the texts of a table of words are shortened; None for
-            whole texts.
+        lines_per_row: Approximate number of lines of a row, to which the texts of a table of words are shortened; None
+            for whole texts.
     """
     console = Console(width=text_columns(), highlight=False, markup=False, emoji=False)
     with console.capture() as captured:
@@ -137,7 +137,7 @@ def _block_lines(block: Block, row_lines: int | None = None) -> list[str]:
             console.print(escape_unprintable(sentence), soft_wrap=not has_known_width())
         else:
             # Numbers cannot be shortened.
-            max_row_lines = row_lines if block.words else None
+            max_row_lines = lines_per_row if block.words else None
             for table in terminal_tables(block, console.width, max_row_lines):
                 console.print(table)
     return [line.rstrip() for line in captured.get().splitlines()]

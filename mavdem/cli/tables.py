@@ -33,7 +33,7 @@ class Column:
         return max(len(text) for text in (*self.heading.split(), *self.cells))
 
 
-def terminal_tables(table: Table, width: int, row_lines: int | None) -> Iterator[Grid]:
+def terminal_tables(table: Table, width: int, lines_per_row: int | None) -> Iterator[Grid]:
     """Lays a table out for a terminal.
 
     The headings of a table of numbers wrap where it is too wide. If it is still too wide, it becomes several tables,
@@ -43,14 +43,15 @@ def terminal_tables(table: Table, width: int, row_lines: int | None) -> Iterator
     Args:
         table: The table. Its first column names the rows; the others are numbers, or text if ``table.words``.
         width: Width of the terminal, in characters.
-        row_lines: Approximate number of lines to which texts in the last column are shortened; None for whole texts.
+        lines_per_row: Approximate number of lines to which texts in the last column are shortened; None for whole
+            texts.
 
     Yields:
         Tables that Rich can print, without borders.
     """
     columns = _columns(table)
-    if row_lines is not None:
-        columns[-1] = _shortened_last_column(columns, width, row_lines)
+    if lines_per_row is not None:
+        columns[-1] = _shortened_last_column(columns, width, lines_per_row)
     row_names, *other_columns = columns
     total_width = sum(column.full_width for column in columns) + COLUMN_GAP * (len(columns) - 1)
     if table.words or total_width <= width:
@@ -73,20 +74,23 @@ def _columns(table: Table) -> list[Column]:
     return columns
 
 
-def _shortened_last_column(columns: list[Column], width: int, row_lines: int) -> Column:
+def _shortened_last_column(columns: list[Column], width: int, lines_per_row: int) -> Column:
     """Returns the last column with texts short enough to fit next to the other columns.
 
     Args:
         columns: All columns of the table.
         width: Width of the terminal, in characters.
-        row_lines: Number of lines that a text may take. Wrapping at words leaves some room at the ends of lines unused,
-            so that it may take a little more.
+        lines_per_row: Number of lines that a text may take in the last column, each as wide as the room beside the
+            other columns. Since lines break between words, a text that is shortened to their characters may still take
+            one line more.
     """
-    available_width = width - sum(column.full_width + COLUMN_GAP for column in columns[:-1])
+    width_of_others = sum(column.full_width + COLUMN_GAP for column in columns[:-1])
+    available_width = width - width_of_others
+    max_characters = lines_per_row * available_width
     last_column = columns[-1]
     return Column(
         shortened(last_column.heading, available_width),
-        [shortened(cell, row_lines * available_width) for cell in last_column.cells],
+        [shortened(cell, max_characters) for cell in last_column.cells],
     )
 
 

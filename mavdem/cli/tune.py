@@ -143,25 +143,26 @@ def _write_tuning(
 
 
 def _print_tuning(tuning: Tuning, folder: Path | None, *, verbose: bool) -> None:
-    """Prints margins and gains, with the parts of the flight's judgement that concern them.
+    """Prints margins and gains, with the headline and the next step of the flight if they matter for the gains.
 
     Args:
-        tuning: The gains to set.
+        tuning: The gains to set, and the judgement of the flight.
         folder: Folder that the page was written to, if it was.
-        verbose: Whether to print all margins and the other lights.
+        verbose: Whether to print all margins, and the lights (judgements by subject) that warn.
     """
     judgement = tuning.judgement
     lights = judgement_sentences(judgement).lights if verbose else []
-    blocks = tune_blocks(tuning, is_full=verbose)
+    report = tune_blocks(tuning, is_full=verbose)
     if tuning.notch:
-        blocks.append(Sentence(tuning.notch.advised, "Notch filter:"))
+        report.append(Sentence(tuning.notch.advised, "Notch filter:"))
     # A bad headline that is not about the loops, such as a broken motor, precedes the gains, since the vehicle must not
     # fly. A headline about the loops is left out, because the report itself says the same.
-    is_grounded = judgement.headline.is_bad and not is_about_loops(judgement.headline, judgement)
-    if is_grounded:
-        blocks = [headline_sentence(headline(judgement.headline)), *blocks]
-    if is_grounded or tuning.refusal or is_about_loops(judgement.next_step, judgement):
-        blocks.append(Sentence(str(judgement.next_step), "Next:"))
+    must_not_fly = judgement.headline.is_bad and not is_about_loops(judgement.headline, judgement)
+    if must_not_fly:
+        report = [headline_sentence(headline(judgement.headline)), *report]
+    if must_not_fly or tuning.refusal or is_about_loops(judgement.next_step, judgement):
+        report.append(Sentence(str(judgement.next_step), "Next:"))
     if folder:
-        blocks.append(Sentence(str(folder / PAGE_FILE), "Page:"))
-    print_screen(None, summary=[], details=lights, footer=blocks, verbose=verbose)
+        report.append(Sentence(str(folder / PAGE_FILE), "Page:"))
+    # All of it is the footer, of which nothing is left out.
+    print_screen(None, summary=[], details=lights, footer=report, verbose=verbose)

@@ -69,11 +69,13 @@ ADDS_FACT = "AndFact"
 def fact_field(attribute: str, meaning: str) -> Any:
     """Returns the pydantic definition of an optional field with a fact, or with a list of facts.
 
-    A fact is a code with figures, for programs; the field beside it has the sentence of the same fact, for people.
+    A document has a finding in two fields: NAME is its sentence, for people, and NAME_fact the fact itself, a code with
+    figures, for programs. Both are filled from the attribute NAME of a result: the alias of this field is that name,
+    and the types of the two fields convert the same fact to a sentence or to a record.
 
     Args:
-        attribute: name of the result's attribute from which both fields are filled. If it has a text and no ``Fact``,
-            this field is null or an empty list, since a text has no code.
+        attribute: name of the result's attribute. If its value is a text and no ``Fact``, this field is null or an
+            empty list, since a text has no code.
         meaning: description of the field in the schema.
 
     Returns:
@@ -132,10 +134,10 @@ class Document(BaseModel):
 
     @model_validator(mode="after")
     def _keep_model_name(self) -> Self:
-        """Marks the field ``model`` as set where its default is the name of a model, so that the JSON has the key.
+        """Makes :meth:`as_dict` write the key ``model`` of a document whose figures all come from the same model.
 
-        A document whose figures all come from one model declares its name as the default, which no caller sets; and
-        :meth:`as_dict` leaves out fields that were not set.
+        Such a document declares the name of the model as the default of its field ``model``. No caller passes a value,
+        so pydantic counts the field as not set, and :meth:`as_dict` would leave it out. So it is marked as set here.
         """
         field = type(self).model_fields.get("model")
         if field is not None and isinstance(field.default, ModelName):

@@ -54,7 +54,7 @@ class Words(NamedTuple):
 
 @dataclass(frozen=True, init=False)
 class Fact:
-    """Something found, with its figures.
+    """Something found in a flight: a code with figures, from which its sentence is made in one place.
 
     Attributes:
         code: identifies what it states.
@@ -166,9 +166,12 @@ class Fact:
         return self.replace(**grounded_figures | {"is_grounded": True})
 
     @property
-    def meaning(self) -> Hashable:
-        """Its content without measurements, to compare two facts for news: these vary from second to second."""
-        return _meaning(self)
+    def without_measurements(self) -> Hashable:
+        """Its content but for measured numbers, by which a reporter decides whether it has reported the fact already.
+
+        Live sessions find the same facts again every second, with other numbers, which are no news.
+        """
+        return _without_measurements(self)
 
     @property
     def _words(self) -> Words:
@@ -196,13 +199,19 @@ class Fact:
         return " ".join(filter(None, self._words))
 
 
-def _meaning(figure: Figure) -> Hashable:
-    """Returns code, level, subject and values of a fact, or one of its values, with None in the place of a number."""
+def _without_measurements(figure: Figure) -> Hashable:
+    """Returns a figure of a fact with None in the place of measured numbers; of a fact also code, level and subject.
+
+    Args:
+        figure: a fact, a number, a word, a code, None, or a tuple of such.
+    """
     if isinstance(figure, Fact):
-        figures = tuple((name, _meaning(value)) for name, value in figure.figures.items())
-        return figure.code, figure.level, figure.subject, figures
+        figures = []
+        for name, value in figure.figures.items():
+            figures.append((name, _without_measurements(value)))
+        return figure.code, figure.level, figure.subject, tuple(figures)
     if isinstance(figure, tuple):
-        return tuple(map(_meaning, figure))
+        return tuple(_without_measurements(item) for item in figure)
     is_measurement = isinstance(figure, int | float) and not isinstance(figure, bool)
     return None if is_measurement else figure
 

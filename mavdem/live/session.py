@@ -544,4 +544,4 @@ class LiveSession:
 
 def _meaning(obstacle: Fact | None) -> Hashable:
     """Returns the content of an obstacle to learning without its measurements; None without one."""
-    return None if obstacle is None else obstacle.meaning
+    return None if obstacle is None else obstacle.without_measurements

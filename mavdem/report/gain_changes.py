@@ -118,29 +118,31 @@ def gain_changes(
             downloads.append(ParameterDownload(name, label, address))
     if not rows:
         return None
-    cautions = () if lowered else tuple(_cautions(advice))
+    cautions = () if lowered else tuple(_cautions_on_gains(advice))
     return GainChanges(Table(["gain", "now", "set", "times"], rows), tuple(downloads), cautions)
 
 
-def _cautions(advice: AdviceByAxis) -> list[Sentence]:
-    """Returns sentences on how far gains to set can be trusted: the share of models, then cautions of the loops.
+def _cautions_on_gains(advice: AdviceByAxis) -> list[Sentence]:
+    """Returns sentences on how far the gains to set can be trusted; axes with the same caution share a sentence.
 
-    Axes with the same caution share a sentence.
+    Gains are computed for many models of the vehicle that agree with the flight. If the loops have the required margins
+    with too few of them, a sentence gives the fraction. Other cautions are about the identification of the loop.
 
     Args:
-        advice: gains that are advised by axis, or why there are none.
+        advice: for each axis the gains to set and the loop before the change, or the fact why no gains are advised.
     """
-    shares = []
+    model_shares = []
     cautions = []
     for axis, axis_advice in advice.items():
         if not isinstance(axis_advice, Advice) or not axis_advice.parameters:
             continue
         if axis_advice.sure < SURE_SHARE:
-            shares.append((axis, Fact(GainFact.SHARE_OF_MODELS, share=axis_advice.sure)))
-        for fact in axis_advice.before.cautions:
-            if is_about_gains_to_set(fact):
-                cautions.append((axis, fact))
-    return [*sentences_by_axes(shares), *sentences_by_axes(cautions, attrgetter("advised"))]
+            model_shares.append((axis, Fact(GainFact.SHARE_OF_MODELS, share=axis_advice.sure)))
+        identified_loop = axis_advice.before
+        for caution in identified_loop.cautions:
+            if is_about_gains_to_set(caution):
+                cautions.append((axis, caution))
+    return [*sentences_by_axes(model_shares), *sentences_by_axes(cautions, attrgetter("advised"))]
 
 
 def _advised_gain_sets(advice: AdviceByAxis) -> Iterator[_GainSet]:
@@ -163,13 +165,13 @@ def _advised_gain_sets(advice: AdviceByAxis) -> Iterator[_GainSet]:
 
 
 def _gains_to_lower(fact: Fact) -> Iterator[tuple[str, Gain]]:
-    """Yields the name and the values of each gain that a fact advises to lower.
+    """Yields the name of each gain that a fact advises to lower, with its values now and then.
 
-    A next step does not state the gains itself. The advice is a fact among its figures, or among those of such a fact,
-    so that all of them are searched.
+    The fact of a next step does not hold the gains itself: its figures are other facts, such as its reason, whose
+    figures may be facts again. One of these may be the advice to lower gains, so that all of them are searched.
 
     Args:
-        fact: a next step, or any fact that may hold such advice.
+        fact: a next step, or a fact among its figures.
     """
     if fact.code in LOWERING:
         for name, now, new_value in fact.figures["changes"]:

@@ -16,16 +16,21 @@ from mavdem.report.numbers import display_unit, name_with_unit
 from mavdem.report.templates import as_clause, capitalize_first, headline, render_section
 
 
-def watched_quantities_text(watch_facts: Sequence[Fact], obstacle: Fact | None = None) -> str:
+def watched_quantities_text(watch_facts: Sequence[Fact], stated_reason: Fact | None = None) -> str:
     """Returns one line on what a live session watches without a model and since when, and what it cannot watch and why.
 
+    A session compares quantities such as the battery and the vibration with their values earlier in the flight. This
+    needs no model, but some time in the air.
+
     Args:
-        watch_facts: a fact for each quantity that is watched, such as the vibration, or cannot be watched.
-        obstacle: the reason why no model is learned, if the screen shows it above this line. A quantity that is not
-            watched for the same reason does not repeat it. None if nothing is shown there.
+        watch_facts: a fact for each such quantity: since when it is watched, or why it cannot be watched.
+        stated_reason: a reason that the screen states above this line, such as why no model is learned. If a quantity
+            is not watched for the same reason, "as said" stands in its place. None if nothing is stated there.
     """
-    stated_reason = "" if obstacle is None else obstacle.sentence
-    sentences = render_section("live_watched", watched=watch_facts, stated=stated_reason)
+    stated_sentence = "" if stated_reason is None else stated_reason.sentence
+    sentences = render_section(
+        "live_watched", watch_facts=watch_facts, stated_sentence=stated_sentence
+    )
     return "".join(f"{capitalize_first(sentence.text)}." for sentence in sentences)
 
 
@@ -35,11 +40,11 @@ def vehicle_text(status: SessionStatus) -> str:
     return sentence.text
 
 
-def verdict_lines(judgement: Judgement) -> list[str]:
-    """Returns the headline of a judgement and, where it does not only repeat that, the next step.
+def headline_and_next_step(judgement: Judgement) -> list[str]:
+    """Returns the headline of a judgement as a line, and the next step as another one if the headline lacks it.
 
     Args:
-        judgement: the judgement.
+        judgement: the judgement of the vehicle in a live session.
     """
     headline_text = headline(judgement.headline)
     next_step = str(judgement.next_step)
@@ -66,55 +71,64 @@ def moment_text(event: Event) -> str:
 def live_report(
     history: LiveHistory,
     status: SessionStatus,
-    account: Mapping[TimeUse, float],
+    seconds_by_activity: Mapping[TimeUse, float],
     axis: str,
     learned_seconds: float = 0.0,
 ) -> Blocks:
     """Returns the report of a live flight in sentences and tables.
 
     Args:
-        history: history of the flight.
+        history: predictions of the flight with their errors, and the intervals from which models were learned.
         status: state of the session at its end.
-        account: seconds of the flight by activity.
+        seconds_by_activity: how long the session was learning, waiting on the ground and so on, s.
         axis: axis that was learned.
-        learned_seconds: length of the latest part of the flight from which the model was learned, s.
+        learned_seconds: length of the data from which the last model was learned, s.
 
     Returns:
         Sentences on prediction, alarms of the motors and the state of the session, tables of errors and of time, and
         sentences on what was learned and on the link.
     """
-    # One horizon stands for all in the headline: that nearest to the reported one.
     errors = history.errors()
-    reported_errors = min(
+    # The headline has the errors at one horizon: the time ahead that is nearest to the one that is reported.
+    errors_in_headline = min(
         errors, key=lambda error: abs(error.seconds - REPORTED_HORIZON), default=None
     )
-    headline_block, *state = render_section(
-        "live_state", best=reported_errors, axis=axis, status=status, false_alarms=FALSE_ALARMS
+    headline_sentence, *state = render_section(
+        "live_state",
+        horizon_errors=errors_in_headline,
+        axis=axis,
+        status=status,
+        false_alarms=FALSE_ALARMS,
     )
     alarms = [Sentence(f"{as_clause(alarm.fact)}.", "Motors:") for alarm in status.motor_alarms]
     error_tables = [_error_table(errors, axis)] if errors else []
     learned = render_section(
-        "live_learned", errors=errors, parts=history.learned_intervals, seconds=learned_seconds
+        "live_learned",
+        errors=errors,
+        learned_intervals=history.learned_intervals,
+        learned_seconds=learned_seconds,
     )
+    time_table = _time_table(seconds_by_activity)
     link = render_section("live_link", status=status)
-    return [headline_block, *alarms, *state, *error_tables, *learned, _time_table(account), *link]
+    return [headline_sentence, *alarms, *state, *error_tables, *learned, time_table, *link]
 
 
-def _time_table(account: Mapping[TimeUse, float]) -> Table:
+def _time_table(seconds_by_activity: Mapping[TimeUse, float]) -> Table:
     """Returns a table of the time of a live session by activity, such as learning, on the ground, or without a link.
 
     Args:
-        account: seconds by activity. They are rounded to whole seconds, and an activity of 0 s has no row.
+        seconds_by_activity: seconds. They are rounded to whole seconds, and an activity of 0 s has no row.
 
     Returns:
-        The table, with the sum in its header.
+        The table, whose first header has the sum, as in "of 312 s".
     """
-    whole_seconds = {kind: round(seconds) for kind, seconds in account.items()}
+    whole_seconds = {activity: round(seconds) for activity, seconds in seconds_by_activity.items()}
     rows = []
-    for kind in TimeUse:
-        if whole_seconds[kind]:
-            name = capitalize_first(Fact(SessionFact.SECONDS_SPENT, kind=kind))
-            rows.append([name, f"{whole_seconds[kind]} s"])
+    for activity in TimeUse:
+        if whole_seconds[activity]:
+            # The sentence of this fact is the name of the activity, as all texts are sentences of facts.
+            name = capitalize_first(Fact(SessionFact.SECONDS_SPENT, kind=activity))
+            rows.append([name, f"{whole_seconds[activity]} s"])
     return Table([f"of {sum(whole_seconds.values())} s", "time"], rows)
 
 

@@ -221,13 +221,13 @@ def _remarks(
     has_only_filtered_gyro: bool,
     has_dynamic_notch: bool,
 ) -> Iterator[str]:
-    """Yields the limitations of the trial as sentences.
+    """Yields the limitations of the trial as sentences for the page.
 
     Args:
         filters: notch filters whose settings the reader can try.
-        has_loop: whether a rate loop is identified.
-        has_only_filtered_gyro: whether the log has the gyro only after a filter that is on.
-        has_dynamic_notch: whether PX4 has notches besides that follow the motors or an FFT.
+        has_loop: whether a rate loop is identified, at whose crossover frequency the phase lag is stated.
+        has_only_filtered_gyro: whether the log has the gyro only after one of these filters, which is on.
+        has_dynamic_notch: whether PX4 has further notches, whose centres follow the motors or an FFT of the gyro.
     """
     if not has_loop:
         yield f"No rate loop is identified: the phase is stated at {ASSUMED_CROSSOVER:.0f} Hz."
@@ -243,6 +243,7 @@ def _remarks(
             yield f"{name} follows the throttle, and is shown where it is in hover."
         elif mode != NotchMode.FIXED:
             yield f"{name} follows a measurement, and is shown at its lowest frequency."
+    # Only ArduPilot's filters, which have a prefix, can follow something.
     if any(tried.prefix and _mode_of(tried) != NotchMode.FIXED for tried in filters):
         yield "In flight the centres move; the trial holds for the fixed ones that are shown."
     if has_dynamic_notch:
@@ -266,11 +267,14 @@ def _titles(filters: Sequence[TriedFilter]) -> list[str]:
 
 
 def _filter_forms(filters: Sequence[TriedFilter], gyro_rate: float) -> Iterator[FilterForm]:
-    """Yields the form of each filter, in which a reader of the page changes its settings.
+    """Yields the form of each filter, by which a reader of the page changes its settings.
+
+    A form has sliders for centre, bandwidth and depth. For ArduPilot it also has a box for each harmonic, a multiple of
+    the centre at which there may be another notch.
 
     Args:
-        filters: the filters.
-        gyro_rate: rate at which they run, Hz.
+        filters: the filters, whose parameters are the settings that the forms show first.
+        gyro_rate: rate at which the filters run, Hz, which limits their centres.
     """
     for title, tried in zip(_titles(filters), filters, strict=True):
         yield FilterForm(
@@ -329,13 +333,21 @@ def _harmonics(tried: TriedFilter) -> dict[int, bool]:
 def _model(controller: Controller, filters: Sequence[TriedFilter]) -> JsonValues:
     """Returns the filters, and the constants of their equations, for the script ``notch.js`` of the page.
 
+    The script computes the response of the filters anew when a reader changes a setting.
+
     Args:
         controller: controller with the gyro's filters.
         filters: the notch filters that are tried.
 
     Returns:
-        Values by the keys that the script reads. For each filter, "off" has the parameters that switch it off, "names"
-        the parameter of each setting, and "hoverRatio" the ratio of the centre in hover to the lowest one.
+        Values by the keys that the script reads:
+
+        - ``filters``: for each filter its parameters; in "off" those that switch it off; in "names" the parameter of
+          each setting; in "hoverRatio" the ratio of its centre in hover to its lowest one; in "sources" how many
+          frequencies it follows, such as one for each motor; and in "motors" these frequencies in hover, Hz.
+        - ``rate``: sampling rate of the gyro, Hz; ``maxRatio``: highest centre of a notch, relative to that.
+        - ``leastCentrePerWidth``: lowest centre relative to the bandwidth; ``mostHarmonics``: largest number of
+          harmonics; and ``minGain``: lowest gain that is drawn.
     """
     models = []
     for title, tried in zip(_titles(filters), filters, strict=True):
@@ -345,7 +357,7 @@ def _model(controller: Controller, filters: Sequence[TriedFilter]) -> JsonValues
             {
                 "title": title,
                 "parameters": tried.parameters,
-                "off": tried.switch,
+                "off": tried.values_when_off,
                 "names": tried.names,
                 "wasOn": tried.is_on,
                 "hoverRatio": hover_center_ratio(parameters, prefix) if prefix else 1.0,

@@ -110,31 +110,40 @@ def series_of(
 def _model_series(
     outputs: Sequence[str], time: Array, learned: Learned
 ) -> Iterator[tuple[str, Series]]:
-    """Yields the name and the series of each signal that a model computes.
+    """Yields each signal that a model computes from its training data, after its name, a constant of this module.
 
     Args:
-        outputs: names of the outputs.
+        outputs: names of the m outputs.
         time: times of the T training samples (T,), s.
-        learned: the learned model. Its process noise and free energy exist at some of the samples only.
+        learned: the learned model.
     """
-    samples, noise = learned.process_noise()
-    energy = learned.free_energy_of_samples
-    terms = learned.free_energy_terms_of_samples()
-    command = AxisCommand.of(learned)
-    commands = command.series(learned.record.inputs)[:, None]
+    # (T, m): the prediction of each sample from those before it.
     yield ONE_STEP, Series(time, outputs, learned.one_step())
-    yield PROCESS_NOISE, Series(time[samples], state_names(outputs, learned), noise)
-    yield FREE_ENERGY, Series(time[samples], ("free_energy",), energy[:, None])
+
+    # DEM computes time derivatives from a window of samples around each of S samples: it has no process noise and no
+    # free energy at the first and last samples of a segment.
+    process_noise = learned.process_noise()
+    window_times = time[process_noise.samples]
+    noise_names = state_names(outputs, learned)
+    yield PROCESS_NOISE, Series(window_times, noise_names, process_noise.noise)
+    free_energy = learned.free_energy_of_samples
+    yield FREE_ENERGY, Series(window_times, ("free_energy",), free_energy[:, None])
+    terms = learned.free_energy_terms_of_samples()
     if terms:
         values = np.stack(list(terms.values()), axis=1)
-        yield FREE_ENERGY_TERMS, Series(time[samples], tuple(terms), values)
-    action = np.cumsum(energy)[:, None]
-    yield FREE_ENERGY_ACTION, Series(time[samples], ("free_energy_action",), action)
-    yield COMMAND, Series(time, (command.name,), commands)
-    wind = learned.resolved_wind_torque
-    if wind is not None:
-        torque = np.stack([wind.torque, wind.band], axis=1)
-        yield WIND_TORQUE, Series(time, ("torque", "band"), torque)
+        yield FREE_ENERGY_TERMS, Series(window_times, tuple(terms), values)
+    # The free energy action is the sum of the free energy over time.
+    action = np.cumsum(free_energy)
+    yield FREE_ENERGY_ACTION, Series(window_times, ("free_energy_action",), action[:, None])
+
+    command = AxisCommand.of(learned)
+    command_values = command.series(learned.record.inputs)
+    yield COMMAND, Series(time, (command.name,), command_values[:, None])
+    wind_torque = learned.resolved_wind_torque
+    if wind_torque is not None:
+        # The band is the half width of the interval at each sample.
+        torque_and_band = np.stack([wind_torque.torque, wind_torque.band], axis=1)
+        yield WIND_TORQUE, Series(time, ("torque", "band"), torque_and_band)
 
 
 def free_energy_per_sample(learned: Learned) -> float:

@@ -1,4 +1,4 @@
-"""The gyro's notch filters whose settings a page lets one try: as logged or, if off, on the strongest vibration line.
+"""The gyro's notch filters whose settings a reader of a page can try: as logged or, if off, on a vibration line.
 
 ``NotchFilter`` of ArduPilot is set by ``INS_HNTCH_*`` and ``INS_HNTC2_*``, that of PX4 by ``IMU_GYRO_NF0_*`` and
 ``IMU_GYRO_NF1_*``. Other filters of the gyro stay as they are.
@@ -30,24 +30,35 @@ ARDUPILOT_PREFIXES = ("INS_HNTCH_", "INS_HNTC2_")
 """Beginnings of the parameters of ArduPilot's harmonic notches that are offered. The second one, which came in 4.2, is
 offered where the log has its parameters."""
 
-PX4_NOTCHES = (
-    ("IMU_GYRO_NF0_FRQ", "IMU_GYRO_NF0_BW"),
-    ("IMU_GYRO_NF1_FRQ", "IMU_GYRO_NF1_BW"),
-)
-"""Centre and bandwidth of PX4's static notches."""
 
-OLDER_PX4_NOTCH = ("IMU_GYRO_NF_FREQ", "IMU_GYRO_NF_BW")
-"""Centre and bandwidth of the one static notch that older versions of PX4 had."""
+class _NotchParameters(NamedTuple):
+    """Names of the parameters of one of PX4's static notches."""
+
+    center: str
+    """Name of the parameter for the centre, Hz; a value of 0 switches the notch off."""
+
+    bandwidth: str
+    """Name of the parameter for the bandwidth, Hz."""
+
+
+PX4_NOTCHES = (
+    _NotchParameters("IMU_GYRO_NF0_FRQ", "IMU_GYRO_NF0_BW"),
+    _NotchParameters("IMU_GYRO_NF1_FRQ", "IMU_GYRO_NF1_BW"),
+)
+"""PX4's static notches."""
+
+OLDER_PX4_NOTCH = _NotchParameters("IMU_GYRO_NF_FREQ", "IMU_GYRO_NF_BW")
+"""The one static notch that older versions of PX4 had."""
 
 
 class TriedFilter(NamedTuple):
-    """One notch filter to try."""
+    """A notch filter of the gyro whose settings a reader of the page can change, to see the effect."""
 
     parameters: Parameters
     """All its parameters as the sliders have them at first, switched on."""
 
-    switch: Mapping[str, float]
-    """The parameters that switch it off, with their values then."""
+    values_when_off: Mapping[str, float]
+    """The parameters that switch it off, with the values that do."""
 
     names: Mapping[str, str]
     """Name of the parameter of "centre", "width", "depth" and "harmonics", as far as the autopilot has it."""
@@ -76,8 +87,8 @@ def tried_filters(
     Args:
         controller: controller with the parameters of the log.
         noise: spectra of the flight, with the advised settings of a notch.
-        peaks: frequencies of the strongest lines, Hz, at least one. The n-th filter is put on the n-th line if it is
-            off.
+        peaks: frequencies of the strongest spectral lines, Hz, at least one. The n-th filter is put on the n-th line if
+            it is off.
         motor_frequencies: revolutions per second of each motor in flight; empty if they were not measured.
 
     Returns:
@@ -95,14 +106,11 @@ def tried_filters(
                 filters.append(_ardupilot_filter(logged, prefix, advised, peak, motor_frequencies))
         return tuple(filters)
     # Older versions of PX4 have a single notch, whose parameters have other names.
-    notches: Sequence[tuple[str, str]] = PX4_NOTCHES
-    first_frequency, _ = PX4_NOTCHES[0]
-    older_frequency, _ = OLDER_PX4_NOTCH
-    if first_frequency not in logged and older_frequency in logged:
+    notches: Sequence[_NotchParameters] = PX4_NOTCHES
+    if PX4_NOTCHES[0].center not in logged and OLDER_PX4_NOTCH.center in logged:
         notches = (OLDER_PX4_NOTCH,)
     for index, notch in enumerate(notches):
-        frequency, _ = notch
-        if index == 0 or frequency in logged:
+        if index == 0 or notch.center in logged:
             filters.append(_px4_filter(logged, notch, advised, _peak_for(index, peaks)))
     return tuple(filters)
 
@@ -172,7 +180,7 @@ def _ardupilot_filter(
         followed = tuple(scaled) if has_notch_for_each else (float(np.mean(scaled)),)
     return TriedFilter(
         parameters=parameters,
-        switch={enable: 0.0},
+        values_when_off={enable: 0.0},
         names={setting: f"{prefix}{ending}" for setting, ending in names.items()},
         is_on=is_on,
         is_logged=enable in logged,
@@ -182,44 +190,49 @@ def _ardupilot_filter(
 
 
 def _px4_filter(
-    logged: Parameters, pair: tuple[str, str], advised: Parameters, peak: float
+    logged: Parameters, notch: _NotchParameters, advised: Parameters, line_frequency: float
 ) -> TriedFilter:
-    """Returns one of PX4's static notches: as logged if it is on, otherwise as advised or on the line ``peak``.
+    """Returns one of PX4's static notches, with the settings that the page shows first.
+
+    They are those of the log if the notch is on there. Otherwise they are the advised ones or, if the advice sets
+    another filter, such that the notch attenuates a line of the spectrum.
 
     Args:
         logged: parameters of the log.
-        pair: names of its centre and of its bandwidth.
-        advised: parameters that the advice sets, perhaps those of the dynamic notch, which is another filter.
-        peak: frequency of a line, Hz.
+        notch: names of the notch's parameters.
+        advised: parameters that the advice sets, perhaps of another filter; empty without advice.
+        line_frequency: frequency of the spectral line, Hz.
     """
-    center_name, width_name = pair
-    is_on = logged.get(center_name, 0.0) > 0 and logged.get(width_name, 0.0) > 0
-    # Parameters are typed with three digits.
-    center_on_line = float(f"{peak:.3g}")
-    width_on_line = float(f"{RELATIVE_BANDWIDTHS[-1] * center_on_line:.2g}")
-    source = logged if is_on else advised
+    is_on = logged.get(notch.center, 0.0) > 0 and logged.get(notch.bandwidth, 0.0) > 0
+    first_settings = logged if is_on else advised
+    # Rounded to as many digits as people type.
+    center_on_line = float(f"{line_frequency:.3g}")
+    bandwidth_on_line = float(f"{RELATIVE_BANDWIDTHS[-1] * center_on_line:.2g}")
     return TriedFilter(
         parameters={
-            center_name: source.get(center_name, center_on_line),
-            width_name: source.get(width_name, width_on_line),
+            notch.center: first_settings.get(notch.center, center_on_line),
+            notch.bandwidth: first_settings.get(notch.bandwidth, bandwidth_on_line),
         },
-        switch={center_name: 0.0},
-        names={"centre": center_name, "width": width_name},
+        # PX4 has no parameter that enables a notch: a centre of 0 Hz switches it off.
+        values_when_off={notch.center: 0.0},
+        names={"centre": notch.center, "width": notch.bandwidth},
         is_on=is_on,
-        is_logged=center_name in logged,
+        is_logged=notch.center in logged,
     )
 
 
 def without_filters(controller: Controller, filters: Sequence[TriedFilter]) -> Controller:
     """Returns the controller with these filters off, and all others as they are."""
-    switched: dict[str, float] = {}
+    parameters: dict[str, float] = {}
     for tried in filters:
-        switched |= tried.switch
-    return controller.with_parameters(switched)
+        parameters |= tried.values_when_off
+    return controller.with_parameters(parameters)
 
 
 def logged_notches(controller: Controller, filters: Sequence[TriedFilter]) -> list[Notch]:
-    """Returns the notches of these filters as the log has them; those that are off there have none.
+    """Returns the notches that these filters make with the settings of the log; a filter that is off makes none.
+
+    A filter may make several notches, such as one at each harmonic of a frequency.
 
     Args:
         controller: controller with the parameters of the log.
@@ -227,18 +240,27 @@ def logged_notches(controller: Controller, filters: Sequence[TriedFilter]) -> li
     """
     notches: list[Notch] = []
     controller_without_filters = without_filters(controller, filters)
-    other_notch_count = len(controller_without_filters.notches)
     for tried in filters:
         if not tried.is_on:
             continue
         if tried.motor_frequencies:
             notches += _motor_notches(tried)
-            continue
-        # Of the filters that are tried, this controller has one. It lists the notches of that one before all others.
-        controller_with_filter = controller_without_filters.with_parameters(tried.parameters)
-        notch_count = len(controller_with_filter.notches) - other_notch_count
-        notches += controller_with_filter.notches[:notch_count]
+        else:
+            notches += _fixed_notches(tried, controller_without_filters)
     return notches
+
+
+def _fixed_notches(tried: TriedFilter, controller_without_filters: Controller) -> list[Notch]:
+    """Returns the notches of a filter at fixed frequencies: those that the controller gets when it is switched on.
+
+    Args:
+        tried: the filter, with its parameters.
+        controller_without_filters: the controller with all filters off that are tried. Others may be on.
+    """
+    controller = controller_without_filters.with_parameters(tried.parameters)
+    notch_count = len(controller.notches) - len(controller_without_filters.notches)
+    # A controller lists the notches of these filters before the others, such as those of a dynamic notch.
+    return [*controller.notches[:notch_count]]
 
 
 def _motor_notches(tried: TriedFilter) -> list[Notch]:

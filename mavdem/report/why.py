@@ -1,4 +1,4 @@
-"""Why an event is stated: the witnesses, independent measurements that confirm or contradict it, in one sentence."""
+"""The evidence for an event in one sentence: which measurements confirm it (its witnesses), and which contradict it."""
 
 from mavdem.facts import Fact
 from mavdem.report.blocks import Sentence
@@ -6,25 +6,26 @@ from mavdem.report.templates import render_section
 
 
 def why(fact: Fact) -> list[Sentence]:
-    """Returns a sentence with the witnesses of a fact, the independent measurements that it was checked against.
+    """Returns the sentence with the evidence for an event: the measurements that confirm it, then those that do not.
 
-    A witness is a fact of one sensor or another source: of a collision, for example, that the accelerometer measured a
-    shock. A fact without witnesses has no such sentence.
+    An event is checked against measurements that are independent of each other. For a collision, for example, the
+    accelerometer shows a shock, and the gyro a fast rotation. What each of them shows is a fact, called a witness.
 
     Args:
-        fact: the fact, which may have ``witnesses`` among its figures.
+        fact: the event, with its witnesses as the figure ``witnesses``, if it was checked.
 
     Returns:
-        The sentence, first the witnesses that support the fact, then those that contradict it; empty without witnesses.
+        A list with one sentence; empty if the event was not checked.
     """
     # Imported here, since pages without an event, such as that of a fleet, need nothing of it.
     from mavdem.witnesses.sensor_facts import contradicting_facts, supporting_facts
 
     witnesses = []
     for witness in fact.figures.get("witnesses", ()):
-        reported = witness.figures.get("cause")
-        # What the autopilot reports is one of its own witnesses: the fact says so itself.
-        if reported is None or reported.code is not fact.code:
+        # The autopilot may be a witness by its own message, which is then the figure "cause" of the witness. If the
+        # event itself is this message, the witness would only repeat it.
+        message = witness.figures.get("cause")
+        if message is None or message.code is not fact.code:
             witnesses.append(witness)
     return render_section(
         "why",
@@ -34,5 +35,5 @@ def why(fact: Fact) -> list[Sentence]:
 
 
 def why_text(fact: Fact) -> str:
-    """Returns the same as text with its lead, for a table; empty for a fact without witnesses."""
+    """Returns the evidence for an event as text with its lead, for a table; empty if the event was not checked."""
     return " ".join(f"{sentence.lead} {sentence.text}" for sentence in why(fact))

@@ -344,13 +344,13 @@ def _page_of(
     latest_flight: PageLink | None = None,
     saved_flight: PageLink | None = None,
 ) -> str:
-    """Returns the HTML page of a session.
+    """Returns the HTML page of a live session.
 
     Args:
-        session: the session.
-        status: its status.
-        latest_flight: the page of the flight before, if any.
-        saved_flight: the page of this session's flight in the library; None while it goes on.
+        session: the session, with the history of its flight.
+        status: the status that the page shows.
+        latest_flight: link to the page of the flight before, if any.
+        saved_flight: link to the page of this session's flight in the library; None while the session goes on.
     """
     # Sentences for a browser must not advise options of `mavdem live`, which its reader cannot give.
     with sentences_for(Medium(has_terminal=False)):
@@ -360,30 +360,32 @@ def _page_of(
             session.history,
             status,
             session.time_account(),
-            None,
-            PageLink("Flights", "/"),
-            latest_flight,
-            saved_flight,
+            learned=None,
+            back=PageLink("Flights", "/"),
+            latest_flight=latest_flight,
+            saved_flight=saved_flight,
         )
 
 
 def _finished_page(session: LiveSession, saved_flight: PageLink) -> str:
     """Returns the HTML page of a session that has ended, which links to its flight in the library.
 
-    The page shows the state when messages last came. The session itself states at its end that no messages come, which
-    is so after every flight, because the vehicle was switched off.
+    A session ends after its vehicle was switched off. Then its status says that no messages come, and that nothing can
+    be learned or watched for this reason. The stream still has the status at the last message, which tells more.
 
     Args:
         session: the session.
-        saved_flight: the page of its flight in the library.
+        saved_flight: link to the page of its flight in the library.
     """
-    latest = session.stream.status()
+    status_at_last_message = session.stream.status()
+    # The reason why no model was being learned then; if one was, that the flight is over.
+    reason = status_at_last_message.obstacle or Fact(SessionFact.FLIGHT_OVER, reason=None)
     status = replace(
         session.status,
         is_over=True,
-        obstacle=latest.obstacle or Fact(SessionFact.FLIGHT_OVER, reason=None),
-        rates=latest.rates,
-        watch_facts=latest.watch_facts,
+        obstacle=reason,
+        rates=status_at_last_message.rates,
+        watch_facts=status_at_last_message.watch_facts,
     )
     return _page_of(session, status, saved_flight=saved_flight)
 

@@ -175,17 +175,21 @@ def read_for_library(path: Path, key: str, page: object) -> LogRows:
 
 
 def publish_table(path: Path, key: str, page: object) -> LogRows:
-    """Judges the vehicles of the library again and writes the fleet's table; a ``ReadLog`` function that reads no log.
+    """Judges the vehicles of the library again and writes the fleet's table.
+
+    It reads no log, but has the arguments of a ``ReadLog`` function, so that a worker process runs it as it reads logs:
+    within limits of time and memory, and without taking processor time from the server's own process.
 
     Args:
-        path: path of the file of the server, ``FOLDER/servers/NAME``.
+        path: path of the file of the server, ``FOLDER/servers/NAME``, of which only the folder is used.
         key: not used.
         page: not used.
 
     Returns:
         No rows and no pages.
     """
-    with open_store(path.parents[1]) as store:
+    library_folder = path.parents[1]
+    with open_store(library_folder) as store:
         publish(store, assess_rows)
     return LogRows(rows=[], pages={})
 

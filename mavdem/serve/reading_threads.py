@@ -192,10 +192,13 @@ class ReadingThreads:
         Args:
             reader: reader of logs: a process of this machine, or the workers of a cluster.
         """
-        # A job opens and closes its file. When a process closes SQLite's file, POSIX drops its locks on it, so the job
-        # names the server's file instead.
-        job = Job(str(self._library.folder / SERVERS / self._library.name))
+        # A job names a file, from whose path the function finds the library's folder. It must not be the SQLite file:
+        # whatever runs a job opens and closes its file, and if a process closes a file, POSIX releases all locks that
+        # the process has on it, also those of SQLite. So the job names the small file of this server.
+        server_file = self._library.folder / SERVERS / self._library.name
+        job = Job(str(server_file))
         if self._cluster is None:
             reader.read(job, self._limits, publish_table)
         else:
+            # A cluster only reads logs: this thread writes the table itself.
             outcome_of(job, publish_table)

@@ -173,7 +173,7 @@ def test_the_page_of_a_server_advises_an_option_that_the_server_has(idle, monkey
     live, _ = idle
     slow = Fact(code, can_ask=True, reason=Fact(RowsFact.NO_LIVE_MOTORS))
     assert slow.remedy == "Ask for more with `--request-rate 100`."
-    monkeypatch.setattr(link_monitor, "live_page", lambda *_: slow.remedy)
+    monkeypatch.setattr(link_monitor, "live_page", lambda *_, **__: slow.remedy)
     session = Mock()
     session.stream.followed_vehicle = None
     session.intake.recording.frame_count = 0
