@@ -154,7 +154,7 @@ def diff_command(
     headline = headline_of_comparison(reviews, difference, parameters)
     blocks = [
         *headline,
-        *difference_blocks(difference, parameters, names_without_gains),
+        *difference_blocks(difference, parameters, names_without_gains, headline),
         *([] if difference.is_of_same_flight else headline_blocks(headlines_of_sides, headline)),
         *next_blocks(difference, reviews),
         Sentence(str(folder / PAGE_FILE), "Page:"),

@@ -10,6 +10,7 @@ from mavdem.documents.document import Document, SentenceAndFact, SentenceText
 from mavdem.fleet.difference import BaselineDifferences
 from mavdem.fleet.tracking import TrackedLogs
 from mavdem.units import (
+    Acceleration,
     AngularAcceleration,
     Number,
     ParameterValue,
@@ -74,6 +75,8 @@ class FlightConditions(Document):
     """mean pitch"""
     tilt_sd: Radians
     """standard deviation of the angle from level"""
+    vibration: Acceleration
+    """mean vibration of the first IMU along its worst axis"""
     wind_torque: dict[str, AngularAcceleration]
     """standard deviation of the wind torque, by axis"""
     step_sources: dict[str, list[str]]
@@ -95,6 +98,8 @@ class Difference(Document):
     """bound of the expected share of false ones among a family's tested changes, averaged over families with any"""
     axes_with_other_gains: list[str]
     """axes whose rate loop has other gains or filters in B: its figures are not tested"""
+    axes_with_other_attitude_gains: list[str]
+    """axes whose gain from attitude to rate differs in B: figures of the attitude loop are not tested"""
     level: float
     """level of the intervals"""
     changes: list[Change]

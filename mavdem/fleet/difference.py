@@ -15,7 +15,11 @@ from mavdem.facts.fleet import Incomparable, QuantityOutcome
 from mavdem.fleet.comparability import MissingQuantity, incomparability_reason, missing_quantities
 from mavdem.fleet.flight_conditions import Conditions, condition_allowance, mean_conditions
 from mavdem.fleet.flights import Flights, flights_of, log_row, vehicles_of
-from mavdem.fleet.parameter_changes import ParameterChange, axes_with_other_gains
+from mavdem.fleet.parameter_changes import (
+    ParameterChange,
+    axes_with_other_attitude_gains,
+    axes_with_other_gains,
+)
 from mavdem.fleet.quantities import LOOP_KINDS, SHARE, flight_estimates
 from mavdem.fleet.random_effects import (
     SD_BETWEEN_FLIGHTS,
@@ -67,6 +71,9 @@ class VehicleDifference(NamedTuple):
     axes_with_other_gains: Names = ()
     """Axes whose rate loop is known to have other gains or filters, so that its figures are not tested."""
 
+    axes_with_other_attitude_gains: Names = ()
+    """Axes whose gain from attitude to rate is known to differ, so that figures of the attitude loop are not tested."""
+
     false_discovery_rate: float = SIGNIFICANCE
     """Bound of the expected share of false alarms among a family's tested changes, averaged over families with any.
 
@@ -90,8 +97,10 @@ class VehicleDifference(NamedTuple):
         return [change for change in self.changes if change.outcome == outcome]
 
     def follows_from_gains(self, change: QuantityChange) -> bool:
-        """Returns whether a change is one of a rate loop whose gains or filters are known to differ."""
-        return follows_from_gains(change.quantity, self.axes_with_other_gains)
+        """Returns whether a change is one of a loop whose gains or filters are known to differ."""
+        return follows_from_gains(
+            change.quantity, self.axes_with_other_gains, self.axes_with_other_attitude_gains
+        )
 
     @property
     def tested(self) -> list[QuantityChange]:
@@ -151,16 +160,18 @@ def vehicle_difference(
     motors = next((row.motors for row in first_rows if row.motors), ())
     shared_names = {row.vehicle for row in first_rows if row.vehicle_basis == SYSTEM_ID_BASIS}
     axes = axes_with_other_gains(parameters)
+    attitude_axes = axes_with_other_attitude_gains(parameters)
     missing = missing_quantities(states, [estimates_before, estimates_after], incomparability)
     return VehicleDifference(
         vehicles=BeforeAfter(_vehicle_names(flights_before), _vehicle_names(flights_after)),
         shared=tuple(sorted(shared_names)),
         motors=motors,
         flights=BeforeAfter(len(flights_before), len(flights_after)),
-        changes=tuple(with_outcomes(changes, axes)),
+        changes=tuple(with_outcomes(changes, axes, attitude_axes)),
         incomparable=tuple(missing),
         conditions=BeforeAfter(conditions_before, conditions_after),
         axes_with_other_gains=axes,
+        axes_with_other_attitude_gains=attitude_axes,
     )
 
 

@@ -9,6 +9,8 @@ from mavdem.containers import Names
 from mavdem.dataset.axes import AXES
 from mavdem.fleet.flights import Flights, log_row
 from mavdem.fleet.quantities import (
+    ATTITUDE_GAIN_MARGIN,
+    ATTITUDE_PHASE_MARGIN,
     GAIN_MARGIN,
     MAX_SENSITIVITY,
     MEAN_EFFECT,
@@ -33,6 +35,8 @@ It is that of drag which acts half an arm's length above or below the centre of 
 LOOP_CHANGES_PER_LOG_EFFECT = {
     GAIN_MARGIN: 8.7,
     PHASE_MARGIN: 0.7,
+    ATTITUDE_GAIN_MARGIN: 8.7,
+    ATTITUDE_PHASE_MARGIN: 0.7,
     MAX_SENSITIVITY: 1.2,
     OVERSHOOT: 0.4,
     RISE: 1.0,
@@ -40,7 +44,8 @@ LOOP_CHANGES_PER_LOG_EFFECT = {
 """Change of a loop's figure by the logarithm of the mean effect: dB, rad, relative, fraction of the step, relative.
 
 The gain of the loop is proportional to the effect, and 1 is 8.7 dB. The crossover frequency too is about proportional
-to it, and lag and delay turn the phase there by 40° over a factor e of frequency.
+to it, and lag and delay turn the phase there by 40° over a factor e of frequency. The attitude loop, which contains
+the rate loop, changes by as much at most.
 """
 
 
@@ -61,6 +66,9 @@ class Conditions(NamedTuple):
 
     tilt_sd: float | None
     """Standard deviation of the angle from level, rad."""
+
+    vibration: float | None
+    """Mean vibration of the first IMU along the axis that vibrates most, m/s²; how a vehicle flies changes it too."""
 
     wind_torque: dict[str, float]
     """Standard deviation of the wind torque by axis, rad/s²."""
@@ -100,6 +108,9 @@ def mean_conditions(flights: Flights) -> Conditions:
         lean_roll=_mean_of_known(row.lean_roll for row in first_rows),
         lean_pitch=_mean_of_known(row.lean_pitch for row in first_rows),
         tilt_sd=_mean_of_known(row.tilt_sd for row in first_rows),
+        vibration=_mean_of_known(
+            max(row.vibration, default=None) if row.vibration else None for row in first_rows
+        ),
         wind_torque=ReadOnlyDict(wind_torques),
         step_sources=ReadOnlyDict(step_sources),
     )

@@ -10,6 +10,7 @@ from mavdem.dataset.axes import AXES
 from mavdem.fleet.comparability import STATE_NAMES
 from mavdem.ingest.telemetry import Parameters
 from mavdem.ingest.vocabulary import (
+    ATTITUDE_GAIN,
     AUTOPILOT_SET_PARAMETERS,
     AXIS_RATE_LOOP_PARAMETERS,
     CONTROL_PARAMETERS,
@@ -89,6 +90,19 @@ def axes_with_other_gains(parameters: Iterable[ParameterChange]) -> Names:
             axes.update(AXES)
         elif AXIS_RATE_LOOP_PARAMETERS.match(parameter.name):
             axes.update(named_axes)
+    return tuple(axis for axis in AXES if axis in axes)
+
+
+def axes_with_other_attitude_gains(parameters: Iterable[ParameterChange]) -> Names:
+    """Returns the axes whose gain from attitude to rate changed, "roll", "pitch" and "yaw" in this order.
+
+    Args:
+        parameters: parameters of the autopilot that changed.
+    """
+    axes: set[str] = set()
+    for parameter in parameters:
+        if ATTITUDE_GAIN.match(parameter.name):
+            axes.update(axes_of_parameter(parameter.name))
     return tuple(axis for axis in AXES if axis in axes)
 
 

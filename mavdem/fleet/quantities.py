@@ -40,14 +40,23 @@ GAIN_MARGIN = "gain margin"
 MAX_SENSITIVITY = "maximum sensitivity"
 """Maximum sensitivity Ms of the rate loop of one axis."""
 
+ATTITUDE_PHASE_MARGIN = "attitude phase margin"
+"""Phase margin of the attitude loop of one axis, rad."""
+
+ATTITUDE_GAIN_MARGIN = "attitude gain margin"
+"""Gain margin of the attitude loop of one axis, dB."""
+
 OVERSHOOT = "overshoot"
 """Overshoot of the measured rate of one axis after a step of its setpoint, as a fraction of the step."""
 
 RISE = "rise"
 """Rise time of the measured rate of one axis after a step of its setpoint, s."""
 
-LOOP_KINDS = PHASE_MARGIN, GAIN_MARGIN, MAX_SENSITIVITY, OVERSHOOT, RISE
-"""Kinds of quantities of a rate loop, which depend on the gains."""
+ATTITUDE_LOOP_KINDS = ATTITUDE_PHASE_MARGIN, ATTITUDE_GAIN_MARGIN
+"""Kinds of quantities of an attitude loop, which depend on its gain and on those of the rate loop within it."""
+
+LOOP_KINDS = PHASE_MARGIN, GAIN_MARGIN, MAX_SENSITIVITY, *ATTITUDE_LOOP_KINDS, OVERSHOOT, RISE
+"""Kinds of quantities of rate and attitude loops, which depend on the gains."""
 
 LOGARITHMIC_KINDS = SHARE, EFFECT, MEAN_EFFECT, MAX_SENSITIVITY, RISE
 """Kinds of quantities that are compared by their logarithm."""
@@ -115,6 +124,12 @@ def flight_estimates(flight: AxisRows) -> dict[Quantity, Estimate]:
             PHASE_MARGIN: estimate_from_interval(row.phase_margin, row.phase_margin_interval),
             GAIN_MARGIN: estimate_from_interval(row.gain_margin, row.gain_margin_interval),
             MAX_SENSITIVITY: log_estimate(row.ms, row.ms_interval),
+            ATTITUDE_PHASE_MARGIN: estimate_from_interval(
+                row.attitude_phase_margin, row.attitude_phase_margin_interval
+            ),
+            ATTITUDE_GAIN_MARGIN: estimate_from_interval(
+                row.attitude_gain_margin, row.attitude_gain_margin_interval
+            ),
             OVERSHOOT: estimate_from_interval(row.rate_overshoot, row.rate_overshoot_interval),
             RISE: log_estimate(row.rate_rise, row.rate_rise_interval),
         }

@@ -22,6 +22,9 @@ from mavdem.containers import group_by
 from mavdem.experiments.paired_test import SIGNIFICANCE
 from mavdem.facts.fleet import QuantityOutcome
 from mavdem.fleet.quantities import (
+    ATTITUDE_GAIN_MARGIN,
+    ATTITUDE_LOOP_KINDS,
+    ATTITUDE_PHASE_MARGIN,
     DAMPING,
     EFFECT,
     GAIN_MARGIN,
@@ -47,6 +50,8 @@ SD_BETWEEN_FLIGHTS = {
     LAG: 0.004,
     PHASE_MARGIN: 0.07,
     GAIN_MARGIN: 0.9,
+    ATTITUDE_PHASE_MARGIN: 0.07,
+    ATTITUDE_GAIN_MARGIN: 0.9,
     MAX_SENSITIVITY: 0.12,
     OVERSHOOT: 0.04,
     RISE: 0.1,
@@ -74,6 +79,8 @@ EQUIVALENCE_LIMITS = {
     LAG: 0.02,
     PHASE_MARGIN: 0.2,
     GAIN_MARGIN: 3.0,
+    ATTITUDE_PHASE_MARGIN: 0.2,
+    ATTITUDE_GAIN_MARGIN: 3.0,
     MAX_SENSITIVITY: 0.3,
     OVERSHOOT: 0.15,
     RISE: 0.3,
@@ -250,7 +257,9 @@ def variance_between_flights(kind: str, states: Sequence[StateEstimates], freedo
 
 
 def with_outcomes(
-    changes: Sequence[QuantityChange], axes_with_other_gains: Collection[str] = ()
+    changes: Sequence[QuantityChange],
+    axes_with_other_gains: Collection[str] = (),
+    axes_with_other_attitude_gains: Collection[str] = (),
 ) -> list[QuantityChange]:
     """Decides which quantities changed.
 
@@ -263,6 +272,7 @@ def with_outcomes(
     Args:
         changes: the differences with their p-values.
         axes_with_other_gains: axes whose rate loops have other gains or filters in the second state.
+        axes_with_other_attitude_gains: axes whose attitude loops have another gain, that of attitude alone.
 
     Returns:
         The changes with their outcomes, in the order of kinds, motors and axes.
@@ -270,7 +280,9 @@ def with_outcomes(
     tested = []
     changed_quantities = set()
     for change in changes:
-        if not follows_from_gains(change.quantity, axes_with_other_gains):
+        if not follows_from_gains(
+            change.quantity, axes_with_other_gains, axes_with_other_attitude_gains
+        ):
             tested.append(change)
         elif not change.interval_contains_zero:
             changed_quantities.add(change.quantity)
@@ -293,9 +305,25 @@ def with_outcomes(
     )
 
 
-def follows_from_gains(quantity: Quantity, axes_with_other_gains: Collection[str]) -> bool:
-    """Returns whether a quantity is a figure of a rate loop whose gains or filters are known to differ."""
-    return quantity.kind in LOOP_KINDS and quantity.axis in axes_with_other_gains
+def follows_from_gains(
+    quantity: Quantity,
+    axes_with_other_gains: Collection[str],
+    axes_with_other_attitude_gains: Collection[str] = (),
+) -> bool:
+    """Returns whether a quantity is a figure of a loop whose gains or filters are known to differ.
+
+    An attitude loop contains the rate loop of its axis, and so has its gains too.
+
+    Args:
+        quantity: the quantity.
+        axes_with_other_gains: axes whose rate loops have other gains or filters.
+        axes_with_other_attitude_gains: axes whose attitude loops have another gain, that of attitude alone.
+    """
+    if quantity.kind not in LOOP_KINDS:
+        return False
+    is_of_attitude = quantity.kind in ATTITUDE_LOOP_KINDS
+    is_attitude_changed = is_of_attitude and quantity.axis in axes_with_other_attitude_gains
+    return is_attitude_changed or quantity.axis in axes_with_other_gains
 
 
 def _changed_quantities(changes: Sequence[QuantityChange]) -> set[Quantity]:

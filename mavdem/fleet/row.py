@@ -36,7 +36,7 @@ from mavdem.units import (
     with_unit,
 )
 
-SCHEMA_VERSION = 11
+SCHEMA_VERSION = 12
 """Version of the columns and of what they mean: logs whose rows have another version are read again."""
 
 UNKNOWN = "unknown"
@@ -202,6 +202,14 @@ class FlightRow:
     """maximum sensitivity of the axis's rate loop"""
     ms_interval: Number = None
     """half width of the 90 % interval of ms"""
+    attitude_phase_margin: Radians = None
+    """phase margin of the axis's attitude loop"""
+    attitude_phase_margin_interval: Radians = None
+    """half width of the 90 % interval of attitude_phase_margin"""
+    attitude_gain_margin: Decibels = None
+    """gain margin of the axis's attitude loop"""
+    attitude_gain_margin_interval: Decibels = None
+    """half width of the 90 % interval of attitude_gain_margin"""
     rate_overshoot: Number = None
     """overshoot of the axis's measured rate after a step of its setpoint, as a fraction of the step"""
     rate_overshoot_interval: Number = None

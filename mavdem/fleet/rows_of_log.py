@@ -227,14 +227,16 @@ def decision_columns(decision: LoopDecision | None) -> JsonValues:
 
 
 def margin_columns(loop: Loop) -> JsonValues:
-    """Returns the columns of a rate loop's stability margins, with half widths of their 90 % intervals.
+    """Returns the columns of the stability margins of an axis, with half widths of their 90 % intervals.
 
     Args:
-        loop: an identified loop, with its margins in degrees and dB and both ends of their intervals.
+        loop: the identified loops, with their margins in degrees and dB and both ends of their intervals.
 
     Returns:
-        Phase margin, rad, gain margin, dB, and the maximum sensitivity Ms, by the names of their columns.
+        Phase margins, rad, and gain margins, dB, of the rate and the attitude loop, and the maximum sensitivity Ms of
+        the rate loop, by the names of their columns.
     """
+    attitude = loop.attitude
     return {
         "phase_margin": np.radians(loop.phase_margin),
         "phase_margin_interval": np.radians(np.ptp(loop.phase_margin_interval)) / 2,
@@ -242,6 +244,10 @@ def margin_columns(loop: Loop) -> JsonValues:
         "gain_margin_interval": np.ptp(loop.gain_margin_interval) / 2,
         "ms": loop.ms,
         "ms_interval": np.ptp(loop.ms_interval) / 2,
+        "attitude_phase_margin": np.radians(attitude.phase_margin),
+        "attitude_phase_margin_interval": np.radians(np.ptp(attitude.phase_margin_interval)) / 2,
+        "attitude_gain_margin": attitude.gain_margin,
+        "attitude_gain_margin_interval": np.ptp(attitude.gain_margin_interval) / 2,
     }
 
 

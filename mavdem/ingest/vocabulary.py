@@ -115,6 +115,9 @@ AXIS_RATE_LOOP_PARAMETERS = re.compile(
 RATE_PID_GAINS = re.compile(r"(ATC_RAT|RATE)_(RLL|PIT|YAW)_[PID]$|MC_(ROLL|PITCH|YAW)RATE_[PIDK]$")
 """Names of the gains of rate control on all axes."""
 
+ATTITUDE_GAIN = re.compile(r"ATC_ANG_(RLL|PIT|YAW)_P$|STB_(RLL|PIT|YAW)_P$|MC_(ROLL|PITCH|YAW)_P$")
+"""Names of the gains from attitude to rate."""
+
 AUTOPILOT_SET_PARAMETERS = re.compile(
     r"^(STAT_|CAL_|TC_|_HASH_CHECK|LND_FLIGHT_T|COM_FLIGHT_UUID|MOT_THST_HOVER|RC\d+_(MIN|MAX|TRIM))|"
     r"_(PRESS|TEMP|CALTEMP|DEC|TOTAL|LASTFILE|RESETS)$|(OFFS?|OFS\d?|SCAL|DIA|ODI|MOT|AHRS_TRIM)_[XYZ]$"

@@ -8,6 +8,7 @@ from types import MappingProxyType
 from typing import Any, NamedTuple
 
 from mavdem.containers import Names, group_by
+from mavdem.dataset.axes import AXES
 from mavdem.facts import Level
 from mavdem.facts.fleet import QuantityOutcome
 from mavdem.facts.lights import Light
@@ -15,6 +16,8 @@ from mavdem.fleet.comparability import STATE_NAMES
 from mavdem.fleet.difference import VehicleDifference
 from mavdem.fleet.parameter_changes import ParameterChange, axes_of_parameter
 from mavdem.fleet.quantities import (
+    ATTITUDE_GAIN_MARGIN,
+    ATTITUDE_PHASE_MARGIN,
     DAMPING,
     EFFECT,
     GAIN_MARGIN,
@@ -68,6 +71,8 @@ SHOWN_QUANTITIES = {
     PHASE_MARGIN: ShownQuantity("phase margin", degrees(1.0), "°"),
     GAIN_MARGIN: ShownQuantity("gain margin", 1.0, "dB"),
     MAX_SENSITIVITY: ShownQuantity("Ms", 1.0, ""),
+    ATTITUDE_PHASE_MARGIN: ShownQuantity("phase margin of the attitude", degrees(1.0), "°"),
+    ATTITUDE_GAIN_MARGIN: ShownQuantity("gain margin of the attitude", 1.0, "dB"),
     OVERSHOOT: ShownQuantity("overshoot of the rate", 100.0, "%"),
     RISE: ShownQuantity("rise time of the rate", 1e3, "ms"),
 }
@@ -93,6 +98,7 @@ def headline_of_comparison(
     2. The lights (judgements of one subject each, such as the motors) that are bad on one side only.
     3. Whether compared figures changed. One change is named: of a loop with a bad margin, or else the surest one.
     4. The changed gains of loops with a bad margin or a changed figure, or else all changed gains, and their effects.
+       Where no figure changed that they do not explain, they come first.
 
     Args:
         reviews: review documents of both logs, by side, "A" and "B"; of a fleet, empty.
@@ -121,17 +127,21 @@ def headline_of_comparison(
     for change in changes:
         if difference.follows_from_gains(change) and change.quantity.axis in axes_of_gains:
             effects.append(change_text(change, difference))
+    result = _result_sentences(difference, changes)
+    gain_sentences = render_section(
+        "difference_gains",
+        gains=shown_gains,
+        further_count=len(parameters) - len(shown_gains),
+        effects=effects[:MAX_HEADLINE_EFFECTS],
+        are_two_vehicles=_are_two_vehicles(difference),
+    )
+    # That no other figure changed follows what the gains explain.
+    has_named_change = bool(_changes_by_cause(difference, changes).unexplained)
+    ordered = [*result, *gain_sentences] if has_named_change else [*gain_sentences, *result]
     return [
         *(_identity_cautions(difference) if _are_two_vehicles(difference) else ()),
         *light_sentences,
-        *_result_sentences(difference, changes),
-        *render_section(
-            "difference_gains",
-            gains=shown_gains,
-            further_count=len(parameters) - len(shown_gains),
-            effects=effects[:MAX_HEADLINE_EFFECTS],
-            are_two_vehicles=_are_two_vehicles(difference),
-        ),
+        *ordered,
     ]
 
 
@@ -139,6 +149,7 @@ def difference_blocks(
     difference: VehicleDifference,
     parameters: Sequence[ParameterChange] = (),
     lacking: Names = (),
+    headline: Sequence[Sentence] = (),
 ) -> Blocks:
     """Returns sentences on the differences between two states of a vehicle, or two vehicles, with their certainty.
 
@@ -150,6 +161,7 @@ def difference_blocks(
         difference: comparison of the two states.
         parameters: parameters of the autopilot that changed.
         lacking: sides, "A" or "B", whose parameters are not known.
+        headline: the sentences that head the comparison, which are shown above: what they name is not repeated.
 
     Returns:
         The sentences.
@@ -177,7 +189,7 @@ def difference_blocks(
     )
     return [
         *(() if _are_two_vehicles(difference) else _identity_cautions(difference)),
-        *_change_sentences(difference),
+        *_change_sentences(difference, headline),
         *not_compared,
         *parameter_sentences,
         *conditions_and_method,
@@ -374,8 +386,8 @@ def _result_sentences(
 ) -> list[Sentence]:
     """Returns the result of the comparison in one sentence: the change that matters most, or that nothing changed.
 
-    If no quantity changed that the gains do not explain, a doubtful one is named: one whose own interval shows a
-    change, which the test of all quantities together does not confirm.
+    The surest doubtful change is named with it, or in its place: one whose own interval shows a change, which the test
+    of all quantities together does not confirm.
 
     Args:
         difference: comparison of two groups of flights of a vehicle, quantity by quantity.
@@ -390,6 +402,9 @@ def _result_sentences(
         change=change_text(candidates[0], difference) if candidates else "",
         further_count=len(candidates) - 1,
         is_doubtful=not unexplained,
+        doubtful=change_text(doubtful[0], difference) if unexplained and doubtful else "",
+        p=candidates[0].p if candidates else None,
+        tested_count=len(difference.tested),
         uncertain_count=outcomes[QuantityOutcome.UNCERTAIN],
         same_count=outcomes[QuantityOutcome.SAME],
         has_figures=bool(difference.changes),
@@ -406,7 +421,9 @@ def _is_doubtful(change: QuantityChange) -> bool:
     return change.outcome is QuantityOutcome.UNCERTAIN and not change.interval_contains_zero
 
 
-def _change_sentences(difference: VehicleDifference) -> list[Sentence]:
+def _change_sentences(
+    difference: VehicleDifference, headline: Sequence[Sentence] = ()
+) -> list[Sentence]:
     """Returns a sentence on all compared quantities with the same outcome, for each outcome that there is.
 
     In this order: the quantities that changed; those that changed by other gains; doubtful ones, whose own interval
@@ -415,6 +432,7 @@ def _change_sentences(difference: VehicleDifference) -> list[Sentence]:
 
     Args:
         difference: comparison of two groups of flights of a vehicle, quantity by quantity.
+        headline: sentences shown above; changes by gains that they name are left out.
     """
     doubtful = []
     uncertain = list[QuantityChange]()
@@ -426,19 +444,29 @@ def _change_sentences(difference: VehicleDifference) -> list[Sentence]:
     unexplained, by_gains = _changes_by_cause(difference, _changes_by_relevance(difference))
     # The headline names the first change, so that a single one is not repeated.
     listed_changes = unexplained if len(unexplained) > 1 else []
-    tested_count = len(difference.tested)
+    tested = difference.tested
+    surest = min(filter(_is_doubtful, tested), key=lambda change: change.p, default=None)
+    texts_above = " ".join(sentence.text for sentence in headline)
+    texts_by_gains = [change_text(change, difference) for change in by_gains]
     sentences = render_section(
         "difference_changes",
         changed=[change_text(change, difference) for change in listed_changes],
-        by_gains=[change_text(change, difference) for change in by_gains],
-        axes=difference.axes_with_other_gains,
+        by_gains=[text for text in texts_by_gains if text not in texts_above],
+        is_more=any(text in texts_above for text in texts_by_gains),
+        axes=[
+            axis
+            for axis in AXES
+            if axis in difference.axes_with_other_gains
+            or axis in difference.axes_with_other_attitude_gains
+        ],
         doubtful=doubtful,
         uncertain=[*_texts_of_equal_changes(uncertain, difference)],
         are_two_vehicles=_are_two_vehicles(difference),
         has_trims=any(change.quantity.kind == SHARE for change in difference.changes),
-        tested_count=tested_count,
-        # Probability that at least one interval misses its true value, if the figures were independent.
-        chance_of_any=1 - difference.level**tested_count,
+        tested_count=len(tested),
+        surest_p=None if surest is None else surest.p,
+        # Probability that at least one of so many independent figures has such a p-value by chance.
+        chance_of_any=None if surest is None else 1 - (1 - surest.p) ** len(tested),
     )
     return [*sentences, *same_sentences(difference.changes_with(QuantityOutcome.SAME))]
 

@@ -17,11 +17,14 @@ from mavdem.fleet.difference import vehicle_difference
 from mavdem.fleet.flight_conditions import mean_conditions
 from mavdem.fleet.parameter_changes import (
     ParameterChange,
+    axes_with_other_attitude_gains,
     axes_with_other_gains,
     changed_parameters,
     states_without_gains,
 )
 from mavdem.fleet.quantities import (
+    ATTITUDE_GAIN_MARGIN,
+    ATTITUDE_PHASE_MARGIN,
     DAMPING,
     EFFECT,
     GAIN_MARGIN,
@@ -44,6 +47,8 @@ EFFECTS = np.array([-40.0, 40.0, 41.0, -39.0])
 COLUMNS_OF_LOOPS = {
     PHASE_MARGIN: "phase_margin",
     GAIN_MARGIN: "gain_margin",
+    ATTITUDE_PHASE_MARGIN: "attitude_phase_margin",
+    ATTITUDE_GAIN_MARGIN: "attitude_gain_margin",
     MAX_SENSITIVITY: "ms",
     OVERSHOOT: "rate_overshoot",
     RISE: "rate_rise",
@@ -93,11 +98,21 @@ def flight(number, rng=None, share=0.0, effect=0.0, motor=2, **changed):
 
 
 def margins(rng):
-    """Figures of a loop of 34°, 8 dB and Ms 2, which err and differ between flights as assumed."""
-    values = {PHASE_MARGIN: 0.6, GAIN_MARGIN: 8.0, MAX_SENSITIVITY: 2.0, OVERSHOOT: 0.2, RISE: 0.05}
+    """Figures of loops of 34°, 8 dB and Ms 2, which err and differ between flights as assumed."""
+    values = {
+        PHASE_MARGIN: 0.6,
+        GAIN_MARGIN: 8.0,
+        MAX_SENSITIVITY: 2.0,
+        ATTITUDE_PHASE_MARGIN: 1.1,
+        ATTITUDE_GAIN_MARGIN: 14.0,
+        OVERSHOOT: 0.2,
+        RISE: 0.05,
+    }
     half_widths = {
         PHASE_MARGIN: 0.1,
         GAIN_MARGIN: 1.0,
+        ATTITUDE_PHASE_MARGIN: 0.1,
+        ATTITUDE_GAIN_MARGIN: 1.0,
         MAX_SENSITIVITY: 0.2,
         OVERSHOOT: 0.03,
         RISE: 0.004,
@@ -198,6 +213,17 @@ def test_limits_and_gains_of_the_attitude_change_no_rate_loop():
     changes = [ParameterChange(name, 1.0, 2.0) for name in names]
     assert axes_with_other_gains(changes[:2]) == ()
     assert axes_with_other_gains(changes) == ("pitch",)
+    assert axes_with_other_attitude_gains(changes) == ("roll", "pitch")
+    fell = {"attitude_gain_margin": 5.0, "attitude_gain_margin_interval": 0.5}
+    pairs = [(changes[:1], {"roll"}), ((), set())]
+    for parameters, axes in pairs:
+        found = vehicle_difference(flight(0), flight(1, **fell), parameters)
+        fallen = {
+            change.quantity.axis: found.follows_from_gains(change)
+            for change in found.changes_with(QuantityOutcome.CHANGED)
+            if change.quantity.kind == ATTITUDE_GAIN_MARGIN
+        }
+        assert fallen == {axis: axis in axes for axis in ("roll", "pitch")}
     limits = [
         "MC_ROLLRATE_MAX",
         "MC_YAWRAUTO_MAX",
@@ -262,6 +288,8 @@ def allowances_of_effect(ratio):
         MEAN_EFFECT: np.log(ratio),
         GAIN_MARGIN: 8.7 * np.log(ratio),
         PHASE_MARGIN: 0.7 * np.log(ratio),
+        ATTITUDE_GAIN_MARGIN: 8.7 * np.log(ratio),
+        ATTITUDE_PHASE_MARGIN: 0.7 * np.log(ratio),
         MAX_SENSITIVITY: 1.2 * np.log(ratio),
         OVERSHOOT: 0.4 * np.log(ratio),
         RISE: np.log(ratio),

@@ -21,6 +21,7 @@ from mavdem.fleet.priors import earlier_drag, earlier_flight
 from mavdem.fleet.row import FlightRow
 from mavdem.fleet.rows_of_log import rows_of_log
 from mavdem.loops.axis_loops import Loop
+from mavdem.loops.margins import OpenLoop
 from mavdem.plant import Physical
 from mavdem.wind_velocity.estimation import WindVelocity
 from mavdem.wind_velocity.vehicle_drag import Drag
@@ -63,10 +64,14 @@ def test_a_margin_is_in_radians_and_its_interval_a_half_width():
     figures = {"gain_margin": 9.0, "gain_margin_interval": (8.0, 10.0)}
     figures |= {"phase_margin": 180.0, "phase_margin_interval": (90.0, 270.0)}
     figures |= {"ms": 2.0, "ms_interval": (1.5, 2.5)}
-    columns = module.margin_columns(partial_record(Loop, **figures))
+    wider = figures | {"phase_margin": 90.0, "gain_margin_interval": (4.0, 14.0)}
+    attitude = partial_record(OpenLoop, **wider)
+    columns = module.margin_columns(partial_record(Loop, attitude=attitude, **figures))
     assert (columns["phase_margin"], columns["phase_margin_interval"]) == (np.pi, np.pi / 2)
     assert columns["gain_margin_interval"] == 1.0
     assert columns["ms_interval"] == 0.5
+    assert columns["attitude_phase_margin"] == np.pi / 2
+    assert columns["attitude_gain_margin_interval"] == 5.0
 
 
 def test_a_row_has_an_effect_and_a_wind_torque_only_where_they_are_known():

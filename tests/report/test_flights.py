@@ -188,7 +188,13 @@ def test_motors_are_not_checked_for_what_new_gains_explain():
     difference = vehicle_difference(before, after, gains)
     assert not next_blocks(difference)
     # The gains are the cause, and what follows from them is neither doubtful nor tested.
-    headline = plain_text(headline_of_comparison({}, difference, gains))
+    sentences = headline_of_comparison({}, difference, gains)
+    headline = plain_text(sentences)
+    # That no other figure changed comes after those that did, and none is named twice.
+    assert headline.index("by them") < headline.index("No compared figure changed")
+    also = plain_text(difference_blocks(difference, gains, headline=sentences))
+    assert "By the changed gains: what stands above. Settings of the control of roll and" in also
+    assert "phase margin on pitch 57" not in also
     assert "0.1 → 0.2; by them phase margin on pitch 57 → 17°" in headline
     assert "No compared figure changed, but for what other gains explain." in headline
     assert "Doubtful" not in plain_text(difference_blocks(difference, gains))

@@ -91,6 +91,7 @@ def comparison_page(
         side: _legend_name(side, name, review)
         for (side, review), name in zip(sides.items(), names, strict=True)
     }
+    headline = headline_of_comparison(sides, difference, parameters)
     steps_of_axes = {}
     for axis in AXES:
         charts = tuple(_step_charts(sides, legend, axis))
@@ -114,9 +115,10 @@ def comparison_page(
             "Vibration and wind", "wind: 90 % interval", [_vibration_row(sides), *_wind_rows(sides)]
         ),
         _table_chapter("Parameters", change_header, changes),
-        Chapter("In words", difference_blocks(difference, parameters, lacking), folded=True),
+        Chapter(
+            "In words", difference_blocks(difference, parameters, lacking, headline), folded=True
+        ),
     ]
-    headline = headline_of_comparison(sides, difference, parameters)
     summary: Blocks = []
     for sentence in headline:
         summary.append(headline_sentence(f"{sentence.lead} {sentence.text}".strip()))
@@ -324,7 +326,10 @@ def _trim_chart(sides: Reviews, legend: Mapping[str, str], difference: VehicleDi
 
 
 def _vibration_row(sides: Reviews) -> list[str]:
-    """Returns the row of a table with the mean vibration in flight, m/s², of the axis that vibrates most.
+    """Returns the row of a table with the mean vibration in flight, m/s², of the IMU and axis that vibrate most.
+
+    It is what the light of the vibration states, of all IMUs. Where either log has no such light, it is of the first
+    IMU in both.
 
     Args:
         sides: review documents of both logs, by side.
@@ -332,10 +337,13 @@ def _vibration_row(sides: Reviews) -> list[str]:
     Returns:
         The name of the figure, and one cell for each side; a dash if the vibration was not recorded.
     """
-    row = ["vibration (m/s²)"]
+    levels = [value_at(review, "lights.vibration.figures.vibration") for review in sides.values()]
+    if None not in levels:
+        return ["vibration of the worst IMU (m/s²)", *map(rounded, levels)]
+    row = ["vibration of IMU 1 (m/s²)"]
     for review in sides.values():
-        levels = value_at(review, "condition.vibration.level")
-        row.append(rounded(max(levels)) if levels else UNKNOWN_FIGURE)
+        levels_of_axes = value_at(review, "condition.vibration.level")
+        row.append(rounded(max(levels_of_axes)) if levels_of_axes else UNKNOWN_FIGURE)
     return row
 
 
