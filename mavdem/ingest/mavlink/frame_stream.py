@@ -1,4 +1,4 @@
-"""Recorded streams of MAVLink frames: their receive times, and joining the frames of several channels."""
+"""Recorded streams of MAVLink frames: their receive times, and merging the frames of several recorded channels."""
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -74,8 +74,8 @@ def receive_interval(stream: FrameStream) -> Interval:
     """Returns the first and the last receive stamp of a recording.
 
     Stamps far from the running median are left out: they are damaged, or from a computer clock that was not yet set.
-    A long recording is read in parts, to bound the memory. The last stamps of a part are judged with the next part,
-    since the window of the median reaches to later stamps too.
+    A long recording is read block by block, to bound the memory. The last stamps of a block are checked with the next
+    block, since the window of the median reaches to later stamps too.
 
     Args:
         stream: The recording.
@@ -83,74 +83,81 @@ def receive_interval(stream: FrameStream) -> Interval:
     Returns:
         The first and the last receive stamp, UNIX s; NaN where there is none.
     """
+    half_window = STAMP_WINDOW // 2
     first_stamps, last_stamps = [], []
-    margin = STAMP_WINDOW // 2
+    # Stamps in memory, s: the last ones of the block before, and those of this block.
     seconds = np.empty(0)
-    # How many of the first values of ``seconds`` were judged in the part before, and are kept only for the median.
-    compared_frames = 0
+    # Number of them that were checked with the block before, and only serve for the median.
+    checked_count = 0
     for first_row in range(0, len(stream.frames), STAMPS_AT_ONCE):
         end_row = first_row + STAMPS_AT_ONCE
         stamps = stream.receive_stamps(slice(first_row, end_row))
         seconds = np.concatenate([seconds, stamps[stamps > 0] / MICROSECONDS])
-        end = len(seconds)
-        if end_row < len(stream.frames):
-            end = max(end - margin, compared_frames)
+        is_last_block = end_row >= len(stream.frames)
+        check_end = len(seconds)
+        if not is_last_block:
+            check_end = max(check_end - half_window, checked_count)
         is_outlier = deviates_from_median(seconds, STAMP_WINDOW, MAX_STAMP_JUMP)
-        trusted_seconds = seconds[compared_frames:end][~is_outlier[compared_frames:end]]
+        checked_now = slice(checked_count, check_end)
+        trusted_seconds = seconds[checked_now][~is_outlier[checked_now]]
         if len(trusted_seconds):
             first_stamps.append(float(trusted_seconds.min()))
             last_stamps.append(float(trusted_seconds.max()))
-        first_kept = max(end - margin, 0)
+        # The next block needs half a window of checked stamps, and those that are not checked yet.
+        first_kept = max(check_end - half_window, 0)
         seconds = seconds[first_kept:]
-        compared_frames = end - first_kept
+        checked_count = check_end - first_kept
     if not first_stamps:
         return np.nan, np.nan
     return min(first_stamps), max(last_stamps)
 
 
-class RecordingPart(NamedTuple):
-    """Some of the frames of a recording, N of them, such as those of one channel."""
+class ChannelFrames(NamedTuple):
+    """The N frames in one channel of a recording, or in several channels that were merged."""
 
     data: Bytes
     """The bytes with the frames."""
     frames: Frames
     """The frames (N,)."""
-    position: Offsets
+    message_number: Offsets
     """Number of the recording's message in which each frame begins (N,)."""
     log_time: NDArray[np.uint64]
     """When that message was recorded (N,), UNIX ns."""
 
 
-def joined_parts(parts: Sequence[RecordingPart]) -> RecordingPart:
-    """Joins parts of a recording into one whose frames and bytes are in the order of the recording.
+def merged_channels(channels: Sequence[ChannelFrames]) -> ChannelFrames:
+    """Merges the frames of several channels of a recording, in the order in which they were recorded.
 
-    A recording may have frames in several channels, which are read one by one as parts. Here they are merged by the
-    number of the recorded message in which each frame begins. The bytes of the frames are copied in that order, without
-    the bytes between them, and the frames get new offsets.
+    The order follows from the number of the recorded message in which each frame begins. The bytes of the frames are
+    copied in that order, without bytes that belong to no frame, so that each frame gets a new offset.
 
     Args:
-        parts: The parts, at least one. A single one is returned as it is.
+        channels: The frames of each channel, of at least one. A single one is returned as it is.
 
     Returns:
-        The joined part.
+        The merged frames, with their bytes.
     """
-    if len(parts) == 1:
-        return parts[0]
-    positions = np.concatenate([part.position for part in parts])
-    log_times = np.concatenate([part.log_time for part in parts])
-    frames = concatenated_frames([part.frames for part in parts])
-    part_numbers = np.repeat(np.arange(len(parts)), [len(part.frames) for part in parts])
-    order = np.argsort(positions, kind="stable")
+    if len(channels) == 1:
+        return channels[0]
+    message_numbers = np.concatenate([channel.message_number for channel in channels])
+    log_times = np.concatenate([channel.log_time for channel in channels])
+    frames = concatenated_frames([channel.frames for channel in channels])
+    frame_counts = [len(channel.frames) for channel in channels]
+    channel_of_frame = np.repeat(np.arange(len(channels)), frame_counts)
+    order = np.argsort(message_numbers, kind="stable")
     frames = frames[order]
     # NumPy's views of the memory, whose slices are cheaper than those of arrays.
-    contents = [part.data.data for part in parts]
-    data = bytearray()
-    for part_number, start, end in zip(
-        part_numbers[order].tolist(), frames.start.tolist(), frames.end.tolist(), strict=True
+    contents = [channel.data.data for channel in channels]
+    merged_data = bytearray()
+    for channel_number, start, end in zip(
+        channel_of_frame[order].tolist(), frames.start.tolist(), frames.end.tolist(), strict=True
     ):
-        data += contents[part_number][start:end]
-    ends = np.cumsum(frames.size, dtype=np.int64)
-    frames = replace(frames, start=ends - frames.size)
-    return RecordingPart(
-        np.frombuffer(data, dtype=np.uint8), frames, positions[order], log_times[order]
+        merged_data += contents[channel_number][start:end]
+    new_ends = np.cumsum(frames.size, dtype=np.int64)
+    frames = replace(frames, start=new_ends - frames.size)
+    return ChannelFrames(
+        np.frombuffer(merged_data, dtype=np.uint8),
+        frames,
+        message_numbers[order],
+        log_times[order],
     )

@@ -184,12 +184,12 @@ def find_frames(data: Bytes, crc_extras: CrcExtras, gap: int = 0) -> Frames:
     another, or the stream ends, which is hardly ever chance; an isolated one has a matching checksum only. In each
     block:
 
-    1. Linked frames are accepted, so that all bytes up to the end of the last one can be decided.
+    1. Linked frames are accepted. All bytes up to the end of the last one can then be assigned to a frame or skipped.
     2. Frames whose checksum cannot match, of unknown messages or damaged, are accepted where a chain of them fills the
        space between two linked frames exactly.
-    3. Isolated frames are accepted where they fit into what is then left.
+    3. Isolated frames are accepted where they fit into the space that is then free.
 
-    Isolated candidates after the last linked frame wait for a later block, whose linked frames may rule them out.
+    Isolated frames after the last linked frame wait for a later block, whose linked frames may rule them out.
 
     ``tests/ingest/test_framing.py`` compares the frames with those that pymavlink finds, also in damaged streams.
 
@@ -202,33 +202,36 @@ def find_frames(data: Bytes, crc_extras: CrcExtras, gap: int = 0) -> Frames:
         The frames in stream order; they do not overlap.
     """
     size = len(data)
-    # All bytes before this offset are decided.
-    decided_end = 0
-    decided_frames = _FrameColumns()
-    # Isolated frames of earlier blocks that begin after the decided bytes.
-    undecided_isolated: list[Frames] = []
+    # All bytes before this offset are assigned to a frame or skipped.
+    assigned_end = 0
+    found_frames = _FrameColumns()
+    # Isolated frames of earlier blocks that begin after the assigned bytes.
+    waiting_isolated: list[Frames] = []
     for block_start in range(0, max(size, 1), SCANNED_BYTES):
         block_end = min(block_start + SCANNED_BYTES, size)
         block = _FrameBlock(data, block_start, block_end, gap, crc_extras)
-        linked = _without_overlaps(block.linked_frames(), decided_end)
+        linked = _without_overlaps(block.linked_frames(), assigned_end)
         if len(linked) or block_end == size:
+            # The bytes up to this offset are assigned now.
             new_end = size if block_end == size else int(linked.end[-1])
-            filling = _filling_frames(data, linked, decided_end, new_end, gap, crc_extras)
+            filling = _frames_between_linked(data, linked, assigned_end, new_end, gap, crc_extras)
             accepted = _in_stream_order([linked, filling])
             isolated = []
-            for frames in undecided_isolated:
-                fits = _fits_between(frames.start, frames.end, accepted, decided_end, new_end)
+            for frames in waiting_isolated:
+                fits = _lies_in_free_space(
+                    frames.start, frames.end, accepted, assigned_end, new_end
+                )
                 isolated.append(frames[fits])
-            fits = _fits_between(block.start, block.end, accepted, decided_end, new_end)
+            fits = _lies_in_free_space(block.start, block.end, accepted, assigned_end, new_end)
             isolated.append(block.isolated_frames(fits))
-            accepted_isolated = _without_overlaps(_in_stream_order(isolated), decided_end)
-            decided_frames.add(_in_stream_order([accepted, accepted_isolated]))
-            decided_end = new_end
-            undecided_isolated = []
-        undecided_isolated.append(block.isolated_frames(block.start >= decided_end))
+            accepted_isolated = _without_overlaps(_in_stream_order(isolated), assigned_end)
+            found_frames.add(_in_stream_order([accepted, accepted_isolated]))
+            assigned_end = new_end
+            waiting_isolated = []
+        waiting_isolated.append(block.isolated_frames(block.start >= assigned_end))
         if block_end % RESIDENT_BYTES == 0:
             release_pages(data)
-    return decided_frames.frames()
+    return found_frames.frames()
 
 
 class _FrameBlock:
@@ -412,38 +415,37 @@ def _without_overlaps(frames: Frames, free_start: int) -> Frames:
     return frames[is_accepted]
 
 
-def _filling_frames(
-    data: Bytes, linked: Frames, decided_end: int, new_end: int, gap: int, crc_extras: CrcExtras
+def _frames_between_linked(
+    data: Bytes, linked: Frames, space_start: int, space_end: int, gap: int, crc_extras: CrcExtras
 ) -> Frames:
-    """Finds the frames that exactly fill a space before or between linked frames, or after them at the stream's end.
+    """Finds frames without a matching checksum in the spaces before, between and after linked frames.
 
-    A linked frame has a matching checksum, and the marker of a frame after it. The checksums of the frames between do
-    not match: they are of unknown messages, or damaged. A single marker byte would prove nothing, but a chain of
-    headers whose lengths lead exactly to the next linked frame is hardly ever chance.
+    A linked frame has a matching checksum, and the marker of a frame after it. The frames in the spaces are of unknown
+    messages, or damaged. A single marker byte would prove nothing, but a chain of headers whose lengths lead exactly to
+    the next linked frame is hardly ever chance. So a space has frames only if such a chain fills it.
 
     Args:
         data: Bytes (B,) of the stream.
-        linked: Linked frames, in stream order.
-        decided_end: Offset before which all bytes are assigned to a frame or skipped.
-        new_end: Offset up to which bytes are assigned now: the end of the last linked frame, or that of the stream.
+        linked: The L linked frames, in stream order.
+        space_start: Offset at which the first space begins.
+        space_end: Offset at which the last one ends: the end of the last linked frame, or of the stream.
         gap: Number of bytes between one frame and the next: those of a time stamp in a telemetry log, otherwise 0.
         crc_extras: CRC_EXTRA by message id, -1 for none.
 
     Returns:
-        The frames, with the state of their checksums.
+        The frames, in stream order, with the checksum ``MESSAGE_UNKNOWN`` or ``CHECKSUM_FAILED``.
     """
-    # L linked frames have L + 1 spaces before, between and after them. A frame in a space begins ``gap`` bytes, those
-    # of a time stamp, after the frame before it.
-    space_start = np.concatenate([[decided_end], linked.end]) + gap
-    is_end_of_stream = new_end == len(data)
-    # Unless the stream ends here, the space after the last linked frame is left to the next block: an end of 0 makes it
-    # empty.
-    space_end = np.append(linked.start, len(data) + gap if is_end_of_stream else 0)
+    # The first frame of each of the L + 1 spaces would begin here.
+    first_starts = np.concatenate([[space_start], linked.end]) + gap
+    # A chain must lead to the next linked frame. In the last space it must lead to the end of the stream; if the stream
+    # goes on, that space is left to the next block, and the offset 0 makes it empty.
+    is_end_of_stream = space_end == len(data)
+    next_starts = np.append(linked.start, len(data) + gap if is_end_of_stream else 0)
     # NumPy's view of the memory, whose slices are cheaper than those of the array.
     content = data.data
     frame_starts = array("q")
-    for row in np.flatnonzero(space_end > space_start).tolist():
-        chain = _starts_of_chain(content, int(space_start[row]), int(space_end[row]), gap)
+    for space in np.flatnonzero(next_starts > first_starts).tolist():
+        chain = _starts_of_chain(content, int(first_starts[space]), int(next_starts[space]), gap)
         frame_starts.extend(chain)
     frames = frames_at(data, np.frombuffer(frame_starts, dtype=np.int64))
     is_unknown = crc_extras.take(frames.message_id, mode="clip") < 0
@@ -451,32 +453,36 @@ def _filling_frames(
     return frames[frames.end <= len(data)]
 
 
-def _starts_of_chain(content: memoryview, offset: int, goal: int, gap: int) -> Sequence[int]:
-    """Follows frames by the lengths in their headers, each to the next, up to the next linked frame.
+def _starts_of_chain(
+    content: memoryview, first_start: int, next_start: int, gap: int
+) -> Sequence[int]:
+    """Follows frames by the lengths in their headers, each to the next, up to a frame that is known to be one.
 
-    A linked frame has a matching checksum, and the marker of a frame after it. If the lengths lead exactly to one, the
-    frames on the way are accepted too. After the last linked frame, the chain must continue until the stream ends,
-    which may cut off its last frame.
+    If the lengths lead exactly to the known frame, the frames on the way are real; otherwise the bytes only looked like
+    headers. If no known frame follows in the stream, the lengths must lead to the stream's end, which may cut off the
+    last frame.
 
     Args:
         content: The stream.
-        offset: Offset of the first frame.
-        goal: Offset of the next linked frame; after the last linked one, an offset beyond the stream.
+        first_start: Offset of the first frame.
+        next_start: Offset of the known frame; an offset beyond the stream if none follows.
         gap: Number of bytes between one frame and the next.
 
     Returns:
-        The offset of each frame of the chain; none if the lengths do not lead to the goal or the stream's end.
+        The offset of each frame on the way; none if the lengths lead elsewhere.
     """
     starts = array("q")
     size = len(content)
-    while offset < goal and offset + LENGTH_FIELDS_BYTES <= size:
+    offset = first_start
+    while offset < next_start and offset + LENGTH_FIELDS_BYTES <= size:
         length = frame_length(*content[offset : offset + LENGTH_FIELDS_BYTES])
         if length is None:
             break
         starts.append(offset)
         offset += length + gap
-    is_cut_off = goal > size and offset + LENGTH_FIELDS_BYTES > size
-    if offset == goal or is_cut_off:
+    has_reached_known_frame = offset == next_start
+    has_reached_end = next_start > size and offset + LENGTH_FIELDS_BYTES > size
+    if has_reached_known_frame or has_reached_end:
         return starts
     return array("q")
 
@@ -500,10 +506,10 @@ def frame_length(marker: int, payload_length: int, flags: int) -> int | None:
     return None
 
 
-def _fits_between(
-    start: Offsets, end: Offsets, accepted: Frames, decided_end: int, new_end: int
+def _lies_in_free_space(
+    start: Offsets, end: Offsets, accepted: Frames, first_offset: int, end_offset: int
 ) -> Flags:
-    """Flags frames that overlap no accepted frame and lie between two offsets.
+    """Flags the frames between two offsets that overlap no accepted frame.
 
     The A accepted frames leave A + 1 spaces free: before the first, between each two, and after the last. For each
     frame the space in which it begins is looked up; the frame fits if it also ends within that space.
@@ -511,18 +517,18 @@ def _fits_between(
     Args:
         start: Offset (N,) of each frame's marker.
         end: Offset (N,) after each frame.
-        accepted: Accepted frames in stream order.
-        decided_end: Offset before which no frame may begin.
-        new_end: Offset after which no frame may end.
+        accepted: The A accepted frames in stream order.
+        first_offset: Offset at which the first space begins.
+        end_offset: Offset at which the last space ends.
 
     Returns:
         Flags (N,).
     """
-    # The row of the first accepted frame that begins later, which is also the number of the free space before it.
-    next_rows = np.searchsorted(accepted.start, start, side="right")
-    free_start = np.concatenate([[decided_end], accepted.end])[next_rows]
-    free_end = np.append(accepted.start, new_end)[next_rows]
-    return (start >= free_start) & (end <= free_end)
+    # The number of accepted frames that begin before a frame is the index of the space after the last of them.
+    space_index = np.searchsorted(accepted.start, start, side="right")
+    space_start = np.concatenate([[first_offset], accepted.end])[space_index]
+    space_end = np.append(accepted.start, end_offset)[space_index]
+    return (start >= space_start) & (end <= space_end)
 
 
 def _in_stream_order(tables: list[Frames]) -> Frames:

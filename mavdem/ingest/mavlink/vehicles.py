@@ -187,18 +187,17 @@ def _stream_repairs(stream: FrameStream, unread: Sequence[UnreadFrames]) -> Fact
     """Reports what was repaired or left out of a stream, for all its vehicles.
 
     Args:
-        stream: The recording, with the repairs of its framing.
-        unread: Frames that could not be read, with the cause.
+        stream: The recording, with the repairs that were made when its frames were found.
+        unread: Numbers of frames that could not be read, by message and sender, with the cause.
 
     Returns:
-        A repair for each cause for which frames were left out, and one for bytes outside frames.
+        A fact for each cause for which frames were left out, and one for bytes outside frames.
     """
     repairs = stream.repairs
     for cause in (Flaw.DAMAGE, Flaw.ANOTHER_DIALECT):
-        count = sum(kind.frames for kind in unread if kind.cause is cause)
+        count = sum(message.frames for message in unread if message.cause is cause)
         repairs += repair_facts(Repair.FRAMES_LEFT_OUT, count=count, flaw=cause)
-    skipped_bytes = stream.bytes_skipped
-    return repairs + repair_facts(Repair.BYTES_SKIPPED, count=skipped_bytes, part="frame")
+    return repairs + repair_facts(Repair.BYTES_SKIPPED, count=stream.bytes_skipped, part="frame")
 
 
 # A sender's system and component id are packed into one number, so that frames can be sorted by sender.
@@ -219,14 +218,14 @@ def _sender_ids(frames: Frames) -> NDArray[np.uint16]:
 
 
 def _matching_frames(frames: Frames, sender_ids: NDArray[np.uint16]) -> dict[int, OffsetsByMessage]:
-    """Groups the frames whose checksum matches by sender and message.
+    """Groups the frames with a matching checksum by sender, and the frames of each sender by message.
 
     Args:
         frames: Frames (N,) in stream order.
-        sender_ids: Packed sender of each (N,).
+        sender_ids: Sender (N,) of each: system id << 8 | component id.
 
     Returns:
-        Offsets of the frames by packed sender, ascending, and message id.
+        For each sender, ascending, a mapping of message id to the offsets (n,) of its frames in the stream.
     """
     frames_of_senders: dict[int, OffsetsByMessage] = {}
     for sender_id, rows in rows_by_value(sender_ids).items():
@@ -411,10 +410,10 @@ def vehicle_identity(heartbeats: Columns) -> VehicleIdentity:
     """
     votes = np.bincount(heartbeats["type"]).astype(np.float64)
     votes[mavlink_constant("MAV_TYPE_GENERIC")] *= GENERIC_WEIGHT
-    kind = int(votes.argmax())
-    autopilots = heartbeats["autopilot"][heartbeats["type"] == kind]
+    mav_type = int(votes.argmax())
+    autopilots = heartbeats["autopilot"][heartbeats["type"] == mav_type]
     autopilot = int(np.bincount(autopilots).argmax())
-    return VehicleIdentity(enum_name("MAV_TYPE", kind), enum_name("MAV_AUTOPILOT", autopilot))
+    return VehicleIdentity(enum_name("MAV_TYPE", mav_type), enum_name("MAV_AUTOPILOT", autopilot))
 
 
 def _messages(
@@ -471,14 +470,15 @@ def _messages(
 def _blocks_of_other_recordings(
     stream: FrameStream, message_stamps: Sequence[MessageStamps]
 ) -> list[LeftOutBlock]:
-    """Finds the parts of a component's stream that do not follow the vehicle's boot clock.
+    """Finds the blocks of a component's stream whose messages do not follow its boot clock.
 
-    Time that goes back is a reboot only if the clock begins near zero, or if by the reception times it restarted while
-    nothing was received. Otherwise the messages are of another sender, or of an older recording.
+    They are of another sender, or of an older recording. Only one message type is examined, the reference, by its
+    stamps. Where its clock goes back, the autopilot has rebooted only if the clock begins near zero, or if by the
+    reception times it started again after the messages before; otherwise the messages are of another recording.
 
     Args:
         stream: The recording.
-        message_stamps: The component's messages by type.
+        message_stamps: The component's messages by type, with their stamps.
 
     Returns:
         The blocks to leave out, in the order of the stream.
@@ -487,16 +487,19 @@ def _blocks_of_other_recordings(
     if reference is None:
         return []
     positions, seconds = stamped_messages(reference)
-    if not (np.diff(seconds) < -STREAM_RULES.max_fall).any():
+    goes_back = np.diff(seconds) < -STREAM_RULES.max_fall
+    if not goes_back.any():
         return []
     frame_rows = np.searchsorted(stream.frames.start, positions)
-    receive_stamps = stream.receive_stamps(frame_rows).astype(np.float64) / MICROSECONDS
-    is_received = receive_stamps > 0
-    utc_at_boot = (receive_stamps - seconds)[is_received]
+    receive_time = stream.receive_stamps(frame_rows).astype(np.float64) / MICROSECONDS
+    has_receive_time = receive_time > 0
+    # By the clock of the receiver, the boot clock read 0 at this UTC. It changes when the autopilot reboots.
+    utc_at_boot = receive_time - seconds
+    log_starts = np.zeros(0, dtype=np.int64)
     return blocks_of_other_recordings(
         StampedMessages(positions, seconds),
-        np.zeros(0, dtype=np.int64),
-        BootTimesInUtc(positions[is_received], utc_at_boot),
+        log_starts,
+        BootTimesInUtc(positions[has_receive_time], utc_at_boot[has_receive_time]),
         STREAM_RULES,
     )
 

@@ -23,7 +23,7 @@ from mavdem.facts.sources import Flaw, Repair, SourceFact
 from mavdem.files import PathName
 from mavdem.ingest.contents import file_bytes
 from mavdem.ingest.mavlink.dialect import crc_extra_table, definitions_by_name
-from mavdem.ingest.mavlink.frame_stream import FrameStream, RecordingPart, joined_parts
+from mavdem.ingest.mavlink.frame_stream import ChannelFrames, FrameStream, merged_channels
 from mavdem.ingest.mavlink.framing import CHECKSUM_MATCHES, MARKERS, find_frames
 from mavdem.ingest.mavlink.payloads import FrameSender, encode_frame
 from mavdem.ingest.mavlink.sequence_counters import SEQUENCE_NUMBERS
@@ -100,10 +100,10 @@ def mcap_stream(path: PathName) -> FrameStream:
     return _stream(os.fspath(path), McapRecording(file_bytes(path)))
 
 
-class _StreamPiece(NamedTuple):
-    """A message of a recording that holds a piece of a stream of frames: a frame, several, or a part of one."""
+class _RecordedBytes(NamedTuple):
+    """A message of a recording whose bytes are MAVLink: a frame, several frames, or a piece of one."""
 
-    position: int
+    message_number: int
     """Number of the message in the recording."""
     log_time: int
     """When it was recorded, UNIX ns."""
@@ -128,35 +128,36 @@ def _stream(source: str, recording: McapRecording) -> FrameStream:
     Raises:
         Unreadable: There is no MAVLink.
     """
-    # This reads the whole recording, so that its channels are known below. Bytes that belong to no frame, in channels
-    # that carry frames, count as skipped.
-    parts = [_recording_part(pieces) for pieces in _pieces_by_channel(recording)]
-    skipped_bytes = sum(len(part.data) - int(part.frames.size.sum()) for part in parts)
-    frame_senders = _senders_in(parts)
+    # This reads the whole recording, so that its channels are known below.
+    channels = [_frames_of_channel(messages) for messages in _messages_by_channel(recording)]
+    # Bytes that belong to no frame, in channels that carry frames.
+    skipped_bytes = sum(len(channel.data) - int(channel.frames.size.sum()) for channel in channels)
+    frame_senders = _senders_in(channels)
     json_topics = {
-        channel: topic
-        for channel, topic in _json_topics(recording).items()
+        number: topic
+        for number, topic in _json_topics(recording).items()
         if topic.sender not in frame_senders
     }
     repairs = recording.repairs()
     unread_messages = 0
     if json_topics:
-        json_part, unread_messages, json_repairs = _json_part(recording.content, json_topics)
-        parts.append(json_part)
-        repairs += json_repairs
-    if not any((part.frames.checksum == CHECKSUM_MATCHES).any() for part in parts):
-        candidates = unread_messages + sum(len(part.frames) for part in parts)
-        raise Unreadable(_no_mavlink_fact(source, recording, candidates))
-    part = joined_parts(parts)
-    stamps = part.log_time // np.uint64(NANOSECONDS_PER_MICROSECOND)
+        json_messages = _frames_of_json(recording.content, json_topics)
+        channels.append(json_messages.frames)
+        unread_messages = json_messages.unreadable_count
+        repairs += json_messages.repairs
+    if not any((channel.frames.checksum == CHECKSUM_MATCHES).any() for channel in channels):
+        similar_messages = unread_messages + sum(len(channel.frames) for channel in channels)
+        raise Unreadable(_no_mavlink_fact(source, recording, similar_messages))
+    merged = merged_channels(channels)
+    stamps = merged.log_time // np.uint64(NANOSECONDS_PER_MICROSECOND)
     if flight_topics(recording):
         repairs += repair_facts(Repair.TOPICS_NOT_READ, name="ros2")
     return FrameStream(
-        source, ".mcap", part.data, part.frames, stamps.__getitem__, skipped_bytes, repairs
+        source, ".mcap", merged.data, merged.frames, stamps.__getitem__, skipped_bytes, repairs
     )
 
 
-def _pieces_by_channel(recording: McapRecording) -> list[list[_StreamPiece]]:
+def _messages_by_channel(recording: McapRecording) -> list[list[_RecordedBytes]]:
     """Returns the messages of each channel that carries MAVLink frames.
 
     The first message of a channel shows whether it does. Each channel is a separate stream of bytes: a frame may be
@@ -166,22 +167,22 @@ def _pieces_by_channel(recording: McapRecording) -> list[list[_StreamPiece]]:
         recording: The recording; this call reads it, after which its channels are known.
 
     Returns:
-        For each such channel its messages, with their position in the recording, in the order of the file.
+        For each such channel its messages, in the order of the file.
     """
-    pieces_of_channel: dict[int, list[_StreamPiece]] = {}
+    messages_of_channel: dict[int, list[_RecordedBytes]] = {}
     other_channels = set()
-    for position, message in enumerate(recording.messages()):
-        number = message.channel_id
-        if number in other_channels:
+    for message_number, message in enumerate(recording.messages()):
+        channel = message.channel_id
+        if channel in other_channels:
             continue
-        if number not in pieces_of_channel:
-            if not _carries_frames(recording.channels[number], message.data):
-                other_channels.add(number)
+        if channel not in messages_of_channel:
+            if not _carries_frames(recording.channels[channel], message.data):
+                other_channels.add(channel)
                 continue
-            pieces_of_channel[number] = []
-        piece = _StreamPiece(position, message.log_time, message.data)
-        pieces_of_channel[number].append(piece)
-    return list(pieces_of_channel.values())
+            messages_of_channel[channel] = []
+        recorded = _RecordedBytes(message_number, message.log_time, message.data)
+        messages_of_channel[channel].append(recorded)
+    return list(messages_of_channel.values())
 
 
 def _carries_frames(channel: Channel, first_message: bytes) -> bool:
@@ -193,37 +194,37 @@ def _carries_frames(channel: Channel, first_message: bytes) -> bool:
     return first_message.startswith(MARKERS)
 
 
-def _recording_part(pieces: Sequence[_StreamPiece]) -> RecordingPart:
-    """Finds the frames in the pieces of one stream.
+def _frames_of_channel(messages: Sequence[_RecordedBytes]) -> ChannelFrames:
+    """Finds the frames in the messages of one channel.
 
-    Pieces are joined before frames are searched, so that a frame that was split over two messages is found too. It gets
-    position and time of the message in which it begins.
+    The bytes of all messages are joined first, so that a frame that was split over two messages is found too. It gets
+    the number and the time of the message in which it begins.
 
     Args:
-        pieces: The messages of one channel, in the order of the file.
+        messages: The messages of the channel, in the order of the file.
 
     Returns:
-        The bytes, the frames, and for each frame position and time (ns).
+        The joined bytes, the frames (N,), and for each frame the number of its message and the time, UNIX ns.
     """
-    data = np.frombuffer(b"".join(piece.data for piece in pieces), dtype=np.uint8)
-    piece_ends = np.cumsum([len(piece.data) for piece in pieces], dtype=np.int64)
+    data = np.frombuffer(b"".join(message.data for message in messages), dtype=np.uint8)
+    message_ends = np.cumsum([len(message.data) for message in messages], dtype=np.int64)
     frames = find_frames(data, crc_extra_table())
-    piece_of_frame = np.searchsorted(piece_ends, frames.start, side="right")
-    positions = np.array([piece.position for piece in pieces], dtype=np.int64)
-    times = np.array([piece.log_time for piece in pieces], dtype=np.uint64)
-    return RecordingPart(data, frames, positions[piece_of_frame], times[piece_of_frame])
+    message_of_frame = np.searchsorted(message_ends, frames.start, side="right")
+    numbers = np.array([message.message_number for message in messages], dtype=np.int64)
+    times = np.array([message.log_time for message in messages], dtype=np.uint64)
+    return ChannelFrames(data, frames, numbers[message_of_frame], times[message_of_frame])
 
 
-def _senders_in(parts: Sequence[RecordingPart]) -> set[FrameSender]:
+def _senders_in(channels: Sequence[ChannelFrames]) -> set[FrameSender]:
     """Returns the senders of all frames whose checksum matches.
 
     Args:
-        parts: The frames of each channel.
+        channels: The frames of each channel.
     """
     senders: set[FrameSender] = set()
-    for part in parts:
-        matching = part.frames[part.frames.checksum == CHECKSUM_MATCHES]
-        ids = zip(matching.system.tolist(), matching.component.tolist(), strict=True)
+    for channel in channels:
+        frames = channel.frames[channel.frames.checksum == CHECKSUM_MATCHES]
+        ids = zip(frames.system.tolist(), frames.component.tolist(), strict=True)
         senders.update(FrameSender(system, component) for system, component in ids)
     return senders
 
@@ -270,7 +271,7 @@ def _json_topics(recording: McapRecording) -> dict[int, JsonTopic]:
 class _JsonMessages(NamedTuple):
     """Messages of a recording that came as JSON."""
 
-    part: RecordingPart
+    frames: ChannelFrames
     """The messages, encoded as frames."""
 
     unreadable_count: int
@@ -280,7 +281,7 @@ class _JsonMessages(NamedTuple):
     """Why they cannot."""
 
 
-def _json_part(content: bytes, topics: Mapping[int, JsonTopic]) -> _JsonMessages:
+def _frames_of_json(content: bytes, topics: Mapping[int, JsonTopic]) -> _JsonMessages:
     """Reads the JSON messages of a recording, and encodes them as frames, so that one path decodes all messages.
 
     Args:
@@ -290,12 +291,12 @@ def _json_part(content: bytes, topics: Mapping[int, JsonTopic]) -> _JsonMessages
     Returns:
         The messages as frames; the number of those that cannot be read; and the repairs that state why.
     """
-    pieces = []
+    recorded_frames = []
     last_sequence: dict[FrameSender, int] = {}
     unknown_messages: Counter[str] = Counter()
     undecodable_topics: Counter[str] = Counter()
     recording = McapRecording(content)
-    for position, message in enumerate(recording.messages()):
+    for message_number, message in enumerate(recording.messages()):
         topic = topics.get(message.channel_id)
         if topic is None:
             continue
@@ -313,7 +314,7 @@ def _json_part(content: bytes, topics: Mapping[int, JsonTopic]) -> _JsonMessages
             undecodable_topics[recording.channels[message.channel_id].topic] += 1
         else:
             frame = encode_frame(json_message.payload, definition, topic.sender, sequence)
-            pieces.append(_StreamPiece(position, message.log_time, frame))
+            recorded_frames.append(_RecordedBytes(message_number, message.log_time, frame))
     names = [name for name, _ in unknown_messages.most_common(MAX_REPORTED_NAMES)]
     repairs = (
         *repair_facts(
@@ -330,7 +331,7 @@ def _json_part(content: bytes, topics: Mapping[int, JsonTopic]) -> _JsonMessages
         ),
     )
     unread_messages = unknown_messages.total() + undecodable_topics.total()
-    return _JsonMessages(_recording_part(pieces), unread_messages, repairs)
+    return _JsonMessages(_frames_of_channel(recorded_frames), unread_messages, repairs)
 
 
 def _no_mavlink_fact(source: str, recording: McapRecording, candidates: int) -> Fact:
