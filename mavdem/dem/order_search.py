@@ -41,7 +41,7 @@ A choice: wide enough to average noise, narrow enough to keep fast states visibl
 """
 
 MIN_KERNEL_SAMPLES = 100.0
-"""Least number of effective samples that the kernel leaves of a flight: a short flight has a narrower kernel."""
+"""Least effective sample size that the kernel leaves of a flight: a short flight has a narrower kernel."""
 
 MIN_KERNEL_STEPS = 1.5
 """Smallest width σ of the kernel, in sampling steps: derivatives of a narrower kernel are undersampled."""
@@ -261,7 +261,8 @@ def embed_by_kernel(
 def _samples_per_effective_sample(width: float, dt: float) -> float:
     """Computes how many samples of smooth noise carry as much information as one independent sample.
 
-    It is Σₖ ρ(k dt)², with the autocorrelation ρ(τ) = exp(−τ²/4s²) of noise of kernel width s. The sum is √(2π) s/dt.
+    Neighbouring samples of smooth noise are correlated, so that T samples have the effective sample size T / N. Here N
+    is Σₖ ρ(k dt)², with the autocorrelation ρ(τ) = exp(−τ²/4s²) of noise of kernel width s. The sum is √(2π) s/dt.
 
     Args:
         width: kernel width s, in seconds.
@@ -276,9 +277,11 @@ def _samples_per_effective_sample(width: float, dt: float) -> float:
 def kernel_width(record: Record) -> float:
     """Returns the width σ of the Gaussian kernel that filters a record.
 
-    It is a fraction, ``RELATIVE_KERNEL_WIDTH``, of the time in which the outputs change by their standard deviation. It
-    is limited so that at least ``MIN_KERNEL_SAMPLES`` effective samples are left, and it is at least
-    ``MIN_KERNEL_STEPS`` sampling steps, since a narrower kernel would be undersampled.
+    The kernel averages noise, and must be narrow compared with the motion: its width is ``RELATIVE_KERNEL_WIDTH`` times
+    the time in which the outputs change by their standard deviation. Since a wide kernel correlates neighbouring
+    samples, the width is limited so that the effective sample size of the filtered record, the number of independent
+    samples with as much information, is at least ``MIN_KERNEL_SAMPLES``. Above all, it is at least ``MIN_KERNEL_STEPS``
+    sampling steps, since a narrower kernel would be undersampled.
 
     Args:
         record: training data.
@@ -295,14 +298,15 @@ def kernel_width(record: Record) -> float:
         rate_kernel_width = 2 * record.dt
         derivatives_of_segments.append(embed_by_kernel(scaled, 1, rate_kernel_width, record.dt))
     derivatives = np.concatenate(derivatives_of_segments)
-    # The widest kernel leaves MIN_KERNEL_SAMPLES effective samples. The number of samples per effective sample is
-    # proportional to the width in steps, and this is the number for a width of one step.
-    samples_per_step_of_width = _samples_per_effective_sample(width=1.0, dt=1.0)
-    width = len(record) * record.dt / (samples_per_step_of_width * MIN_KERNEL_SAMPLES)
+    # A kernel of w steps leaves len(record) / (N w) effective samples, where N is the number of samples per effective
+    # sample for a width of one step. So the widest kernel has this width:
+    samples_for_one_step = _samples_per_effective_sample(width=1.0, dt=1.0)
+    widest = len(record) * record.dt / (samples_for_one_step * MIN_KERNEL_SAMPLES)
+    width = widest
     # There are no rates if all segments are shorter than the kernel.
     if len(derivatives):
         time_of_change = _time_of_change(derivatives[:, :m], derivatives[:, m:])
-        width = min(width, RELATIVE_KERNEL_WIDTH * time_of_change)
+        width = min(widest, RELATIVE_KERNEL_WIDTH * time_of_change)
     return max(MIN_KERNEL_STEPS * record.dt, width)
 
 
@@ -420,15 +424,15 @@ def theta_from_data(data: BlackBoxData, order: int) -> Array:
 def _signal_selectors(data: BlackBoxData) -> tuple[list[Array], list[Array]]:
     """Returns the matrices that select each derivative of outputs and inputs from a sample of the generalized data.
 
-    A sample is the vector [ỹ; η̃]: the m outputs, their first derivatives and so on up to order p, and then the r inputs
-    likewise up to order p − 1.
+    A sample is the vector [ỹ; η̃]: the m outputs, their first derivatives and so on up to order p, and then the r
+    inputs likewise up to order p − 1.
 
     Args:
         data: the generalized data.
 
     Returns:
-        p + 1 matrices (m, dim [ỹ; η̃]), one for each derivative of the outputs, and p matrices (r, dim [ỹ; η̃]), one for
-        each derivative of the inputs.
+        p + 1 matrices (m, dim [ỹ; η̃]), one for each derivative of the outputs, and p matrices (r, dim [ỹ; η̃]), one
+        for each derivative of the inputs.
     """
     identity = np.eye(len(data.statistics.gram))
     outputs, inputs = np.split(identity, [data.m * (data.p + 1)])

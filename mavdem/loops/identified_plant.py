@@ -19,7 +19,7 @@ from mavdem.plant.closed_loop.response import Quantity
 from mavdem.plant.closed_loop.spectra import CrossSpectra
 from mavdem.plant.estimation import MOTION_BAND_HZ
 from mavdem.plant.identifiability import PARAMETERS
-from mavdem.plant.parameters import LAG_AND_DELAY, wind_torque_density
+from mavdem.plant.parameters import wind_torque_density
 from mavdem.plant.sampled_plant import FIRST_ORDER, GAUSSIAN_KERNEL, WindComponent
 
 EFFECT_MODEL_DEVIATION = 0.02
@@ -165,52 +165,55 @@ def _wind_share(plant: Physical, values: LoopParameters, spectra: CrossSpectra) 
     return float(wind_variance / (wind_variance + motor_variance))
 
 
-class _LogDeviations(NamedTuple):
-    """Standard deviations of the model's errors of the natural logarithms of the parameters."""
+class _LogErrors(NamedTuple):
+    """Standard deviations of five independent errors that the model's simplifications cause, as natural logarithms."""
 
     effect: float
-    """Of the control effectiveness."""
+    """Error of the control effectiveness."""
     damping: float
-    """Of the rate damping."""
+    """Error of the rate damping."""
     lag: float
-    """Of the motor lag."""
+    """Error of the motor lag."""
     delay: float
-    """Of the delay."""
+    """Error of the delay."""
     gain: float
-    """Of the effect, where lag and delay stay as they are."""
+    """Error of the gain of the torque's response at all frequencies: of the effect, with lag and delay as they are."""
 
 
-def _model_deviations(fit: IdentifiedAxis, values: LoopParameters) -> _LogDeviations:
+def _log_errors(fit: IdentifiedAxis, values: LoopParameters) -> _LogErrors:
     """Computes the standard deviations of the errors that the model's own simplifications cause.
 
-    They increase with the surplus interval, which is the time between messages minus one control cycle, with the share
-    of the output that limits cut off, and with the output that the controller does not explain. The squares of
-    independent errors of one parameter are added.
+    Three simplifications cause them. The model does not see what happens between two messages: errors increase with the
+    surplus interval, the time between messages beyond one control cycle. It does not model the limits of the outputs:
+    errors increase with the share of the output that limits cut off. And it takes output that the logged controller
+    does not explain for noise: errors increase with that output. Where several of them cause an error of one parameter,
+    their squares are added.
 
     Args:
-        fit: posterior, with that time and that share.
-        values: parameters of the axis.
+        fit: posterior of the axis, with the surplus interval and the share that limits cut off.
+        values: parameters of the axis, with the output that the controller does not explain (``actuation``).
 
     Returns:
-        The deviation of the logarithm of each parameter, without unit.
+        The standard deviations of the logarithms, without a unit.
     """
     surplus_interval = fit.posterior.densities.surplus_interval
-    cut_share = fit.saturation_loss
-    # The error, s, by which the lag may be too long and the delay too short. Divided by the parameter, it is the error
-    # of its logarithm.
-    lag_against_delay = LAG_DELAY_DEVIATION * (1 + 2 * cut_share) * surplus_interval
-    effect = np.linalg.norm(
+    cut_off_share = fit.saturation_loss
+    effect_error = np.linalg.norm(
         [
             EFFECT_MODEL_DEVIATION,
-            SATURATION_EFFECT_DEVIATION * cut_share,
+            SATURATION_EFFECT_DEVIATION * cut_off_share,
             UNSEEN_EFFECT_DEVIATION * surplus_interval,
         ]
     )
-    return _LogDeviations(
-        effect=float(effect),
+    # Within the surplus interval, messages hardly separate lag from delay: the lag may be too long, and the delay too
+    # short, by the same time, s. It triples where limits cut off all of the output (``LAG_DELAY_DEVIATION``).
+    confused_time = LAG_DELAY_DEVIATION * (1 + 2 * cut_off_share) * surplus_interval
+    # An error of a time, divided by the time, is the error of its logarithm.
+    return _LogErrors(
+        effect=float(effect_error),
         damping=DAMPING_MODEL_DEVIATION,
-        lag=lag_against_delay / values.lag,
-        delay=float(np.hypot(DELAY_MODEL_DEVIATION, lag_against_delay / values.delay)),
+        lag=confused_time / values.lag,
+        delay=float(np.hypot(DELAY_MODEL_DEVIATION, confused_time / values.delay)),
         gain=UNEXPLAINED_GAIN_DEVIATION * values.actuation,
     )
 
@@ -218,14 +221,13 @@ def _model_deviations(fit: IdentifiedAxis, values: LoopParameters) -> _LogDeviat
 def _model_error_covariance(fit: IdentifiedAxis, effect: Array, values: LoopParameters) -> Array:
     """Returns the covariance of the errors that simplifications of the model cause in a plant's parameters.
 
-    Five independent errors are assumed, of the natural logarithms of effect, damping, lag, delay and gain. The data
-    determine best the response of the torque at high frequencies, effect e^(−jω delay) / (1 + jω lag), and the fit
-    matches that response even if the model is wrong. So a wrong effect or lag comes with wrong values of other
-    parameters that compensate it in this response (:data:`DELAY_PER_EFFECT`, :data:`LAG_COMPENSATION`). An error of the
-    gain is one of this response itself: of the effect, with lag and delay as they are.
+    Five independent errors are assumed (:class:`_LogErrors`). Each has a vector of changes of all parameters that come
+    with it, and adds the outer product of this vector, times the variance of the error, to the covariance.
 
-    With J the changes of all parameters per unit of each error, and V the diagonal matrix of the errors' variances, the
-    covariance is J V Jᵀ.
+    The changes come together because the data determine best the response of the torque at high frequencies,
+    effect · e^(−jω delay) / (1 + jω lag), which the fit matches even if the model is wrong. A wrong effect or lag
+    therefore comes with wrong values of other parameters, which compensate it in this response
+    (:data:`DELAY_PER_EFFECT`, :data:`LAG_COMPENSATION`). Errors of damping, delay and gain change one parameter only.
 
     Args:
         fit: posterior of the axis. The variances depend on its time between messages beyond a control cycle, and on the
@@ -236,17 +238,18 @@ def _model_error_covariance(fit: IdentifiedAxis, effect: Array, values: LoopPara
     Returns:
         Covariance (r + 3, r + 3), in the order effects, damping, lag, delay.
     """
-    # J, (r + 3, 5), has a column for each error. First each error changes only the parameter that it is named after;
-    # the changes of other parameters that compensate it are set below.
-    direct_changes = _derivatives_by_logarithms(effect, values)
-    effect_error = _LogDeviations._fields.index("effect")
-    # The last error, of the gain, changes the effects only.
-    changes_per_error = np.column_stack([direct_changes, direct_changes[:, effect_error]])
-    lag_error = _LogDeviations._fields.index("lag")
-    # An effect that is too large comes with a lag that is too long by the same ratio, and with too short a delay.
-    changes_per_error[LAG_AND_DELAY, effect_error] = values.lag, -DELAY_PER_EFFECT * values.lag
-    # A lag that is too long comes with effects that are too large, and with too short a delay.
-    changes_per_error[: len(effect), lag_error] = LAG_COMPENSATION * effect
-    changes_per_error[LAG_AND_DELAY, lag_error] = values.lag, -LAG_COMPENSATION * values.lag
-    variances = np.square(_model_deviations(fit, values))
-    return changes_per_error * variances @ changes_per_error.T
+    unchanged_effect = np.zeros_like(effect)
+    lag, delay = values.lag, values.delay
+    # Changes of effects, damping, lag and delay, by an error of 1 of the natural logarithm. An effect that is too large
+    # comes with a lag that is too long by the same ratio, and with too short a delay. A lag that is too long comes with
+    # effects that are too large, and with too short a delay.
+    by_effect = [*effect, 0.0, lag, -DELAY_PER_EFFECT * lag]
+    by_damping = [*unchanged_effect, values.damping, 0.0, 0.0]
+    by_lag = [*(LAG_COMPENSATION * effect), 0.0, lag, -LAG_COMPENSATION * lag]
+    by_delay = [*unchanged_effect, 0.0, 0.0, delay]
+    by_gain = [*effect, 0.0, 0.0, 0.0]
+    # J (r + 3, 5) has a column for each error, in the order of the fields of ``_LogErrors``. With the diagonal matrix V
+    # of the errors' variances the covariance is J V Jᵀ.
+    changes_by_error = np.column_stack([by_effect, by_damping, by_lag, by_delay, by_gain])
+    variances = np.square(_log_errors(fit, values))
+    return changes_by_error * variances @ changes_by_error.T

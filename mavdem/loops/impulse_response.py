@@ -1,4 +1,4 @@
-"""Impulse response of a closed loop by regularised deconvolution, with wind and feedback acting on the setpoint.
+"""Impulse response of a closed loop by regularised deconvolution: values at K nodes, with a Gaussian process as prior.
 
 The response of a signal p to its setpoint r is p(t) = ∫ h(τ) r(t − τ) dτ + noise. The impulse response h is causal: it
 is 0 at τ = 0 and before, and at the end of its duration. Otherwise it is linear between nodes, which are closest where
@@ -9,7 +9,7 @@ smoothing them, and shows in the covariance what the setpoint did not excite (G.
 kernel-based approach for linear system identification, Automatica 46(1), 2010).
 
 Wind moves a rate's setpoint r as well, by the attitude controller: r = x − G φ, of gain G and angle φ. So the
-instrument is not r itself but the part of r that follows x, the command of pilot or navigation: x / (1 + G T / s) with
+instrument is not r itself but what of r follows x, the command of pilot or navigation: x / (1 + G T / s) with
 x = r + G φ and the T of the pass before (L. Ljung, System Identification, 2nd ed., secs. 7.6 and 13.5).
 """
 
@@ -321,7 +321,7 @@ def _sampled_response(values: Array, knots: Array) -> Array:
 def _setpoint_without_wind(
     piece: Array, angle_gain: float, values: Array, knots: Array, sampling_rate: float
 ) -> Array:
-    """Returns the part of a rate setpoint that follows pilot or navigation, and not the wind: x / (1 + G T / s).
+    """Returns what of a rate setpoint follows pilot or navigation, and not the wind: x / (1 + G T / s).
 
     With the rate setpoint r and the angle φ, x = r + G φ is the command of pilot or navigation, and 1 / (1 + G T / s)
     the closed attitude loop from x to r, which is applied in the frequency domain. The rest of r is caused by wind,
@@ -430,7 +430,7 @@ def _regularised_estimate(
 
         w = (I + Q (Zᵀ X + s sᵀ))⁻¹ Q (Zᵀ y + s / error)
 
-    Its covariance is the sum of three parts. The first is the variance by noise, which follows from the scores
+    Its covariance is the sum of three. The first is the variance by noise, which follows from the scores
     Zᵀ (y − X w) of the windows without assumptions on the noise (a sandwich covariance, like that of a jackknife over
     windows). The second is the error because the prior shrinks values that the flight does not determine. The third is
     the error of the steady state.
@@ -486,7 +486,7 @@ def _prior_covariance(precision: Array, moment: Array, knots: Array) -> Array:
 
     It is not known beforehand how large, how smooth and how long the response is. So priors with several variances λ,
     length scales and decays are averaged, weighted by their evidence: how well each explains the flight (Bayesian model
-    averaging).
+    averaging). A shape is the covariance of one length scale and decay, without its variance.
 
     Args:
         precision: precision of the values at the K nodes by the flight alone (K, K).
@@ -503,15 +503,14 @@ def _prior_covariance(precision: Array, moment: Array, knots: Array) -> Array:
 
 
 def _log_evidence_of_priors(precision: Array, moment: Array, roots: Array) -> Array:
-    """Returns the log evidence of priors of all shapes and variances.
+    """Returns the log evidence of normal priors of each shape with each of the ``PRIOR_VARIANCES`` λ.
 
-    With the covariance λ R Rᵀ of a prior, the flight's precision P and its moment m, it is
+    A prior has mean 0 and the covariance λ R Rᵀ. The flight alone has the precision P of the values at the nodes, and
+    the moment m. The log evidence is then, up to a constant,
 
-        ½ (λ gᵀ (I + λ A)⁻¹ g − log det (I + λ A)),    A = Rᵀ P R,  g = Rᵀ m
+        ½ (λ gᵀ (I + λ A)⁻¹ g − ln det (I + λ A)),    A = Rᵀ P R,  g = Rᵀ m
 
-    Householder reflections transform A to tridiagonal form, in a basis whose first vector is along g. Then the pivots
-    of a Gaussian elimination from the last row up give both terms for all λ (Golub and Van Loan, Matrix Computations,
-    4th ed., secs. 4.3 and 8.3). That takes a third of the time of eigenvalues and eigenvectors.
+    A is transformed to a tridiagonal matrix once for each shape, and both terms follow from that for all λ at once.
 
     Args:
         precision: precision of the values at the K nodes by the flight alone (K, K).
@@ -519,66 +518,106 @@ def _log_evidence_of_priors(precision: Array, moment: Array, roots: Array) -> Ar
         roots: Cholesky factors R of the S shapes of the prior (S, K, K).
 
     Returns:
-        Log evidence (S, variances), nats, up to a constant, by ``PRIOR_VARIANCES``.
+        Log evidence (S, V) for the V variances, nats, up to a constant.
     """
-    nodes = len(moment)
-    diagonals = np.empty((len(roots), nodes))
-    # As g is put in front of A as its first column, the first off-diagonal element of the result is the length of g.
-    off_diagonals = np.empty((len(roots), nodes))
-    bordered = np.zeros((nodes + 1, nodes + 1))
-    for shape, root in enumerate(roots):
-        bordered[1:, 0] = moment @ root
-        bordered[1:, 1:] = root.T @ precision @ root
-        _, diagonal, off_diagonals[shape], _, _ = scipy.linalg.lapack.dsytrd(bordered, lower=1)
-        diagonals[shape] = diagonal[1:]
-    diagonals = diagonals.T[:, :, None] * PRIOR_VARIANCES + 1
-    squares = (off_diagonals.T[:, :, None] * PRIOR_VARIANCES) ** 2
+    tridiagonals = [_tridiagonal_form(root.T @ precision @ root, moment @ root) for root in roots]
+    # (K, S, 1) each, to be multiplied by the V variances.
+    diagonals = np.array([form.diagonal for form in tridiagonals]).T[:, :, None]
+    off_diagonals = np.array([form.off_diagonal for form in tridiagonals]).T[:, :, None]
+    vector_lengths = np.array([form.vector_length for form in tridiagonals])[:, None]
+    # The matrices I + λ A.
+    diagonals = diagonals * PRIOR_VARIANCES + 1
+    squared_off_diagonals = (off_diagonals * PRIOR_VARIANCES) ** 2
+    # Gaussian elimination from the last row up: the determinant is the product of the pivots. As A has no negative
+    # eigenvalues, a pivot can only be less than 1 by rounding.
     pivot = np.maximum(diagonals[-1], 1.0)
     log_determinant = np.log(pivot)
-    for row in range(nodes - 2, -1, -1):
-        # A has no negative eigenvalues, so that a pivot can only be less than 1 by rounding.
-        pivot = np.maximum(diagonals[row] - squares[row + 1] / pivot, 1.0)
+    for row in range(len(moment) - 2, -1, -1):
+        pivot = np.maximum(diagonals[row] - squared_off_diagonals[row] / pivot, 1.0)
         log_determinant += np.log(pivot)
-    explained = squares[0] / PRIOR_VARIANCES / pivot
-    return np.asarray(explained - log_determinant) / 2
+    # g is along the first basis vector. So gᵀ (I + λ A)⁻¹ g is |g|² over the pivot of the first row, the last one left.
+    quadratic_term = (vector_lengths * PRIOR_VARIANCES) ** 2 / PRIOR_VARIANCES / pivot
+    return np.asarray(quadratic_term - log_determinant) / 2
+
+
+class _TridiagonalForm(NamedTuple):
+    """A symmetric matrix and a vector in an orthonormal basis whose first vector is along that vector."""
+
+    diagonal: Array
+    """Diagonal of the matrix (K,), which is tridiagonal in this basis."""
+    off_diagonal: Array
+    """Entries next to the diagonal (K − 1,)."""
+    vector_length: float
+    """Length of the vector, its only entry in this basis; the sign is arbitrary."""
+
+
+def _tridiagonal_form(matrix: Array, vector: Array) -> _TridiagonalForm:
+    """Transforms a symmetric matrix to tridiagonal form, in a basis whose first vector is along a given vector.
+
+    Householder reflections are used (Golub and Van Loan, Matrix Computations, 4th ed., sec. 8.3). That takes a third of
+    the time of eigenvalues and eigenvectors.
+
+    Args:
+        matrix: (K, K) symmetric matrix.
+        vector: (K,) vector.
+
+    Returns:
+        Both in the new basis.
+    """
+    size = len(vector)
+    # The reflections turn the first column, below its first entry, to the first basis vector. So the vector is put in
+    # front of the matrix as that column; its length is then the first entry next to the diagonal.
+    bordered = np.zeros((size + 1, size + 1))
+    bordered[1:, 0] = vector
+    bordered[1:, 1:] = matrix
+    _, diagonal, off_diagonal, _, _ = scipy.linalg.lapack.dsytrd(bordered, lower=1)
+    return _TridiagonalForm(diagonal[1:], off_diagonal[1:], off_diagonal[0])
 
 
 class _PriorShapes(NamedTuple):
-    """The S shapes of the prior of an impulse response with K nodes, one for each length scale and decay."""
+    """Prior covariances of an impulse response at its K nodes, up to a common variance, by length scale and decay."""
 
     covariances: Array
-    """Covariances of variance 1 (S, K, K)."""
+    """Covariances (S, K, K) of S length scales and decays, for a variance of 1."""
     roots: Array
     """Cholesky factors of the covariances (S, K, K)."""
 
 
 @lru_cache(maxsize=CACHED_PRIOR_SHAPES)
 def _prior_shapes(knots: Numbers) -> _PriorShapes:
-    """Returns the shapes Q of the prior covariance of an impulse response, one for each length scale and decay.
+    """Returns the prior covariances of an impulse response at its nodes, for each of the length scales and decays.
 
-    They depend only on the knots, and are cached: all iterations of a fit, and all axes of a flight, have the same.
+    The prior is a Gaussian process with the covariance of a Matérn process whose amplitude decays over the duration of
+    the response, plus a small, slow and smooth process: the slow tail that an integrator leaves in a response. The
+    variance of the whole is not part of the shape: it multiplies the covariance later.
+
+    The covariances depend only on the knots, and are cached: all iterations of a fit, and all axes of a flight, have
+    the same.
 
     Args:
         knots: lags of the K nodes, and of both ends of the response (K + 2,), in samples.
 
     Returns:
-        The shapes, and their Cholesky factors R.
+        The covariances of S = ``PRIOR_LENGTHS`` × ``PRIOR_DECAYS`` shapes, and their Cholesky factors.
     """
-    taps = knots[-1]
-    # Times in units of the duration of the response, 0 to 1.
-    time = np.array(knots[:-1]) / taps
-    nodes = len(time) - 1
+    duration = knots[-1]
+    # Times of the first end and the nodes, in units of the duration of the response, 0 to 1. At the last end the
+    # response is 0, and is not estimated.
+    time = np.array(knots[:-1]) / duration
+    node_count = len(time) - 1
     tail = TAIL_VARIANCE_RATIO * _decaying_matern(time, TAIL_LENGTH, TAIL_DECAY)
     covariances = []
     roots = []
     for length, decay in product(PRIOR_LENGTHS, PRIOR_DECAYS):
         process = _decaying_matern(time, length, decay) + tail
         # The response is 0 at time 0: the Gaussian process is conditioned on that.
-        from_zero = process - np.outer(process[0], process[0]) / process[0, 0]
-        covariance = from_zero[1:, 1:] / taps**2
-        jitter = JITTER * np.trace(covariance) / nodes * np.eye(nodes)
+        conditioned = process - np.outer(process[0], process[0]) / process[0, 0]
+        covariance = conditioned[1:, 1:] / duration**2
+        # A little white noise keeps the covariance positive definite in spite of rounding.
+        mean_variance = np.trace(covariance) / node_count
+        white_noise = JITTER * mean_variance * np.eye(node_count)
         covariances.append(covariance)
-        roots.append(np.linalg.cholesky(covariance + jitter))
+        roots.append(np.linalg.cholesky(covariance + white_noise))
     return _PriorShapes(np.array(covariances), np.array(roots))
 
 

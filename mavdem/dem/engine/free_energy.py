@@ -148,7 +148,7 @@ class SampleFreeEnergy:
         """
         model = posterior.model
         totals = _terms_without_sample_errors(posterior)
-        totals[Term.MEAN_FIELD] = _mean_field_without_errors(posterior)
+        totals[Term.MEAN_FIELD] = _mean_field_constant(posterior)
         # Terms of the training data as a whole are divided equally among its samples.
         sample_count = posterior.samples.sample_count
         constants = np.array([totals.get(term, 0.0) / sample_count for term in Term])
@@ -305,7 +305,7 @@ def theta_curvature(posterior: Posterior) -> Array:
 def lambda_curvature(posterior: Posterior) -> Array:
     """Returns the second derivative Ū_λλ of the internal action by the log noise precisions.
 
-    Only the squared errors, which are weighted by e^λ, and the prior contribute: all other parts of the log joint
+    Only the squared errors, which are weighted by e^λ, and the prior contribute: all other terms of the log joint
     density Ū are linear in λ.
 
     Args:
@@ -320,14 +320,15 @@ def lambda_curvature(posterior: Posterior) -> Array:
 
 
 def free_energy_terms(posterior: Posterior) -> Mapping[str, float]:
-    """Computes the terms of the free energy action at optimal covariances, F̄ᵒ.
+    """Computes the terms of the free energy F̄ of all training samples, at optimal covariances (F̄ᵒ).
 
-    It is Eq. ``F_action_opt`` of the paper (docs/mathematics.md).
+    Three terms are sums of the samples' squared prediction errors of outputs, of inputs and of states, weighted by
+    their precision: −½ Σ ε̃ᵀ Π̃ ε̃. The others, entropies and priors, do not depend on these errors. The mean-field
+    term is zero at optimal covariances, and is left out. The errors of all samples enter only by the sums of their
+    products, so that no loop over samples is needed.
 
-    Three terms are weighted squares of the samples' prediction errors, −½ Σ ε̃ᵀ Π̃ ε̃, of outputs, inputs and states.
-    The others, entropies and priors, do not depend on these errors. The mean-field term is zero at optimal covariances,
-    and is left out. Each term is the sum over the training samples of the term of :class:`SampleFreeEnergy` of the same
-    name, but computed from the second moments of the data, without a loop over samples.
+    :class:`SampleFreeEnergy` has the same terms for each sample. The formula is Eq. ``F_action_opt`` of the paper
+    (docs/mathematics.md).
 
     Args:
         posterior: a posterior whose covariances are the inverses of the negative curvatures, as
@@ -339,7 +340,8 @@ def free_energy_terms(posterior: Posterior) -> Mapping[str, float]:
     model = posterior.model
     error_precision = model.error_precision(np.exp(posterior.lambda_))
     error_moments = posterior.moments.error_moments(posterior.theta)
-    # Π̃ times Σ ε̃ε̃ᵀ, entry by entry: the sum over the block of one kind of errors is their Σ ε̃ᵀ Π̃ ε̃.
+    # Π̃ times Σ ε̃ε̃ᵀ, entry by entry. The sum of these products over the rows and columns of the errors of the outputs
+    # is their Σ ε̃ᵀ Π̃ ε̃; the same holds for inputs and states.
     weighted_squares = error_precision * error_moments
     terms = _terms_without_sample_errors(posterior)
     for term, rows in _error_rows_by_term(model).items():
@@ -350,7 +352,7 @@ def free_energy_terms(posterior: Posterior) -> Mapping[str, float]:
 def _error_rows_by_term(model: GenerativeModel) -> Mapping[Term, slice]:
     """Returns the rows of the prediction errors ε̃ whose weighted squares each term sums.
 
-    The error of a prior of x, which follows the errors of the states, is part of the same term as these errors.
+    The error of a prior of x, which follows the errors of the states, belongs to the same term as these errors.
 
     Args:
         model: model in generalised coordinates, with the layout of ε̃.
@@ -390,22 +392,22 @@ def _terms_without_sample_errors(posterior: Posterior) -> dict[Term, float]:
     }
 
 
-def _mean_field_without_errors(posterior: Posterior) -> float:
-    """Returns the constant part of the mean-field term of F̄, which depends neither on errors nor on states.
+def _mean_field_constant(posterior: Posterior) -> float:
+    """Returns the constant in the mean-field term of F̄: what depends neither on errors nor on states.
 
-    The mean-field term is ½ (tr(Σ U″) + dim) for each of X, θ and λ: Σ is the posterior covariance, U″ the curvature of
-    the internal energy (negative definite), and dim the number of quantities (see :class:`SampleFreeEnergy`).
+    The mean-field term is what the uncertainty of the states X, of θ and of λ adds to F̄: for each of the three
+    ½ (tr(Σ H) + d), with its posterior covariance Σ, the second derivative H of the log joint density by it, which is
+    negative definite, and the number d of its entries.
 
-    - For the states X, U″ = U_XX is the same at every sample, so that all of the term is constant.
-    - For θ and λ, U″ = −P − (a part that the data determine), where P is the precision of the prior. The constant part
-      is ½ (dim − tr(Σ P)). The other part is quadratic in the states for θ, and in the prediction errors for λ.
-      ``SampleFreeEnergy`` adds it sample by sample.
+    For the states, H is the same at every sample, so that the whole term is constant. For θ and λ, H is −P, with the
+    precision P of the prior, minus a matrix that the data determine. With −P the term is the constant ½ (d − tr(Σ P)).
+    The rest is quadratic in the states (for θ) or in the errors (for λ): ``SampleFreeEnergy`` adds it sample by sample.
 
     Args:
         posterior: estimates of states, parameters and noise precisions, with their covariances.
 
     Returns:
-        The constant part for the whole training data, nats: the states contribute once for each sample, θ and λ once.
+        The constant of all training samples together, nats: the states contribute once for each sample, θ and λ once.
     """
     prior = posterior.model.prior
     # The sum of the elementwise product of two symmetric matrices is the trace of their product.

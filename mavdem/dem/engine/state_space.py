@@ -55,10 +55,10 @@ class StateSpace:
     """(m,) outputs about which the model is linear."""
 
     second_of_outputs: Array | None = None
-    """(n, m) effect of a segment's first outputs on the state of its second sample; ``None`` if not defined."""
+    """(n, m) map from the outputs of a segment's first sample to the state of its second; ``None`` if not defined."""
 
     second_of_inputs: Array | None = None
-    """(n, r) effect of a segment's first inputs on the state of its second sample; ``None`` if not defined."""
+    """(n, r) map from the inputs of a segment's first sample to the state of its second; ``None`` if not defined."""
 
     @staticmethod
     def from_transition(transition: Transition, C: Array, gain: Array) -> StateSpace:
@@ -106,7 +106,8 @@ class StateSpace:
         """Returns the state with which the filter starts: at a segment's second sample.
 
         As no sample precedes the first one, its state cannot be predicted. It is estimated from the first outputs, and
-        propagated by one step.
+        propagated by one step with the first inputs. Both steps together are linear in the first sample, with the
+        matrices ``second_of_outputs`` and ``second_of_inputs``.
 
         Args:
             inputs: (r,) inputs of the first sample.
@@ -115,8 +116,10 @@ class StateSpace:
         Returns:
             The state (n,) of the second sample.
         """
-        assert self.second_of_outputs is not None and self.second_of_inputs is not None
-        return outputs @ self.second_of_outputs.T + inputs @ self.second_of_inputs.T
+        state_by_outputs = self.second_of_outputs
+        state_by_inputs = self.second_of_inputs
+        assert state_by_outputs is not None and state_by_inputs is not None
+        return outputs @ state_by_outputs.T + inputs @ state_by_inputs.T
 
     def predicted_states(self, start: Array, inputs: Array, outputs: Array) -> Array:
         """Runs the Kalman filter over a segment: each state is predicted from all samples before it.

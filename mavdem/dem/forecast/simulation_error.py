@@ -17,6 +17,7 @@ import numpy as np
 import scipy
 
 from mavdem.arrays import Array, Flags, Indices
+from mavdem.dem.engine.free_energy import Term
 from mavdem.dem.engine.gauss_newton import (
     CONVERGED_STEP_NATS,
     FINITE_DIFFERENCE_STEP,
@@ -89,8 +90,9 @@ def models_for_parameters(
 def simulate_models(models: StateSpace, inputs: Array, outputs: Array) -> Array:
     """Simulates several models over several pieces of a record.
 
-    The filter runs over the first h steps of a piece, and the simulation over the H steps after them. An unstable model
-    may overflow; its outputs are then infinite or NaN.
+    A simulation must start from the state of the vehicle, which is not measured. So a Kalman filter estimates it from
+    the first h + 1 samples of a piece, and the model is simulated over the H samples after them, with the inputs alone.
+    An unstable model may overflow; its outputs are then infinite or NaN.
 
     Args:
         models: b models, as :func:`models_for_parameters` returns them.
@@ -103,13 +105,14 @@ def simulate_models(models: StateSpace, inputs: Array, outputs: Array) -> Array:
     A, B, C, D, K = models.A, models.B, models.C, models.D, models.K
     # Inputs and outputs, which the filter needs at each step of every piece, (h + 1, r + m, S).
     samples = np.concatenate([inputs[: len(outputs)], outputs], axis=1)
-    second_state_map = np.concatenate([models.second_of_inputs, models.second_of_outputs], axis=-1)
-    # x⁺ = (A − K C) x + (B − K D) u + K y.
+    # No sample precedes the first one, from which its state could be predicted. So the filter starts at the second
+    # sample, with a state that is a linear function of the first inputs and outputs (``StateSpace.second_state``).
+    start_map = np.concatenate([models.second_of_inputs, models.second_of_outputs], axis=-1)
+    # The filter x⁺ = (A − K C) x + (B − K D) u + K y corrects the states by the measured outputs.
     filter_transition = A - K @ C
     filter_inputs = np.concatenate([B - K @ D, K], axis=-1)
-    # Each step is computed for the states (b, n, S) of all models and pieces at once. First the filter runs, which
-    # corrects them by the measured outputs.
-    states = second_state_map @ samples[0]
+    # Each step is computed for the states (b, n, S) of all models and pieces at once.
+    states = start_map @ samples[0]
     for sample in samples[1:]:
         states = filter_transition @ states + filter_inputs @ sample
     # Then the models are simulated without measurements.
@@ -378,10 +381,13 @@ class SimulationObjective:
             point, self._value_of_errors(point, residuals), gradient, curvature
         )
 
-    def terms(self, expansion: QuadraticExpansion) -> dict[str, float]:
-        """Returns the terms of F̄, Eq. ``F_action_opt``, at the point of an expansion.
+    def terms(self, expansion: QuadraticExpansion) -> dict[Term, float]:
+        """Returns the terms of the free energy F̄ at the point of an expansion.
 
-        As simulated states are not uncertain, there is no entropy of states.
+        They have the names of the terms of DEM's own F̄, so that both can be compared. The log likelihood of N
+        effective samples, −N/2 ln(mean squared error), is the noise entropy: N/2 times the log of the noise precision,
+        which is 1 / (mean squared error). With that precision the weighted squares of the errors sum to N exactly, so
+        that their term is −N/2. As simulated states are not uncertain, there is no entropy of states.
 
         Args:
             expansion: expansion of the log joint density about the point.
@@ -390,12 +396,14 @@ class SimulationObjective:
             The terms by name, nats, with the names of DEM's own terms.
         """
         log_prior = self._log_prior(expansion.point)
+        # The value of the expansion is the log likelihood plus the log prior.
+        log_likelihood = expansion.value - log_prior
+        log_precision_ratio = logdet(expansion.curvature) - logdet(self.prior_precision)
         return {
-            "noise entropy": expansion.value - log_prior,
-            "parameter entropy": -0.5
-            * (logdet(expansion.curvature) - logdet(self.prior_precision)),
-            "prediction error of outputs": -0.5 * self.effective_samples,
-            "prediction error of parameters": log_prior,
+            Term.NOISE_ENTROPY: log_likelihood,
+            Term.PARAMETER_ENTROPY: -0.5 * log_precision_ratio,
+            Term.PREDICTION_ERROR_OF_OUTPUTS: -0.5 * self.effective_samples,
+            Term.PREDICTION_ERROR_OF_PARAMETERS: log_prior,
         }
 
     def _value_of_errors(self, point: Array, errors: Array) -> float:
