@@ -36,5 +36,6 @@ class WatchFact(Code):
     ON_GROUND_NOW = "on_ground_now"
     NO_ALARM = "no_alarm"
     STOPPED_IN_AIR = "stopped_in_air"
+    FALLS_AT_IDLE = "falls_at_idle"
     ALARM_OVER = "alarm_over"
     OTHER_VEHICLE_ALARM = "other_vehicle_alarm"

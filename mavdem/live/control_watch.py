@@ -1,4 +1,4 @@
-"""Loss of control in a live flight: the attitude leaves its setpoint, or the vehicle falls on its side, as in a log.
+"""Loss of control in a live flight: the attitude leaves its setpoint, or the vehicle falls, as in a log.
 
 The functions that judge a log judge the last seconds, so that an alarm in flight and the review of the recording agree.
 """
@@ -9,6 +9,8 @@ from dataclasses import replace
 from math import hypot, inf, isnan
 from typing import NamedTuple
 
+import numpy as np
+
 from mavdem.assessment.attitude_error import WITHOUT_SETPOINT_SHARE, attitude_error
 from mavdem.assessment.attitude_losses import LOST_ANGLE, attitude_losses
 from mavdem.assessment.ending import ending_of, weighed_reports
@@ -16,20 +18,23 @@ from mavdem.assessment.flights import RECOVERY_SECONDS
 from mavdem.assessment.ground_contacts import flight_losses, ground_contact
 from mavdem.assessment.reported import has_sunk_after, stopped_in_air
 from mavdem.dataset.axes import TILT_AXES
-from mavdem.dataset.grounded import MAX_SETPOINT_DELAY
+from mavdem.dataset.flight_states import min_airborne_collective
+from mavdem.dataset.grounded import MAX_GROUND_HEIGHT, MAX_SETPOINT_DELAY
 from mavdem.dataset.intervals import TimeInterval
+from mavdem.dataset.motor_outputs import MotorOutputs
 from mavdem.dataset.setpoints import SETPOINT_MESSAGE
 from mavdem.dataset.signals import CLIMB_RATE_FIELDS, Signals
-from mavdem.dataset.time_series import TimeSeries
+from mavdem.dataset.time_series import TimeSeries, series_of_boot
 from mavdem.facts import Fact
-from mavdem.facts.ending import MotionEvent
-from mavdem.ingest.telemetry import Telemetry
+from mavdem.facts.ending import FailedFirst, MotionEvent
+from mavdem.facts.watch import WatchFact
+from mavdem.ingest.telemetry import Parameters, Telemetry
 from mavdem.ingest.vocabulary import wrapped_angle
 from mavdem.live.live_signals import LiveSignals, RecentMotion
 from mavdem.live.messages import MESSAGE_FIELDS, STICK_MESSAGES, Message
 from mavdem.live.pose import LatestPose
 from mavdem.live.recent_messages import RecentMessages, TimedValues, columns_from
-from mavdem.witnesses.boot_sensors import BootSensors
+from mavdem.witnesses.boot_sensors import MIN_SINK_RATE, BootSensors
 
 SLOW_MESSAGES = (
     "HEARTBEAT",
@@ -43,6 +48,12 @@ SLOW_MESSAGES = (
 MEMORY_SECONDS = 2 * RECOVERY_SECONDS + MAX_SETPOINT_DELAY
 """Attitudes and setpoints that are kept, s: an onset is looked for ``RECOVERY_SECONDS`` before a loss, which is serious
 after as long."""
+
+MIN_IDLE_SECONDS = 0.3
+"""Time for which the motors must be at idle in a fall, s: a choice; the vehicle then falls at 3 m/s."""
+
+MIN_PARACHUTE_HEIGHT = 3.0
+"""Height, m, below which a parachute cannot open any more, whatever its maker: a choice."""
 
 MAX_SAMPLES = 8192
 """Messages of one name that are kept, a choice: it bounds the memory for hostile stamps."""
@@ -118,7 +129,8 @@ class ControlWatch:
 
         Returns:
             The ending of the flight so far, with its cause where the motors show one. None also if the loss is not
-            serious yet, if the vehicle has recovered from it, or if no second sensor confirms it.
+            serious yet, if the vehicle has recovered from it, or if no second sensor confirms it. One so low that a
+            parachute does not help has the figure ``is_low``.
         """
         if now - self._far_time > RECOVERY_SECONDS:
             return None
@@ -132,7 +144,65 @@ class ControlWatch:
         losses = [event for event in events if event.code is not MotionEvent.ATTITUDE_CAUGHT]
         if losses:
             self._attitude_loss = losses[-1]
-        return ending_of(signals, losses)
+        ending = ending_of(signals, losses)
+        height = sensors.height_at(now)
+        if ending is not None and height is not None and height < MIN_PARACHUTE_HEIGHT:
+            return ending.replace(is_low=True)
+        return ending
+
+    def fall(
+        self, now: float, vehicle: Telemetry, take_off: float, motion: RecentMotion | None
+    ) -> Fact | None:
+        """Returns that the vehicle falls with its motors at idle, as after a closed throttle; None if it does not.
+
+        In a log such a fall is judged by its end, a crash or a dive. In flight there is no time to wait for that: a
+        vehicle falls 11 m in 1.5 s.
+
+        Args:
+            now: present time on the boot clock, s.
+            vehicle: identity and parameters of the vehicle, without messages.
+            take_off: when the vehicle left the ground, s of the boot clock; minus infinity where that was not seen.
+            motion: motor outputs of the last seconds; None if they do not come.
+        """
+        idle_start = None if motion is None else _idle_start(motion.motors, vehicle.parameters)
+        if idle_start is None or now - idle_start < MIN_IDLE_SECONDS:
+            return None
+        signals = self._signals(vehicle, motion)
+        sensors = BootSensors(signals, self._recent.boot, take_off)
+        climb_rate = series_of_boot(signals.climb_rate, self._recent.boot)
+        height = sensors.height_at(now)
+        if climb_rate is None or height is None or height <= MAX_GROUND_HEIGHT:
+            return None
+        sink_rate = -float(climb_rate.values[-1])
+        if climb_rate.time[-1] < idle_start or sink_rate < MIN_SINK_RATE:
+            return None
+        closed = sensors.throttle_closed_fact((idle_start - MAX_SETPOINT_DELAY, now))
+        return Fact(
+            WatchFact.FALLS_AT_IDLE,
+            time=idle_start,
+            speed=sink_rate,
+            height=height,
+            cause=closed and Fact(FailedFirst.THROTTLE_CLOSED_FIRST, time=closed.time),
+        )
+
+    def contact_after_loss(
+        self, now: float, vehicle: Telemetry, take_off: float, motion: RecentMotion | None
+    ) -> Fact | None:
+        """Returns how a vehicle that lost control has met the ground, while it still counts as flying.
+
+        Autopilots report the landing of a wreck, and disarm, seconds late.
+
+        Args:
+            now, vehicle, take_off, motion: as of :meth:`loss`.
+
+        Returns:
+            The ending of the flight; None while the vehicle is in the air, or its height is not known.
+        """
+        sensors = BootSensors(self._signals(vehicle, motion), self._recent.boot, take_off)
+        height = sensors.height_at(now)
+        if height is None or height > MAX_GROUND_HEIGHT:
+            return None
+        return self.flight_end(vehicle, (take_off, now), (), motion).loss
 
     def flight_end(
         self,
@@ -226,3 +296,31 @@ class ControlWatch:
             landed_state=recorded.landed_state,
             tilts=recorded.tilts,
         )
+
+
+def carries_vehicle(motion: RecentMotion | None, parameters: Parameters) -> bool:
+    """Returns whether the latest motor outputs are high enough to carry the vehicle.
+
+    Args:
+        motion: motor outputs of the last seconds; None if they do not come.
+        parameters: parameters of the vehicle, of which some state the idle.
+    """
+    return motion is not None and _idle_start(motion.motors, parameters) is None
+
+
+def _idle_start(motors: MotorOutputs, parameters: Parameters) -> float | None:
+    """Returns since when all motors together have carried nothing.
+
+    Args:
+        motors: their outputs of the last seconds.
+        parameters: parameters of the vehicle, of which some state the idle.
+
+    Returns:
+        The time of the first output since then, s of the boot clock; None if the latest outputs carry the vehicle.
+    """
+    collective = motors.collective
+    powered_rows = np.flatnonzero(collective.values > min_airborne_collective(parameters))
+    first_idle_row = powered_rows[-1] + 1 if len(powered_rows) else 0
+    if first_idle_row == len(collective.time):
+        return None
+    return float(collective.time[first_idle_row])

@@ -46,7 +46,7 @@ from mavdem.facts.session import RowsFact, SessionFact
 from mavdem.facts.watch import WatchedQuantity, WatchFact
 from mavdem.ingest.telemetry import Telemetry
 from mavdem.ingest.vocabulary import IN_AIR, ON_GROUND
-from mavdem.live.control_watch import ControlWatch
+from mavdem.live.control_watch import ControlWatch, carries_vehicle
 from mavdem.live.live_signals import LiveFindings, LiveSignals, RecentMotion, live_evidence
 from mavdem.live.messages import STATUS_MESSAGES, Message
 from mavdem.live.recent_messages import MAX_EVENTS, RecentMessages
@@ -223,6 +223,8 @@ class Watchdog:
         self._reported = set[tuple[object, ...]]()
         # Whether the former boot ended in flight, and that the autopilot restarted in flight; None if it did not.
         self._was_flying = was_flying
+        # A fall with the motors at idle that has not ended; None without one.
+        self._fall: Fact | None = None
         self._restart: Fact | None = None
         # What the autopilot has warned of in the flights of this boot, and its alarms.
         self._warnings: deque[Fact] = deque(maxlen=MAX_EVENTS)
@@ -267,6 +269,8 @@ class Watchdog:
         """What is alarmed now; the loss of the flight first, also while it lies on the ground."""
         active = [fact for fact in self.active.values() if fact.is_bad]
         active += [fact for fact in self._report_alarms.active if fact not in active]
+        if self._fall is not None and not self.has_landed:
+            active.insert(0, self._fall)
         if self.loss is not None and self.loss not in active:
             active.insert(0, self.loss)
         is_flying = bool(self._states) and self._states[-1].landed_state == IN_AIR
@@ -394,6 +398,7 @@ class Watchdog:
         is_first_phase = len(self._states) <= 2
         self._end_drift(now)
         if state == IN_AIR:
+            self._fall = None
             self.has_landed = False
             self._landing_report = None
             self._calm_seconds = {}
@@ -491,12 +496,9 @@ class Watchdog:
         review = self._review
         assert review is not None
         self._review = None
+        news = []
         if review.is_flying:
-            loss = self.control.loss(review.now, review.vehicle, takeoff_time, motion)
-            if loss is not None:
-                review.facts[WatchedQuantity.CONTROL] = loss
-                self.loss = self.active.get(WatchedQuantity.CONTROL, loss)
-                self._judge_motors_of_loss(self.loss)
+            news += self._judge_control(review, takeoff_time, motion)
             drift = self.drift.latest
             if drift is not None:
                 review.facts[WatchedQuantity.DRIFT] = drift
@@ -511,7 +513,6 @@ class Watchdog:
                     review.facts.pop(kind, None)
         else:
             self._judge_end_of_flight(review, takeoff_time, motion)
-        news = []
         if self.has_landed and self._landing_report is not None:
             news.append(self._landing_report)
             self._landing_report = None
@@ -519,6 +520,42 @@ class Watchdog:
         news += self._changed_alarms(review)
         self._review_time = review.now
         return news
+
+    def _judge_control(
+        self, review: _Review, takeoff_time: float, motion: RecentMotion | None
+    ) -> list[Fact]:
+        """Judges in flight whether control was lost, and whether the vehicle falls or has met the ground.
+
+        Args:
+            review: the review, whose ``facts`` get the loss.
+            takeoff_time: when the vehicle left the ground, s of the boot clock; minus infinity where that was not seen.
+            motion: attitude and motor outputs of the last seconds; None if they do not come.
+
+        Returns:
+            The alarm of a fall with idle motors that begins, or its end once the motors carry the vehicle again. A fall
+            is no loss yet: the pilot may catch the vehicle.
+        """
+        circumstances = (review.now, review.vehicle, takeoff_time, motion)
+        loss = self.control.loss(*circumstances)
+        if loss is not None:
+            self.loss = self.active.get(WatchedQuantity.CONTROL, loss)
+            if self.loss.code in OPEN_LOSSES:
+                self.loss = self.control.contact_after_loss(*circumstances) or self.loss
+            review.facts[WatchedQuantity.CONTROL] = self.loss
+            self._judge_motors_of_loss(self.loss)
+        if self.loss is not None:
+            self._fall = None
+            return []
+        fall = self.control.fall(*circumstances)
+        if fall is not None:
+            is_new = self._fall is None
+            self._fall = fall
+            return [event_or_alarm(fall, review.now)] if is_new else []
+        if self._fall is None or not carries_vehicle(motion, review.vehicle.parameters):
+            return []
+        end = Fact(WatchFact.ALARM_OVER, time=review.now, reason=self._fall)
+        self._fall = None
+        return [end]
 
     def _judge_end_of_flight(
         self, review: _Review, takeoff_time: float, motion: RecentMotion | None
@@ -553,12 +590,14 @@ class Watchdog:
         if end.loss is not None and end.loss.is_bad:
             loss = end.loss
         elif end.is_falling and self.loss is None:
-            loss = Fact(WatchFact.STOPPED_IN_AIR, Level.BAD, time=first_state_after.time)
+            fall_start = first_state_after.time if self._fall is None else self._fall.time
+            loss = Fact(WatchFact.STOPPED_IN_AIR, Level.BAD, time=fall_start)
         # A loss in the air is replaced once it is known how the vehicle met the ground. Any other loss stays.
         is_earlier_loss_final = self.loss is not None and self.loss.code not in OPEN_LOSSES
         if loss is not None and not is_earlier_loss_final:
             review.facts[WatchedQuantity.CONTROL] = loss
             self.loss = loss
+            self._fall = None
             self._judge_motors_of_loss(loss)
 
     def _judge_motors_of_loss(self, loss: Fact) -> None:

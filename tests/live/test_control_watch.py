@@ -167,8 +167,10 @@ class StoppedFlight(Flight):
 
 def test_a_vehicle_disarmed_in_the_air_has_not_landed():
     made = replay(StoppedFlight(Tumbling(), 25.0, 25.0).frames(end=37.0))
-    falling, alarm = alarms(made)
+    idle, falling, alarm = alarms(made)
+    assert idle.figures["reason"].code is WatchFact.FALLS_AT_IDLE
     assert falling.figures["reason"].code is WatchFact.STOPPED_IN_AIR
+    assert falling.figures["reason"].time == idle.figures["reason"].time
     assert falling.time < alarm.figures["reason"].time
     assert alarm.figures["reason"].code is Ending.CRASHED
     assert ReportedEvent.ON_GROUND not in made.codes
@@ -243,3 +245,48 @@ def test_a_crash_that_the_autopilot_reports_is_no_landing_until_the_next_take_of
     replay(by_time(again, states, beats), made.stream)
     assert made.stream.is_flying
     assert made.stream.status().loss is None
+
+
+@dataclass(frozen=True)
+class Throttled(Hover):
+    """A hover whose motors idle from 18 s until ``opened``, s: then they carry the vehicle again."""
+
+    hovering: float = 15.0
+    opened: float = 19.0
+
+    def motors(self, t):
+        is_closed = (t >= 18.0) & (t < self.opened)
+        return np.where(is_closed[:, None], 1100.0, super().motors(t))
+
+
+@dataclass(frozen=True)
+class FallingFlight(Flight):
+    """A flight at 20 m that falls while its motors idle, and goes on where it was caught."""
+
+    def _climb(self, start, end):
+        for time, name, fields in super()._climb(start, end):
+            seconds = min(max(time - 18.0, 0.0), self.hover.opened - 18.0)
+            is_falling = 18.0 <= time < self.hover.opened
+            height = np.interp(time, [6.0, 11.0], [0.0, 20.0]) - 4.9 * seconds**2
+            speed = {"vz": 9.8 * seconds} if is_falling else {}
+            yield time, name, fields | {"z": -float(height)} | speed
+
+
+def test_a_fall_with_idle_motors_is_alarmed_before_it_ends_and_is_no_loss_where_it_is_caught():
+    flight = FallingFlight(Throttled(opened=18.8), attitude=50.0, motors=50.0)
+    made = replay(flight.frames(end=24.0))
+    [alarm] = alarms(made)
+    fall = alarm.figures["reason"]
+    assert fall.code is WatchFact.FALLS_AT_IDLE and fall.is_bad
+    assert 18.0 <= fall.time <= 18.1 and alarm.time <= 18.8
+    assert alarm.remedy.startswith("Give thrust, or release the parachute.")
+    [over] = [fact for fact in made.facts if fact.code is WatchFact.ALARM_OVER]
+    assert 18.8 <= over.time <= 20.0 and over.figures["reason"].code is WatchFact.FALLS_AT_IDLE
+    status = made.stream.status()
+    assert status.loss is None and not status.active_alarms
+    assert not status.overall_judgement.lights[Light.TRACKING].is_bad
+
+
+def test_motors_that_idle_for_a_moment_raise_no_alarm():
+    flight = FallingFlight(Throttled(opened=18.2), attitude=50.0, motors=50.0)
+    assert not alarms(replay(flight.frames(end=24.0)))
