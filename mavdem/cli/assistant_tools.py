@@ -52,7 +52,7 @@ READ_ONLY = ToolAnnotations(read_only_hint=True, open_world_hint=False)
 """What every tool is: it changes nothing, and reaches nothing but the files it is given."""
 
 
-class AssistantServer(MCPServer):
+class AssistantServer(MCPServer):  # type: ignore[misc]
     """A server of tools that says in sentences which arguments a call lacks, or which do not fit."""
 
     async def call_tool(
