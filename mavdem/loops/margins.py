@@ -153,11 +153,6 @@ class OpenLoop(Margins):
         """Whether the closed loop of the estimated plant is stable."""
         return bool(self.stable[ESTIMATE])
 
-    @property
-    def closed_loop_of_estimate(self) -> Complex:
-        """Response of the closed loop of the estimated plant (F,), from the setpoint to the rate or the angle."""
-        return self.closed[ESTIMATE]
-
     @cached_property
     def figures(self) -> Mapping[str, Array]:
         """Values (N,) of each figure of :class:`Margins`, by its name.

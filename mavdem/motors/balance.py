@@ -141,7 +141,9 @@ def balance_figures(
         effect_variance_factor = np.broadcast_to(np.diag(inverse), lean_effect.shape)
     # Each of roll, pitch and yaw has its own variance and correlation.
     inflation = [_variance_inflation(column) for column in residuals.T]
-    block_variance = (residuals**2).sum(axis=0) / freedom
+    # From few blocks the variance itself is uncertain, so that the errors follow a Student's t distribution. They are
+    # used as normal ones of the same variance, which is larger by freedom / (freedom - 2).
+    block_variance = (residuals**2).sum(axis=0) / (freedom - 2)
     variance = block_variance * inflation
     return BalanceFigures(
         mean=balance.mean(axis=0),

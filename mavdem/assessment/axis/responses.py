@@ -1,4 +1,4 @@
-"""Measured closed-loop responses of rate and attitude of each axis, and their predictions by the identified loops."""
+"""Measured closed-loop responses of rate and attitude of each axis, compared with those that the loops predict."""
 
 from collections.abc import Mapping
 from types import MappingProxyType
@@ -20,6 +20,7 @@ from mavdem.loops.step_response import (
     attitude_step_response,
     rate_step_response,
 )
+from mavdem.plant.parameters import ESTIMATE
 
 RATE_FEEDFORWARD_PARAMETER = "ATC_RATE_FF_ENAB"
 """ArduPilot's parameter that adds the derivative of the attitude's setpoint to the setpoint of the rate."""
@@ -81,9 +82,9 @@ def responses_of(evidence: Evidence) -> Responses:
         rate = rate_step_response(signals, segments, loop if isinstance(loop, Loop) else None)
         attitude = attitude_step_response(signals, segments)
         if isinstance(loop, Loop):
-            rate_prediction = loop.rate.closed_loop_of_estimate
-            rate_response = _compared_response(rate, loop, loop.rate, rate_prediction)
+            # Row ``ESTIMATE`` of a closed loop is of the estimated plant; the other rows are of sampled plants.
             attitude_prediction = predicted_attitude_response(loop, has_feedforward=has_feedforward)
+            rate_response = _compared_response(rate, loop, loop.rate, loop.rate.closed[ESTIMATE])
             attitude_response = _compared_response(
                 attitude, loop, loop.attitude, attitude_prediction
             )
@@ -98,38 +99,37 @@ def responses_of(evidence: Evidence) -> Responses:
 
 
 def advised_steps(responses: Responses, advice_by_axis: AdviceByAxis) -> StepsByLoop:
-    """Predicts the step responses with the advised gains, at the times of the measured step responses.
+    """Predicts the step responses with the advised gains, at the times of the measured responses.
 
-    They are plotted together with the measured ones. So the prediction for the attitude contains the feedforward of the
-    setpoint's derivative if the autopilot adds it.
+    They are plotted together with the measured ones, so that they contain the feedforward of the attitude's setpoint
+    too, where the autopilot adds one.
 
     Args:
         responses: the measured responses of the rate and attitude loop of each axis.
-        advice_by_axis: advice on the gains of each axis, or why there is none.
+        advice_by_axis: advice on each axis, or why there is none; its ``after`` are the loops with the advised gains.
 
     Returns:
-        By axis and then by loop ("rate" or "attitude"), the response (N,) to a unit step of the setpoint, at the N
-        times of the measured one. Axes whose gains do not change, and loops without a measured response, are left out.
+        By axis and loop, the response to a step of 1 at the times of the measured one; only where gains change, and a
+        response was measured.
     """
     steps = dict[str, dict[str, Array]]()
-    for axis, response_by_loop in responses.items():
+    for axis, loops in responses.items():
         advice = advice_by_axis.get(axis)
         if not isinstance(advice, Advice) or not advice.parameters:
-            # No gain of this axis changes.
             continue
-        loop_with_advised_gains = advice.after
+        advised_loop = advice.after
         steps[axis] = {}
-        for loop_name, response in response_by_loop.items():
+        for loop_name, response in loops.items():
             if not isinstance(response.measured, StepResponse):
                 continue
-            if loop_name == "rate":
-                closed_loop = loop_with_advised_gains.rate.closed_loop_of_estimate
-            else:
+            # Row ``ESTIMATE`` is of the estimated plant; the other rows are of sampled plants.
+            closed_loop = advised_loop.rate.closed[ESTIMATE]
+            if loop_name == "attitude":
                 closed_loop = predicted_attitude_response(
-                    loop_with_advised_gains, has_feedforward=response.has_feedforward
+                    advised_loop, has_feedforward=response.has_feedforward
                 )
             steps[axis][loop_name] = step_from_frequency_response(
-                loop_with_advised_gains.rate.frequency, closed_loop, response.measured.time
+                advised_loop.rate.frequency, closed_loop, response.measured.time
             )
     return steps
 
@@ -148,7 +148,8 @@ def predicted_attitude_response(loop: Loop, *, has_feedforward: bool) -> Complex
     Returns:
         (F,) at ``loop.attitude.frequency``.
     """
-    closed_loop = loop.attitude.closed_loop_of_estimate
+    # Row ``ESTIMATE`` is of the estimated plant; the other rows are of sampled plants.
+    closed_loop = loop.attitude.closed[ESTIMATE]
     if not has_feedforward:
         return closed_loop
     feedforward = 2j * np.pi * loop.attitude.frequency / loop.controller.angle_gain

@@ -11,6 +11,7 @@ from mavdem.loops.advice import Advice, AdviceByAxis, advised_parameters
 from mavdem.loops.axis_loops import LoopsByAxis
 from mavdem.loops.identified_step import STEP_SECONDS, step_from_frequency_response
 from mavdem.loops.step_response import StepResponse
+from mavdem.plant.parameters import ESTIMATE
 from mavdem.report.charts.chart import TIME_AFTER_STEP, Axis, Chart, Group, Line, LineStyle
 from mavdem.report.palette import PHYSICAL, PREDICTED, TRUTH
 
@@ -122,7 +123,7 @@ def predicted_step_chart(loops: LoopsByAxis, loop_name: str) -> Chart:
     lines = []
     for name, loop in loops.items():
         open_loop = loop.rate if loop_name == "rate" else loop.attitude
-        closed_loop_response = open_loop.closed_loop_of_estimate
+        closed_loop_response = open_loop.closed[ESTIMATE]
         step = step_from_frequency_response(open_loop.frequency, closed_loop_response, time)
         lines.append(Line(name, GAIN_COLOURS[name], time, step))
     title = f"{loops['now'].axis.capitalize()} {loop_name}: step"
