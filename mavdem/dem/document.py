@@ -52,22 +52,20 @@ def from_text(result_type: type[ResultType], text: str) -> ResultType:
 
     Raises:
         Unreadable: The document has a later version of the schema, or is not a document of this type. The message names
-            the first key that is missing or has a wrong value.
+            the first key that is missing or has a wrong value, and says if the document is from an earlier version.
     """
     version = _schema_version(text)
     if version is not None and version > VERSION:
         raise Unreadable(ModelFile.OF_LATER_VERSION)
-    # Text that cannot be parsed, lacks a key or has a wrong value raises the same error.
+    # pydantic's error names the problem, whether the text cannot be parsed, lacks a key or has a wrong value. A
+    # TypeError means that the argument is no text.
     try:
         return _adapter(cast(Any, result_type)).validate_json(text, strict=True)
     except (ValidationError, TypeError) as error:
         problem = first_problem(error) if isinstance(error, ValidationError) else str(error)
-        fact = Fact(
-            ModelFile.NO_MODEL_DOCUMENT,
-            error=problem,
-            is_old=isinstance(text, str) and text.startswith(FORMER_BEGINNING),
-        )
-        raise Unreadable(fact) from None
+        is_from_earlier_version = isinstance(text, str) and text.startswith(FORMER_BEGINNING)
+    message = Fact(ModelFile.NO_MODEL_DOCUMENT, error=problem, is_old=is_from_earlier_version)
+    raise Unreadable(message)
 
 
 def _schema_version(text: object) -> int | None:

@@ -180,12 +180,12 @@ class Learned(ImmutableResult, ForecasterBase):
 
     @property
     def physical_reason(self) -> Fact | None:
-        """Why no physical parameters can be fitted; ``None`` if they can be fitted."""
+        """Why the training data have no :attr:`physical` parameters; ``None`` if they have."""
         from mavdem.plant import NotIdentifiable
 
-        return (
-            self._physical_fit.reason if isinstance(self._physical_fit, NotIdentifiable) else None
-        )
+        if isinstance(self._physical_fit, NotIdentifiable):
+            return self._physical_fit.reason
+        return None
 
     @cached_property
     def _physical_fit(self) -> Physical | NotIdentifiable:

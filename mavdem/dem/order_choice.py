@@ -92,8 +92,9 @@ class OrderChoice:
             reference: the order that it is compared with.
 
         Returns:
-            F̄ᵒ at ``order`` minus F̄ᵒ at ``reference``, nats, as the mean over the flights that have fits of both orders,
-            and the standard error of that mean, which is 0 for a single flight. NaN and 0 if no flight has both.
+            F̄ᵒ at ``order`` minus F̄ᵒ at ``reference``, nats, as the mean over the flights that have fits of both
+            orders, and the standard error of that mean, which is 0 for a single flight. NaN and 0 if no flight has
+            both.
         """
         # Column i is for the order i + 1.
         gains = self.free_energy[:, order - 1] - self.free_energy[:, reference - 1]
@@ -133,10 +134,11 @@ class OrderChoice:
 
     @property
     def reason(self) -> Fact:
-        """Why this order is chosen, for a report.
+        """Why this order is chosen: how much free energy a higher order would gain at most, and how much it would need.
 
-        The fact contains the largest mean gain of a higher order over the chosen one, nats (``None`` if no higher one
-        was fitted), and the two limits that the gain would have to exceed.
+        It is a fact, from which reports make a sentence. Its figures are the largest mean gain of a higher order over
+        the chosen one, nats (``None`` if no higher one was fitted), and the two limits that the gain would have to
+        exceed (:attr:`chosen`).
         """
         chosen = self.chosen
         largest_gain = None

@@ -142,8 +142,8 @@ class Settings:
         scaling: "channel": every output and the inputs are centred and scaled to unit variance, and a constant input
             learns the trim. "paper": outputs as they are, one mean and one range for all inputs. "none": both as they
             are.
-        known_inputs: Whether the recorded inputs are the prior mean η̃ᵛ of the inputs. If not, it is 0, and B belongs to
-            unrecorded inputs.
+        known_inputs: Whether the recorded inputs are the prior mean η̃ᵛ of the inputs. If not, it is 0, and B belongs
+            to unrecorded inputs.
 
     **The noise**
 
@@ -225,21 +225,25 @@ class Settings:
     def _require_consistent(self) -> None:
         """Checks the conditions that involve more than one setting.
 
+        Two of them are on ``correlation``, which decides whether the error of the highest derivative of the states,
+        Dx̃ − Ãx̃ − B̃ṽ, counts as evidence ("continuous") or is left out.
+
         Raises:
             ValueError: A setting contradicts another; the message names it.
         """
-        continuous = self.last_derivative_zero
+        is_continuous = self.last_derivative_zero
         # A derivative of order k needs at least k + 1 samples.
         min_window = max(self.p, self.d or 0) + 1
         if self.window is not None and self.window < min_window:
             raise self._contradiction("window", f"at least {min_window} for p and d")
-        # If C is free, nothing determines the scale of x, and F̄ is largest at C = 0.
-        if self.prior == "uniform" and not continuous:
+        # If the highest derivative is left out and C is free, nothing determines the scale of the states x: the larger
+        # they are, the smaller C, and the free energy F̄ is largest at C = 0.
+        if self.prior == "uniform" and not is_continuous:
             raise self._contradiction(
                 "correlation", '"continuous" with the uniform prior, which leaves C free'
             )
-        # Without a derivative there would be no equation of motion.
-        if self.p == 0 and not continuous:
+        # With p = 0 the states have no derivatives, and leaving out the highest one leaves no equation of motion.
+        if self.p == 0 and not is_continuous:
             raise self._contradiction("correlation", '"continuous" with p = 0')
         if self.prior == "regulated" and not self.known_inputs:
             raise self._contradiction(

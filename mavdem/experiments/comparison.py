@@ -101,7 +101,7 @@ class Comparison:
         return tuple(outcome.method for outcome in self.outcomes[0] if kind in outcome.scores)
 
     def of_flight(self, flight: str) -> Comparison:
-        """Returns the part of the comparison that is of one flight, as a comparison of its own.
+        """Returns the comparison of the methods on the windows of one flight only.
 
         Args:
             flight: name of the flight.
@@ -335,16 +335,16 @@ class Comparison:
             kind: kind of forecast, by the data that it may use.
 
         Returns:
-            What was sampled (``dt`` in s, names and units of the outputs), samples of the training part and of the part
-            that was forecast, ``standings`` (the results of :meth:`summaries`), and ``windows``: for each its first
+            What was sampled (``dt`` in s, names and units of the outputs), numbers of samples of the training data and
+            of the forecasts, ``standings`` (the results of :meth:`summaries`), and ``windows``: for each its first
             sample, its time in s, and the outcome of each method by name.
         """
-        part = self.of_flight(flight)
-        train = part.windows[0].train
-        test = part.windows[0].test
+        comparison = self.of_flight(flight)
+        train = comparison.windows[0].train
+        test = comparison.windows[0].test
         methods = self.methods_of(kind)
         windows = []
-        for window, outcomes in zip(part.windows, part.outcomes, strict=True):
+        for window, outcomes in zip(comparison.windows, comparison.outcomes, strict=True):
             outcomes_by_method = {}
             for outcome in outcomes:
                 if outcome.method in methods:
@@ -369,27 +369,33 @@ class Comparison:
 
 
 def overall_summary(method: str, flight_summaries: Sequence[JsonValues]) -> JsonValues:
-    """Summarises a method over flights.
+    """Averages the summaries of one method over several flights, so that each flight counts the same.
+
+    Error ratios are averaged geometrically, shares arithmetically, and numbers of windows are added up. The paired test
+    asks whether the method's error differs from the error of the reference, which is the first method of the
+    comparison, in flights in general: its pairs are flights and not windows, since windows of one flight resemble each
+    other.
 
     Args:
         method: name of the method.
         flight_summaries: its summaries, one for each flight, as :meth:`Comparison.summaries` returns them.
 
     Returns:
-        Values by the keys that :meth:`Comparison.over_flights` explains.
+        Values by name; :meth:`Comparison.over_flights` says what each is.
     """
-    # Flights sampled at different rates have different numbers of horizons. The last is the whole test part in all of
-    # them, so it is kept, with the shorter horizons that all have.
-    common_horizons = min(len(summary["horizons"]) for summary in flight_summaries)
+    # Flights sampled at different rates have different numbers of horizons. The last one is the whole test window in
+    # each of them, so it is kept, with the shorter horizons that all flights have.
+    horizon_count = min(len(summary["horizons"]) for summary in flight_summaries)
+    last_horizon = -1
     error_ratios = []
     inside_shares = []
-    for index in (*range(common_horizons - 1), -1):
-        values_of_flights = [summary["horizons"][index] for summary in flight_summaries]
+    for horizon in (*range(horizon_count - 1), last_horizon):
+        values_of_flights = [summary["horizons"][horizon] for summary in flight_summaries]
         error_ratios.append(geometric_mean([values["relative"] for values in values_of_flights]))
         inside_shares.append(known_mean(values["inside"] for values in values_of_flights))
-    # Each flight is one pair: its error ratio to the reference is tested against 1.
+    # The median error ratio to the reference in each flight. They are equally good if it is 1.
     ratios_to_reference = [
-        summary["horizons"][-1]["reference"].ratio for summary in flight_summaries
+        summary["horizons"][last_horizon]["reference"].ratio for summary in flight_summaries
     ]
     return {
         "method": method,

@@ -204,7 +204,7 @@ def compare_with_truth(
     """Compares a learned model with the simulator's truth: physical parameters and wind torque, each side by side.
 
     Args:
-        learned: the model of one axis. Without physical parameters or wind torque that part is empty.
+        learned: the model of one axis. Physical parameters or wind torque that it lacks are not compared.
         flights: the segments that it was trained on, at whose times the wind torque is compared.
         truth: truth of these flights, as :func:`truth_of` returns it.
 
@@ -250,8 +250,8 @@ def compared_effects(
     unit = f"rad/s² per {MOTOR_UNIT}"
     status = physical.status["effect"]
     true_effect = truth.effect_at(time)
-    # Half widths (r,) of the 90 % intervals.
-    half_widths = physical.interval()[0]
+    # Half widths (r,) of the 90 % intervals of the effects.
+    half_widths = physical.interval().effect
     for motor, input_name in enumerate(flight.input_names):
         yield ComparedParameter(
             f"{ComparedWithTruth.EFFECT_OF} {name_without_place(input_name)}",

@@ -101,12 +101,13 @@ class Advice(ImmutableResult):
 
     @property
     def conclusion(self) -> Fact:
-        """The fact that states what to do with the gains: set them, keep them, or why there is no advice.
+        """What to do with the gains: set them, keep them, take a step towards the margins, or why there is no advice.
 
-        New gains are final only if with them both loops have the margins in ``SURE_SHARE`` of the models. Otherwise the
-        fact calls them a step towards the margins.
+        It is a :class:`Fact`, a code with figures, from which reports and documents make one sentence. New gains are
+        final (``SET_GAINS``) only if both loops have their margins with them in at least ``SURE_SHARE`` of the models,
+        which are draws of the plant. Otherwise they are a step towards the margins.
 
-        The fact has these figures:
+        The figures are:
 
         - ``share``: fraction of the models with the margins at all ``EFFECTIVENESS_FACTORS``, with the new gains.
         - ``share_as_flown``: the same at the thrust of the flight alone.
@@ -119,15 +120,17 @@ class Advice(ImmutableResult):
         """
         if self.refusals:
             return Fact(GainFact.NO_GAINS_ADVISED, reasons=self.refusals)
-        if not self.parameters:
+        share_with_margins = self.sure
+        changes_gains = bool(self.parameters)
+        if not changes_gains:
             code = GainFact.KEEP_GAINS
-        elif self.sure >= SURE_SHARE:
+        elif share_with_margins >= SURE_SHARE:
             code = GainFact.SET_GAINS
         else:
             code = GainFact.STEP_TOWARDS_MARGINS
         return Fact(
             code,
-            share=self.sure,
+            share=share_with_margins,
             share_as_flown=self.after.share_meeting(self.target),
             has_room=self.rating.is_good,
             can_go_on=not reasons_for_no_gains(self.before, for_higher_gains=True),

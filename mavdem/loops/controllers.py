@@ -185,23 +185,24 @@ class Controller(ImmutableResult):
         """Cautions about features of the controller that its parameters switch on and this model lacks.
 
         They are ``UNMODELLED_PARAMETERS`` that are not 0, and notch filters of the gyro whose frequency follows a
-        measurement.
+        measurement. Each caution is a fact with the name of the parameter.
         """
         # All parameters of the axis' rate controller begin like its P gain, such as "ATC_RAT_RLL_P", without the P.
         rate_prefix = self.parameter_names["p"].removesuffix("P")
-        codes = {}
+        cautions = []
         for name_or_ending, code in UNMODELLED_PARAMETERS.items():
+            # Parameters of the rate controller are listed by the ending of their names, which has no underscore.
             is_whole_name = "_" in name_or_ending
             name = name_or_ending if is_whole_name else rate_prefix + name_or_ending
-            codes[name] = code
+            if self.parameters.get(name):
+                cautions.append(Fact(code, name=name))
         for prefix in GYRO_NOTCH_PREFIXES:
             # In modes above THROTTLE, a notch follows the measured speeds of the motors, or peaks of a spectrum.
-            mode = self.parameters.get(f"{prefix}MODE", 0.0)
+            mode_name = f"{prefix}MODE"
+            mode = self.parameters.get(mode_name, 0.0)
             if self.parameters.get(f"{prefix}ENABLE") and mode > NotchMode.THROTTLE:
-                codes[f"{prefix}MODE"] = ControllerFact.NOTCHES_MOVING
-        return tuple(
-            Fact(code, name=name) for name, code in codes.items() if self.parameters.get(name)
-        )
+                cautions.append(Fact(ControllerFact.NOTCHES_MOVING, name=mode_name))
+        return tuple(cautions)
 
     def with_parameters(self, parameters: Parameters) -> Controller:
         """Returns this controller with other values of some of the autopilot's parameters.

@@ -11,6 +11,7 @@ ArduPilot's manual tuning, QuickTune and AutoTune (https://ardupilot.org/copter/
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from enum import IntEnum
 from functools import cached_property
@@ -158,7 +159,7 @@ class _RateDesign(NamedTuple):
 
 @dataclass(frozen=True)
 class GainSearch:
-    """A search for the gains of one axis, by a grid."""
+    """A search on a grid for the gains of one axis, with which its loops have their margins for many plant models."""
 
     loop: Loop
     """The loops with the logged gains."""
@@ -181,14 +182,15 @@ class GainSearch:
 
     @cached_property
     def all_models(self) -> Loop:
-        """The loops of all plants that choose gains, on a coarse grid of frequencies, at each effectiveness.
+        """The loops with all plant models by which gains are chosen, on a coarse grid of frequencies.
 
-        They are the first half of the posterior's draws. The second half is used to judge the result, which would look
-        better than it is with the plants that it was chosen for.
+        The models are the first half of the draws from the plant's posterior, each with several control effectivenesses
+        (``EFFECTIVENESS_FACTORS``). The second half of the draws judges the gains afterwards: with the models that they
+        were chosen for, gains look better than they are.
         """
-        # The first row is the estimated plant and no draw; ``with_draws`` always adds it.
-        draws = slice(1, len(self.loop.effectiveness) // 2)
-        return self.loop.with_draws(draws, EFFECTIVENESS_FACTORS, SEARCH_GRID)
+        # Row 0 of a loop is the estimated plant, and not a draw: ``with_draws`` adds it always.
+        first_half_of_draws = slice(1, len(self.loop.effectiveness) // 2)
+        return self.loop.with_draws(first_half_of_draws, EFFECTIVENESS_FACTORS, SEARCH_GRID)
 
     @cached_property
     def models(self) -> Loop:
@@ -290,7 +292,7 @@ class GainSearch:
     def _gains_for_all_models(self, design: _RateDesign) -> Parameters:
         """Lowers P, I and D of a design until the rate loop has its margins with all models that choose gains.
 
-        To save time, the search itself uses only a part of these models.
+        To save time, the search itself uses only some of these models.
 
         Args:
             design: the design, with the factors on the logged P to try, from the largest on.
@@ -511,39 +513,53 @@ class GainSearch:
     def _notes_on_gains(self, stage: Stage, gains: Parameters) -> Facts:
         """Returns notes on what is unusual in new gains of the rate controller.
 
-        Unusual are an attitude gain that is lowered with them, an I that falls though P rises, and a ratio of I or D to
-        P that differs from the autopilot's default by more than the factor ``MAX_RATIO_CHANGE``.
+        Unusual are an attitude gain that is lowered with them, an I that falls though P rises, and unusual ratios of I
+        or D to P (:meth:`_notes_on_ratios`).
 
         Args:
             stage: stage of tuning, which decides the gains that change.
             gains: gains to set, by the autopilot's name.
 
         Returns:
-            The notes; empty for the stage of the attitude controller.
+            The notes, from each of which reports make a sentence; empty for the stage of the attitude controller.
         """
-        names = self.loop.controller.parameter_names
-        logged = self.loop.controller.parameters
         if stage is not Stage.RATE or not gains:
             return ()
+        names = self.loop.controller.parameter_names
+        logged = self.loop.controller.parameters
+        p, i = names["p"], names["i"]
         notes = []
         if names["angle_gain"] in gains:
             notes.append(Fact(GainFact.ANGLE_FOLLOWS, name=names["angle_gain"]))
-        p, i = names["p"], names["i"]
         if i in gains and gains[i] < logged[i] and gains[p] > logged[p]:
             notes.append(Fact(GainFact.INTEGRAL_FALLS, name=i))
-        usual_ratios = {"i": self.defaults.ratios.integral, "d": self.defaults.ratios.derivative}
-        for field, usual in usual_ratios.items():
+        return (*notes, *self._notes_on_ratios(gains))
+
+    def _notes_on_ratios(self, gains: Parameters) -> Iterator[Fact]:
+        """Yields a note on each ratio, of I or D to P, that is far from the autopilot's default.
+
+        Args:
+            gains: gains of the rate controller to set, P among them, by the autopilot's name.
+
+        Yields:
+            A note if the ratio differs from the default by more than the factor ``MAX_RATIO_CHANGE``, either way. It
+            has the new ratio and the logged one, both relative to the default.
+        """
+        names = self.loop.controller.parameter_names
+        logged = self.loop.controller.parameters
+        p = names["p"]
+        default_ratios = {"i": self.defaults.ratios.integral, "d": self.defaults.ratios.derivative}
+        for field, default_ratio in default_ratios.items():
             name = names[field]
-            if name not in gains or not usual:
+            # A default of 0 has no ratio to compare with.
+            if name not in gains or not default_ratio:
                 continue
-            # The ratio relative to the default: 1 is usual, and 2 is as unusual as 1/2.
-            ratio = gains[name] / gains[names["p"]] / usual
+            ratio = gains[name] / gains[p] / default_ratio
             if max(ratio, 1 / ratio) > MAX_RATIO_CHANGE * RATIO_TOLERANCE:
-                logged_ratio = logged[name] / logged[names["p"]] / usual
-                notes.append(
-                    Fact(GainFact.RATIO_UNUSUAL, name=name, ratio=ratio, logged_ratio=logged_ratio)
+                logged_ratio = logged[name] / logged[p] / default_ratio
+                yield Fact(
+                    GainFact.RATIO_UNUSUAL, name=name, ratio=ratio, logged_ratio=logged_ratio
                 )
-        return tuple(notes)
 
 
 def logged_gains(loop: Loop) -> dict[str, float]:

@@ -498,10 +498,11 @@ def _checked_plant(
 def _require_known_margin(rate: OpenLoop, reference_share: float = 0.0) -> None:
     """Raises an error if the flight does not determine the phase margin of an identified rate loop.
 
+    The error says what to do: to steer more, unless commands explain nearly all of the motion already.
+
     Args:
         rate: rate loop of the estimated plant and of draws from its posterior.
-        reference_share: fraction of the rate's motion that commands explain: where it is most, more of them help
-            little.
+        reference_share: fraction of the rate's motion that commands explain, 0 to 1.
 
     Raises:
         NotLearnable: the 90 % interval of the phase margin is wider than twice ``MAX_PHASE_MARGIN_HALF_WIDTH``, or the
@@ -510,7 +511,7 @@ def _require_known_margin(rate: OpenLoop, reference_share: float = 0.0) -> None:
     low, high = rate.phase_margin_interval
     is_certain = high - low <= 2 * MAX_PHASE_MARGIN_HALF_WIDTH
     if not (is_certain and rate.is_stable):
-        # A margin is infinite if the gain never crosses 1.
+        # If the gain never crosses 1, the margin is infinite: the message limits the interval to a full circle.
         interval = np.clip([low, high], -180.0, 180.0)
         raise NotLearnable(
             LoopFact.MARGIN_UNCERTAIN,

@@ -39,8 +39,10 @@ GAIN_SEED = 37
 def identified_steps(loop: Loop, time: Array, count: int) -> Array | None:
     """Returns step responses of an identified rate loop: of the estimate, then of draws from its posterior.
 
-    The controller's response to the setpoint is not part of the open loop, and is only known from its parameters. So
-    the controller must explain the logged output, and the closed loop must not contradict the measured rate.
+    The controller's response to the setpoint does not affect the open loop that was identified, and is only known from
+    its parameters. So the controller must explain the logged output, and the closed loop must not contradict the
+    measured rate. The draws also get a random gain, since the posterior lacks one error: identification leaves out drag
+    and position control, which change the gain at low frequencies (``GAIN_DEVIATION``).
 
     Args:
         loop: the identified loop.
@@ -57,12 +59,13 @@ def identified_steps(loop: Loop, time: Array, count: int) -> Array | None:
     rate = loop.rate
     if loop.agrees is False or not rate.is_stable:
         return None
-    closed_loop_response = rate.closed[rate.stable][: count + 1]
-    steps = steps_from_frequency_responses(rate.frequency, closed_loop_response, time)
-    # A few draws are unstable; they are replaced by repeating the stable ones.
+    # Row 0 is of the estimate, the others are of draws.
+    stable_responses = rate.closed[rate.stable][: count + 1]
+    steps = steps_from_frequency_responses(rate.frequency, stable_responses, time)
+    # If fewer than n draws are stable, ``resize`` repeats the steps to the requested number.
     steps = np.resize(steps, (count + 1, len(time)))
-    gains = 1 + GAIN_DEVIATION * default_rng(GAIN_SEED).standard_normal(count)
-    steps[1:] *= gains[:, None]
+    gains_of_draws = 1 + GAIN_DEVIATION * default_rng(GAIN_SEED).standard_normal(count)
+    steps[1:] *= gains_of_draws[:, None]
     return steps
 
 

@@ -94,10 +94,10 @@ class Oscillation(NamedTuple):
 
     @property
     def figures(self) -> JsonValues:
-        """The figures of a fact about it, by the names that the templates of sentences use.
+        """Axis, frequency (Hz) and body rate (rad/s) by name, as sentences about a limit cycle in a report need them.
 
-        "subject" is the axis, "frequency" is in Hz, and "turn_rate" is the body rate, rad/s. "axes" has the axis, the
-        frequency, Hz, and the body rate, rad/s, of all axes that oscillate.
+        "subject" is the axis, "frequency" its frequency, and "turn_rate" its body rate, which is converted from
+        degrees: figures of sentences are in rad/s. "axes" has the same three of every axis that oscillates.
         """
         axes = [
             (cycle.axis, cycle.frequency, radians(cycle.rate)) for cycle in (self, *self.other_axes)

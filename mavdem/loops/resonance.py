@@ -222,7 +222,7 @@ def spectral_resonance(signals: Signals, segments: Segments) -> Resonance | None
     command = inputs.outputs[:, 0] if mixer_row is None else inputs.outputs @ mixer_row
     command_series = TimeSeries(inputs.time, inputs.boot, command)
     spectra = welch_spectra((command_series, attitude.rate_series), segments)
-    if spectra is None or not spectra.median_power.all():
+    if spectra is None or not spectra.median_output_power.all():
         return None
     frequency = spectra.frequency
     max_frequency = min(MAX_FREQUENCY_RATIO * frequency[-1], MAX_LOOP_FREQUENCY)
@@ -232,7 +232,7 @@ def spectral_resonance(signals: Signals, segments: Segments) -> Resonance | None
     if len(rows) == 0:
         return None
     # A sensitivity is a ratio of amplitudes, and the logarithm of an amplitude is half of that of its power.
-    log_amplitude = np.log(spectra.median_power) / 2
+    log_amplitude = np.log(spectra.median_output_power) / 2
     log_amplitude_above = np.interp(frequency[rows] * BACKGROUND_RATIO, frequency, log_amplitude)
     log_amplitude_below = np.interp(frequency[rows] / BACKGROUND_RATIO, frequency, log_amplitude)
     background = (log_amplitude_above + log_amplitude_below) / 2

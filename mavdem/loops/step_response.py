@@ -154,9 +154,11 @@ class StepResponse(ImmutableResult):
 
     @property
     def fact(self) -> Fact:
-        """The fact that states the figures of the response, each by the name and in the unit of its attribute.
+        """The figures of the response as a :class:`Fact`, from which reports and documents make one sentence.
 
-        Overshoot and peak also come with their 90 % intervals; "highest" is the highest known frequency, Hz.
+        A fact is a code with figures by name. Here each of ``FIGURES`` (overshoot, rise time and so on) has the name
+        and the unit of its attribute. Overshoot and peak also come with their 90 % intervals; "highest" is the highest
+        known frequency, Hz.
         """
         figures = {name: getattr(self, name).value for name in FIGURES}
         return Fact(
@@ -183,22 +185,25 @@ class StepResponse(ImmutableResult):
             closed: predicted response of the closed loop (F′,).
 
         Returns:
-            The fact that they agree, or that the prediction or the measurement is in doubt.
+            Which of the three holds, as a fact: they agree, the prediction is in doubt, or the measurement is. Its
+            figures are the share of the frequencies at which they disagree, and the frequency of the predicted peak,
+            Hz.
         """
         subject = f"{self.axis} {self.loop}"
         predicted_gain = abs(closed)
-        predicted_here = np.interp(self.frequency, frequency, predicted_gain)
+        predicted_at_measured = np.interp(self.frequency, frequency, predicted_gain)
         # The estimate assumes |T| = 1 at 0 Hz up to this error, so that no interval is narrower.
         half_width = np.maximum(self.gain_half, STEADY_STATE_ERROR)
-        disagrees = abs(predicted_here - self.gain) > half_width
+        disagrees = abs(predicted_at_measured - self.gain) > half_width
         share = disagrees.mean()
         if share <= MAX_DISAGREEING_SHARE:
             return Fact(
                 StepResponseFact.PREDICTION_AGREES, subject=subject, highest=self.max_frequency
             )
-        is_shown = frequency <= self.max_frequency
+        is_measured = frequency <= self.max_frequency
+        highest_measured_peak = predicted_gain[is_measured].max(initial=0.0)
         code = StepResponseFact.PREDICTION_DOUBTED
-        if predicted_gain.max() > predicted_gain[is_shown].max(initial=0.0):
+        if predicted_gain.max() > highest_measured_peak:
             code = StepResponseFact.MEASUREMENT_DOUBTED
         return Fact(
             code,
@@ -404,11 +409,13 @@ def decimated_pieces(pieces: list[Array], decimation: int) -> list[Array]:
 def _with_angle_and_correction(
     sampling_rate: float, pieces: Sequence[Array], angle_gain: float
 ) -> list[Array]:
-    """Completes pieces of rate setpoint and rate with the angle, and with the correction of the attitude controller.
+    """Returns the signals of a rate loop with a complete rate setpoint, and with the angle.
 
-    The correction is angle gain × error of the angle. It is part of the setpoint that the rate controller follows, but
-    some messages lack it. It is added to those. If the angle setpoint was not recorded, the rate setpoint is assumed to
-    contain the correction. An angle that was not recorded is replaced by the integral of the rate.
+    The setpoint that the rate controller follows contains the correction of the attitude controller, angle gain × error
+    of the angle. Some logs have the rate setpoint without it; whether a log has it, a regression decides
+    (:func:`_contains_correction`). If it is missing, it is computed and added. That needs the angle setpoint: without
+    it, the rate setpoint is assumed to contain the correction. An angle that was not recorded is replaced by the
+    integral of the rate.
 
     Args:
         sampling_rate: rate of the samples, Hz.
@@ -424,7 +431,7 @@ def _with_angle_and_correction(
     if signal_count <= _ANGLE:
         return [np.vstack([piece, np.cumsum(piece[_RATE]) / sampling_rate]) for piece in pieces]
     has_angle_setpoint = signal_count > _ANGLE_SETPOINT
-    if not has_angle_setpoint or _is_corrected(sampling_rate, pieces, angle_gain):
+    if not has_angle_setpoint or _contains_correction(sampling_rate, pieces, angle_gain):
         return list(pieces)
     corrected_pieces = []
     for piece in pieces:
@@ -434,7 +441,7 @@ def _with_angle_and_correction(
     return corrected_pieces
 
 
-def _is_corrected(sampling_rate: float, pieces: Sequence[Array], angle_gain: float) -> bool:
+def _contains_correction(sampling_rate: float, pieces: Sequence[Array], angle_gain: float) -> bool:
     """Returns whether a logged rate setpoint contains the attitude controller's correction, by a regression.
 
     The rate setpoint is regressed on the derivative of the angle setpoint, and on the correction, angle gain · error of

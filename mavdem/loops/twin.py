@@ -183,7 +183,7 @@ def build_twin(
         wind_speed=None if wind is None else wind.speed,
         wind_direction=None if wind is None else wind.direction,
         parameters=control.parameters,
-        notes=_notes(loops, bool(mass), arm.is_measured, drag),
+        notes=_certainty_notes(loops, bool(mass), arm.is_measured, drag),
     )
     return _with_inertia(twin, loops)
 
@@ -321,10 +321,13 @@ def _inertia(twin: Twin, axis: str, loop: Loop, lever: float) -> float:
     return lever * twin.slope * total_output / loop.effectiveness[ESTIMATE]
 
 
-def _notes(
+def _certainty_notes(
     loops: LoopsByAxis, is_mass_given: bool, is_arm_measured: bool, drag: Drag
 ) -> dict[str, Fact]:
-    """Returns facts on how certain the attributes of a twin are, by the names of the attributes.
+    """Returns notes on how certain each attribute of a twin is: whether it was given, measured or assumed.
+
+    A note is a fact: a code with figures, from which the file of the twin and the report make a sentence. Mass, arm and
+    drag may be assumed. Inertia, propeller moment, damping and lag follow from the identified loops, with intervals.
 
     Args:
         loops: identified loops by axis.
@@ -333,7 +336,7 @@ def _notes(
         drag: drag of the vehicle, or of typical ones.
 
     Returns:
-        Facts by the names of the attributes.
+        Notes by the names of the attributes.
     """
     effectiveness_notes = {axis: _effectiveness_note(loop) for axis, loop in loops.items()}
     notes = {

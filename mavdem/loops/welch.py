@@ -36,8 +36,8 @@ class WelchSpectra(NamedTuple):
     """Number of windows that were summed."""
     power: Complex
     """Sums over windows of conj(X_i) X_j, with the Fourier transforms X of signals i and j (k, k, F)."""
-    median_power: Array
-    """Median over windows of |P|² (F,), which moments of steering hardly change."""
+    median_output_power: Array
+    """Median over windows of the second signal's power |P|² (F,), which moments of steering hardly change."""
 
     @property
     def driver_power(self) -> Array:
@@ -95,6 +95,10 @@ def welch_spectra_of_pieces(
 ) -> WelchSpectra | None:
     """Estimates the cross-spectra of evenly sampled signals by Welch's method.
 
+    The first signal is the input of a response, such as a setpoint or a command, and the second its output, such as the
+    body rate. Of the output, the median power over the windows is returned too: unlike the mean, it hardly contains
+    moments of steering.
+
     Args:
         rate: rate of the samples, Hz.
         pieces: samples of the k signals (k, N) in each piece without gaps; pieces shorter than a window are left out.
@@ -109,13 +113,15 @@ def welch_spectra_of_pieces(
     ]
     if sum(transforms.shape[1] for transforms in transforms_of_pieces) < MIN_WINDOWS:
         return None
+    # Transforms (k, W, F) of all windows of all pieces.
     transforms = np.concatenate(transforms_of_pieces, axis=1)
+    output_transforms = transforms[1]
     # Letters of einsum: signals i and j, window w, frequency f. The products are added over all windows.
     return WelchSpectra(
         frequency=np.asarray(np.fft.rfftfreq(size, 1 / rate), np.float64),
         windows=transforms.shape[1],
         power=np.einsum("iwf,jwf->ijf", transforms.conj(), transforms),
-        median_power=np.median(np.square(abs(transforms[1])), axis=0),
+        median_output_power=np.median(np.square(abs(output_transforms)), axis=0),
     )
 
 

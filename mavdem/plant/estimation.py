@@ -334,22 +334,28 @@ def _identifiability_figures(
     spectrum_range: Array,
     damping: float,
 ) -> IdentifiabilityFigures:
-    """Collects the figures of a fit that decide which of its parameters are identifiable.
+    """Collects the figures of a fit that decide whether effect, damping and lag are identifiable.
+
+    They are the standard deviations of the three, how much they change with the assumed spectrum of the wind, and
+    properties of the flight that bias them: the share of wind in the torque, of commands that the samples miss, and so
+    on.
 
     Args:
         fit: the fit of the gray-box model.
         windows: windows of the flight.
-        likelihood_sd: relative standard deviations of mean effect, damping and lag (3,), by the likelihood alone.
-        spectrum_range: range of the logarithms of the same three estimates over the assumed spectra of the wind (3,).
+        likelihood_sd: relative standard deviations of mean effect, damping and lag (3,), by the likelihood alone. It
+            takes the spectrum of the wind for exact, so that they are multiplied by a factor.
+        spectrum_range: range of the logarithms of the same three estimates over several spectra of the wind that were
+            assumed in turn (3,).
         damping: estimated damping, 1/s.
 
     Returns:
         The figures. The relative standard deviation of the damping contains the error by the curvature of the thrust
         curve.
     """
-    relative_sd = dict(
-        zip(PARAMETERS, (OmissionErrors.likelihood_factor * likelihood_sd).tolist(), strict=True)
-    )
+    corrected_sd = OmissionErrors.likelihood_factor * likelihood_sd
+    relative_sd = dict(zip(PARAMETERS, corrected_sd.tolist(), strict=True))
+    # θ begins with the common effect of all motors; each motor's deviation from it follows.
     deviations = fit.theta[1 : fit.model.motors + 1]
     figures = IdentifiabilityFigures(
         wind_share=_wind_share(fit, windows),

@@ -20,26 +20,26 @@ PARAMETERS = ("effect", "damping", "lag")
 
 
 class Limits(NamedTuple):
-    """Limits of a figure by which a parameter is judged."""
+    """Two limits of a measure of error, such as the relative standard deviation, that decide a parameter's status."""
 
     reported: float
-    """Largest figure with which a parameter is reported."""
+    """Largest error with which a parameter is reported."""
 
     biased: float
-    """Largest figure with which a parameter is reported as biased; beyond it is not identifiable."""
+    """Largest error with which a parameter is reported as biased; beyond it is not identifiable."""
 
-    def status(self, figure: float) -> Status:
-        """Classifies a parameter by a figure of its error.
+    def status(self, error: float) -> Status:
+        """Returns whether a parameter with this error is reported, reported as biased, or not identifiable.
 
         Args:
-            figure: the figure by which it is judged, such as its relative standard deviation; small is good.
+            error: measure of the parameter's error, in the unit of the limits.
 
         Returns:
             REPORTED, BIASED or NOT_IDENTIFIABLE.
         """
-        if figure <= self.reported:
+        if error <= self.reported:
             return Status.REPORTED
-        if figure <= self.biased:
+        if error <= self.biased:
             return Status.BIASED
         return Status.NOT_IDENTIFIABLE
 

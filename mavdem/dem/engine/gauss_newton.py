@@ -105,11 +105,12 @@ class Damping(NamedTuple):
 
 
 class CurvatureCorrection:
-    """Correction of a function's curvature, learned from how its gradient changed with the steps.
+    """Secant correction of a curvature, as in NL2SOL: it makes up for the second derivatives that Gauss-Newton lacks.
 
     The curvature of an expansion is mostly a Fisher information, which lacks the second derivatives of the residuals.
-    If residuals are large, because no model of this kind is right, each step then covers only a part of the way. The
-    secant update of Dennis, Gay and Welsch adds what is missing (NL2SOL, ACM Trans. Math. Software 7(3), 1981).
+    If residuals are large, because no model is right, each step then covers only a fraction of the way. The secant
+    update of Dennis, Gay and Welsch learns what is missing from how the gradient changed along the steps (NL2SOL, ACM
+    Trans. Math. Software 7(3), 1981).
     """
 
     def __init__(self, size: int) -> None:
@@ -165,14 +166,19 @@ class CurvatureCorrection:
     def _satisfy_secant_equation(
         self, step: Array, gradient_change: Array, missing_change: Array
     ) -> None:
-        """Changes the correction so that it maps the step to the missing change of the gradient.
+        """Changes the correction A so that it maps the step s to the missing change z of the gradient: A s = z.
 
-        The correction is unchanged if the gradient hardly changed along the step, since the update divides by that.
+        It is the symmetric rank-two update of the quasi-Newton method DFP (Nocedal and Wright, Numerical Optimization,
+        2nd ed., sec. 6.1), for the target z instead of y. With e = z − A s, what the correction still lacks,
+
+            A⁺ = A + (e yᵀ + y eᵀ) / (sᵀ y) − (sᵀ e) y yᵀ / (sᵀ y)²
+
+        The correction is unchanged if the gradient hardly changed along the step, since the update divides by sᵀ y.
 
         Args:
             step: s (f,).
             gradient_change: y (f,), by which the gradient decreased along the step.
-            missing_change: y − C s (f,), the part that the curvature of the expansion does not explain.
+            missing_change: z = y − C s (f,), which the curvature C of the expansion does not explain.
         """
         change_along_step = float(step @ gradient_change)
         lengths = np.linalg.norm(step) * np.linalg.norm(gradient_change)
@@ -180,12 +186,11 @@ class CurvatureCorrection:
         if not is_determined:
             return
         residual = missing_change - self._matrix @ step
-        outer = np.outer(residual, gradient_change)
         residual_along_step = float(step @ residual)
+        outer = np.outer(residual, gradient_change)
+        outer_gradient = np.outer(gradient_change, gradient_change)
         self._matrix += (outer + outer.T) / change_along_step
-        self._matrix -= (
-            residual_along_step / change_along_step**2 * np.outer(gradient_change, gradient_change)
-        )
+        self._matrix -= residual_along_step / change_along_step**2 * outer_gradient
 
 
 def predicted_gain(expansion: QuadraticExpansion, curvature: Array, step: Array) -> float:

@@ -167,8 +167,8 @@ class GenerativeModel:
     def error_operator(self, theta: Array) -> Array:
         """Returns the matrix E that maps data and hidden states to the prediction errors, ε̃ = E [ỹ; η̃; X].
 
-        With X = [x̃; ṽ] the errors are ỹ − C̃x̃ of the outputs, ṽ − η̃ of the inputs, Dx̃ − Ãx̃ − B̃ṽ of the states and,
-        only where x has a prior, x itself. So the blocks of E are:
+        With X = [x̃; ṽ] the errors are ỹ − C̃x̃ of the outputs, ṽ − η̃ of the inputs, Dx̃ − Ãx̃ − B̃ṽ of the states
+        and, only where x has a prior, x itself. So the blocks of E are:
 
             rows        ỹ    η̃    x̃       ṽ
             outputs     I    0    −C̃      0
@@ -238,14 +238,16 @@ class GenerativeModel:
 
     @cached_property
     def _regressor_layout(self) -> RegressorLayout:
-        """Which columns of the joint vector [ỹ; η̃; X], and which parameters, belong to each row of [A B] and of C.
+        """Index arrays: the regressors of each row of [A B] and of C in the joint vector, and its parameters in θ.
 
-        X = [x; x′; …; v; v′; …] stacks n states and then r inputs, order after order: the states have derivatives up to
-        order p, the noise of the states up to order q, and the inputs up to order d.
+        Row i of [A B] is multiplied by the states and inputs [x; v], and in the k-th derivative of the equation by
+        their k-th derivatives. So the regressors are columns of the joint vector [ỹ; η̃; X] of data and hidden
+        variables, one set for each order of derivatives. X = [x; x′; …; v; v′; …] stacks n states and then r inputs,
+        order after order: the states have derivatives up to order p, and the inputs up to order d.
 
-        The regressors of [A B] are needed up to order q. If d < q, the highest derivatives of the inputs are not
-        modelled, and are 0. Their column is ``joint_size``, one after the last: code that uses this layout appends a
-        column of zeros to the joint vector.
+        The regressors of [A B] are needed up to the order q of the states' noise. If d < q, the highest derivatives of
+        the inputs are not modelled, and are 0. Their column is ``joint_size``, one after the last: code that uses this
+        layout appends a column of zeros to the joint vector.
         """
         n, r, m = self.sizes
         orders_of_x = self.p + 1
@@ -293,12 +295,16 @@ class GenerativeModel:
     ) -> Array:
         """Returns the second derivative of ½ Σ ε̃ᵀ Π̃ ε̃ by the parameters θ.
 
+        The prediction error of a state is linear in its row of [A B], with [x; v] as regressors, and the error of an
+        output is linear in its row of C, with x. As in any linear regression, the second derivative by a row is the
+        second moment of its regressors times the precision of its noise. Different rows are not coupled.
+
         Args:
-            noise_precisions: (g,) e^λ.
-            regressors: second moments of the regressors.
+            noise_precisions: (g,) precisions e^λ of the noises.
+            regressors: second moments of the regressors, weighted over the orders of derivatives.
 
         Returns:
-            The second derivative (k, k). Parameters of different rows of [A B] and C are not coupled.
+            The second derivative (k, k).
         """
         layout = self._regressor_layout
         curvature = np.zeros((len(self.prior.theta_mean),) * 2)
@@ -492,9 +498,9 @@ class GenerativeModel:
         """
         precision_at_zero, noise_of_error = self._precision_structure
         # At λ = 0 each noise has the precision 1, so that the precision Π̃ of the errors consists of the blocks S⊗Ω_g.
-        # Σ ε̃ᵀ Π̃ ε̃ is the sum over the elementwise product of Π̃, which is symmetric, and Σ ε̃ε̃ᵀ. Each column belongs to
-        # one error, so the sums of the columns are added up by the noise of that error. Errors of the inputs and of the
-        # prior of x belong to no noise (index −1) and are left out.
+        # Σ ε̃ᵀ Π̃ ε̃ is the sum over the elementwise product of Π̃, which is symmetric, and Σ ε̃ε̃ᵀ. Each column
+        # belongs to one error, so the sums of the columns are added up by the noise of that error. Errors of the inputs
+        # and of the prior of x belong to no noise (index −1) and are left out.
         squares_by_error = (precision_at_zero * error_moments).sum(axis=0)
         is_scaled = noise_of_error >= 0
         squares = np.bincount(noise_of_error[is_scaled], squares_by_error[is_scaled])
@@ -520,10 +526,11 @@ def _sum_over_orders(moments: Array, columns: Indices, temporal_precision: Array
 
 
 def _row_block_index(parameters: Indices) -> tuple[Indices, Indices]:
-    """Returns the index that selects, from a (k, k) matrix of all parameters, the square block of each row.
+    """Returns the index that selects, from a (k, k) matrix over all parameters θ, one square block for each model row.
 
-    The rows are rows of [A B] or of C. The block of a row has the entries of its parameters with each other, such as
-    their covariances.
+    A model row is a row of [A B] or of C, with its s parameters. Its block has the entries of these parameters with
+    each other, such as their covariances. Entries of parameters of different rows are not selected: rows are
+    independent in the model.
 
     Args:
         parameters: (rows, s) indices in θ of the s parameters of each row.

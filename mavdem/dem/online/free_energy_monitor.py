@@ -60,6 +60,11 @@ class FreeEnergyMonitor(NamedTuple):
     def from_model(cls, learned: Learned, end_time: float) -> FreeEnergyMonitor:
         """Returns the monitor of a learned model, with F(t) of its latest training samples as the past.
 
+        The free energy of a sample needs its prediction errors and states. Both are affine functions of the samples in
+        the embedding window: the samples are scaled, differentiated, and mapped by the model. All of that is done here
+        once for unit vectors instead of samples, which gives the matrix and the constants of the function. Afterwards
+        one matrix product for each new sample is enough.
+
         Args:
             learned: The model, as ``learn`` returns it, with its ``sample_free_energy``.
             end_time: Time of the last sample that it was learned from, s.
@@ -71,14 +76,16 @@ class FreeEnergyMonitor(NamedTuple):
         window = learned.settings.window
         inputs = learned.record.inputs.shape[1]
         outputs = learned.record.outputs.shape[1]
-        # An affine map is determined by its value at 0, and its values at the unit vectors minus that value.
+        # An affine function is determined by its value at 0, and its values at the unit vectors minus that value. Each
+        # row is a window of samples as one vector: first all outputs, and then all inputs.
         unit_vectors = np.eye(window * (outputs + inputs))
         zeros = np.zeros((1, len(unit_vectors)))
         windows = np.vstack([zeros, unit_vectors])
+        window_outputs, window_inputs = np.split(windows, [window * outputs], axis=1)
         generalized_data = _generalized_data(
             learned,
-            outputs=windows[:, : window * outputs].reshape(-1, window, outputs),
-            inputs=windows[:, window * outputs :].reshape(-1, window, inputs),
+            outputs=window_outputs.reshape(-1, window, outputs),
+            inputs=window_inputs.reshape(-1, window, inputs),
         )
         data_at_zero = generalized_data[0]
         data_per_sample = (generalized_data[1:] - data_at_zero).T

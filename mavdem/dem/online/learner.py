@@ -441,7 +441,9 @@ class OnlineLearner:
             surprise = self._surprise.add(free_energy)
         is_marked = self._anomaly_marks.add(surprise)
         if is_marked:
-            self._latest_mark = SurpriseMark(sample.time, self._cause_of_mark(monitor.learned))
+            self._latest_mark = SurpriseMark(
+                sample.time, self._cause_of_latest_surprise(monitor.learned)
+            )
             # The vehicle may have changed. So the model is learned again when enough samples have been recorded since
             # the mark, and the pause after the last fit is over.
             after_mark = self._sample_count + round(LEARNING_SECONDS / self._dt)
@@ -462,11 +464,11 @@ class OnlineLearner:
             latest_mark=self._latest_mark,
         )
 
-    def _cause_of_mark(self, learned: Learned) -> SurpriseCause | None:
-        """Returns what caused the surprise of the latest samples.
+    def _cause_of_latest_surprise(self, learned: Learned) -> SurpriseCause | None:
+        """Returns why the latest samples agree so badly with the model: a wrong model, or a disturbance.
 
         Args:
-            learned: The model that was surprised.
+            learned: The model whose free energy dropped.
 
         Returns:
             The cause; None if it cannot be decided, or if the effect of the motors on the axis is not known.

@@ -157,11 +157,14 @@ def _ardrone_check(comparison: Paired) -> Check:
 
 
 def _error_table(runner: Runner, errors: Mapping[str, ErrorsByOrder]) -> tuple[Block, ...]:
-    """Returns the table of errors by experiment, the paper's first.
+    """Returns the table of DEM's errors by experiment, with and without generalized coordinates.
+
+    It has two rows, p = 1 and p = 2, for the errors in the paper, and two for each of the given errors.
 
     Args:
         runner: runner that has the numbers of the experiments.
-        errors: (experiments, priors) MSPE by order, by name of the settings and of the start.
+        errors: mean squared prediction errors (MSPE) by embedding order, (experiments, priors) each. The key names the
+            settings and the state from which the forecasts start.
 
     Returns:
         A sentence and the table.
@@ -169,13 +172,14 @@ def _error_table(runner: Runner, errors: Mapping[str, ErrorsByOrder]) -> tuple[B
     numbers = list(runner.experiment_windows)
     # The paper's experiments are numbered from 1.
     indices = [number - 1 for number in numbers]
-    # The paper reports one error for each experiment, as of a single prior.
+    # The paper reports one error for each experiment: the axis of the priors has length 1.
     paper_errors = ErrorsByOrder(
         p2=np.array(PAPER_MSPE_P2)[indices, None],
         p1=np.array(PAPER_MSPE_P1)[indices, None],
     )
+    errors_by_name = {"the paper, its flights": paper_errors, **errors}
     rows = {}
-    for name, errors_by_order in {"the paper, its flights": paper_errors, **errors}.items():
+    for name, errors_by_order in errors_by_name.items():
         rows[f"{name}, p = 1"] = errors_by_order.p1
         rows[f"{name}, p = 2"] = errors_by_order.p2
     title = Sentence(

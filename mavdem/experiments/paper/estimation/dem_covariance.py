@@ -122,25 +122,27 @@ def first_posterior(model: GenerativeModel, statistics: SufficientStatistics) ->
 
 
 def with_new_precisions(posterior: Posterior, statistics: SufficientStatistics) -> Posterior:
-    """Updates the states by a D step, and then the noise precisions λ by an M step.
+    """Estimates the states anew by a D step of DEM, and then the log noise precisions λ by an M step.
 
-    The covariances of θ and λ stay 0, as in the code that the authors published, which leaves out mean-field terms. The
-    covariance of the states is used: without it the M step would treat uncertain states as exact, and overestimate the
-    precisions.
+    The covariance of the states is updated too: without it the M step would treat uncertain states as exact, and
+    overestimate the precisions. The covariances of the system matrices θ and of λ stay 0, so that their uncertainty is
+    not propagated: the code that the authors published does not do that either.
 
     Args:
         posterior: the posterior before the steps.
-        statistics: statistics of the generalized data.
+        statistics: number and second moments of the samples, each a vector of outputs and inputs with their time
+            derivatives.
 
     Returns:
         The posterior with new states and λ.
     """
-    model = posterior.model
-    moments = GeneralizedMoments.from_state_map(model, statistics, d_step(posterior))
-    posterior_with_states = posterior._replace(moments=moments)
-    state_covariance = with_optimal_covariances(posterior_with_states).state_covariance
-    posterior_with_covariance = posterior_with_states._replace(state_covariance=state_covariance)
-    return posterior_with_covariance._replace(lambda_=m_step(posterior_with_covariance))
+    # The D step returns the map from the data of a sample to its states.
+    state_map = d_step(posterior)
+    moments = GeneralizedMoments.from_state_map(posterior.model, statistics, state_map)
+    with_new_states = posterior._replace(moments=moments)
+    state_covariance = with_optimal_covariances(with_new_states).state_covariance
+    with_new_covariance = with_new_states._replace(state_covariance=state_covariance)
+    return with_new_covariance._replace(lambda_=m_step(with_new_covariance))
 
 
 def dem_variances(record: NoisyRecord) -> RecursiveEstimates:

@@ -222,6 +222,7 @@ def run(runner: Runner) -> ExperimentResult:
     Returns:
         Checks, tables, and the errors of all estimators as ``numbers``.
     """
+    # Mean errors of all estimators, by the smoothness of the noise.
     simulated_errors = {}
     recorded_errors = {}
     for name, steps in SMOOTHNESS_IN_STEPS.items():
@@ -230,11 +231,7 @@ def run(runner: Runner) -> ExperimentResult:
         flights_with_noise = _flight_records(runner, steps)
         if flights_with_noise:
             recorded_errors[name] = mean_errors(runner.map_jobs(record_errors, flights_with_noise))
-    step_smoothness = SMOOTHNESS_IN_STEPS[STEP_NOISE] * SIMULATED_DT
-    records_with_step = [
-        random_record(seed, step_smoothness, VARIANCE_STEP) for seed in range(RANDOM_RECORDS)
-    ]
-    online_factors = _online_factors(runner.map_jobs(online_errors, records_with_step))
+    online_factors = _errors_after_variance_step(runner)
     checks = covariance_checks(simulated_errors, "simulated")
     checks.append(state_check(simulated_errors[SMOOTHEST]))
     checks.append(online_check(online_factors))
@@ -251,6 +248,20 @@ def run(runner: Runner) -> ExperimentResult:
         "online, factor": online_factors,
     }
     return ExperimentResult(tuple(checks), numbers, tuple(tables), remarks=tuple(remarks))
+
+
+def _errors_after_variance_step(runner: Runner) -> dict[str, float]:
+    """Returns by which factor the recursive estimators are wrong after a sudden step of the noise variances.
+
+    Args:
+        runner: runner of the jobs.
+
+    Returns:
+        Factors by name of the estimator, means over random records whose variances change in the middle.
+    """
+    smoothness = SMOOTHNESS_IN_STEPS[STEP_NOISE] * SIMULATED_DT
+    records = [random_record(seed, smoothness, VARIANCE_STEP) for seed in range(RANDOM_RECORDS)]
+    return _online_factors(runner.map_jobs(online_errors, records))
 
 
 def _flight_records(runner: Runner, smoothness_in_steps: float) -> list[NoisyRecord]:

@@ -123,9 +123,10 @@ def with_noise_states(model: DiscreteModel, noise: Array, order: int) -> Discret
 
 
 def with_past_states(model: DiscreteModel, kept_states: int, lag: int) -> DiscreteModel:
-    """Extends a model by its first states in the last ``lag`` samples as further states.
+    """Adds past values of some states to a model as further states: a delay line of ``lag`` samples.
 
-    The Kalman filter of this model is a fixed-lag smoother of the first states: it corrects their past values, too.
+    The Kalman filter of this model is a fixed-lag smoother of these states: it corrects their past values, too. With
+    the states x of the model, of which the first ones, s, are kept, the new states are [x; s_{t−1}; …; s_{t−lag}].
 
     Args:
         model: the model.
@@ -138,7 +139,9 @@ def with_past_states(model: DiscreteModel, kept_states: int, lag: int) -> Discre
     n, r = model.Gamma.shape
     past_count = kept_states * lag
     Phi = block_diag(model.Phi, np.zeros((past_count, past_count)))
-    Phi[n : n + kept_states, :kept_states] = np.eye(kept_states)
+    # In each step the kept states become their values of one sample before, and each earlier value becomes the next.
+    latest_past = slice(n, n + kept_states)
+    Phi[latest_past, :kept_states] = np.eye(kept_states)
     Phi[n + kept_states :, n : n + past_count - kept_states] = np.eye(past_count - kept_states)
     return DiscreteModel(
         Phi,

@@ -151,8 +151,8 @@ def learn_smoothness(fit_at: FitAt, candidates: Sequence[float]) -> LearnedSmoot
         candidates: the grid, increasing, in the model's unit of time.
 
     Returns:
-        The smoothness of highest F̄, within ``LOG_TOLERANCE`` of ln s. If F̄ is highest at an end of the grid, it is that
-        end, and ``is_inside`` is false.
+        The smoothness of highest F̄, within ``LOG_TOLERANCE`` of ln s. If F̄ is highest at an end of the grid, it is
+        that end, and ``is_inside`` is false.
     """
     fits = [fit_at(candidate) for candidate in candidates]
     best = int(np.argmax([fit.free_energy for fit in fits]))
@@ -206,18 +206,25 @@ def smoothness_uncertainty(
 
 
 def _sample_gradients(posterior: Posterior, data: Array) -> Array:
-    """Returns the gradient of each sample's free energy by ln s, up to a constant.
+    """Returns the derivative of each sample's free energy by ln s, up to a constant that is the same for all samples.
+
+    The free energy of a sample contains −½ ε̃ᵀ Π̃(s) ε̃ with its prediction errors ε̃, of which only the precision Π̃
+    depends on s. The constant does not matter, since only the variance of the derivatives is used.
 
     Args:
         posterior: the posterior.
         data: (T, dim [ỹ; η̃]) generalized data.
 
     Returns:
-        The gradient (T,).
+        The derivatives (T,), nats.
     """
-    model = _derivative_by_log_smoothness(posterior.model)
-    errors = data @ (model.error_operator(posterior.theta) @ posterior.moments.joint_map).T
+    # In this model the derivative ∂Π̃/∂ln s takes the place of Π̃.
+    derivative_model = _derivative_by_log_smoothness(posterior.model)
+    # The states are linear in the data, and the errors in both: error_map maps the data to the errors.
+    error_map = derivative_model.error_operator(posterior.theta) @ posterior.moments.joint_map
+    errors = data @ error_map.T
     precisions = expected_noise_precisions(posterior.lambda_, posterior.lambda_covariance)
-    return np.asarray(
-        -0.5 * np.sum(errors @ model.error_precision(precisions) * errors, axis=1), float
-    )
+    precision_slope = derivative_model.error_precision(precisions)
+    # ε̃ᵀ (∂Π̃/∂ln s) ε̃ of each sample.
+    squares = np.sum(errors @ precision_slope * errors, axis=1)
+    return np.asarray(-0.5 * squares, float)
