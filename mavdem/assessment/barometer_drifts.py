@@ -3,7 +3,7 @@
 from collections.abc import Iterator
 from math import isfinite
 
-from mavdem.dataset.intervals import TimeInterval
+from mavdem.dataset.intervals import Intervals, TimeInterval
 from mavdem.facts import Fact
 from mavdem.facts.ending import MotionEvent
 from mavdem.facts.witnesses import SensorFact
@@ -33,7 +33,9 @@ MAX_DISTANCE = 20.0
 """Distance, m, of landing and take-off up to which they count as one place: twice the error of a poor fix."""
 
 
-def barometer_drifts(sensors: BootSensors, flight_interval: TimeInterval) -> Iterator[Fact]:
+def barometer_drifts(
+    sensors: BootSensors, flight_interval: TimeInterval, rests: Intervals | None = None
+) -> Iterator[Fact]:
     """Yields an event if the barometer drifted in a flight, or froze.
 
     Three conditions must hold: between take-off and landing the reading on the ground changed by more than noise and
@@ -42,13 +44,14 @@ def barometer_drifts(sensors: BootSensors, flight_interval: TimeInterval) -> Ite
     Args:
         sensors: sensors of the boot.
         flight_interval: start and end of the flight, s since boot.
+        rests: when the vehicle rested before and after the flight, s since boot; None to find that in the signals.
 
     Yields:
         At most one fact, with the change of the barometer as ``change``, m upwards, the time of the first of readings
         that are all equal as ``frozen_since``, s, None where it drifted, and the facts of barometer and receiver as
         ``witnesses``.
     """
-    heights = ground_heights(sensors.signals, sensors.boot, flight_interval)
+    heights = ground_heights(sensors.signals, sensors.boot, flight_interval, rests)
     if heights is None:
         return
     change = heights.barometer_change

@@ -17,6 +17,7 @@ class WatchedQuantity(StrEnum):
     ESTIMATOR = "estimator"
     TRACKING = "tracking"
     DRIFT = "drift in wind"
+    HEIGHT = "height"
     WARNINGS = "warnings"
     """Warnings of the autopilot."""
 

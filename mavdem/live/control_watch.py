@@ -17,6 +17,7 @@ from mavdem.assessment.ending import ending_of, weighed_reports
 from mavdem.assessment.flights import RECOVERY_SECONDS
 from mavdem.assessment.ground_contacts import flight_losses, ground_contact
 from mavdem.assessment.reported import has_sunk_after, stopped_in_air
+from mavdem.containers import Names
 from mavdem.dataset.axes import TILT_AXES
 from mavdem.dataset.flight_states import min_airborne_collective
 from mavdem.dataset.grounded import MAX_GROUND_HEIGHT, MAX_SETPOINT_DELAY
@@ -134,7 +135,7 @@ class ControlWatch:
         """
         if now - self._far_time > RECOVERY_SECONDS:
             return None
-        signals = self._signals(vehicle, motion)
+        signals = self.signals(vehicle, motion)
         error = attitude_error(signals, self._recent.boot)
         if error is None:
             return None
@@ -167,7 +168,7 @@ class ControlWatch:
         idle_start = None if motion is None else _idle_start(motion.motors, vehicle.parameters)
         if idle_start is None or now - idle_start < MIN_IDLE_SECONDS:
             return None
-        signals = self._signals(vehicle, motion)
+        signals = self.signals(vehicle, motion)
         sensors = BootSensors(signals, self._recent.boot, take_off)
         climb_rate = series_of_boot(signals.climb_rate, self._recent.boot)
         height = sensors.height_at(now)
@@ -198,7 +199,7 @@ class ControlWatch:
         Returns:
             The ending of the flight; None while the vehicle is in the air, or its height is not known.
         """
-        sensors = BootSensors(self._signals(vehicle, motion), self._recent.boot, take_off)
+        sensors = BootSensors(self.signals(vehicle, motion), self._recent.boot, take_off)
         height = sensors.height_at(now)
         if height is None or height > MAX_GROUND_HEIGHT:
             return None
@@ -227,7 +228,7 @@ class ControlWatch:
             Whether the motors stopped in the air, whether the vehicle has sunk since, and how it was lost, as the
             review of its recording would find; no loss before it has met the ground.
         """
-        signals = self._signals(vehicle, motion)
+        signals = self.signals(vehicle, motion)
         boot = self._recent.boot
         take_off, end = flight_interval
         sensors = BootSensors(signals, boot, take_off)
@@ -258,7 +259,7 @@ class ControlWatch:
         Returns:
             All events, in the same order, as in the review of the recording.
         """
-        return weighed_reports(self._signals(vehicle, None), reports)
+        return weighed_reports(self.signals(vehicle, None), reports)
 
     def setpoints(self, vehicle: Telemetry) -> dict[str, TimeSeries]:
         """Returns the setpoints of roll and pitch in the last seconds, rad, by axis; empty where none come.
@@ -275,15 +276,23 @@ class ControlWatch:
         setpoints = {axis: signals.for_axis(axis).angle_setpoint for axis in TILT_AXES}
         return {axis: series for axis, series in setpoints.items() if series is not None}
 
-    def _signals(self, vehicle: Telemetry, motion: RecentMotion | None) -> LiveSignals:
+    def signals(
+        self,
+        vehicle: Telemetry,
+        motion: RecentMotion | None,
+        more_messages: Names = (),
+        start_time: float = -inf,
+    ) -> LiveSignals:
         """Returns the last seconds in the form that a log has.
 
         Args:
             vehicle: identity and parameters of the vehicle, without messages.
             motion: motor outputs of the last seconds; None if they do not come.
+            more_messages: slow messages of the boot that are needed besides ``SLOW_MESSAGES``.
+            start_time: slow messages before it are left out, s of the boot clock.
         """
         boot = self._recent.boot
-        columns = self._recent.columns(SLOW_MESSAGES)
+        columns = self._recent.columns((*SLOW_MESSAGES, *more_messages), start_time)
         for name, samples in self._samples.items():
             columns[name] = columns_from(MESSAGE_FIELDS[name], samples, boot)
         telemetry = replace(vehicle, messages=columns)

@@ -23,6 +23,7 @@ from mavdem.ingest.motors import MOTOR_MESSAGES, POSSIBLE_MULTIROTORS
 from mavdem.ingest.telemetry import Parameters
 from mavdem.live.boot_clock import BootClock, TimedMessage
 from mavdem.live.flight_phase import PHASE_MESSAGES, FlightPhase
+from mavdem.live.height_watch import BAROMETER_MESSAGE
 from mavdem.live.messages import (
     STATUS_MESSAGES,
     STICK_MESSAGES,
@@ -50,7 +51,13 @@ REPLY_MESSAGES = ("MESSAGE_INTERVAL", "COMMAND_ACK")
 """Messages with which a vehicle replies to a request for rates."""
 
 KEPT_MESSAGES = frozenset(
-    (*STATUS_MESSAGES, *PHASE_MESSAGES, *STICK_MESSAGES, *ESTIMATOR_FLAG_MESSAGES)
+    (
+        *STATUS_MESSAGES,
+        *PHASE_MESSAGES,
+        *STICK_MESSAGES,
+        *ESTIMATOR_FLAG_MESSAGES,
+        BAROMETER_MESSAGE,
+    )
 )
 """Slow messages that are kept for the periodic review."""
 

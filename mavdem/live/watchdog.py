@@ -47,6 +47,7 @@ from mavdem.facts.watch import WatchedQuantity, WatchFact
 from mavdem.ingest.telemetry import Telemetry
 from mavdem.ingest.vocabulary import IN_AIR, ON_GROUND
 from mavdem.live.control_watch import ControlWatch, carries_vehicle
+from mavdem.live.height_watch import BAROMETER_MESSAGE, HeightWatch
 from mavdem.live.live_signals import LiveFindings, LiveSignals, RecentMotion, live_evidence
 from mavdem.live.messages import STATUS_MESSAGES, Message
 from mavdem.live.recent_messages import MAX_EVENTS, RecentMessages
@@ -60,6 +61,7 @@ from mavdem.motors.saturation import most_limited_motors
 from mavdem.plant.online_wind_torque import MEMORY_SECONDS
 from mavdem.vibration.vibration_message import reported_vibration
 from mavdem.wind_velocity.from_log import ESTIMATOR_FLAG_MESSAGES
+from mavdem.witnesses.ground_heights import MAX_WAIT_SECONDS
 
 LIGHTS = {
     WatchedQuantity.CONTROL: Light.TRACKING,
@@ -70,6 +72,7 @@ LIGHTS = {
     WatchedQuantity.ESTIMATOR: Light.ESTIMATOR,
     WatchedQuantity.TRACKING: Light.TRACKING,
     WatchedQuantity.DRIFT: Light.WIND,
+    WatchedQuantity.HEIGHT: Light.ESTIMATOR,
 }
 """The light that shows what is wrong with each thing that is watched."""
 
@@ -212,6 +215,9 @@ class Watchdog:
         self.earlier_lights: dict[str, Fact] = {} if former is None else former.all_lights
         self.control = ControlWatch(recent)
         self.drift = WindDriftDetector(recent.boot)
+        self._height = HeightWatch(recent, self.control)
+        # Whether the heights on the ground before and after the latest flight were found to differ.
+        self._has_drifted = False
         self._tracking = TrackingWatch(recent)
         self.loss: Fact | None = None if former is None else former.loss
         self.has_landed = True
@@ -399,6 +405,8 @@ class Watchdog:
         self._end_drift(now)
         if state == IN_AIR:
             self._fall = None
+            self._height.begin_flight()
+            self._has_drifted = False
             self.has_landed = False
             self._landing_report = None
             self._calm_seconds = {}
@@ -499,10 +507,7 @@ class Watchdog:
         news = []
         if review.is_flying:
             news += self._judge_control(review, takeoff_time, motion)
-            drift = self.drift.latest
-            if drift is not None:
-                review.facts[WatchedQuantity.DRIFT] = drift
-                review.latest_times[WatchedQuantity.DRIFT] = drift.end_time or review.now
+            self._judge_drift_and_height(review, takeoff_time, motion)
             if motion is not None:
                 self._add_motion_facts(review, motion)
             if WatchedQuantity.OSCILLATION in review.facts:
@@ -513,6 +518,7 @@ class Watchdog:
                     review.facts.pop(kind, None)
         else:
             self._judge_end_of_flight(review, takeoff_time, motion)
+            news += self._judge_barometer_on_ground(review, takeoff_time, motion)
         if self.has_landed and self._landing_report is not None:
             news.append(self._landing_report)
             self._landing_report = None
@@ -556,6 +562,54 @@ class Watchdog:
         end = Fact(WatchFact.ALARM_OVER, time=review.now, reason=self._fall)
         self._fall = None
         return [end]
+
+    def _judge_drift_and_height(
+        self, review: _Review, takeoff_time: float, motion: RecentMotion | None
+    ) -> None:
+        """Judges in flight whether wind carries the vehicle away, and whether its estimated height diverges.
+
+        Args:
+            review: the review, whose ``facts`` are added to.
+            takeoff_time: when the vehicle left the ground, s of the boot clock; minus infinity where that was not seen.
+            motion: attitude and motor outputs of the last seconds; None if they do not come.
+        """
+        found = {WatchedQuantity.DRIFT: self.drift.latest}
+        if self.is_thorough:
+            found[WatchedQuantity.HEIGHT] = self._height.divergence(
+                review.now, review.vehicle, takeoff_time, motion
+            )
+        for kind, fact in found.items():
+            if fact is not None:
+                review.facts[kind] = fact
+                review.latest_times[kind] = fact.end_time or review.now
+
+    def _judge_barometer_on_ground(
+        self, review: _Review, takeoff_time: float, motion: RecentMotion | None
+    ) -> list[Fact]:
+        """Compares the barometer on the ground before and after the latest flight, once the vehicle rests.
+
+        Args:
+            review: the review, by whose time the vehicle is on the ground.
+            takeoff_time: when the vehicle left the ground, s of the boot clock; minus infinity where that was not seen.
+            motion: attitude and motor outputs of the last seconds; None if they do not come.
+
+        Returns:
+            The event that the barometer has drifted, the first time that it is found after a flight.
+        """
+        if not self.is_thorough:
+            return []
+        seconds_on_ground = review.now - review.phase_start
+        # The states before the last are the beginning and the end of the phase before this one.
+        has_flown = self._states[-2].landed_state == IN_AIR and self.has_landed
+        if has_flown and not self._has_drifted and seconds_on_ground <= MAX_WAIT_SECONDS:
+            flight_interval = (takeoff_time, review.phase_start)
+            drift = self._height.drift_at_landing(review.vehicle, flight_interval, motion)
+            if drift is not None:
+                self._has_drifted = True
+                self._worsen_light(Light.ESTIMATOR, drift)
+                return [drift]
+        self._height.add_rest(review.vehicle, motion)
+        return []
 
     def _judge_end_of_flight(
         self, review: _Review, takeoff_time: float, motion: RecentMotion | None
@@ -946,6 +1000,7 @@ class Watchdog:
             WatchedQuantity.ESTIMATOR: tuple(ESTIMATOR_FLAG_MESSAGES),
             WatchedQuantity.WARNINGS: ("HEARTBEAT",),
             WatchedQuantity.DRIFT: ("LOCAL_POSITION_NED",),
+            WatchedQuantity.HEIGHT: (BAROMETER_MESSAGE,),
         }
         for kind, names in needed_messages.items():
             if not received.intersection(names):

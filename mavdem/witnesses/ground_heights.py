@@ -57,7 +57,7 @@ class GroundHeights:
 
 
 def ground_heights(
-    signals: Signals, boot: int, flight_interval: TimeInterval
+    signals: Signals, boot: int, flight_interval: TimeInterval, rests: Intervals | None = None
 ) -> GroundHeights | None:
     """Compares the heights at rest before a flight and after it.
 
@@ -66,6 +66,7 @@ def ground_heights(
         boot: number of the boot.
         flight_interval: start and end of the flight, s since boot; infinite if the record has no take-off or
             landing.
+        rests: when the vehicle rested before and after the flight, s since boot; None to find that in the signals.
 
     Returns:
         The heights before and after; None if the vehicle did not rest both times, the barometer is missing or not
@@ -75,7 +76,9 @@ def ground_heights(
     position = series_of_boot(satellite_position(signals), boot)
     if barometer is None or position is None or not is_usable_barometer(barometer_noise(barometer)):
         return None
-    before, after = _rests_around(rest_intervals(signals, boot), flight_interval)
+    if rests is None:
+        rests = rest_intervals(signals, boot)
+    before, after = _rests_around(rests, flight_interval)
     if before is None or after is None:
         return None
     heights_before = _values_in(barometer, before)
