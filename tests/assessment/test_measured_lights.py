@@ -475,12 +475,21 @@ def test_the_light_of_the_log_states_what_was_lost_by_damage():
         ),
         ([Fact(Repair.CHUNKS_DAMAGED, count=1, size=900, duration=1.5)], "900 bytes, 1.5 s lost"),
     ):
-        damaged = log_light(evidence(replace(slow, repairs=tuple(repairs))))
+        judged = evidence(replace(slow, repairs=tuple(repairs)))
+        damaged = log_light(replace(judged, log=replace(judged.log, frames=1000)))
         assert str(damaged) == f"Damaged: {words}. {log_light(evidence(slow))}"
     last_message_cut = Fact(Repair.BYTES_SKIPPED, count=MAX_CUT_BYTES, part="message")
     assert "Damaged" not in str(log_light(evidence(replace(slow, repairs=(last_message_cut,)))))
     other_dialect = Fact(Repair.FRAMES_LEFT_OUT, count=2, flaw=Flaw.ANOTHER_DIALECT)
     assert "Damaged" not in str(log_light(evidence(replace(slow, repairs=(other_dialect,)))))
+    fast = HOVER.telemetry(50.0, 50.0)
+    for count, code in ((5, LogLight.RECORDED_FAST), (150, LogLight.RECORDED_WITH_DAMAGE)):
+        repair = Fact(Repair.FRAMES_LEFT_OUT, count=count, flaw=Flaw.DAMAGE)
+        judged = evidence(replace(fast, repairs=(repair,)))
+        light = log_light(replace(judged, log=replace(judged.log, frames=1000)))
+        assert light.code is code
+    assert str(light).startswith("Damaged: 150 frames left out, 15 % of the frames. What is left")
+    assert light.level is Level.WATCH and light.remedy.startswith("Copy the log anew")
     long_damage = Fact(Repair.ULOG_DAMAGED, Level.WATCH, count=640, places=1, duration=195.4)
     assert "195 s lost" in str(log_light(evidence(replace(slow, repairs=(long_damage,)))))
     assert "195 s of the log" in long_damage.sentence

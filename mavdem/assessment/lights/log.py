@@ -16,10 +16,13 @@ from mavdem.dataset.time_series import TimeSeries
 from mavdem.facts import Fact
 from mavdem.facts.log import LogLight, Simulator
 from mavdem.facts.sources import Flaw, Repair
-from mavdem.ingest.telemetry import Telemetry, rate_without_gaps
+from mavdem.ingest.telemetry import Log, Telemetry, rate_without_gaps
 
 MAX_GAP = 1.0
 """Time without attitude in flight, s, that is to be watched: longer than a fall from 5 m."""
+
+MAX_DAMAGED_SHARE = 0.01
+"""Share of damaged frames that is to be watched: a choice. So many losses thin every stream, parameters included."""
 
 MAX_CUT_BYTES = 288
 """Bytes outside of messages up to which a file is cut and not damaged: one whole message is the most a cut leaves.
@@ -61,6 +64,7 @@ def log_light(evidence: Evidence) -> Fact:
        the body rates is used; the light states both.
     3. If a gap of the attitude in flight is longer than ``MAX_GAP``, or the logger itself lost messages ("dropouts"),
        the log has gaps.
+    4. If damage has cost more than ``MAX_DAMAGED_SHARE`` of the frames, or more than ``MAX_GAP``, it is damaged.
 
     The light also states how much of the file could not be read.
 
@@ -83,11 +87,14 @@ def log_light(evidence: Evidence) -> Fact:
     motor_rate = _rate_in_flight(evidence, model_inputs)
     longest_gap = _longest_gap(evidence, attitude)
     telemetry = signals.telemetry
+    damage = _damage(evidence.log, telemetry)
     code = LogLight.RECORDED_FAST
     if min(rate, motor_rate) < MIN_STREAM_RATE:
         code = LogLight.RECORDED_SLOWLY
     elif longest_gap > MAX_GAP or telemetry.dropouts:
         code = LogLight.RECORDED_WITH_GAPS
+    elif damage is not None and _is_large(damage):
+        code = LogLight.RECORDED_WITH_DAMAGE
     return Fact(
         code,
         attitude_rate=_recorded_attitude_rate(evidence, attitude),
@@ -96,7 +103,7 @@ def log_light(evidence: Evidence) -> Fact:
         longest_gap=longest_gap,
         dropouts=telemetry.dropouts,
         needed_rate=MIN_STREAM_RATE,
-        damage=_damage(telemetry),
+        damage=damage,
         # Gaps are due to the link in a stream, and to the memory card in a log.
         is_received=not telemetry.translated_from,
         remedy=rate_advice(telemetry, components=evidence.log.components),
@@ -133,14 +140,16 @@ def _recorded_attitude_rate(evidence: Evidence, attitude: Attitude) -> float:
     return min(rates)
 
 
-def _damage(telemetry: Telemetry) -> Fact | None:
+def _damage(log: Log, telemetry: Telemetry) -> Fact | None:
     """Returns the fact about how much of a damaged log could not be read; None if it is sound, or only cut at its end.
 
     Args:
+        log: the log, with the number of its frames.
         telemetry: repairs of the file that the vehicle was read from.
 
     Returns:
-        The fact, with the number of bytes and of damaged frames, and the time, s, that they contained, if it is known.
+        The fact, with the number of bytes and of damaged frames, their share of all frames, and the time, s, that they
+        contained, if it is known.
     """
     byte_count = 0
     frame_count = 0
@@ -153,7 +162,16 @@ def _damage(telemetry: Telemetry) -> Fact | None:
             duration += repair.figures["duration"]
     if not byte_count and not frame_count:
         return None
-    return Fact(LogLight.DAMAGED, size=byte_count, frames=frame_count, duration=duration)
+    share = frame_count / max(log.frames, 1)
+    return Fact(
+        LogLight.DAMAGED, size=byte_count, frames=frame_count, share=share, duration=duration
+    )
+
+
+def _is_large(damage: Fact) -> bool:
+    """Returns whether damage has cost so much of a log that it is to be watched."""
+    figures = damage.figures
+    return figures["share"] > MAX_DAMAGED_SHARE or figures["duration"] > MAX_GAP
 
 
 def _unread_bytes(repair: Fact) -> int:
@@ -227,7 +245,7 @@ def _log_of_other_vehicle(evidence: Evidence) -> Fact:
         attitude_rate=rate_between_outages(attitude),
         longest_gap=longest_gap,
         dropouts=dropouts,
-        damage=_damage(evidence.signals.telemetry),
+        damage=_damage(evidence.log, evidence.signals.telemetry),
         is_received=not evidence.signals.telemetry.translated_from,
     )
 
