@@ -80,11 +80,14 @@ class Evidence:
 
     @cached_property
     def has_operated(self) -> bool:
-        """Whether the vehicle flew or, if it is no multirotor, whether it operated (``airborne_intervals``)."""
+        """Whether the vehicle flew or, if it is no multirotor, was in operation, as a rover that drives."""
         if self.other_vehicle is None:
+            # Duration of all flight of a multirotor, s.
             return bool(self.learnability.figures.airborne)
+        # The motor outputs of other vehicles do not show a flight, so that their intervals of operation are used.
         for span in recorded_spans(self.signals):
-            if intersection([(span.start, span.end)], self.flights(span.boot)):
+            recorded_flights = intersection([(span.start, span.end)], self.flights(span.boot))
+            if recorded_flights:
                 return True
         return False
 
@@ -116,7 +119,7 @@ class Evidence:
 
     @property
     def axes_with_doubtful_loop(self) -> frozenset[str]:
-        """The axes whose loop was identified, and a measured response speaks against it."""
+        """The axes whose identified loop a measured response contradicts."""
         return axes_with_doubtful_loop(self.margins, self.loops)
 
     @cached_property
@@ -145,14 +148,17 @@ class Evidence:
         """
         if self.not_flown is not None:
             return ()
-        reasons = [self.ending, *flight_overrides(self.condition, ())]
+        # A limit cycle, or a motor at its limit in the hover. Lost thrust of a motor is among the events instead.
+        reasons = list(flight_overrides(self.condition, alarms=()))
+        if self.ending is not None:
+            reasons.insert(0, self.ending)
         if self.condition.hover is None:
             reasons += self.warnings_in_flight([MotionEvent.MOTOR_AT_ITS_STOP])
-        return tuple(reason for reason in reasons if reason is not None)
+        return tuple(reasons)
 
     @cached_property
     def gain_reduction(self) -> Fact | None:
-        """Which gains to lower; None if nothing oscillates."""
+        """Which gains to lower against a limit cycle; None if nothing oscillates."""
         oscillation = self.condition.oscillation
         if oscillation is None:
             return None
@@ -204,10 +210,10 @@ class Evidence:
         return intersection(free_flight, self._intervals_before_loss(boot))
 
     def flight_segments(self, boots: Integers) -> Segments:
-        """Returns the intervals of :meth:`flights` in some boots as segments, in order of boot and time.
+        """Returns the flights of some boots until the vehicle was lost, as segments in order of boot and time.
 
         Args:
-            boots: (N,) number of the boot of each sample of a series.
+            boots: (N,) numbers of these boots, such as the boot of each sample of a series; each counts once.
         """
         segments = []
         for boot in np.unique(boots).tolist():
@@ -215,7 +221,7 @@ class Evidence:
         return tuple(segments)
 
     def in_flight(self, series: TimeSeries | None) -> Iterator[TimeSeries]:
-        """Yields the part of a series in each flight, for flights with at least one sample.
+        """Yields the samples of a series in each flight, for flights with at least one sample.
 
         A flight here ends when the vehicle was lost: what sensors measure after an impact does not show the
         vehicle.
@@ -268,9 +274,9 @@ class Evidence:
         return tuple(segments)
 
     def warnings_in_flight(self, codes: Container[Code]) -> Iterator[Fact]:
-        """Yields the events of some kinds that warn of something and happened in flight.
+        """Yields the events with certain codes that warn of something and happened in flight.
 
-        On the ground, and after the vehicle was lost, the same events mean nothing.
+        On the ground, and after the vehicle was lost, the same events show nothing about the state of the vehicle.
 
         Args:
             codes: codes of the events to yield.
@@ -285,22 +291,22 @@ class Evidence:
                 yield event
 
     def _intervals_before_loss(self, boot: int) -> Intervals:
-        """Returns the part of a boot before the vehicle lost its attitude, fell or crashed, if it did.
+        """Returns the time of a boot before the vehicle lost its attitude, fell or crashed, if it did.
 
         Args:
             boot: number of the boot, from 0.
 
         Returns:
-            One interval, s on the clock of the boot. It is unbounded if the flight had no such ending, if that was in
-            another boot, or if its time is not known.
+            One interval, s on the clock of the boot. It is unbounded if no flight was lost, if the loss was in another
+            boot, or if its time is not known.
         """
         all_time = [(-inf, inf)]
-        ending = self.ending
-        if ending is None:
+        loss = self.ending
+        if loss is None:
             return all_time
-        # An ending that does not state its boot applies to each.
-        is_of_boot = ending.figures.get("boot", boot) == boot
-        onset = loss_onset(ending)
+        # A loss whose boot is not known applies to each.
+        is_of_boot = loss.figures.get("boot", boot) == boot
+        onset = loss_onset(loss)
         if not is_of_boot or not onset:
             return all_time
         return [(-inf, onset)]

@@ -198,8 +198,8 @@ def _all_off(commands: _LossCommands) -> Fact | None:
 def _thrust_spent(commands: _LossCommands, loss_context: LossContext) -> Fact | None:
     """Returns the fact that all thrust was in use, so that none was left to keep the height.
 
-    Once the attitude is lost, the controller drives motors to their limits anyway. Then the commands before that are
-    judged.
+    All thrust is in use if the mean command of all motors exceeds ``SPENT_THRUST_SHARE`` of the highest one. Once the
+    attitude is lost, the controller drives motors to their limits anyway. Then the commands before the loss are judged.
 
     Args:
         commands: commands of the motors while the vehicle was lost, just before, and as usual in the flight.
@@ -210,6 +210,7 @@ def _thrust_spent(commands: _LossCommands, loss_context: LossContext) -> Fact | 
         highest one; None if some thrust was left.
     """
     loss_start, loss_end = loss_context.interval
+    # Upper limit of a motor's command, as a share of its range.
     highest_command = commands.motors.scale.stop
     is_attitude_lost = loss_context.fall_direction is not None
     if is_attitude_lost:
@@ -231,32 +232,38 @@ def _thrust_spent(commands: _LossCommands, loss_context: LossContext) -> Fact | 
 def _failure_of_motor(
     commands: _LossCommands, loss_context: LossContext, weak: WeakMotor
 ) -> Fact | None:
-    """Returns the fact that one motor failed: it was at its limit, or the opposite one at idle to make up for it.
+    """Returns the fact that one motor failed, by its command and that of the motor across from it.
+
+    If a motor gives too little thrust, the controller drives it to its upper limit, and throttles the opposite motor to
+    idle, to level the vehicle. A vehicle that only swings to and fro commands the same for a moment. So there is no
+    failure if the two motors were commanded the other way shortly before.
 
     Args:
         commands: commands of the motors while the vehicle was lost, just before, and as usual in the flight.
-        loss_context: the time in which the vehicle was lost, and whether it lost its attitude or hit something. Without
-            a side to which the vehicle fell, an earlier limit of this motor alone must confirm it.
-        weak: the motor and its opposite one.
+        loss_context: how and when the vehicle was lost. If it hit something, and did not fall to a side, this motor
+            must be the only one that was at its limit before.
+        weak: the motor with too little thrust, and the opposite one.
 
     Returns:
-        The fact, with the time when the motor reached its limit or the opposite one its idle. None if neither did, or
-        if the two motors were commanded the other way shortly before, as those of a vehicle that swings are.
+        The fact, with the time when the motor reached its limit or the opposite one its idle; None if neither did. It
+        is ``LIMIT_FIRST`` if no other motor reached its limit before, otherwise ``THRUST_MISSING_FIRST`` with the
+        highest command of the motor as ``share``.
     """
     scale = commands.motors.scale
-    idle = min_running_command(commands.motors)
+    idle_command = min_running_command(commands.motors)
     name = commands.motors.geometry.names[weak.motor]
-    if loss_context.fall_direction is None and list(loss_context.names_at_limit) != [name]:
+    fell_to_side = loss_context.fall_direction is not None
+    if not fell_to_side and list(loss_context.names_at_limit) != [name]:
         return None
     opposite_was_at_limit, _ = samples_at_limits(commands.just_before[:, weak.opposite], scale)
-    motor_was_idle = commands.just_before[:, weak.motor] < idle
+    motor_was_idle = commands.just_before[:, weak.motor] < idle_command
     has_swung = (opposite_was_at_limit | motor_was_idle).any()
     is_at_limit, _ = samples_at_limits(commands.during, scale)
-    opposite_is_idle = commands.during[:, weak.opposite] < idle
-    failed_samples = np.flatnonzero(is_at_limit[:, weak.motor] | opposite_is_idle)
-    if has_swung or not len(failed_samples):
+    opposite_is_idle = commands.during[:, weak.opposite] < idle_command
+    shows_failure = is_at_limit[:, weak.motor] | opposite_is_idle
+    if has_swung or not shows_failure.any():
         return None
-    failure_time = commands.time[failed_samples[0]]
+    failure_time = commands.time[np.argmax(shows_failure)]
     if is_first_at_limit(is_at_limit, weak.motor):
         return Fact(FailedFirst.LIMIT_FIRST, time=failure_time, subject=name)
     highest_command = commands.during[:, weak.motor].max()

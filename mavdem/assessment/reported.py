@@ -249,9 +249,8 @@ def _without_contradicted_claim(
     """Returns the fact that a text reports, or a quotation of the text if the recorded state contradicts it.
 
     PX4 writes "Failsafe activated" also if it only warns, while its recorded state is no failsafe. The state is
-    preferred, since the autopilot acts by it. A recorded state contradicts a text if it has samples after the text, and
-    none within ``CONFIRMATION_SECONDS`` of it shows the fault. Only states of the subject that the text names are
-    compared, such as the same battery. If it names none, the states of all subjects must contradict it.
+    preferred, since the autopilot acts by it. Only states of the subject that the text names are compared, such as the
+    same battery. If it names none, the states of all subjects must contradict it.
 
     Args:
         problem: fact that was made from the text.
@@ -264,27 +263,58 @@ def _without_contradicted_claim(
     if "text" not in problem.figures or not isinstance(problem.code, ReportedEvent):
         return problem
     confirming_codes = CONFIRMING_STATES.get(problem.code, ())
-    time = problem.start_time
-    nearby = [(time - CONFIRMATION_SECONDS, time + CONFIRMATION_SECONDS)]
-    # Whether each state that could confirm the text has samples after it.
-    are_recorded_after = []
+    states_near_text = []
     for fault in faults:
-        if fault.code not in confirming_codes or not len(fault.is_faulty):
-            continue
-        columns = fault.columns_of(signals)
-        is_in_boot = columns["boot"] == problem.figures["boot"]
-        if not fault.is_about(problem.subject) or not is_in_boot.any():
-            continue
-        is_in_interval = is_in_boot & in_intervals(columns["time"], nearby)
-        if fault.is_faulty[is_in_interval].any():
-            return problem
-        are_recorded_after.append(bool((columns["time"][is_in_interval] >= time).any()))
-    if not are_recorded_after or not all(are_recorded_after):
+        if fault.code in confirming_codes and fault.is_about(problem.subject):
+            state = _state_near_text(fault, problem, signals)
+            if state is not None:
+                states_near_text.append(state)
+    if not states_near_text:
+        return problem
+    is_confirmed = any(state.is_faulty for state in states_near_text)
+    # A state that was not recorded after the text may have changed by then.
+    are_all_recorded_after = all(state.is_recorded_after for state in states_near_text)
+    if is_confirmed or not are_all_recorded_after:
         return problem
     return problem.with_code(ReportedEvent.AUTOPILOT_SAID).replace(is_contradicted=True)
 
 
-def _event(
+class _StateNearText(NamedTuple):
+    """A recorded state of the autopilot within ``CONFIRMATION_SECONDS`` of a text."""
+
+    is_faulty: bool
+    """Whether any of its samples shows the fault that the text reports."""
+    is_recorded_after: bool
+    """Whether it has a sample after the text."""
+
+
+def _state_near_text(fault: FaultSignal, text: Fact, signals: Signals) -> _StateNearText | None:
+    """Returns what a recorded state shows within ``CONFIRMATION_SECONDS`` of a text that reports a fault.
+
+    Args:
+        fault: the recorded state, of all boots.
+        text: fact that was made from the text.
+        signals: signals of the vehicle.
+
+    Returns:
+        The state near the text; None if it was not recorded in this boot.
+    """
+    if not len(fault.is_faulty):
+        return None
+    columns = fault.columns_of(signals)
+    is_in_boot = columns["boot"] == text.figures["boot"]
+    if not is_in_boot.any():
+        return None
+    time = text.start_time
+    nearby = (time - CONFIRMATION_SECONDS, time + CONFIRMATION_SECONDS)
+    is_near = is_in_boot & in_intervals(columns["time"], [nearby])
+    return _StateNearText(
+        is_faulty=bool(fault.is_faulty[is_near].any()),
+        is_recorded_after=bool((columns["time"][is_near] >= time).any()),
+    )
+
+
+def _reported_event(
     signals: Signals,
     recorded_span: Segment,
     message: str,
@@ -293,19 +323,19 @@ def _event(
     level: Level | None = None,
     **figures: Any,
 ) -> Fact:
-    """Returns one event, with its boot and the message that reports it, by the name that this has in the log's format.
+    """Returns one event that a message of the autopilot reports, as a fact with its boot and this message.
 
     Args:
         signals: signals of the vehicle.
-        recorded_span: the recorded time of the boot.
-        message: name of the message that reports the event.
-        code: code of the fact.
+        recorded_span: recorded time of the boot.
+        message: name of the message; the fact has its name in the log's own format, as the figure ``basis``.
+        code: what happened.
         time: time on the boot clock, s.
-        level: level of the fact; None for the usual one of the code.
-        figures: further figures, subject and end of the fact.
+        level: how serious it is; None for the usual level of the code.
+        figures: further figures of the fact, its ``subject`` (such as a motor) and its ``end_time``.
     """
-    basis = (signals.telemetry.name_in_source(message),)
-    return Fact(code, level, time=time, boot=recorded_span.boot, basis=basis, **figures)
+    message_in_log = signals.telemetry.name_in_source(message)
+    return Fact(code, level, time=time, boot=recorded_span.boot, basis=(message_in_log,), **figures)
 
 
 def _arming_events(signals: Signals, recorded_span: Segment) -> Iterator[Fact]:
@@ -324,7 +354,9 @@ def _arming_events(signals: Signals, recorded_span: Segment) -> Iterator[Fact]:
     is_armed = state.values > 0
     for row in np.flatnonzero(np.diff(is_armed, prepend=False)):
         code = ReportedEvent.MOTORS_ARMED if is_armed[row] else ReportedEvent.MOTORS_DISARMED
-        yield _event(signals, recorded_span, "HEARTBEAT", code, state.time[row], is_begun=row == 0)
+        yield _reported_event(
+            signals, recorded_span, "HEARTBEAT", code, state.time[row], is_begun=row == 0
+        )
 
 
 def _take_offs_and_landings(signals: Signals, recorded_span: Segment) -> Iterator[Fact]:
@@ -358,14 +390,16 @@ def _take_offs_and_landings(signals: Signals, recorded_span: Segment) -> Iterato
             distances = abs(detected_changes - time)
             if np.any(distances <= AVERAGING_SECONDS):
                 detected_time = detected_changes[np.argmin(distances)]
-                yield _event(signals, recorded_span, "EXTENDED_SYS_STATE", code, detected_time)
+                yield _reported_event(
+                    signals, recorded_span, "EXTENDED_SYS_STATE", code, detected_time
+                )
                 continue
             if vehicle not in POSSIBLE_MULTIROTORS:
                 continue
             sensors = BootSensors(signals, recorded_span.boot, take_off)
             is_landing = code is ReportedEvent.ON_GROUND
             if not (is_landing and stopped_in_air(sensors.height_above_take_off, landing)):
-                yield _event(signals, recorded_span, motor_message, code, time)
+                yield _reported_event(signals, recorded_span, motor_message, code, time)
 
 
 def _detected_changes(signals: Signals, boot: int) -> Array:
@@ -442,7 +476,9 @@ def _mode_changes(signals: Signals, recorded_span: Segment) -> Iterator[Fact]:
     for time, mode in signals.mode_changes(recorded_span.boot):
         cause, level = mode_change_reason(reason_numbers.get(time))
         code = ReportedEvent.MODE_CHANGED
-        yield _event(signals, recorded_span, message, code, time, level, subject=mode, cause=cause)
+        yield _reported_event(
+            signals, recorded_span, message, code, time, level, subject=mode, cause=cause
+        )
 
 
 def _estimator_changes(signals: Signals, recorded_span: Segment) -> Iterator[Fact]:
@@ -464,7 +500,7 @@ def _estimator_changes(signals: Signals, recorded_span: Segment) -> Iterator[Fac
         times = columns["time"][is_selected]
         for row in 1 + np.flatnonzero(values[1:] != values[:-1]):
             subject = counting.subject.format(int(values[row]))
-            yield _event(
+            yield _reported_event(
                 signals, recorded_span, counting.message, counting.code, times[row], subject=subject
             )
 
@@ -496,7 +532,7 @@ def _lasting_faults(
             columns["time"][is_selected], fault.is_faulty[is_selected]
         )
         for start, end in intersection(faulty_intervals, armed):
-            yield _event(
+            yield _reported_event(
                 signals,
                 recorded_span,
                 fault.message,

@@ -107,23 +107,25 @@ class SampleRate:
         self._start = time
         self._count = 0
 
-    def add_sample(self, time: float, seconds: float) -> bool | None:
-        """Counts a sample, and decides at regular intervals whether samples come fast enough.
+    def add_sample(self, time: float, decision_interval: float) -> bool | None:
+        """Counts a sample, and decides at regular intervals whether the samples since the last decision were frequent.
 
         Args:
             time: Time of the sample, s.
-            seconds: Interval between two decisions, s.
+            decision_interval: Time between two decisions, s.
 
         Returns:
-            Whether samples come at ``MIN_SAMPLE_RATE``, but for a tolerance; None between decisions.
+            Whether samples came at ``MIN_SAMPLE_RATE`` or faster, with the tolerance ``SAMPLE_RATE_TOLERANCE``; None
+            between decisions.
         """
         elapsed_time = time - self._start
-        is_rate_enough = None
-        if elapsed_time >= seconds:
-            is_rate_enough = self._count > SAMPLE_RATE_TOLERANCE * MIN_SAMPLE_RATE * elapsed_time
+        is_fast_enough = None
+        if elapsed_time >= decision_interval:
+            min_count = SAMPLE_RATE_TOLERANCE * MIN_SAMPLE_RATE * elapsed_time
+            is_fast_enough = self._count > min_count
             self.restart(time)
         self._count += 1
-        return is_rate_enough
+        return is_fast_enough
 
 
 class BalanceBlocks:

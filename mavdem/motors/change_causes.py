@@ -82,25 +82,20 @@ def cause_evidence(
     """
     motor_count = len(signatures)
     rises = hypothetical_rises(motor_count, weak_motor_sizes)
+    # (h, s, a): h hypotheses, s sizes, a axes.
     expected_changes = rises @ signatures
-    # Shape (s, h, 1, a): the sizes come first, since the mixture sums over them; the axis of length 1 broadcasts over
-    # the windows.
+    # (s, h, 1, a): the sizes come first, since the mixture sums over them; the axis of length 1 broadcasts over the
+    # windows.
     expected_by_size = expected_changes.swapaxes(0, 1)[:, :, None]
+    # (s, h, w).
     densities = log_t_density(changes, expected_by_size)
     # All sizes are equally probable, and so is the loss of any motor. Recoveries follow the losses.
     motor_log_factors_by_window = log_sum(densities) - log(len(RISES)) - no_change
     motor_log_factors = log_sum(motor_log_factors_by_window.T) - log(motor_count)
     motor_log_factors[motor_count:] += log(RECOVERIES_PER_LOSS)
-
-    def change_of_axes(is_changed_axis: Array) -> Array:
-        """Returns the log Bayes factors (w,) of a cause that changes these axes (a,), 1 or 0, by any amount."""
-        # The unknown amount of the change adds to the variance of these axes.
-        added_variance = OTHER_CHANGE_SD**2 * is_changed_axis
-        return log_t_density(changes, 0.0, added_variance) - no_change
-
-    load = change_of_axes(tilt_axes)
-    yaw = change_of_axes(1 - tilt_axes)
-    all_axes = change_of_axes(np.ones_like(tilt_axes))
+    load = _log_factors_of_axes(changes, no_change, tilt_axes)
+    yaw = _log_factors_of_axes(changes, no_change, 1 - tilt_axes)
+    all_axes = _log_factors_of_axes(changes, no_change, np.ones_like(tilt_axes))
     return CauseEvidence(
         rises=rises,
         motor_log_factors_by_window=motor_log_factors_by_window,
@@ -110,6 +105,24 @@ def cause_evidence(
         all_axes_log_factors=all_axes,
         other_log_factor=float(log_sum([log_sum(yaw), log_sum(all_axes)])),
     )
+
+
+def _log_factors_of_axes(changes: WindowChanges, no_change: Array, is_changed_axis: Array) -> Array:
+    """Returns the log Bayes factors of a cause that changes the balance about some axes by an unknown amount.
+
+    The unknown amount is normal with the standard deviation ``OTHER_CHANGE_SD``, which adds to the variance of these
+    axes.
+
+    Args:
+        changes: Change of the balance on a axes for each of w windows.
+        no_change: (w,) log density of the changes where nothing changed.
+        is_changed_axis: (a,) 1 for an axis that the cause changes, otherwise 0.
+
+    Returns:
+        (w,) logarithms of the Bayes factors against "nothing changed".
+    """
+    added_variance = OTHER_CHANGE_SD**2 * is_changed_axis
+    return log_t_density(changes, 0.0, added_variance) - no_change
 
 
 def hypothetical_rises(motor_count: int, weak_motor_sizes: Mapping[int, float]) -> Array:
@@ -148,8 +161,8 @@ def can_reach_threshold(
     """Returns whether any cause could explain the changes of the balance well enough for an alarm.
 
     This is a quick test before all causes are computed. An alarm needs a large sum of Bayes factors: densities of the
-    change under the causes, over its density where nothing changed. No density is higher than that of a cause that
-    expects exactly the observed change. This bound, times the number of terms of the sum, bounds the sum. Most changes
+    change under the causes, over its density if nothing changed. No density is higher than that of a cause that expects
+    exactly the observed change. This largest factor, times the number of terms of the sum, bounds the sum. Most changes
     in flight are so small that even the bound is below the threshold.
 
     Args:
@@ -160,8 +173,11 @@ def can_reach_threshold(
     """
     # The log density at the expected change itself: the squares of the errors are 0, so only the variance remains.
     log_perfect_density = -np.log(changes.variance).sum(axis=-1) / 2
-    best_log_ratio = (log_perfect_density - no_change).max()
-    # A joint recovery of all weak motors is one more cause. Sums are at most the best term times the number of terms.
-    causes = motor_causes + CAUSES_WITHOUT_MOTOR + 1
-    alternatives = RECOVERIES_PER_LOSS * len(no_change) + causes
-    return bool(best_log_ratio + log(alternatives) >= threshold)
+    largest_log_factor = (log_perfect_density - no_change).max()
+    # An alarm compares one of two sums with the threshold: the factors of one cause over all windows, with prior odds
+    # of at most ``RECOVERIES_PER_LOSS``, or the factors of all causes in one window. Both together have no more terms
+    # than this. The joint recovery of all weak motors is one more cause.
+    window_count = len(no_change)
+    cause_count = motor_causes + CAUSES_WITHOUT_MOTOR + 1
+    term_count = RECOVERIES_PER_LOSS * window_count + cause_count
+    return bool(largest_log_factor + log(term_count) >= threshold)

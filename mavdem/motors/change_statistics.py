@@ -110,7 +110,7 @@ def long_run_variance(
     Blocks are correlated, so it exceeds the variance of a block. The method of overlapping batch means estimates it as
     n times the variance of the means of n neighbouring blocks, a batch. The duration of the correlation is not known,
     so several lengths n (``BATCH_LENGTHS``) are tried. Each estimate is averaged with the prior, weighted by the
-    numbers of independent batches, and the largest one is returned.
+    numbers of independent batches, and the largest average is returned.
 
     Args:
         blocks: (N, a) means of successive blocks of flight on a axes.
@@ -122,30 +122,55 @@ def long_run_variance(
     Returns:
         (w, a) long-run variances; at least the prior.
     """
-    # Sums of any run of blocks are differences of cumulative sums.
+    # Sums of any run of blocks are differences of these cumulative sums (N + 1, a).
     cumulative = np.vstack([np.zeros_like(blocks[:1]), np.cumsum(blocks, axis=0)])
     block_count = selection.sum(axis=1, keepdims=True)
     prior_block_count = PRIOR_BLOCKS_PER_FREEDOM * prior_freedom
-    variance = prior_variance
+    largest_variance = prior_variance
     for length in BATCH_LENGTHS:
         if length > len(blocks):
             break
         batch_means = (cumulative[length:] - cumulative[:-length]) / length
-        # The selection has no gaps: a batch is in it if its first and last block are.
-        is_batch_selected = selection[:, : len(batch_means)] & selection[:, length - 1 :]
-        batch_count = is_batch_selected.sum(axis=1, keepdims=True)
-        # The sum of the squared deviations from the mean, expanded so that no array of shape (w, N, a) is made.
-        squares_about_zero = is_batch_selected @ batch_means**2
-        cross_terms = 2 * mean * (is_batch_selected @ batch_means)
-        squares = squares_about_zero - cross_terms + batch_count * mean**2
-        # Batches overlap; the number of independent ones is that of batches side by side, also for the prior's blocks.
-        independent_count = np.where(batch_count > length, block_count / length, 0.0)
-        prior_count = prior_block_count / length
-        sample_total = independent_count * length * squares / np.maximum(batch_count, 1)
-        prior_total = prior_count * prior_variance
-        pooled_variance = (prior_total + sample_total) / (prior_count + independent_count)
-        variance = np.maximum(variance, pooled_variance)
-    return variance
+        batches = _batch_squares(batch_means, selection, mean, length)
+        # The weights are numbers of independent batches, which do not overlap, also of the prior's blocks.
+        weight = np.where(batches.batch_count > length, block_count / length, 0.0)
+        prior_weight = prior_block_count / length
+        # ``length`` times the mean square of the batches is their estimate of the long-run variance.
+        weighted_variance = weight * length * batches.squares / np.maximum(batches.batch_count, 1)
+        weighted_prior = prior_weight * prior_variance
+        average = (weighted_prior + weighted_variance) / (prior_weight + weight)
+        largest_variance = np.maximum(largest_variance, average)
+    return largest_variance
+
+
+class _BatchSquares(NamedTuple):
+    """Squared deviations of the batches in each of w windows from the mean of the window."""
+
+    batch_count: NDArray[np.int_]
+    """(w, 1) number of batches in the window."""
+    squares: Array
+    """(w, a) sum of their squared deviations."""
+
+
+def _batch_squares(batch_means: Array, selection: Flags, mean: Array, length: int) -> _BatchSquares:
+    """Sums the squared deviations of overlapping batches from a mean, over each of w windows.
+
+    Args:
+        batch_means: (M, a) mean of each batch; batch i consists of ``length`` blocks from block i on.
+        selection: (w, N) which blocks are in each window, a run without gaps.
+        mean: (w, a) mean of each window.
+        length: number of blocks of a batch.
+
+    Returns:
+        Number and squares of the batches that are wholly in each window.
+    """
+    # As a window has no gaps, a batch is in it if its first and last block are.
+    is_batch_selected = selection[:, : len(batch_means)] & selection[:, length - 1 :]
+    count = is_batch_selected.sum(axis=1, keepdims=True)
+    # Σ (x − m)² = Σ x² − 2 m Σ x + n m². So no array of shape (w, M, a) is made.
+    squares_about_zero = is_batch_selected @ batch_means**2
+    cross_terms = 2 * mean * (is_batch_selected @ batch_means)
+    return _BatchSquares(count, squares_about_zero - cross_terms + count * mean**2)
 
 
 def log_t_density(

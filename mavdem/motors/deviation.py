@@ -1,4 +1,4 @@
-"""Deviation of a flight's motor balance from that of the vehicle's healthy flights, with the effect of lean removed."""
+"""Deviation of a flight's motor balance from the vehicle's healthy flights, without the effect of leaning in wind."""
 
 from __future__ import annotations
 
@@ -68,21 +68,22 @@ class Deviation(NamedTuple):
 
 
 def deviation(flight: HealthFigures, healthy: HealthFlights) -> Deviation:
-    """Computes how far the level balance of a flight is from that of healthy flights.
+    """Computes how far the level balance of a flight is from the mean of healthy flights.
 
-    The level balance is the torque that the motors make, relative to their thrust, less the part by leaning in wind.
-    The variance between healthy flights is pooled from their scatter and its prior. The scale of the deviation is made
-    of that variance, of the errors of the flight's own balance and effect of lean, and of the error of the mean of the
-    healthy flights.
+    The balance is the torque that the motors make about each axis, relative to their thrust. The level balance is the
+    same without the torque that leaning in wind requires. Three variances add up to the variance of the deviation: the
+    variance between healthy flights, pooled from their scatter and its prior; the variance of the flight's own level
+    balance; and the variance of the mean of the healthy flights.
 
     Args:
-        flight: A flight of which all needed figures are known (``HealthFigures.missing`` is None).
-        healthy: Such flights that are healthy, without that flight.
+        flight: A flight whose needed figures are all known (``HealthFigures.missing`` is None).
+        healthy: n healthy flights with known figures, without that flight.
 
     Returns:
         The deviation, with the Student's t distribution that it would have, were the flight healthy.
     """
     balances = [flight.known_balance, *[healthy_flight.known_balance for healthy_flight in healthy]]
+    # Row 0 is the flight, the other rows are the healthy flights.
     level = level_balances(balances)
     flight_balance = level.balances[0]
     flight_variance = level.variances[0]
@@ -94,7 +95,8 @@ def deviation(flight: HealthFigures, healthy: HealthFlights) -> Deviation:
     freedom = PRIOR_BALANCE_FREEDOM + count - 1
     variance_between = (PRIOR_BALANCE_FREEDOM * PRIOR_BALANCE_SD**2 + squares) / freedom
     variance_of_healthy = variance_between + level.variances[1:].mean(axis=0)
-    scale = np.sqrt(variance_between + flight_variance + variance_of_healthy / count)
+    variance_of_mean = variance_of_healthy / count
+    scale = np.sqrt(variance_between + flight_variance + variance_of_mean)
     lean = float(np.linalg.norm(balances[0].lean))
     return Deviation(flight_balance - centre, scale, freedom, lean)
 
@@ -144,10 +146,11 @@ class ShrunkenEffects:
 def shrunken_lean_effects(flights: Sequence[BalanceFigures]) -> ShrunkenEffects:
     """Estimates the effect of lean on the balance in each flight, by empirical-Bayes shrinkage.
 
-    In a calm flight the lean hardly varies, and its effect is known only from the vehicle's other flights. The estimate
-    from a flight is weighted by its precision, the mean of all flights by the spread between flights. Half of that
-    spread is counted as error of the estimates, since manoeuvres bias them (docs/evidence/motors.md). A flight without
-    an estimate gets the mean.
+    In a calm flight the lean hardly varies, and its effect is known only from the vehicle's other flights. So the
+    estimate from a flight is averaged with the mean of all flights, each weighted by the inverse of its variance
+    (precision). The effects of the flights scatter about their mean by the variance between flights. One half of that
+    is taken as a true difference between the flights, and the other half as a further error of the estimates, since
+    manoeuvres bias them (docs/evidence/motors.md). A flight without an estimate gets the mean.
 
     Args:
         flights: n flights of one vehicle.
@@ -155,6 +158,7 @@ def shrunken_lean_effects(flights: Sequence[BalanceFigures]) -> ShrunkenEffects:
     Returns:
         Effects of roll and pitch on the balance of each axis, and their variances.
     """
+    # All arrays with a row for each flight have the shape (n, 3, 2): three axes of the balance, by roll and pitch.
     estimates = np.array([flight.lean_effect for flight in flights])
     variance = np.array([flight.lean_effect_error for flight in flights]) ** 2
     is_known = np.isfinite(estimates) & np.isfinite(variance)
@@ -162,22 +166,24 @@ def shrunken_lean_effects(flights: Sequence[BalanceFigures]) -> ShrunkenEffects:
     # An infinite variance is a weight of 0.
     variance = np.where(is_known, variance, np.inf)
 
-    # The spread between flights is pooled with its prior.
+    # The variance between flights (3, 2) is pooled with its prior.
     count = is_known.sum(axis=0)
     unweighted_mean = estimates.sum(axis=0) / np.maximum(count, 1)
     squares = np.where(is_known, (estimates - unweighted_mean) ** 2, 0.0).sum(axis=0)
     freedom = LEAN_EFFECT_SPREAD_FREEDOM + np.maximum(count - 1, 0)
     prior_squares = LEAN_EFFECT_SPREAD_FREEDOM * LEAN_EFFECT_SPREAD_SD**2
-    spread_between_flights = (prior_squares + squares) / freedom
+    variance_between_flights = (prior_squares + squares) / freedom
 
-    # The mean of all flights is shrunk towards 0 by the prior of the effects.
-    weights = 1 / (variance + spread_between_flights)
+    # The weighted mean of all flights (3, 2). The prior of the effects shrinks it towards 0.
+    weights = 1 / (variance + variance_between_flights)
     total_weight = weights.sum(axis=0) + LEAN_EFFECT_PRIOR_SD**-2
     mean = (weights * estimates).sum(axis=0) / total_weight
     mean_variance = 1 / total_weight
 
-    estimate_precision = 1 / (variance + spread_between_flights / 2)
-    mean_precision = 1 / (spread_between_flights / 2 + mean_variance)
+    # The weighted average of a flight's own estimate and of that mean.
+    half_variance_between = variance_between_flights / 2
+    estimate_precision = 1 / (variance + half_variance_between)
+    mean_precision = 1 / (half_variance_between + mean_variance)
     precision = estimate_precision + mean_precision
     effects = (estimate_precision * estimates + mean_precision * mean) / precision
     return ShrunkenEffects(effects, variances=1 / precision)

@@ -130,6 +130,24 @@ class _DatedChange(NamedTuple):
         return self.changes.variance[self.window]
 
 
+def _log_odds_of_motor_cause(evidence: CauseEvidence, cause: int) -> float:
+    """Returns the logarithm of the odds of one motor cause against all other causes and "nothing changed" together.
+
+    The odds are the Bayes factor of the cause over the sum of the Bayes factors of its rivals.
+
+    Args:
+        evidence: Logarithms of the Bayes factors of all causes.
+        cause: Row of the cause among the hypotheses of the motors.
+    """
+    other_motor_causes = np.delete(evidence.motor_log_factors, cause)
+    load = log_sum(evidence.load_log_factors)
+    other_changes = evidence.other_log_factor + log(OTHERS_PER_MOTOR)
+    # The Bayes factor of "nothing changed" against itself is 1.
+    no_change = 0.0
+    rivals = [*other_motor_causes, load, other_changes, no_change]
+    return float(evidence.motor_log_factors[cause] - log_sum(rivals))
+
+
 class MotorLossDetector:
     """Sequential test of whether the balance of a vehicle's motors changed in flight, block by block; for one boot.
 
@@ -198,10 +216,10 @@ class MotorLossDetector:
         if not is_continued:
             self._restart(time, heading)
         self.latest_time = time
-        # The rate is decided on once in ``REFERENCE_SECONDS``, and is None in between.
-        is_rate_enough = self._sample_rate.add_sample(time, REFERENCE_SECONDS)
-        if is_rate_enough is not None:
-            self.undetectable_reason = None if is_rate_enough else TOO_SLOW
+        # Whether samples come fast enough is decided once in ``REFERENCE_SECONDS``, and is None in between.
+        is_fast_enough = self._sample_rate.add_sample(time, REFERENCE_SECONDS)
+        if is_fast_enough is not None:
+            self.undetectable_reason = None if is_fast_enough else TOO_SLOW
         alarm_count = len(self.alarms)
         completed_block = self._averager.add(time, commands, heading)
         if completed_block is not None:
@@ -287,15 +305,15 @@ class MotorLossDetector:
     def _test_for_change(self, windows: Windows) -> None:
         """Tests whether the motors' balance changed within the last blocks, and records a change of a motor.
 
-        Every cause has a Bayes factor: how much better it explains the change than "nothing changed" does. Factors are
-        kept as logarithms. The causes are the loss or recovery of each motor, a load (a change in roll and pitch
-        alone), and other changes (in yaw alone, or in all axes). The steps are:
+        A Bayes factor says how much better a cause explains the change than "nothing changed" does. The causes are the
+        loss or recovery of each motor, a load (a change in roll and pitch alone), and other changes (in yaw alone, or
+        in all axes). The steps are:
 
         1. Stop if the change is too small for any cause.
-        2. Take the motor's cause with the largest Bayes factor. It must reach the threshold, which keeps false alarms
+        2. Take the motor cause with the largest Bayes factor. It must reach the threshold, which keeps false alarms
            rare, and its odds against all other causes together must be strong, so that no sound motor is named.
         3. Record it, unless a turn of the vehicle in wind explains it.
-        4. If no motor's cause passes step 2, test whether a load or something unknown changed the torque.
+        4. If no motor cause passes step 2, test whether a load or something unknown changed the torque.
 
         Args:
             windows: (w,) lengths of the windows in blocks: possible numbers of blocks since the change began.
@@ -303,31 +321,27 @@ class MotorLossDetector:
         balances = np.array(self._blocks.balances)
         changes = window_changes(balances, windows, self._noise, self._freedom)
         no_change = log_t_density(changes, 0.0)
-        motor_causes = len(self._model.signatures) + len(self.weak_motors)
-        if not can_reach_threshold(changes, no_change, motor_causes, self._threshold):
+        # The loss of each motor, and the recovery of each weak one.
+        motor_cause_count = len(self._model.signatures) + len(self.weak_motors)
+        if not can_reach_threshold(changes, no_change, motor_cause_count, self._threshold):
             return
         weak_motor_sizes = {motor: alarm.size for motor, alarm in self.weak_motors.items()}
         evidence = cause_evidence(
             changes, no_change, self._model.signatures, self._model.tilt_axes, weak_motor_sizes
         )
-        # The odds of the best cause are its Bayes factor over the sum of those of all the others.
         best_cause = int(np.argmax(evidence.motor_log_factors))
-        other_motors = np.delete(evidence.motor_log_factors, best_cause)
-        rivals = [*other_motors, log_sum(evidence.load_log_factors)]
-        # The last rival is that nothing changed, with a Bayes factor of 1.
-        rivals += [evidence.other_log_factor + log(OTHERS_PER_MOTOR), 0.0]
-        log_odds = evidence.motor_log_factors[best_cause] - log_sum(rivals)
+        log_odds = _log_odds_of_motor_cause(evidence, best_cause)
         reaches_threshold = evidence.motor_log_factors[best_cause] >= self._threshold
-        if reaches_threshold and log_odds >= STRONG_EVIDENCE_NATS:
-            # The window in which the cause explains the change best is the estimate of when the change began.
-            window = int(np.argmax(evidence.motor_log_factors_by_window[best_cause]))
-            change = _DatedChange(changes, window, int(windows[window]))
-            if self._is_independent_of_heading(change):
-                # The last size is the largest. Only the ratios between the motors matter.
-                largest_rises = evidence.rises[best_cause, -1]
-                self._record_motor_change(largest_rises, change, log_odds)
+        if not reaches_threshold or log_odds < STRONG_EVIDENCE_NATS:
+            self._test_for_torque_change(windows, changes, evidence)
             return
-        self._test_for_torque_change(windows, changes, evidence)
+        # The window in which the cause explains the change best is the estimate of when the change began.
+        window = int(np.argmax(evidence.motor_log_factors_by_window[best_cause]))
+        change = _DatedChange(changes, window, int(windows[window]))
+        if self._is_independent_of_heading(change):
+            # (k,) rises of the motors with the largest size. Only the ratios between the motors matter.
+            largest_rises = evidence.rises[best_cause, -1]
+            self._record_motor_change(largest_rises, change, log_odds)
 
     def _test_for_torque_change(
         self, windows: Windows, changes: WindowChanges, evidence: CauseEvidence

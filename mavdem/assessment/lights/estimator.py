@@ -1,6 +1,7 @@
 """Status light of the estimator, judged by facts (coded findings): its innovations in flight, GPS fixes, compass."""
 
 from collections.abc import Iterator
+from typing import Any
 
 import numpy as np
 
@@ -85,8 +86,9 @@ ESTIMATOR_EVENTS: set[Code] = {
 def estimator_light(evidence: Evidence) -> Fact:
     """Judges the state estimator in flight by the worst fact about it; unknown if the log has no measurements of it.
 
-    Judged are the innovations of its filter, poor GPS fixes, a disturbed compass, an accelerometer that is wrong at
-    rest, reports of the autopilot, a height or position that was lost, and a barometer that drifted.
+    Judged are the innovations of its filter (measurements minus predictions), poor GPS fixes, a disturbed compass, an
+    accelerometer that is wrong at rest, reports of the autopilot, a height or position that was lost, and a barometer
+    that drifted. Of equally bad facts the first in this order is the light.
 
     Args:
         evidence: signals, events and measurements of the vehicle.
@@ -94,24 +96,19 @@ def estimator_light(evidence: Evidence) -> Fact:
     Returns:
         A fact whose level is the colour of the light: good, watch, bad or unknown.
     """
-    # ``worst_fact`` returns the first of several facts with the worst level. So the flights are sorted: that with the
-    # longest doubts or, without doubts, with the largest innovation comes first.
-    filter_facts = sorted(
-        _filter_facts(evidence),
-        key=lambda fact: (fact.figures["duration"], fact.figures["ratio"]),
-        reverse=True,
-    )
+    innovation_facts = _innovation_facts_worst_first(evidence)
     missing_fix = _missing_fix(evidence)
-    lacks_fix = missing_fix is not None
-    satellites = 0
+    # The number of satellites if GPS had no fix, but the position came from another source, such as optical flow.
+    satellites_without_fix = None
     if missing_fix is not None and _has_other_position_source(evidence):
-        # The position came from elsewhere, so that the light may be good. But the pilot should know that GPS could not
-        # have replaced that source.
-        satellites = missing_fix.figures["satellites"] or 0
-        filter_facts = [fact.replace(satellites=satellites) for fact in filter_facts]
+        # Then the light may be good. But the pilot should know that GPS could not have replaced that source.
+        satellites_without_fix = missing_fix.figures["satellites"] or 0
+        innovation_facts = [
+            fact.replace(satellites=satellites_without_fix) for fact in innovation_facts
+        ]
         missing_fix = None
     facts = [
-        *filter_facts,
+        *innovation_facts,
         *_glitches(evidence),
         *_spare_instances(evidence),
         *_poor_fixes(evidence),
@@ -123,52 +120,61 @@ def estimator_light(evidence: Evidence) -> Fact:
     facts += evidence.warnings_in_flight(ESTIMATOR_EVENTS)
     if not facts:
         unmeasured = Fact(EstimatorLight.ESTIMATOR_UNMEASURED, airborne=evidence.was_in_air)
-        # A missing fix is no fact of its own here only if the position came from elsewhere.
-        return unmeasured.replace(satellites=satellites) if lacks_fix else unmeasured
+        if satellites_without_fix is None:
+            return unmeasured
+        return unmeasured.replace(satellites=satellites_without_fix)
     return worst_fact(facts)
 
 
-def _filter_facts(evidence: Evidence) -> Iterator[Fact]:
-    """Yields a fact for each flight on how large the innovations were, of the estimator instance that was in use.
+def _innovation_facts_worst_first(evidence: Evidence) -> list[Fact]:
+    """Returns a fact for each flight about the innovations of the estimator instance that was in use, the worst first.
 
-    The filter is doubted if one innovation exceeds the ``INNOVATION_LIMIT`` for ``FAILSAFE_SECONDS``. It is bad if
-    ArduCopter's failsafe would have acted, whose limit may be lower, so that it acts before the filter rejects
-    anything.
+    The flight in which the limits were exceeded for the longest time comes first or, if they were not, the flight with
+    the largest innovation.
 
     Args:
         evidence: signals, events and measurements of the vehicle.
-
-    Yields:
-        Facts with these figures:
-
-        - ``name``: the worst innovation.
-        - ``ratio``: its largest ratio to the limit.
-        - ``duration``: how long it exceeded the limit without a break, s; of a filter that only the failsafe doubts,
-          how long the failsafe's condition held, and then the fact has ``failsafe_limit`` too.
-        - ``total_duration``: how long it exceeded the limit in all, s, if that is more.
-        - ``is_unchecked``: the worst innovation is the height of ArduPilot, which its failsafe does not check.
-        - ``is_spare``: the instance in use was not logged, so that another one is judged, and is never bad.
-        - ``is_filtered``: the ratios are low-passed, so that single samples may have been larger.
-
-        The subject is the name of the instance, if the log has several.
     """
     telemetry = evidence.signals.telemetry
-    for flight in evidence.in_flight(innovation_ratios(telemetry)):
-        yield _filter_fact(telemetry, flight)
+    facts = [
+        _innovation_fact(telemetry, flight)
+        for flight in evidence.in_flight(innovation_ratios(telemetry))
+    ]
+    return sorted(
+        facts,
+        key=lambda fact: (fact.figures["duration"], fact.figures["ratio"]),
+        reverse=True,
+    )
 
 
-def _filter_fact(telemetry: Telemetry, flight: TimeSeries) -> Fact:
-    """Returns the fact about the innovations of the estimator in one flight, with the figures of :func:`_filter_facts`.
+def _innovation_fact(telemetry: Telemetry, flight: TimeSeries) -> Fact:
+    """Returns the fact about how large the innovations of the estimator were in one flight.
+
+    The filter is doubted if one innovation exceeds its own ``INNOVATION_LIMIT`` for ``FAILSAFE_SECONDS``, so that it
+    rejects measurements for long. It is bad if ArduCopter's failsafe would have acted. The limit of the failsafe may be
+    lower, so that it acts before the filter rejects anything.
 
     Args:
         telemetry: autopilot, parameters and messages of the vehicle.
         flight: samples (N, 5) of the flight, as :func:`innovation_ratios` returns them.
+
+    Returns:
+        A fact whose subject is the name of the instance, if the log has several, with these figures:
+
+        - ``name``: the worst innovation.
+        - ``ratio``: its largest ratio to the limit.
+        - ``duration``: how long it exceeded the limit without a break, s. If only the failsafe doubts the filter, how
+          long the failsafe's condition held; then the fact has the ``failsafe_limit`` too.
+        - ``total_duration``: how long it exceeded the limit in all, s, if that is more.
+        - ``is_unchecked``: the worst innovation is the height of ArduPilot, which its failsafe does not check.
+        - ``is_spare``: the instance in use was not logged, so that another one is judged, which is never bad.
+        - ``is_filtered``: the ratios are low-passed, so that single samples may have been larger.
     """
     failsafe_limit = failsafe_limit_of(telemetry)
+    rejection = rejection_in(flight.time, flight.values[:, : len(INNOVATIONS)], failsafe_limit)
     instances = telemetry.messages.get(INSTANCES_MESSAGE, {})
     # A log without the primary instance has the innovations of another one, which does not fly the vehicle.
     is_spare = bool(instances) and not instances["is_primary"].any()
-    rejection = rejection_in(flight.time, flight.values[:, : len(INNOVATIONS)], failsafe_limit)
     code = EstimatorLight.FILTER_AGREED
     if rejection.is_rejected_long or rejection.triggers_failsafe:
         code = EstimatorLight.FILTER_DOUBTED
@@ -178,28 +184,25 @@ def _filter_fact(telemetry: Telemetry, flight: TimeSeries) -> Fact:
         level = Level.BAD
     elif rejection.ratio >= WATCHED_RATIO:
         level = Level.WATCH
-    fact = Fact(
-        code,
-        level,
-        time=rejection.time,
-        subject=_instance_in_flight(telemetry, flight) if instances else "",
-        name=rejection.name,
-        ratio=rejection.ratio,
-        duration=rejection.duration,
-    )
-    if rejection.triggers_failsafe and not rejection.is_rejected_long:
-        # Only the failsafe, whose limit is lower, doubts the filter.
-        fact = fact.replace(duration=rejection.failsafe_duration, failsafe_limit=failsafe_limit)
+    figures: dict[str, Any] = {
+        "name": rejection.name,
+        "ratio": rejection.ratio,
+        "duration": rejection.duration,
+    }
+    is_doubted_by_failsafe_only = rejection.triggers_failsafe and not rejection.is_rejected_long
+    if is_doubted_by_failsafe_only:
+        figures["duration"] = rejection.failsafe_duration
+        figures["failsafe_limit"] = failsafe_limit
     elif round(rejection.total_duration) > round(rejection.duration):
-        fact = fact.replace(total_duration=rejection.total_duration)
-    # The failsafe of ArduPilot does not check the height.
+        figures["total_duration"] = rejection.total_duration
     if rejection.name is EstimatorRatio.HEIGHT and telemetry.autopilot != "PX4":
-        fact = fact.replace(is_unchecked=True)
+        figures["is_unchecked"] = True
     if is_spare:
-        fact = fact.replace(is_spare=True)
+        figures["is_spare"] = True
     if is_low_passed(telemetry, rejection.name):
-        fact = fact.replace(is_filtered=True)
-    return fact
+        figures["is_filtered"] = True
+    subject = _instance_in_flight(telemetry, flight) if instances else ""
+    return Fact(code, level, time=rejection.time, subject=subject, **figures)
 
 
 def _instance_in_flight(telemetry: Telemetry, flight: TimeSeries) -> str:
@@ -217,10 +220,10 @@ def _instance_in_flight(telemetry: Telemetry, flight: TimeSeries) -> str:
     """
     instances = telemetry.messages[INSTANCES_MESSAGE]
     is_primary = instances["is_primary"] > 0
-    # Only a log that never has the primary instance has the ratios of spare ones (:func:`innovation_ratios`).
+    # The logged ratios are those of the primary instance. Only a log that never has it has the ratios of spare ones.
     has_logged_ratios = is_primary if is_primary.any() else ~is_primary
-    is_selected = has_logged_ratios & (instances["boot"] == flight.boot[0])
-    is_selected &= (instances["time"] >= flight.time[0]) & (instances["time"] <= flight.time[-1])
+    is_in_flight = (instances["time"] >= flight.time[0]) & (instances["time"] <= flight.time[-1])
+    is_selected = has_logged_ratios & (instances["boot"] == flight.boot[0]) & is_in_flight
     numbers, counts = np.unique(instances["instance"][is_selected], return_counts=True)
     if not len(numbers):
         return ""
@@ -435,12 +438,14 @@ def _wrong_accelerometers(evidence: Evidence) -> Iterator[Fact]:
     for trust in evidence.trust:
         if not _has_flown_in(evidence, trust.boot):
             continue
-        in_use = [record for record in trust.accelerometers if record is trust.accelerometer]
-        spares = [record for record in trust.accelerometers if record is not trust.accelerometer]
-        for accelerometer in (*in_use, *spares):
-            is_spare = accelerometer is not trust.accelerometer
-            is_judged = accelerometer.is_used or not is_spare
-            if is_judged and accelerometer.is_sound is False:
+        # The accelerometer of the primary instance.
+        primary = trust.accelerometer
+        spares = [record for record in trust.accelerometers if record is not primary]
+        primaries = [record for record in trust.accelerometers if record is primary]
+        for accelerometer in (*primaries, *spares):
+            is_spare = accelerometer is not primary
+            runs_instance = accelerometer.is_used or not is_spare
+            if runs_instance and accelerometer.is_sound is False:
                 yield Fact(
                     EstimatorLight.ACCELEROMETER_WRONG,
                     subject=accelerometer.name if len(trust.accelerometers) > 1 else "",

@@ -1,7 +1,6 @@
 """Status light of the wind, a fact (a coded finding): its speed, and the share of the largest lean that it needs."""
 
 from math import hypot, inf, radians
-from typing import Any
 
 from mavdem.assessment.condition import Condition
 from mavdem.assessment.evidence import Evidence
@@ -52,12 +51,12 @@ def wind_light(evidence: Evidence, estimator: Fact) -> Fact:
     if estimator.is_bad or takes_much_lean:
         level: Level | None = Level.WATCH
     elif wind.may_be_lean:
-        # A load, or an autopilot that is mounted askew, may cause part of the lean.
+        # A load that is off centre, or an autopilot that is mounted askew, may cause some of the lean.
         level = Level.UNKNOWN
     else:
         # The fact then has the usual level of its code, good.
         level = None
-    return Fact(
+    fact = Fact(
         WindLight.WIND_BLEW,
         level,
         calm=wind.calm,
@@ -67,29 +66,28 @@ def wind_light(evidence: Evidence, estimator: Fact) -> Fact:
         direction=wind.direction if wind.direction_identifiable else None,
         share=lean_share,
         reason=estimator if estimator.is_bad else None,
-        **_other_core(evidence.signals.telemetry),
     )
+    velocity_message = _velocity_message_of_spare_core(evidence.signals.telemetry)
+    return fact if velocity_message is None else fact.replace(name=velocity_message)
 
 
-def _other_core(telemetry: Telemetry) -> dict[str, Any]:
-    """Returns a further figure of the wind if the velocity for it is not that of the estimator's primary core.
+def _velocity_message_of_spare_core(telemetry: Telemetry) -> str | None:
+    """Returns the message with the vehicle's velocity, if it is of another estimator core than the primary one.
 
-    ArduPilot runs several instances ("cores") of its estimator. If the log lacks the primary one, the velocity of
-    another core was read, which the light then states.
+    ArduPilot runs several instances ("cores") of its estimator. The wind is estimated from the velocity of the primary
+    one. If the log lacks that, the velocity of another core was read instead, which is among the repairs of the log.
 
     Args:
-        telemetry: messages of the vehicle, and the repairs that were made as they were read.
+        telemetry: messages of the vehicle, and the repairs that were made as the log was read.
 
     Returns:
-        The name of the velocity's message in the log as ``name``; empty if the primary core was read.
+        Name of the message in the log; None if the velocity is that of the primary core.
     """
     name = telemetry.name_in_source("LOCAL_POSITION_NED")
-    is_other_core = any(
-        name in repair.figures["names"]
-        for repair in telemetry.repairs
-        if repair.code is Repair.OTHER_CORE_READ
-    )
-    return {"name": name} if is_other_core else {}
+    for repair in telemetry.repairs:
+        if repair.code is Repair.OTHER_CORE_READ and name in repair.figures["names"]:
+            return name
+    return None
 
 
 def _lean_share(condition: Condition, telemetry: Telemetry) -> float:
