@@ -24,9 +24,8 @@ RESIDENT_BYTES = 1 << 24
 def rows_of(data: Bytes, start: Offsets, width: int) -> Bytes:
     """Cuts pieces of equal length out of a stream, such as the headers that begin at each marker.
 
-    The pieces may overlap. The stream is viewed as a sequence of items of ``width`` bytes, one of which begins at each
-    byte (a stride of 1), so that the piece at an offset is the item of that number. A mapped file is read in parts, and
-    the pages of each part are released, to bound the resident memory.
+    The pieces may overlap. A mapped file is read block by block, and its pages are released after each block, to bound
+    the resident memory.
 
     Args:
         data: Bytes (B,) of the stream.
@@ -36,15 +35,19 @@ def rows_of(data: Bytes, start: Offsets, width: int) -> Bytes:
     Returns:
         The pieces as a table (N, width).
     """
-    # NumPy's type "V8" is an opaque item of 8 bytes. Such items are copied faster by index than single bytes.
+    # The stream is viewed as items of ``width`` bytes, one of which begins at each byte (a stride of 1), so that the
+    # piece at an offset is the item of that number. NumPy's type "V8" is an opaque item of 8 bytes, which is copied
+    # faster by index than single bytes.
     windows = np.ndarray((max(len(data) - width + 1, 0),), f"V{width}", data, strides=(1,))
-    if mapping_of(data) is None:
+    is_in_memory = mapping_of(data) is None
+    if is_in_memory:
         return windows[start].view(np.uint8).reshape(len(start), width)
     pieces = np.empty(len(start), windows.dtype)
-    rows_at_a_time = max(len(start) * RESIDENT_BYTES // len(data), 1)
-    for first in range(0, len(start), rows_at_a_time):
-        rows = slice(first, first + rows_at_a_time)
-        pieces[rows] = windows[start[rows]]
+    # As many pieces as lie in ``RESIDENT_BYTES`` of the file on average.
+    pieces_at_once = max(len(start) * RESIDENT_BYTES // len(data), 1)
+    for first in range(0, len(start), pieces_at_once):
+        block = slice(first, first + pieces_at_once)
+        pieces[block] = windows[start[block]]
         release_pages(data)
     return pieces.view(np.uint8).reshape(len(start), width)
 

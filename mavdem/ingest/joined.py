@@ -407,21 +407,26 @@ def _joined_vehicle(earlier: Recording, later: Recording, *, has_restarted: bool
 
 
 def _initial_parameters(before: Telemetry, after: Telemetry) -> Parameters:
-    """Finds the parameters that changed in one of two logs or between them.
+    """Finds the parameters that changed within one of two logs or between them, and their values before that.
+
+    ``initial_parameters`` of a log has the first values of the parameters that changed in it, and ``parameters`` the
+    last values of all.
 
     Args:
-        before, after: The vehicle in the first log and in the second.
+        before: The vehicle in the first log.
+        after: The vehicle in the second log.
 
     Returns:
         The value of each such parameter before its first change, by name.
     """
+    # A parameter that changed in both logs has its first value from the first log.
     initial_values = {**after.initial_parameters, **before.initial_parameters}
-    # The values with which the second log begins. ``initial_parameters`` has those that changed in it.
-    values_at_start = {**after.parameters, **after.initial_parameters}
-    for name, last_value in before.parameters.items():
-        has_changed_between = values_at_start.get(name, last_value) != last_value
+    values_at_start_of_second = {**after.parameters, **after.initial_parameters}
+    for name, last_value_of_first in before.parameters.items():
+        value_of_second = values_at_start_of_second.get(name, last_value_of_first)
+        has_changed_between = value_of_second != last_value_of_first
         if has_changed_between:
-            initial_values.setdefault(name, last_value)
+            initial_values.setdefault(name, last_value_of_first)
     return initial_values
 
 

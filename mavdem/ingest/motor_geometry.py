@@ -348,10 +348,11 @@ def _px4_rotors(parameters: Parameters) -> _Rotors:
 def _px4_wiring(parameters: Parameters, moving_channels: Sequence[int], bank_size: int) -> _Wiring:
     """Finds which bank of channels each of PX4's output drivers fills, and so the channel of each motor.
 
-    A parameter such as PWM_AUX_FUNC3 names the motor on an output of a driver, but no message states which bank of
-    channels belongs to which driver. Drivers are tried in a fixed order, the most common first: each gets the first
-    free bank in which all its motor outputs change. Drivers without such a bank are tried again, with a limit at which
-    half of their outputs may be constant (``MAX_CONSTANT_SHARES``).
+    A driver, such as PWM_AUX, has a number of outputs, and a bank is a block of channels in the log. A parameter such
+    as PWM_AUX_FUNC3 names the motor on an output of a driver, but no message states which bank of channels belongs to
+    which driver. Drivers are tried in a fixed order, the most common first: each gets the first free bank in which all
+    its motor outputs change. Drivers without such a bank are tried again, with a limit at which half of their outputs
+    may be constant (``MAX_CONSTANT_SHARES``).
 
     Args:
         parameters: The autopilot's parameters by name.
@@ -366,6 +367,7 @@ def _px4_wiring(parameters: Parameters, moving_channels: Sequence[int], bank_siz
     for channel in range(1, bank_size + 1):
         wiring.driver_of_channel[channel] = OutputDriver("PWM_MAIN", channel)
         wiring.driver_of_channel[bank_size + channel] = OutputDriver("PWM_AUX", channel)
+    # A bank is given by the number of channels before it.
     free_banks = [0, bank_size]
     for max_constant_share in MAX_CONSTANT_SHARES:
         for driver in NAMES["px4_drivers"]:
@@ -408,26 +410,30 @@ def _px4_motor_outputs(parameters: Parameters, driver: str) -> dict[int, int]:
 
 
 def _matching_bank(
-    banks: Sequence[int],
-    outputs: Iterable[int],
+    free_banks: Sequence[int],
+    motor_outputs: Iterable[int],
     moving_channels: Sequence[int],
     max_constant_share: float,
 ) -> int | None:
-    """Returns the first bank in which enough of a driver's motor outputs change.
+    """Returns the first bank of output channels that can be the outputs of one of PX4's output drivers.
+
+    The log has the driver's outputs in a block of successive channels, a bank, but does not state in which. If the bank
+    is right, the outputs to which motors are connected change in flight.
 
     Args:
-        banks: Free banks, each given by the number of channels before it: output n is on channel bank + n.
-        outputs: The driver's motor outputs, from 1.
+        free_banks: Banks without a driver, each given by the number of channels before it: output n of a driver is on
+            channel bank + n.
+        motor_outputs: The driver's outputs to which motors are connected, from 1.
         moving_channels: Channels, from 1, whose outputs change.
-        max_constant_share: Share of the outputs that may be constant, 0 to 1.
+        max_constant_share: Share of the motor outputs that may be constant, 0 to 1.
 
     Returns:
-        The first bank; None if there is none.
+        The number of channels before the bank; None if no bank matches.
     """
-    distinct_outputs = set(outputs)
+    distinct_outputs = set(motor_outputs)
     if not distinct_outputs:
         return None
-    for bank in banks:
+    for bank in free_banks:
         channels = {bank + output for output in distinct_outputs}
         constant_channels = channels - set(moving_channels)
         if len(constant_channels) <= max_constant_share * len(channels):

@@ -61,7 +61,7 @@ MAX_IDLE_DSHOT = 10.0
 PER_MILLE = 1000.0
 """Unit of THR_MIN: a thousandth of the range."""
 
-MAX_SIMULATED = 1000.0
+SIMULATOR_FULL_THROTTLE = 1000.0
 """Full throttle of PX4's simulators, which send 150 to 1000."""
 
 MAX_DSHOT_COMMAND = 2047.0
@@ -70,10 +70,10 @@ MAX_DSHOT_COMMAND = 2047.0
 MAX_DSHOT = 1999.0
 """DShot output of PX4 at full throttle: DSHOT_MAX_THROTTLE of its ``DShot.h``, without the 48 special commands."""
 
-NOMINAL_DSHOT_RANGE = 2000.0
+DSHOT_FULL_THROTTLE = 2000.0
 """Full throttle of DShot where no parameter has it, rounded."""
 
-MAX_UAVCAN = 8191.0
+UAVCAN_FULL_THROTTLE = 8191.0
 """Output of PX4 at full throttle for UAVCAN's esc.RawCommand, which has 14 bits and a sign."""
 
 MIN_PULSE_WIDTH = 750.0
@@ -142,7 +142,10 @@ def output_scale(
 
 
 def _scale_of_largest(largest: float, *, is_px4: bool) -> tuple[str, float]:
-    """Chooses a scale by the largest output alone: the first one whose full throttle it does not exceed.
+    """Chooses a scale of motor outputs by the largest output alone: the first one whose range contains it.
+
+    The ranges are tried from the smallest to the largest. DShot commands occur in two of them: a vehicle that only
+    idled sends the first few commands, one that flew sends more than the 1000 of PX4's simulators.
 
     Args:
         largest: Largest output that occurred.
@@ -154,13 +157,13 @@ def _scale_of_largest(largest: float, *, is_px4: bool) -> tuple[str, float]:
     if largest <= MAX_NORMALISED:
         return "normalised", 1.0
     if largest <= MAX_IDLE_DSHOT:
-        return "DShot", NOMINAL_DSHOT_RANGE
-    if largest <= MAX_SIMULATED:
-        return "0-1000", MAX_SIMULATED
+        return "DShot", DSHOT_FULL_THROTTLE
+    if largest <= SIMULATOR_FULL_THROTTLE:
+        return "0-1000", SIMULATOR_FULL_THROTTLE
     if largest <= MAX_DSHOT_COMMAND:
-        return "DShot", NOMINAL_DSHOT_RANGE
-    if is_px4 and largest <= MAX_UAVCAN:
-        return "UAVCAN", MAX_UAVCAN
+        return "DShot", DSHOT_FULL_THROTTLE
+    if is_px4 and largest <= UAVCAN_FULL_THROTTLE:
+        return "UAVCAN", UAVCAN_FULL_THROTTLE
     return UNKNOWN_SCALE, largest
 
 

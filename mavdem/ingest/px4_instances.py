@@ -220,8 +220,9 @@ def _estimators(topics: Topics) -> dict[int, Fields]:
 def _sampled_ratios(topics: Topics, instance: int, ratio: EstimatorRatio, time: Array) -> Array:
     """Returns the largest test ratio of an innovation, over all aiding sources, at the times of estimator_status.
 
-    The topics estimator_aid_src_… have the squares of the ratios (``estimator_aid_source.hpp``), also of sources that
-    the estimator does not use. Only samples of sources in use count (:func:`_is_used`).
+    A test ratio is the size of an innovation relative to the limit beyond which the estimator rejects it. The topics
+    estimator_aid_src_… have its square (``estimator_aid_source.hpp``) for each aiding source, such as a receiver or a
+    barometer, also for sources that the estimator does not use, which are left out.
 
     Args:
         topics: The logged topics, by name and number of the instance.
@@ -235,31 +236,52 @@ def _sampled_ratios(topics: Topics, instance: int, ratio: EstimatorRatio, time: 
     """
     largest = np.full(len(time), np.nan)
     for source in AID_SOURCES[ratio]:
-        for number, topic in topics.get(f"estimator_aid_src_{source}", {}).items():
-            numbers = topic.get("estimator_instance", np.full(len(topic["time"]), number))
-            rows = np.flatnonzero(numbers == instance)
-            is_fused = topic.get("fused", np.zeros(len(numbers)))[rows] > 0
+        for topic_instance, topic in topics.get(f"estimator_aid_src_{source}", {}).items():
+            # Without the field, the instance of the topic has the number of the estimator.
+            default_estimator = np.full(len(topic["time"]), topic_instance)
+            is_of_estimator = topic.get("estimator_instance", default_estimator) == instance
+            samples = selected_rows(topic, is_of_estimator)
+            is_fused = samples.get("fused", np.zeros(len(samples["time"]))) > 0
             # Without the field, samples that were not fused count as rejected: a source in use remains in use.
-            is_rejected = topic.get("innovation_rejected", np.ones(len(numbers)))[rows] > 0
-            rows = rows[_is_used(is_fused, is_rejected)]
+            is_rejected = samples.get("innovation_rejected", np.ones(len(samples["time"]))) > 0
+            samples = selected_rows(samples, _is_used(is_fused, is_rejected))
             squares = [
-                topic[field][rows] for field in topic if field.partition("[")[0] == "test_ratio"
+                samples[field] for field in samples if field.partition("[")[0] == "test_ratio"
             ]
-            if not len(rows) or not squares:
+            if not len(samples["time"]) or not squares:
                 continue
-            sample_time = topic["time"][rows]
-            ratios = np.sqrt(np.maximum(np.max(squares, axis=0), 0.0))
-            # The window of a time has the samples since the time before, or at least the last sample.
-            ends = np.searchsorted(sample_time, time, side="right")
-            ends_before = np.append(ends[:1] - 1, ends[:-1])
-            starts = np.minimum(ends_before, ends - 1)
-            is_recent = (ends > 0) & (time - sample_time[ends - 1] <= MAX_AID_AGE)
-            if is_recent.any():
-                windows = np.column_stack([starts, ends])[is_recent]
-                # ``reduceat`` returns the maxima from each index to the next: of windows and of the gaps between them
-                # by turns. The appended 0 makes the end of the last sample a valid index.
-                maxima = np.maximum.reduceat(np.append(ratios, 0.0), windows.ravel())
-                largest[is_recent] = np.fmax(largest[is_recent], maxima[::2])
+            sampled_ratios = np.sqrt(np.maximum(np.max(squares, axis=0), 0.0))
+            largest_of_source = _largest_since_time_before(time, samples["time"], sampled_ratios)
+            # The larger of both; a NaN is ignored.
+            largest = np.fmax(largest, largest_of_source)
+    return largest
+
+
+def _largest_since_time_before(time: Array, sample_time: Array, values: Array) -> Array:
+    """Returns the largest sample since the time before, for each of several times.
+
+    If there is none, the last sample counts, unless it is older than ``MAX_AID_AGE``.
+
+    Args:
+        time: Times (T,), s, ascending.
+        sample_time: Times (N,) of the samples, s, ascending; at least one.
+        values: Samples (N,).
+
+    Returns:
+        Largest samples (T,); NaN where there are none.
+    """
+    largest = np.full(len(time), np.nan)
+    # Each time has a window of samples, from row ``starts`` to before row ``ends``.
+    ends = np.searchsorted(sample_time, time, side="right")
+    ends_before = np.append(ends[:1] - 1, ends[:-1])
+    starts = np.minimum(ends_before, ends - 1)
+    is_recent = (ends > 0) & (time - sample_time[ends - 1] <= MAX_AID_AGE)
+    if is_recent.any():
+        windows = np.column_stack([starts, ends])[is_recent]
+        # ``reduceat`` returns the maxima from each index to the next: of windows and of the gaps between them by turns.
+        # The appended 0 makes the end of the last sample a valid index.
+        maxima = np.maximum.reduceat(np.append(values, 0.0), windows.ravel())
+        largest[is_recent] = maxima[::2]
     return largest
 
 

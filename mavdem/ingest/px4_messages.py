@@ -144,7 +144,9 @@ def interpolated_rotations(
     return weighted_sum / np.sinc(angle / np.pi)[:, np.newaxis]
 
 
-DEMAND_CHANNELS: int = definitions_by_name()["ACTUATOR_CONTROL_TARGET"].wire["controls"].shape[0]
+DEMAND_CHANNELS: int = (
+    definitions_by_name()["ACTUATOR_CONTROL_TARGET"].payload_type["controls"].shape[0]
+)
 """Number of elements of ACTUATOR_CONTROL_TARGET.controls."""
 
 THRUST_CHANNEL = 3

@@ -29,9 +29,8 @@ MIN_TURNS_PER_DRIVER = 2
 def servo_output_raw(topics: Topics) -> Fields:
     """Makes SERVO_OUTPUT_RAW (SERVO_OUTPUT_RAW.hpp) from actuator_outputs: each instance of the topic is a port of 16.
 
-    The decimals that the message would cut off are kept. If two drivers publish the same instance by turns, each with
-    its number of outputs (``noutputs``), it becomes two ports. The driver whose first output has the largest range gets
-    the number of the instance.
+    The decimals that the message would cut off are kept. If two drivers publish the same instance by turns, each
+    becomes a port: the driver whose first output has the largest range gets the number of the instance.
 
     Args:
         topics: The logged topics, by name and number of the instance.
@@ -41,22 +40,39 @@ def servo_output_raw(topics: Topics) -> Fields:
     """
     ports = []
     for instance, topic in topics.get("actuator_outputs", {}).items():
-        # With two drivers the number of outputs alternates from message to message; a few changes are no second driver.
-        output_counts = topic.get("noutputs", np.zeros(len(topic["time"])))
-        alternations = np.count_nonzero(np.diff(output_counts))
-        parts: list[Columns] = [topic]
-        if alternations:
-            distinct_counts = np.unique(output_counts)
-            if alternations >= MIN_TURNS_PER_DRIVER * len(distinct_counts):
-                parts = [selected_rows(topic, output_counts == count) for count in distinct_counts]
-        parts.sort(key=lambda part: -float(np.ptp(part["output[0]"])))
-        for part_number, part in enumerate(parts):
-            outputs = _used_outputs(part)
-            port_number = instance + PORT_OUTPUTS * part_number
+        drivers = sorted(_messages_by_driver(topic), key=_range_of_first_output, reverse=True)
+        for driver_number, driver in enumerate(drivers):
+            outputs = _used_outputs(driver)
+            port_number = instance + PORT_OUTPUTS * driver_number
             port = np.full(len(outputs), port_number, dtype=np.uint8)
             fields = {f"servo{n + 1}_raw": outputs[:, n] for n in range(PORT_OUTPUTS)}
-            ports.append({"time": part["time"], "port": port, **fields})
+            ports.append({"time": driver["time"], "port": port, **fields})
     return in_time_order(ports)
+
+
+def _messages_by_driver(topic: Columns) -> list[Columns]:
+    """Splits one instance of actuator_outputs by the output driver that published its messages.
+
+    Two drivers have different numbers of outputs (``noutputs``), which then alternate from message to message. A few
+    changes of the number are no second driver.
+
+    Args:
+        topic: Columns (N,) of the instance.
+
+    Returns:
+        Columns of the messages of each driver.
+    """
+    output_counts = topic.get("noutputs", np.zeros(len(topic["time"])))
+    alternations = np.count_nonzero(np.diff(output_counts))
+    distinct_counts = np.unique(output_counts)
+    if not alternations or alternations < MIN_TURNS_PER_DRIVER * len(distinct_counts):
+        return [topic]
+    return [selected_rows(topic, output_counts == count) for count in distinct_counts]
+
+
+def _range_of_first_output(topic: Columns) -> float:
+    """Returns the difference of the largest and the smallest value of the first output of actuator_outputs."""
+    return float(np.ptp(topic["output[0]"]))
 
 
 def _used_outputs(topic: Columns) -> Array:

@@ -192,31 +192,33 @@ def last_values(query_time: Array, time: Array, values: NDArray[Any]) -> NDArray
 def rows_by_value(values: NDArray[np.integer[Any]]) -> dict[int, NDArray[np.int32]]:
     """Groups the rows of a column by their value.
 
+    A long column is sorted block by block, to bound the memory. Each value then has rows in several blocks.
+
     Args:
         values: The column (N,).
 
     Returns:
         The rows of each value, ascending; the values are in ascending order too.
     """
-    parts: dict[int, list[NDArray[np.int32]]] = {}
-    # A long column is sorted in parts, to bound the memory.
-    for begin in range(0, len(values), SORTED_ROWS):
-        part = values[begin : begin + SORTED_ROWS]
-        if part.dtype.itemsize > np.dtype(np.uint16).itemsize and is_in_uint16(part):
+    rows_in_blocks: dict[int, list[NDArray[np.int32]]] = {}
+    for block_start in range(0, len(values), SORTED_ROWS):
+        block = values[block_start : block_start + SORTED_ROWS]
+        if block.dtype.itemsize > np.dtype(np.uint16).itemsize and is_in_uint16(block):
             # NumPy sorts integers of 16 bits fastest (radix sort).
-            part = part.astype(np.uint16)
-        order = np.argsort(part, kind="stable").astype(np.int32)
-        sorted_values = part[order]
+            block = block.astype(np.uint16)
+        order = np.argsort(block, kind="stable").astype(np.int32)
+        sorted_values = block[order]
         first_rows = np.flatnonzero(begins_value(sorted_values))
-        # ``split`` puts an empty part before the first row of the first value.
-        groups = np.split(order + np.int32(begin), first_rows)[1:]
-        for value, rows in zip(sorted_values[first_rows].tolist(), groups, strict=True):
-            parts.setdefault(value, []).append(rows)
-    rows_of_values = {}
-    for value in sorted(parts):
-        rows_of_parts = parts.pop(value)
-        rows_of_values[value] = np.concatenate(rows_of_parts)
-    return rows_of_values
+        # ``split`` puts an empty array before the first row of the first value.
+        rows_of_values = np.split(order + np.int32(block_start), first_rows)[1:]
+        distinct_values = sorted_values[first_rows].tolist()
+        for value, rows in zip(distinct_values, rows_of_values, strict=True):
+            rows_in_blocks.setdefault(value, []).append(rows)
+    joined_rows = {}
+    for value in sorted(rows_in_blocks):
+        # Removed from the dictionary, so that the memory of its blocks is freed once they are joined.
+        joined_rows[value] = np.concatenate(rows_in_blocks.pop(value))
+    return joined_rows
 
 
 def begins_value(values: NDArray[Any]) -> Flags:
@@ -380,14 +382,16 @@ class Log:
 
 
 def repair_facts(code: Repair, **figures: Any) -> Facts:
-    """Reports a repair of a stream as a fact, unless there was nothing to repair.
+    """Makes the fact that reports a repair of the data, such as frames that were left out, to the user.
+
+    A fact is a coded finding with figures, from which its sentence is made; the level WATCH marks it as worth a look.
 
     Args:
-        code: Kind of the repair.
-        figures: Values of the fact; ``count``, if given, is the number of repairs.
+        code: What was repaired.
+        figures: Figures of the fact; ``count``, if given, is the number of repairs.
 
     Returns:
-        One fact; none if ``count`` is 0.
+        One fact; none if ``count`` is 0, so that there was nothing to repair.
     """
     if figures.get("count", 1) == 0:
         return ()
@@ -403,21 +407,25 @@ def log_of_vehicles(
 ) -> Log:
     """Makes the log of a file in which only vehicles sent messages, such as an autopilot's own log.
 
+    No message was lost on a link, and there are no frames that could not be read.
+
     Args:
         vehicles: The vehicles, at least one.
         frames: Number of messages in the file.
         bytes_skipped: Number of bytes that belong to no message.
-        receive_time: (first, last) receive stamp, UNIX s.
-        counts: Number of messages by the names in the file; None to count the MAVLink messages.
+        receive_time: First and last receive stamp, UNIX s; NaN if the file has none.
+        counts: Number of messages by their names in the file; None to count the translated MAVLink messages.
 
     Returns:
         The log, with a component for each vehicle.
     """
     components = []
     for vehicle in vehicles:
-        message_counts = counts or {
-            name: len(columns["time"]) for name, columns in vehicle.messages.items()
-        }
+        message_counts = counts
+        if not message_counts:
+            message_counts = {
+                name: len(columns["time"]) for name, columns in vehicle.messages.items()
+            }
         components.append(
             Component(
                 vehicle.system,

@@ -101,28 +101,33 @@ def check_beginning(path: PathName) -> None:
 
 
 def _frames_of_log(source: str, data: Bytes) -> tuple[Frames, int]:
-    """Finds the frames of a telemetry log.
+    """Finds the frames of a telemetry log, and counts the bytes between them that are no time stamps.
+
+    A few frames may be found by chance in any file. So a file with hardly any frames for its size is refused.
 
     Args:
         source: Name of the log.
         data: Its bytes, or those of its beginning.
 
     Returns:
-        The frames, and the number of bytes that belong to none.
+        The frames, and the number of bytes that belong neither to a frame nor to the stamp before it.
 
     Raises:
         Unreadable: There is no MAVLink, or hardly any for the size.
     """
     frames = find_frames(data, crc_extra_table(), STAMP_BYTES)
-    skipped_bytes = len(data) - int(frames.size.sum(dtype=np.int64))
+    bytes_outside_frames = len(data) - int(frames.size.sum(dtype=np.int64))
+    # Up to 8 of the bytes before each frame are its stamp.
+    stamp_bytes = 0
     for first in range(0, len(frames), STAMPS_AT_ONCE):
-        gaps = _bytes_before(frames, slice(first, first + STAMPS_AT_ONCE))
-        skipped_bytes -= int(np.minimum(gaps, STAMP_BYTES).sum(dtype=np.int64))
-    matching = np.count_nonzero(frames.checksum == CHECKSUM_MATCHES)
-    if len(frames) and not matching:
+        bytes_before = _bytes_before(frames, slice(first, first + STAMPS_AT_ONCE))
+        stamp_bytes += int(np.minimum(bytes_before, STAMP_BYTES).sum(dtype=np.int64))
+    skipped_bytes = bytes_outside_frames - stamp_bytes
+    matching_count = np.count_nonzero(frames.checksum == CHECKSUM_MATCHES)
+    if len(frames) and not matching_count:
         count = len(frames)
         raise Unreadable(SourceFact.DIALECT_UNKNOWN, path=source, count=count, recording=False)
-    if matching <= MIN_FRAME_DENSITY * skipped_bytes:
+    if matching_count <= MIN_FRAME_DENSITY * skipped_bytes:
         raise Unreadable(SourceFact.FORMAT_UNKNOWN, path=source, name="mavlink")
     return frames, skipped_bytes
 

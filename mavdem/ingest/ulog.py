@@ -260,8 +260,8 @@ def _topics(logged_topics: Sequence[LoggedTopic], start: float) -> tuple[Topics,
             subscriptions.setdefault((topic.name, topic.instance), []).append(topic.columns)
     topics: dict[str, dict[int, Columns]] = {}
     outlier_count = 0
-    for (name, instance), parts in subscriptions.items():
-        fields = concatenated_columns(parts)
+    for (name, instance), tables in subscriptions.items():
+        fields = concatenated_columns(tables)
         is_outlier = outlier_stamps(fields["timestamp"] / MICROSECONDS)
         # The first message may be long past, and is never an outlier.
         is_outlier[:1] = False
@@ -279,15 +279,15 @@ def _topics(logged_topics: Sequence[LoggedTopic], start: float) -> tuple[Topics,
 
 
 def _file_repairs(other_records: OtherRecords, loss: RecordLoss, outlier_count: int) -> Facts:
-    """Reports what is damaged or missing in a file.
+    """Reports what is damaged or missing in a file, as facts for the user.
 
     Args:
-        other_records: The records with the interruptions of the logger.
-        loss: Summary of the parts that were left out.
+        other_records: The records that are no data, with the interruptions of the logger (dropouts).
+        loss: What was left out: number of damaged places, bytes and seconds.
         outlier_count: Number of messages that were left out because their stamps are far from all others.
 
     Returns:
-        A repair for damaged bytes, one for messages with wrong stamps, and one for interruptions of the logger.
+        A fact on damaged bytes, one on messages with wrong stamps, and one on interruptions; those that apply.
     """
     damage = repair_facts(
         Repair.ULOG_DAMAGED,
@@ -295,18 +295,18 @@ def _file_repairs(other_records: OtherRecords, loss: RecordLoss, outlier_count: 
         places=loss.places,
         duration=loss.lost_seconds,
     )
+    wrong_stamps = repair_facts(
+        Repair.LOGGED_MESSAGES_LEFT_OUT, count=outlier_count, flaw=Flaw.FAR_STAMP
+    )
     # How long the logger was interrupted, s; what it missed in that time is not known.
     durations = np.array(other_records.dropout_durations) / MILLISECONDS
-    return (
-        *damage,
-        *repair_facts(Repair.LOGGED_MESSAGES_LEFT_OUT, count=outlier_count, flaw=Flaw.FAR_STAMP),
-        *repair_facts(
-            Repair.LOGGER_DROPPED_OUT,
-            count=len(durations),
-            duration=durations.sum(),
-            longest_gap=durations.max(initial=0),
-        ),
+    interruptions = repair_facts(
+        Repair.LOGGER_DROPPED_OUT,
+        count=len(durations),
+        duration=durations.sum(),
+        longest_gap=durations.max(initial=0),
     )
+    return damage + wrong_stamps + interruptions
 
 
 def _firmware(information: Mapping[str, object]) -> str:

@@ -230,7 +230,9 @@ MIN_NUMBER_BYTES = 6
 def board_number_in_texts(texts: Iterable[str]) -> str:
     """Returns the board's number from the texts that ArduPilot sends at boot ("CUAVv5Nano 001A002F 30395113 33333539").
 
-    The number distinguishes vehicles with the same MAVLink ids. The simulator has another kind of text instead.
+    The number distinguishes vehicles with the same MAVLink ids. ArduPilot's simulator sends a text of letters instead.
+    The number is then made of the bytes of its first letters, as many as AUTOPILOT_VERSION has room for, so that the
+    log of a board and the stream from it give the same number.
 
     Args:
         texts: The texts of the log, in any order.
@@ -258,10 +260,12 @@ def board_name_in_texts(texts: Iterable[str]) -> str:
 def board_number_in_bytes(uid2: bytes, *, in_words: bool) -> str:
     """Returns the board's number from AUTOPILOT_VERSION.
 
+    ArduPilot's texts have the number of the processor as three words of four bytes, each with its last byte first. The
+    field uid2 has the same bytes in the order of the memory. The simulator's number is longer.
+
     Args:
         uid2: The field uid2, 18 bytes.
-        in_words: Whether to return the number in the form of ArduPilot's texts (``board_number_in_texts``): in words of
-            four bytes, each with its bytes in reverse order.
+        in_words: Whether to return the number in the form of ArduPilot's texts (``board_number_in_texts``).
 
     Returns:
         The number in hexadecimal; empty if there is none.
@@ -272,12 +276,12 @@ def board_number_in_bytes(uid2: bytes, *, in_words: bool) -> str:
     if not in_words:
         return uid2.hex()
     number = uid2.rstrip(b"\0")
-    if len(number) > WORDS * WORD_BYTES:
-        # Longer than the number of a processor: it is the simulator's.
+    is_of_simulator = len(number) > WORDS * WORD_BYTES
+    if is_of_simulator:
         return number[:SIMULATOR_LETTERS].hex()
     digits = ""
-    for start in range(0, WORDS * WORD_BYTES, WORD_BYTES):
-        word = uid2[start : start + WORD_BYTES]
+    for word_start in range(0, WORDS * WORD_BYTES, WORD_BYTES):
+        word = uid2[word_start : word_start + WORD_BYTES]
         digits += word[::-1].hex()
     return digits
 

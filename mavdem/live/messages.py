@@ -124,21 +124,21 @@ def message_readers() -> dict[int, _MessageReader]:
         if definition.name not in MESSAGE_FIELDS:
             continue
         # The type of a payload; it has fields, since only a structured type is made for a message.
-        wire = definition.wire
-        assert wire.fields is not None
+        payload_type = definition.payload_type
+        assert payload_type.fields is not None
         names = list(MESSAGE_FIELDS[definition.name])
         units_per_second = 0.0
         wrap_period = inf
-        stamp_field = next((name for name in BOOT_CLOCK_UNITS if name in wire.fields), None)
+        stamp_field = next((name for name in BOOT_CLOCK_UNITS if name in payload_type.fields), None)
         if stamp_field is not None:
             names.append(stamp_field)
             units_per_second = BOOT_CLOCK_UNITS[stamp_field]
-            bits = BITS_PER_BYTE * wire[stamp_field].itemsize
+            bits = BITS_PER_BYTE * payload_type[stamp_field].itemsize
             if bits < BITS_WITHOUT_WRAP:
                 wrap_period = 2.0**bits / units_per_second
         # A view of some fields keeps the offsets and the size of the whole payload.
         readers[definition.message_id] = _MessageReader(
-            definition.name, wire[names], units_per_second, wrap_period
+            definition.name, payload_type[names], units_per_second, wrap_period
         )
     return readers
 

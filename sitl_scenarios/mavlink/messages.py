@@ -75,7 +75,7 @@ ARDUPILOT_MOTOR_OFFSET = 32
 PX4_MOTOR_OFFSET = 100
 """PWM_MAIN_FUNCn of motor m is 100 + m."""
 
-CHANNELS: int = definitions_by_name()["HIL_ACTUATOR_CONTROLS"].wire["controls"].shape[0]
+CHANNELS: int = definitions_by_name()["HIL_ACTUATOR_CONTROLS"].payload_type["controls"].shape[0]
 """Number of channels in each message of motor outputs."""
 
 STICK_CHANNELS = ((1, 0), (2, 1), (4, 2))

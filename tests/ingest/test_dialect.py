@@ -49,9 +49,9 @@ def test_messages_are_those_of_pymavlink():
         assert definitions_by_name()[message.msgname] is definition
         assert definition.crc_extra == message.crc_extra
         assert definition.fields == tuple(message.fieldnames)
-        assert definition.wire.names == tuple(message.ordered_fieldnames)
-        assert definition.wire.itemsize == message.unpacker.size
-        mine, other = struct_format(definition.wire), message.unpacker.format
+        assert definition.payload_type.names == tuple(message.ordered_fieldnames)
+        assert definition.payload_type.itemsize == message.unpacker.size
+        mine, other = struct_format(definition.payload_type), message.unpacker.format
         # "4f" and "ffff" unpack the same; what they unpack of the same bytes tells.
         content = bytes(byte % 251 for byte in range(1, message.unpacker.size + 1))
         assert str(struct.unpack(mine, content)) == str(struct.unpack(other, content))

@@ -106,7 +106,7 @@ def test_fields_and_stamps_are_those_of_columns(name, version):
     definition = DEFINITIONS[name]
     if definition.message_id > 255 and version == 1:
         skip("MAVLink 1 has no such ids")
-    size = definition.wire.itemsize
+    size = definition.payload_type.itemsize
     sent = [
         frame(
             definition.message_id,

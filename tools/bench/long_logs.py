@@ -149,13 +149,13 @@ class Flight:
             For each field the index of its first byte in each frame, its width and its unit.
         """
         definition = definitions_by_id()[message_id]
-        assert definition.wire.fields is not None
+        assert definition.payload_type.fields is not None
         starts = self._starts[self._message_ids == message_id]
         headers = np.where(self.content[starts] == MARKER_V1, HEADER_BYTES_V1, HEADER_BYTES_V2)
         clocks = []
         for name, units_per_second in BOOT_CLOCK_UNITS.items():
             if name in definition.fields:
-                field_type, offset = definition.wire.fields[name][:2]
+                field_type, offset = definition.payload_type.fields[name][:2]
                 is_whole = self.content[starts + LENGTH_BYTE] >= offset + field_type.itemsize
                 first_bytes = (starts + headers + offset)[is_whole]
                 clocks.append(ClockFields(first_bytes, field_type.itemsize, units_per_second))

@@ -69,31 +69,31 @@ def battery_status(tables: Tables) -> NamedMessage:
     Returns:
         The message, in the order of boot and time; without columns if it is not made.
     """
-    parts: list[Columns] = []
-    names: list[str] = []
-    ids: set[int] = set()
-    for battery_name in BATTERY_MESSAGES:
+    tables_of_batteries: list[Columns] = []
+    logged_names: list[str] = []
+    battery_ids: set[int] = set()
+    for battery_message in BATTERY_MESSAGES:
         for number in range(1, MAX_BATTERIES + 1):
-            name = battery_name if number == 1 else f"{battery_name}{number}"
+            name = battery_message if number == 1 else f"{battery_message}{number}"
             logged_columns = messages_with_fields(tables, name, ("Volt",))
             if not logged_columns:
                 continue
-            names.append(name)
+            logged_names.append(name)
             for battery_id, rows in _rows_by_battery(logged_columns, number - 1).items():
-                ids.add(battery_id)
+                battery_ids.add(battery_id)
                 voltage, fields = _measurements(rows)
                 id_column = np.full(len(voltage), battery_id, np.uint8)
                 fields |= {"id": id_column, "voltages": voltage[:, None]}
-                parts.append(with_stamps(rows, fields))
-        # Old versions of ArduPilot log only the second name, new ones only the first.
-        if parts:
+                tables_of_batteries.append(with_stamps(rows, fields))
+        # Old versions of ArduPilot log CURR, new ones BAT; a log has one of them.
+        if tables_of_batteries:
             break
-    has_further_battery = bool(ids - {0})
+    has_further_battery = bool(battery_ids - {0})
     if not has_further_battery:
         return NamedMessage(BATTERY_MESSAGES[0], {})
-    columns: Columns = concatenated_columns(parts)
+    columns: Columns = concatenated_columns(tables_of_batteries)
     time_order = np.lexsort((columns["time"], columns["boot"]))
-    return NamedMessage("/".join(names), selected_rows(columns, time_order))
+    return NamedMessage("/".join(logged_names), selected_rows(columns, time_order))
 
 
 def _rows_by_battery(logged_columns: Columns, default_id: int) -> dict[int, Columns]:

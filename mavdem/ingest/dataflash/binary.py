@@ -95,19 +95,19 @@ class FormatDefinition:
     """Names of the fields."""
 
     @cached_property
-    def wire(self) -> np.dtype[Any] | None:
-        """The bytes after the header as a structured type; None if characters or names are inconsistent.
+    def body_type(self) -> np.dtype[Any] | None:
+        """The bytes after the header as a NumPy structured type; None if characters or names are inconsistent.
 
         Its fields are called "0", "1" and so on: NumPy may change a name that damage has made.
         """
-        if not self.wire_length:
+        if not self.length_by_fields:
             return None
         return np.dtype(
             [(f"{i}", FIELD_TYPES[character]) for i, character in enumerate(self.characters)]
         )
 
     @cached_property
-    def wire_length(self) -> int:
+    def length_by_fields(self) -> int:
         """Number of bytes of a message that follows from the types of its fields, header included.
 
         It is 0 where it cannot be computed: a field has an unknown type, two fields have the same name, or the numbers
@@ -358,9 +358,10 @@ class _MessageScan:
             if not self._has_marker(offset):
                 offset = self._offset_after_damage(offset)
                 continue
-            # Whole runs of messages that follow each other are found at once, by their headers alone.
+            # Many messages that follow each other without a gap are found at once, by their headers alone.
             run = self._runs.run_at(offset, size)
             if run is not None:
+                # Both are 64-bit numbers, which are copied as bytes.
                 self.starts.frombytes(run.starts.tobytes())
                 self.message_bytes += run.end - offset
                 offset = run.end
@@ -371,7 +372,8 @@ class _MessageScan:
             length = self._lengths[message_id]
             if length == LENGTH_VARIES:
                 length = self._definition_of_message(offset).length
-            if length and offset + length <= size:
+            is_whole = length > 0 and offset + length <= size
+            if is_whole:
                 self.starts.append(offset)
                 self.message_bytes += length
                 offset += length
@@ -379,7 +381,10 @@ class _MessageScan:
                 offset = self._next_header(offset + 1)
 
     def _possible_messages(self, first: int, stop: int) -> PossibleRecords:
-        """Finds offsets that look like whole messages: the marker, then an id whose messages all have one length.
+        """Finds all offsets in a range that look like whole messages.
+
+        The header of a message is three bytes: the two bytes of the marker, and the message's id. All messages of an id
+        have the same length, so that the header gives the length.
 
         Args:
             first: Offset of the first byte at which a message may begin.
@@ -393,8 +398,10 @@ class _MessageScan:
         first_byte, second_byte = MARKER
         starts = np.flatnonzero(content[first:last_start] == first_byte) + first
         starts = starts[content[starts + 1] == second_byte]
-        lengths = self._lengths_by_header[content[starts + ID_BYTE]]
+        message_ids = content[starts + ID_BYTE]
+        lengths = self._lengths_by_header[message_ids]
         ends = starts + lengths
+        # The length is 0 for an id that is not defined, or whose messages have several lengths.
         is_message = (lengths > 0) & (ends <= len(content))
         return PossibleRecords(starts[is_message], ends[is_message])
 
@@ -459,7 +466,7 @@ class _MessageScan:
         the right length, so a definition whose stated length equals that of its fields is preferred. One whose stated
         length differs is used only if there is no other with the same id; then the length of the fields is used, and
         the repair is reported. A field of a type newer than ``FIELD_TYPES`` is no damage: the length of the fields is
-        unknown then (``wire_length`` 0), and the stated one is used.
+        unknown then (``length_by_fields`` 0), and the stated one is used.
 
         The results are stored in ``definitions``, ``sharing_definitions`` and ``repairs``.
         """
@@ -475,19 +482,19 @@ class _MessageScan:
             defined_names.add(definition.name)
             if message_id in self.definitions:
                 # A name that was not defined before shares the id. Other definitions are repeated, or of another log.
-                if is_new_name and definition.length == definition.wire_length:
+                if is_new_name and definition.length == definition.length_by_fields:
                     self.sharing_definitions.setdefault(message_id, []).append(definition)
                 continue
             # Where the length of the fields is not known (0), nothing contradicts the stated length.
-            is_sound = definition.wire_length in (0, definition.length)
+            is_sound = definition.length_by_fields in (0, definition.length)
             if is_sound and definition.length >= HEADER_BYTES:
                 self.definitions[message_id] = definition
-            elif definition.wire_length > HEADER_BYTES:
+            elif definition.length_by_fields > HEADER_BYTES:
                 contradictory.setdefault(message_id, definition)
         for message_id, definition in contradictory.items():
             if message_id in self.definitions:
                 continue
-            field_length = definition.wire_length
+            field_length = definition.length_by_fields
             self.definitions[message_id] = replace(definition, length=field_length)
             self.repairs += repair_facts(
                 Repair.DEFINITION_CONTRADICTED,
@@ -513,10 +520,10 @@ class _MessageScan:
         return self._parsed_definitions[offset]
 
     def _is_of_another_log(self, offset: int) -> bool:
-        """Returns whether the FMT at an offset belongs to another log, which was appended to this one.
+        """Returns whether the definition (FMT) at an offset belongs to another log, which was appended to this one.
 
-        It does if it is consistent and differs from the first definition of the same id, unless the two are messages of
-        this log that share the id.
+        It does if it is consistent in itself and contradicts the first definition of the same id. But in one log two
+        messages may share an id; such a definition contradicts nothing.
 
         Args:
             offset: Offset of the FMT.
@@ -525,12 +532,12 @@ class _MessageScan:
         if parsed_definition is None:
             return False
         message_id, definition = parsed_definition
-        is_sound = definition.length == definition.wire_length
-        is_known = message_id in self.definitions
-        is_shared = definition in self.sharing_definitions.get(message_id, ())
-        return (
-            is_sound and is_known and definition != self.definitions[message_id] and not is_shared
-        )
+        first_definition = self.definitions.get(message_id)
+        if first_definition is None or definition == first_definition:
+            return False
+        shares_id = definition in self.sharing_definitions.get(message_id, ())
+        is_consistent = definition.length == definition.length_by_fields
+        return is_consistent and not shares_id
 
     def _end_of_messages(self) -> int:
         """Returns the offset after the last message; 0 without any."""
@@ -577,16 +584,19 @@ def _message_table(data: Bytes, definition: FormatDefinition, starts: Integers) 
     Returns:
         The messages, in the units of their fields; none if the definition is inconsistent.
     """
-    wire = definition.wire
-    if wire is None or definition.length != definition.wire_length or not wire.itemsize:
+    body_type = definition.body_type
+    is_consistent = definition.length == definition.length_by_fields
+    if body_type is None or not is_consistent or not body_type.itemsize:
         return EMPTY_TABLE
     # Each message's bytes become a row of a table; the row is then read as one element of the structured type.
-    messages = rows_of(data, starts + HEADER_BYTES, wire.itemsize).view(wire)[:, 0]
+    bodies = rows_of(data, starts + HEADER_BYTES, body_type.itemsize)
+    messages = bodies.view(body_type)[:, 0]
     columns = {}
     names_and_types = zip(definition.fields, definition.characters, strict=True)
     for number, (name, type_character) in enumerate(names_and_types):
         # The fields of the structured type are named by their numbers.
         column = np.ascontiguousarray(messages[f"{number}"])
+        # Some types are integers in hundredths or 1e-7 degrees.
         if type_character in DIVISORS:
             column = column / DIVISORS[type_character]
         columns[name] = column

@@ -71,15 +71,17 @@ def log_clock(logged_tables: Mapping[str, MessageTable]) -> LogClock:
     names = tuple(stamps)
     if not names:
         return LogClock((), np.zeros(0, dtype=np.int64), np.zeros(0), {})
+    # The stamps of all messages, first in the order of the names, then sorted into the order of the log.
     positions = np.concatenate([logged_tables[name].position for name in names])
-    order = np.argsort(positions, kind="stable")
     seconds = np.concatenate([stamps[name] for name in names])
-    # The inverse permutation: the row in the order of the log of each stamp in the order of the names.
-    row_of_message = np.empty(len(order), dtype=np.int64)
-    row_of_message[order] = np.arange(len(order))
+    order = np.argsort(positions, kind="stable")
+    # The inverse permutation gives, for each stamp in the order of the names, its row in the order of the log.
+    sorted_row = np.empty(len(order), dtype=np.int64)
+    sorted_row[order] = np.arange(len(order))
     message_counts = [len(logged_tables[name].position) for name in names]
-    rows = np.split(row_of_message, np.cumsum(message_counts)[:-1])
-    return LogClock(names, positions[order], seconds[order], dict(zip(names, rows, strict=True)))
+    rows_of_messages = np.split(sorted_row, np.cumsum(message_counts)[:-1])
+    rows_by_name = dict(zip(names, rows_of_messages, strict=True))
+    return LogClock(names, positions[order], seconds[order], rows_by_name)
 
 
 def stamps_of_table(table: MessageTable) -> Array | None:
@@ -126,7 +128,7 @@ def on_boot_clock(
         if name in clock.names:
             rows = clock.rows[name]
             table_time = time[rows]
-            tables[name] = {**table.columns, "time": table_time, "boot": _boots(boot, rows)}
+            tables[name] = {**table.columns, "time": table_time, "boot": _boots_of_rows(boot, rows)}
             # A message whose stamp was ignored has the time of the one before it: it is not to be trusted either.
             is_trusted = table_time == seconds[rows]
             if not is_trusted.all():
@@ -142,17 +144,18 @@ def on_boot_clock(
     return tables, impossible_stamps + clock_repairs
 
 
-def _boots(boot: Rows, rows: NDArray[np.signedinteger]) -> Rows:
-    """Returns the numbers of the boots of messages in some rows.
+def _boots_of_rows(boot: Rows, rows: NDArray[np.signedinteger]) -> Rows:
+    """Returns in which boots of the autopilot some messages of a log were written.
 
     Args:
-        boot: number of the boot of each message of the log.
-        rows: rows (N,) of the messages.
+        boot: Number of the boot (n,), from 0, of each message of the log.
+        rows: Rows (N,) of the messages in question.
 
     Returns:
-        Numbers (N,), from 0. If the log has only one boot, they are a view of a single number, which saves memory.
+        Numbers of their boots (N,). If the log has only one boot, they are a view of a single 0, which saves memory.
     """
-    if not boot.any():
+    has_single_boot = not boot.any()
+    if has_single_boot:
         return np.broadcast_to(np.int64(0), len(rows))
     return boot[rows]
 

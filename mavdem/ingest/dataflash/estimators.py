@@ -41,13 +41,28 @@ STATUS_MESSAGE = 4
 
 
 def core_message_names() -> tuple[str, ...]:
-    """Returns the names of all messages of cores, also of old versions of ArduPilot."""
+    """Returns the names of the messages of all filters and cores that may be in a log.
+
+    In new versions of ArduPilot all cores share a message, such as XKF1. In old versions each core has a message of its
+    own, whose number is ``OLD_CORE_STEP`` higher than that of the core before: XKF1, XKF6, XKF11.
+    """
     names = []
     for prefix in FILTERS.values():
         for number in CORE_MESSAGES:
             for core in range(MAX_OLD_CORES):
-                names.append(f"{prefix}{number + OLD_CORE_STEP * core}")
+                names.append(_message_of_core(prefix, number, core))
     return tuple(names)
+
+
+def _message_of_core(prefix: str, number: int, core: int) -> str:
+    """Returns the name that a message of a core has in old versions of ArduPilot, such as XKF6 for XKF1 of core 1.
+
+    Args:
+        prefix: Beginning of the names of the filter's messages ("XKF").
+        number: Number of the message of core 0.
+        core: Number of the core, from 0.
+    """
+    return f"{prefix}{number + OLD_CORE_STEP * core}"
 
 
 class FlownEstimates(NamedTuple):
@@ -77,7 +92,7 @@ class FlownEstimates(NamedTuple):
 
 
 def flown_estimates(tables: Tables, parameters: Parameters) -> FlownEstimates:
-    """Selects, at each time, the messages of the estimator core whose estimates the autopilot used.
+    """Selects, at each time, the messages of the estimator core whose estimates the autopilot used to fly.
 
     ArduPilot runs several instances (cores) of its Kalman filter, one per IMU, and uses those of the primary core. If
     the log has no row of the primary core, the core with most rows replaces it.
@@ -87,12 +102,12 @@ def flown_estimates(tables: Tables, parameters: Parameters) -> FlownEstimates:
         parameters: The autopilot's parameters by name.
 
     Returns:
-        All messages, those of filters (EKF) only of the core that flew; and separately the messages of all cores.
+        All messages, those of filters (EKF) only of the core that was used; and separately the messages of all cores.
     """
-    flown_messages: dict[str, Columns] = dict(tables)
+    used_messages: dict[str, Columns] = dict(tables)
     all_cores: dict[str, Columns] = {}
     primary_cores: dict[str, NDArray[np.integer]] = {}
-    names: dict[str, str] = {}
+    names_with_core: dict[str, str] = {}
     for prefix in FILTERS.values():
         status = _with_cores(tables, f"{prefix}{STATUS_MESSAGE}")
         for number in CORE_MESSAGES:
@@ -100,51 +115,54 @@ def flown_estimates(tables: Tables, parameters: Parameters) -> FlownEstimates:
             logged_columns = _with_cores(tables, name)
             if not message_count(logged_columns):
                 continue
-            primary = _primary_cores(logged_columns, status)
+            primary_core = _primary_cores(logged_columns, status)
             core = logged_columns["C"].astype(np.int64)
-            is_flown = core == primary
-            if not is_flown.any():
+            is_used = core == primary_core
+            if not is_used.any():
                 cores, counts = np.unique(core, return_counts=True)
                 most_logged_core = int(cores[counts.argmax()])
-                is_flown = core == most_logged_core
-                names[name] = f"{name}[{most_logged_core}]"
-            flown_messages[name] = selected_rows(logged_columns, is_flown)
+                is_used = core == most_logged_core
+                names_with_core[name] = f"{name}[{most_logged_core}]"
+            used_messages[name] = selected_rows(logged_columns, is_used)
             all_cores[name] = logged_columns
-            primary_cores[name] = primary
+            primary_cores[name] = primary_core
+    filter_number = int(parameters.get(FILTER_PARAMETER, 0))
     return FlownEstimates(
-        flown_messages,
-        all_cores,
-        primary_cores,
-        names,
-        FILTERS.get(int(parameters.get(FILTER_PARAMETER, 0)), ""),
+        tables=used_messages,
+        all_cores=all_cores,
+        primary_cores=primary_cores,
+        names=names_with_core,
+        preferred_filter=FILTERS.get(filter_number, ""),
     )
 
 
 def _with_cores(tables: Tables, name: str) -> Columns:
-    """Returns the messages of all cores with the number of each as ``C``.
+    """Returns the messages of all cores of a filter in one table, with the number of the core as ``C``.
+
+    New versions of ArduPilot log them so. In old versions each core has a message of its own, and these are merged.
 
     Args:
         tables: DataFlash's messages by name.
-        name: Name of the first core's message.
+        name: Name of the first core's message, such as "XKF1".
 
     Returns:
-        The messages; empty if there are none.
+        The messages in the order of time; empty if there are none.
     """
     logged_columns = tables.get(name, {})
     if "C" in logged_columns:
         return logged_columns
-    # In old versions each core has a separate message, whose name ends with a higher number: EKF1, EKF6 and so on.
     prefix, number = name[:-1], int(name[-1])
-    parts = []
+    cores = []
     for core in range(MAX_OLD_CORES):
-        columns = tables.get(f"{prefix}{number + OLD_CORE_STEP * core}", {})
+        columns = tables.get(_message_of_core(prefix, number, core), {})
         count = message_count(columns)
         if count:
-            parts.append({**columns, "C": np.full(count, core)})
-    if not parts:
+            cores.append({**columns, "C": np.full(count, core)})
+    if not cores:
         return {}
-    cores = concatenated_columns(parts)
-    return selected_rows(cores, np.argsort(continuous_time(cores), kind="stable"))
+    all_cores = concatenated_columns(cores)
+    time_order = np.argsort(continuous_time(all_cores), kind="stable")
+    return selected_rows(all_cores, time_order)
 
 
 def _primary_cores(logged_columns: Columns, status: Columns) -> Integers:

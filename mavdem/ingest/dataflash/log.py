@@ -2,6 +2,7 @@
 
 import os
 from collections.abc import Mapping, Sequence
+from functools import partial
 from math import isfinite
 from typing import NamedTuple
 
@@ -51,6 +52,7 @@ from mavdem.ingest.mavlink.dialect import mavlink_constant
 from mavdem.ingest.other_recordings import (
     DATAFLASH_RULES,
     BootTimesInUtc,
+    LeftOutBlock,
     StampedMessages,
     blocks_of_other_recordings,
     outside_blocks,
@@ -316,28 +318,23 @@ def _without_old_blocks(
         content: The bytes of the file; empty for a text log.
 
     Returns:
-        The messages outside these blocks, with their clock, and a repair that reports the blocks.
+        The messages outside these blocks, with their clock, and a fact that reports what was left out.
     """
     clock = log_clock(logged_tables)
     if not clock.names:
         return _KeptMessages(recording, logged_tables, clock, ())
+    log_starts = recording.decode("FMT").position
     blocks = blocks_of_other_recordings(
         StampedMessages(clock.positions, clock.seconds, content),
-        recording.decode("FMT").position,
+        log_starts,
         _boot_times_in_utc(logged_tables),
         DATAFLASH_RULES,
     )
     if not blocks:
         return _KeptMessages(recording, logged_tables, clock, ())
-
-    def decode(name: str) -> MessageTable:
-        """Decodes the messages of one name, and leaves out those inside a block of another recording."""
-        table = recording.decode(name)
-        is_kept = outside_blocks(blocks, table.position)
-        columns = {field: values[is_kept] for field, values in table.columns.items()}
-        return table._replace(position=table.position[is_kept], columns=columns)
-
-    recording_without_blocks = recording._replace(decode=decode)
+    recording_without_blocks = recording._replace(
+        decode=partial(_decode_outside_blocks, recording, blocks)
+    )
     # The last block may reach to the end of the file, whose offset is not a real one (``END_OF_FILE``).
     last_position = int(clock.positions.max())
     repairs = repair_facts(
@@ -348,6 +345,25 @@ def _without_old_blocks(
     )
     messages = _logged_messages(recording_without_blocks)
     return _KeptMessages(recording_without_blocks, messages, log_clock(messages), repairs)
+
+
+def _decode_outside_blocks(
+    recording: DataflashRecording, blocks: Sequence[LeftOutBlock], name: str
+) -> MessageTable:
+    """Decodes the messages of one name, without those inside a block of another recording.
+
+    Args:
+        recording: The log, whose messages are located.
+        blocks: The blocks to leave out, at least one, in the order of the log.
+        name: Name of the messages.
+
+    Returns:
+        The messages outside the blocks.
+    """
+    table = recording.decode(name)
+    is_kept = outside_blocks(blocks, table.position)
+    columns = {field: values[is_kept] for field, values in table.columns.items()}
+    return table._replace(position=table.position[is_kept], columns=columns)
 
 
 def _boot_times_in_utc(logged_tables: Mapping[str, MessageTable]) -> BootTimesInUtc:

@@ -40,76 +40,80 @@ def servo_outputs(tables: Tables) -> NamedMessage:
     ports: list[Columns] = []
     names: dict[str, None] = {}
     for port in range(OUTPUT_PORTS):
-        messages_of_port = {}
+        widths_by_message = {}
         for name in OUTPUT_MESSAGES:
-            pulse_widths = _pulse_widths_of_port(tables, name, port)
+            pulse_widths = _pulse_widths(tables, name, port)
             if pulse_widths:
-                messages_of_port[name] = pulse_widths
+                widths_by_message[name] = pulse_widths
         # Port 0 is made where there is RCOU, with pulses or not.
-        if not messages_of_port and (port > 0 or not tables.get("RCOU")):
+        if not widths_by_message and (port > 0 or not tables.get("RCOU")):
             continue
-        names |= dict.fromkeys(messages_of_port)
-        ports.append(_servo_output_port(tables, port, messages_of_port))
+        # A dictionary keeps the names in their order, each once.
+        names |= dict.fromkeys(widths_by_message)
+        ports.append(_columns_of_port(tables, port, widths_by_message))
     if not ports:
         return NamedMessage("RCOU", {})
     return NamedMessage("/".join(names) or "RCOU", concatenated_columns(ports))
 
 
-def _pulse_widths_of_port(tables: Tables, name: str, port: int) -> dict[int, Array]:
-    """Returns the pulse widths of the outputs of one port in one message that the log has.
+def _pulse_widths(tables: Tables, name: str, port: int) -> dict[int, Array]:
+    """Returns the pulse widths that a message of the log has for the outputs of one port of SERVO_OUTPUT_RAW.
+
+    Port 0 has the outputs 1 to 16 of the vehicle, port 1 the outputs 17 to 32. Damaged values are clipped to the 16
+    bits of the field.
 
     Args:
         tables: DataFlash's messages by name.
-        name: RCOU, RCO2 or RCO3.
+        name: Name of the message: RCOU, RCO2 or RCO3.
         port: Number of the port, 0 or 1.
 
     Returns:
-        Pulse widths (N,), µs, by the number of the output on the port, 1 to 16. Damaged values are clipped to the 16
-        bits of the field. Empty if no output has a pulse.
+        Pulse widths (N,), µs, by the number of the output on the port, 1 to 16. Empty if no output has a pulse.
     """
     logged_columns = tables.get(name, {})
-    first_output = 1 + PORT_OUTPUTS * port
+    outputs_before_port = PORT_OUTPUTS * port
     pulse_widths = {}
     for output in OUTPUT_MESSAGES[name]:
-        if not first_output <= output < first_output + PORT_OUTPUTS:
+        output_on_port = output - outputs_before_port
+        if not 1 <= output_on_port <= PORT_OUTPUTS:
             continue
         for pattern in OUTPUT_NAMES:
-            if pattern.format(output) in logged_columns:
-                values = np.nan_to_num(logged_columns[pattern.format(output)].astype(np.float64))
-                clipped_widths = np.clip(values, 0, np.iinfo(np.uint16).max)
-                pulse_widths[output - PORT_OUTPUTS * port] = clipped_widths
+            field = pattern.format(output)
+            if field in logged_columns:
+                values = np.nan_to_num(logged_columns[field].astype(np.float64))
+                pulse_widths[output_on_port] = np.clip(values, 0, np.iinfo(np.uint16).max)
     has_pulse = any(widths.any() for widths in pulse_widths.values())
     return pulse_widths if has_pulse else {}
 
 
-def _servo_output_port(
-    tables: Tables, port: int, messages_of_port: Mapping[str, Mapping[int, Array]]
+def _columns_of_port(
+    tables: Tables, port: int, widths_by_message: Mapping[str, Mapping[int, Array]]
 ) -> Columns:
-    """Makes SERVO_OUTPUT_RAW of one port.
+    """Makes the columns of SERVO_OUTPUT_RAW for one port, from up to three messages of the log.
+
+    The rows have the stamps of the message with most rows. The outputs in another message, which is logged a moment
+    later in the same step, have their last value before or at these stamps.
 
     Args:
         tables: DataFlash's messages by name.
         port: Number of the port.
-        messages_of_port: Pulse widths (n,), µs, by name of the message and number of the output on the port. If it is
-            empty, all outputs are 0 at the stamps of RCOU.
+        widths_by_message: Pulse widths (n,), µs, by the number of the output on the port, of each message. Without any
+            message, all outputs are 0 at the stamps of RCOU.
 
     Returns:
-        Columns (n,): the port, and the pulse width of each output as servo1_raw and so on.
+        Columns (N,): the number of the port, and the pulse width of each output as servo1_raw and so on.
     """
-    main_message = max(
-        messages_of_port, key=lambda name: message_count(tables[name]), default="RCOU"
-    )
-    logged_columns = tables[main_message]
-    count = message_count(logged_columns)
+    row_counts = {name: message_count(tables[name]) for name in widths_by_message}
+    main_message = max(row_counts, key=row_counts.__getitem__, default="RCOU")
+    main_columns = tables[main_message]
+    count = message_count(main_columns)
     fields = {"port": np.full(count, port, np.uint8)}
     for output in range(1, PORT_OUTPUTS + 1):
         fields[f"servo{output}_raw"] = np.zeros(count, np.uint16)
-    for name, pulse_widths in messages_of_port.items():
+    for name, pulse_widths in widths_by_message.items():
         for output, widths in pulse_widths.items():
             if name != main_message:
-                # RCO2 and RCO3 follow RCOU in the same step, with the same stamp or a later one.
-                widths = last_values(
-                    continuous_time(logged_columns), continuous_time(tables[name]), widths
-                )
+                main_time = continuous_time(main_columns)
+                widths = last_values(main_time, continuous_time(tables[name]), widths)
             fields[f"servo{output}_raw"] = widths.astype(np.uint16)
-    return with_stamps(logged_columns, fields)
+    return with_stamps(main_columns, fields)

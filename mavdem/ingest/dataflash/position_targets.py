@@ -16,51 +16,54 @@ from mavdem.ingest.dataflash.tables import (
 from mavdem.ingest.telemetry import Fields, Tables
 
 
-class AxisTargets(NamedTuple):
+class AxisFields(NamedTuple):
     """Where the targets of one axis are logged, and what MAVLink calls them."""
 
     message: str
     """Name of the message."""
-    fields: tuple[str, str]
+    logged_fields: tuple[str, str]
     """Its fields with the target of the position, m, and of the velocity, m/s."""
-    names: tuple[str, str]
+    mavlink_fields: tuple[str, str]
     """Names of both in MAVLink."""
 
 
-AXES = (
-    AxisTargets("PSCD", ("TPD", "TVD"), ("z", "vz")),
-    AxisTargets("PSCN", ("TPN", "TVN"), ("x", "vx")),
-    AxisTargets("PSCE", ("TPE", "TVE"), ("y", "vy")),
+FIELDS_OF_AXES = (
+    AxisFields("PSCD", ("TPD", "TVD"), ("z", "vz")),
+    AxisFields("PSCN", ("TPN", "TVN"), ("x", "vx")),
+    AxisFields("PSCE", ("TPE", "TVE"), ("y", "vy")),
 )
-"""The axes; down, which more flight modes control, comes first: the others get its stamps."""
+"""Fields of each axis; down, which more flight modes control, comes first: the others get its stamps."""
 
-POSITION_CONTROLLER_MESSAGES = tuple(axis.message for axis in AXES)
+POSITION_CONTROLLER_MESSAGES = tuple(axis.message for axis in FIELDS_OF_AXES)
 """Messages of the position controller."""
 
 
 def position_targets(tables: Tables) -> NamedMessage:
     """Makes POSITION_TARGET_LOCAL_NED: position, m, and velocity, m/s, in north-east-down.
 
-    A target is NaN while its axis was not controlled. Each axis is logged in a separate message; all are interpolated
-    at the stamps of the first one.
+    Each axis is logged in a separate message. All are interpolated at the stamps of the first axis that was logged, and
+    are NaN while the axis was not controlled. An axis that was not logged has no columns.
 
     Args:
         tables: DataFlash's messages by name.
 
     Returns:
-        Columns x, y, z, vx, vy and vz (n,); none if no axis was logged.
+        Columns x, y, z, vx, vy and vz (n,) as far as they were logged, with the name of the messages in the log.
     """
     columns: Fields = {}
-    stamps = None
-    for axis in AXES:
-        logged_columns = messages_with_fields(tables, axis.message, axis.fields)
+    first_logged_axis = None
+    for axis in FIELDS_OF_AXES:
+        logged_columns = messages_with_fields(tables, axis.message, axis.logged_fields)
         if not logged_columns:
             continue
-        if stamps is None:
-            stamps = logged_columns
-        targets = resampled(stamps, logged_columns, float_table(logged_columns, axis.fields))
-        position_name, velocity_name = axis.names
-        columns[position_name] = targets[:, 0]
-        columns[velocity_name] = targets[:, 1]
+        if first_logged_axis is None:
+            first_logged_axis = logged_columns
+        logged_targets = float_table(logged_columns, axis.logged_fields)
+        targets = resampled(first_logged_axis, logged_columns, logged_targets)
+        position_field, velocity_field = axis.mavlink_fields
+        columns[position_field] = targets[:, 0]
+        columns[velocity_field] = targets[:, 1]
     name = "/".join(POSITION_CONTROLLER_MESSAGES)
-    return NamedMessage(name, {} if stamps is None else with_stamps(stamps, columns))
+    if first_logged_axis is None:
+        return NamedMessage(name, {})
+    return NamedMessage(name, with_stamps(first_logged_axis, columns))

@@ -50,7 +50,7 @@ SENSORS = {
 """Both kinds of sensors."""
 
 
-class StageOption(NamedTuple):
+class FilterStageOption(NamedTuple):
     """The parameter that decides whether samples are logged before the filters or after them."""
 
     parameter: str
@@ -61,14 +61,17 @@ class StageOption(NamedTuple):
     """Bit that is set where both are logged."""
 
 
-BATCH_OPTION = StageOption("INS_LOG_BAT_OPT", filtered_flag=1 << 1, both_flag=1 << 2)
+BATCH_OPTION = FilterStageOption("INS_LOG_BAT_OPT", filtered_flag=1 << 1, both_flag=1 << 2)
 """The option of batches, ISBH and ISBD."""
-SAMPLE_OPTION = StageOption("INS_RAW_LOG_OPT", filtered_flag=1 << 2, both_flag=1 << 3)
+SAMPLE_OPTION = FilterStageOption("INS_RAW_LOG_OPT", filtered_flag=1 << 2, both_flag=1 << 3)
 """The option of single samples, GYR and ACC."""
 
 
 def raw_samples(tables: Tables, parameters: Parameters) -> dict[str, tuple[str, Columns]]:
     """Collects the samples of the first gyro and of the first accelerometer, before the filters and after them.
+
+    ArduPilot has three ways of logging them, of which the first that has samples is used: batches (ISBH and ISBD),
+    single samples without gaps (GYR and ACC), and the filtered samples of IMU.
 
     Args:
         tables: DataFlash's messages by name.
@@ -76,20 +79,19 @@ def raw_samples(tables: Tables, parameters: Parameters) -> dict[str, tuple[str, 
 
     Returns:
         For each of GYRO_BEFORE, GYRO_AFTER, ACCEL_BEFORE and ACCEL_AFTER that was logged, the name of the message in
-        the log, and columns ``time``, ``boot`` and ``x``, ``y``, ``z``, rad/s or m/s². Batches are preferred to
-        samples without gaps, and these to IMU.
+        the log, and columns ``time``, ``boot`` and ``x``, ``y``, ``z``, rad/s or m/s².
     """
     samples: dict[str, tuple[str, Columns]] = {}
     for sensor, logging in SENSORS.items():
         sensor_count = sum(parameters.get(name, 0.0) != 0 for name in logging.id_parameters)
-        batch_stages = _instance_of_stage(BATCH_OPTION, parameters, sensor_count)
-        for stage, instance in batch_stages.items():
+        batch_instances = _instance_by_stage(BATCH_OPTION, parameters, sensor_count)
+        for stage, instance in batch_instances.items():
             columns = _batch_samples(tables, logging.batch_type, instance)
             if columns:
                 samples.setdefault(f"{sensor}_{stage}", ("ISBH", columns))
-        sample_stages = _instance_of_stage(SAMPLE_OPTION, parameters, sensor_count)
+        sample_instances = _instance_by_stage(SAMPLE_OPTION, parameters, sensor_count)
         message = logging.sample_message
-        for stage, instance in sample_stages.items():
+        for stage, instance in sample_instances.items():
             columns = _single_samples(tables, message, logging.fields, instance)
             if columns:
                 samples.setdefault(f"{sensor}_{stage}", (message, columns))
@@ -99,8 +101,8 @@ def raw_samples(tables: Tables, parameters: Parameters) -> dict[str, tuple[str, 
     return samples
 
 
-def _instance_of_stage(
-    option: StageOption, parameters: Parameters, sensor_count: int
+def _instance_by_stage(
+    option: FilterStageOption, parameters: Parameters, sensor_count: int
 ) -> dict[str, int]:
     """Returns the instance numbers under which the log has the first sensor's samples before and after the filters.
 

@@ -78,12 +78,15 @@ INSTANCE_FIELD = "I"
 
 
 def rows_of_sensor(tables: Tables, name: str, old_names: tuple[str, ...], number: int) -> Columns:
-    """Returns the messages of one sensor.
+    """Returns the messages of one of several sensors of a kind.
+
+    New versions of ArduPilot log all of them in one message, with the number of the sensor in a field. In old versions
+    each sensor has a message of its own, such as BARO, BAR2 and BAR3.
 
     Args:
         tables: DataFlash's messages by name.
-        name: Message of the first sensor, or of all of them.
-        old_names: Messages of the second sensor and so on in old versions.
+        name: Name of the message of the first sensor, or of all of them ("BARO").
+        old_names: Names of the messages of the second sensor and so on in old versions ("BAR2", "BAR3").
         number: Number of the sensor, from 0.
 
     Returns:
@@ -92,7 +95,9 @@ def rows_of_sensor(tables: Tables, name: str, old_names: tuple[str, ...], number
     logged_columns = tables.get(name, {})
     if INSTANCE_FIELD in logged_columns:
         return rows_of_instance(logged_columns, INSTANCE_FIELD, number)
-    return tables.get(old_names[number - 1], {}) if number else logged_columns
+    if number == 0:
+        return logged_columns
+    return tables.get(old_names[number - 1], {})
 
 
 def further_sensors(

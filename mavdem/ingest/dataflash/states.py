@@ -136,15 +136,15 @@ def _changes(
 ) -> _StateChanges:
     """Collects the changes of a state from the events of a log.
 
-    Each boot with changes gets one more, at its first message: it leads from the state before the boot's first event to
-    this same state, so that the state is defined from the beginning of the boot on.
+    So that the state is known from the beginning of a boot on, a change is added at the boot's first message. It
+    changes nothing: before and after it the state is the one before the first event of the boot.
 
     Args:
         tables: DataFlash's messages by name.
         message: Name of the message with the events ("EV").
-        field: Its field with the kind of event ("Id").
-        changes_by_value: Change that each kind of event makes; other events are left out.
-        boot_stamps: Function that returns the stamps of a boot.
+        field: Its field with the number of the event ("Id").
+        changes_by_value: State before and after each event, by its number; other events are left out.
+        boot_stamps: Function that returns the stamps of all messages of a boot, s.
 
     Returns:
         The changes in the order of boot and time.
@@ -152,23 +152,24 @@ def _changes(
     logged_columns = tables.get(message, {})
     changes: list[_DatedChange] = []
     if field in logged_columns:
-        boots_seen = set()
+        boots_with_change = set()
         events = zip(
             logged_columns["boot"].tolist(),
             logged_columns["time"].tolist(),
             logged_columns[field].tolist(),
             strict=True,
         )
-        for boot, time, value in events:
-            change = changes_by_value.get(value)
+        for boot, time, event in events:
+            change = changes_by_value.get(event)
             if change is None:
                 continue
-            if boot not in boots_seen:
-                boots_seen.add(boot)
-                first_stamp = float(boot_stamps(boot)[0])
-                changes.append(_DatedChange(boot, first_stamp, change.before, change.before))
+            if boot not in boots_with_change:
+                boots_with_change.add(boot)
+                boot_start = float(boot_stamps(boot)[0])
+                changes.append(_DatedChange(boot, boot_start, change.before, change.before))
             changes.append(_DatedChange(boot, time, change.before, change.after))
     changes.sort(key=attrgetter("boot", "time"))
+    # An array with a row per change, turned into one column per field.
     columns = np.array(changes, np.float64).reshape(-1, len(_DatedChange._fields)).T
     return _StateChanges(*columns)
 
@@ -213,10 +214,9 @@ def _heartbeats(changes: _StateChanges, vehicle_type: int, boot_stamps: BootStam
 
 
 def _boot_stamps(tables: Tables, boot: float) -> Array:
-    """Returns the stamps of all messages of a boot except texts, ascending, without duplicates.
+    """Returns the stamps of all messages of a boot except texts, ascending, each once.
 
-    A text (MSG) does not prove that logging was active at its stamp: ArduPilot stamps it when it is sent, and may log
-    it later.
+    They show when logging was active. A text (MSG) does not: ArduPilot stamps it when it is sent, and may log it later.
 
     Args:
         tables: DataFlash's messages by name, with ``time`` and ``boot``.
@@ -225,14 +225,14 @@ def _boot_stamps(tables: Tables, boot: float) -> Array:
     Returns:
         The stamps (N,), s.
     """
-    stamps = [
+    stamps_of_messages = [
         columns["time"][columns["boot"] == boot]
         for name, columns in tables.items()
         if name != "MSG"
     ]
-    # NumPy's stable sort is the fastest for an array of parts that are mostly in order.
-    sorted_stamps = np.sort(np.concatenate(stamps), kind="stable")
-    return sorted_stamps[begins_value(sorted_stamps)]
+    # NumPy's stable sort is fastest here: the stamps of each message are in order already.
+    stamps = np.sort(np.concatenate(stamps_of_messages), kind="stable")
+    return stamps[begins_value(stamps)]
 
 
 CONTRADICTION_SECONDS = 1.0

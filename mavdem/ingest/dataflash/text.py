@@ -118,11 +118,12 @@ def _message_table(definition: FormatDefinition, lines: list[_Line]) -> MessageT
         lines: Its lines in the order of the file.
 
     Returns:
-        The messages, with numbers as integers or floats, and everything else as bytes in arrays of objects. Lines in
-        which a numeric field contains no number, or an integer field a fraction, are left out and counted. There are no
-        messages if the definition is inconsistent.
+        The messages, whose positions are the numbers of their lines. Numbers are integers or floats; everything else is
+        bytes in arrays of objects. Lines in which a numeric field contains no number, or an integer field a fraction,
+        are left out and counted. There are no messages if the definition is inconsistent.
     """
-    if definition.wire is None or not definition.fields:
+    is_consistent = definition.body_type is not None
+    if not is_consistent or not definition.fields:
         return EMPTY_TABLE
     is_numeric = [character not in NON_NUMERIC_CHARACTERS for character in definition.characters]
     line_numbers = []
@@ -147,9 +148,9 @@ def _message_table(definition: FormatDefinition, lines: list[_Line]) -> MessageT
             is_valid &= is_integer
             column = np.where(is_integer, column, 0.0).astype(np.int64)
         columns[name] = column
-    positions = np.array(line_numbers, dtype=np.int64)
-    unreadable = len(lines) - int(np.count_nonzero(is_valid))
-    return MessageTable(positions[is_valid], selected_rows(columns, is_valid), unreadable)
+    valid_line_numbers = np.array(line_numbers, dtype=np.int64)[is_valid]
+    unreadable_count = len(lines) - len(valid_line_numbers)
+    return MessageTable(valid_line_numbers, selected_rows(columns, is_valid), unreadable_count)
 
 
 def _parsed_values(texts: list[bytes], is_numeric: list[bool]) -> list[float | bytes] | None:

@@ -67,6 +67,7 @@ from mavdem.ingest.mavlink.dialect import mavlink_constant
 from mavdem.ingest.telemetry import (
     Columns,
     Parameters,
+    SourceFields,
     Tables,
     fields_by_rule,
     last_values,
@@ -365,16 +366,21 @@ def _estimator_status(status: NamedMessage) -> NamedMessage:
 
 
 def _estimator_instances(estimates: FlownEstimates, status: NamedMessage) -> NamedMessage:
-    """Makes a table of all cores of the Kalman filter in use, if the log has more than the primary one.
+    """Makes a table of the test ratios of all cores of the Kalman filter, if the log has more than the primary one.
+
+    A test ratio is the size of an innovation relative to the limit beyond which the filter rejects it. ArduPilot runs
+    one core (instance) of the filter per IMU. The ratios are in the same message of the log from which
+    EKF_STATUS_REPORT was made, which has only the rows of the primary core.
 
     Args:
-        estimates: DataFlash's messages, with those of all cores.
-        status: EKF_STATUS_REPORT, which was made of one core.
+        estimates: DataFlash's messages, with the rows of all cores.
+        status: EKF_STATUS_REPORT of the primary core, with the name of its message in the log.
 
     Returns:
-        Columns (N,): the number of the core as ``instance``, ``is_primary``, and the test ratios by the names of
-        ``EstimatorRatio``.
+        Columns (N,): the number of the core as ``instance``, ``is_primary`` (0 or 1), and the test ratios by the names
+        of ``EstimatorRatio``; no columns if only the primary core was logged.
     """
+    # If another core than the primary one was logged, its number follows the message's name: "XKF4[1]".
     name, _, _ = status.source_name.partition("[")
     logged_columns = estimates.all_cores.get(name, {})
     if not status.columns or not message_count(logged_columns):
@@ -383,10 +389,11 @@ def _estimator_instances(estimates: FlownEstimates, status: NamedMessage) -> Nam
     is_primary = core == estimates.primary_cores[name]
     if is_primary.all():
         return NamedMessage(name, {})
-    rule = TRANSLATION_RULES["EKF_STATUS_REPORT"]["fields"]
-    ratios = translated_fields(
-        logged_columns, {ratio: rule[field] for ratio, field in RATIO_FIELDS.items()}
-    )
+    sources_by_field = TRANSLATION_RULES["EKF_STATUS_REPORT"]["fields"]
+    sources_by_ratio: SourceFields = {
+        ratio: sources_by_field[field] for ratio, field in RATIO_FIELDS.items()
+    }
+    ratios = translated_fields(logged_columns, sources_by_ratio)
     fields = {"instance": core, "is_primary": is_primary.astype(np.uint8), **ratios}
     return NamedMessage(name, with_stamps(logged_columns, fields))
 

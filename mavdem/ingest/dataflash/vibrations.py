@@ -55,11 +55,13 @@ def vibration(tables: Tables) -> Columns:
 def _vibration_by_imu(vibe: Columns) -> list[Columns]:
     """Splits VIBE by IMU, with equally many rows of each, and without IMUs that have none.
 
+    ArduPilot logs the messages of all IMUs in the same step. If the log ends within a step, the longer tables are cut.
+
     Args:
-        vibe: all rows of VIBE; without a field ``IMU``, as in older versions, all are those of the first IMU.
+        vibe: All rows of VIBE, at least one; without a field ``IMU``, as in older versions, all are of the first IMU.
 
     Returns:
-        The rows of each IMU, in the order of their numbers; row i of each was logged at the same time.
+        The rows of each IMU, in the order of their numbers; row i of each was logged in the same step.
     """
     possible_imus = MAX_IMUS if "IMU" in vibe else 1
     imus = []
@@ -67,8 +69,8 @@ def _vibration_by_imu(vibe: Columns) -> list[Columns]:
         imu = rows_of_instance(vibe, "IMU", number)
         if imu:
             imus.append(imu)
-    count = min(map(message_count, imus))
-    return [selected_rows(imu, np.arange(count)) for imu in imus]
+    common_count = min(map(message_count, imus))
+    return [selected_rows(imu, np.arange(common_count)) for imu in imus]
 
 
 def _clip_counter(imus: Sequence[Columns], number: int) -> NDArray[Any]:

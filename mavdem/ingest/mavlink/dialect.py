@@ -35,13 +35,13 @@ class MessageDefinition:
     crc_extra: int
     """CRC_EXTRA, a byte of every checksum of this message, which follows from the definition."""
     wire_fields: Names
-    """Its fields in the order of the wire, extensions last, each as type and name: "float[4] q"."""
+    """Its fields in the order of sending, extensions last, each as type and name: "float[4] q"."""
     definition_order: tuple[int, ...]
     """Their numbers in that order, from 0, in the order of the definition."""
 
     @cached_property
-    def wire(self) -> np.dtype[Any]:
-        """The payload as a structured type, in the order of the wire, extensions included."""
+    def payload_type(self) -> np.dtype[Any]:
+        """The payload as a NumPy structured type, with its fields in the order of sending, extensions included."""
         return np.dtype([_numpy_field(field) for field in self.wire_fields]).newbyteorder("<")
 
     @cached_property

@@ -136,17 +136,18 @@ class FrameColumns(Mapping[str, NDArray[Any]]):
     def _decoded_column(self, name: str, payloads: SentPayloads) -> NDArray[Any]:
         """Decodes a field of all messages.
 
-        Of a recording in memory all fields are decoded at once when the first one is used, which is faster. Of a mapped
-        file only this field is decoded, to save memory.
+        If the recording is in memory, all fields of the message are decoded when the first one is used, since this
+        takes little longer than one field. If it is a mapped file, only this field is decoded, to save memory.
 
         Args:
             name: Name of the field.
-            payloads: Payloads of the messages as they were sent.
+            payloads: Offset of each message's payload in its frame, and number of its bytes that were sent.
 
         Returns:
             The column (n,), or (n, k) of an array field.
         """
-        if self._decoded.is_mapped:
+        is_mapped_file = self._decoded.is_mapped
+        if is_mapped_file:
             return decoded_field(self._data, self._starts, self._definition, name, payloads)
         if self._table is None:
             self._table = decoded_payloads(self._data, self._starts, self._definition, payloads)

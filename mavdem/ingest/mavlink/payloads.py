@@ -44,21 +44,23 @@ class SentPayloads(NamedTuple):
 
 
 def sent_payloads(data: Bytes, start: NDArray[np.integer]) -> SentPayloads:
-    """Locates the payloads in frames of both versions of MAVLink.
+    """Finds out from the headers of N frames where their payloads begin and how many bytes of them were sent.
+
+    MAVLink 2 does not send zeros at the end of a payload. If the result is the same for all frames, as it mostly is, it
+    is stored as a single number, to save memory.
 
     Args:
         data: Bytes (B,) of the stream.
         start: Offset (N,) of each frame's marker.
 
     Returns:
-        Offset of each payload in its frame, and its length, bytes (N,).
+        Offset of each payload in its frame, and number of its bytes that were sent (N,).
     """
     headers = rows_of(data, start, LENGTH_BYTE + 1)
     is_version_1 = headers[:, 0] == MARKER_V1
     header_bytes = np.where(is_version_1, HEADER_BYTES_V1, HEADER_BYTES_V2).astype(np.uint8)
-    return SentPayloads(
-        _broadcast_if_constant(header_bytes), _broadcast_if_constant(headers[:, LENGTH_BYTE])
-    )
+    payload_bytes = headers[:, LENGTH_BYTE]
+    return SentPayloads(_broadcast_if_constant(header_bytes), _broadcast_if_constant(payload_bytes))
 
 
 def _broadcast_if_constant(values: Bytes) -> Bytes:
@@ -90,8 +92,8 @@ def decoded_field(
     Returns:
         The column (N,), or (N, k) of an array field. Texts are bytes, ``S``.
     """
-    assert definition.wire.fields is not None
-    field_type, field_offset = definition.wire.fields[name][:2]
+    assert definition.payload_type.fields is not None
+    field_type, field_offset = definition.payload_type.fields[name][:2]
     field_bytes = slice(field_offset, field_offset + field_type.itemsize)
     values = _bytes_of_payloads(data, start, field_bytes, payloads or sent_payloads(data, start))
     return values.view(np.dtype([(name, field_type)]))[name][:, 0]
@@ -112,46 +114,49 @@ def decoded_payloads(
         payloads: Offsets and lengths of the payloads.
 
     Returns:
-        The payloads (N,) in the message's wire type, as ``decoded_field`` decodes each field of them.
+        The payloads (N,) in the message's ``payload_type``, as ``decoded_field`` decodes each field of them.
     """
-    whole_payload = slice(0, definition.wire.itemsize)
-    return _bytes_of_payloads(data, start, whole_payload, payloads).view(definition.wire)[:, 0]
+    whole_payload = slice(0, definition.payload_type.itemsize)
+    payload_bytes = _bytes_of_payloads(data, start, whole_payload, payloads)
+    return payload_bytes.view(definition.payload_type)[:, 0]
 
 
 def _bytes_of_payloads(
-    data: Bytes, start: NDArray[np.integer], part: slice, payloads: SentPayloads
+    data: Bytes, start: NDArray[np.integer], field_bytes: slice, payloads: SentPayloads
 ) -> Bytes:
-    """Cuts the same part out of the payloads of N frames, with zeros for the bytes that were not sent.
+    """Reads the bytes of one field from the payloads of N frames, with zeros for the bytes that were not sent.
 
     Args:
         data: Bytes (B,) of the stream.
         start: Offset (N,) of each frame's marker.
-        part: First byte of the part in the payload, and the byte after it.
-        payloads: Offsets and lengths of the payloads.
+        field_bytes: First byte of the field in the payload, and the byte after its last; or those of the whole payload.
+        payloads: Offset of each payload in its frame, and number of its bytes that were sent.
 
     Returns:
-        The bytes (N, width of the part).
+        The bytes of the field (N, width).
     """
-    width = part.stop - part.start
+    width = field_bytes.stop - field_bytes.start
     header_bytes, sent_bytes = payloads
-    part_start = start.astype(np.int64) + header_bytes
-    part_start += part.start
-    # The part is cut out at full width, however much of it was sent. In the last frames of the stream this would reach
-    # beyond the end of the stream, so their bytes are gathered by offsets that are clipped to the last byte.
-    exceeds_stream = np.flatnonzero(part_start + width > len(data))
-    offsets = part_start[exceeds_stream, None] + np.arange(width)
-    part_start[exceeds_stream] = 0
-    # ``rows_of`` needs a stream that is at least as long as the part.
-    if len(exceeds_stream) < len(start):
-        values = rows_of(data, part_start, width)
+    field_start = start.astype(np.int64) + header_bytes
+    field_start += field_bytes.start
+    # A field is read at its full width, however much of it was sent. In the last frames this may go beyond the end of
+    # the stream. These are read byte by byte, by offsets that are clipped to the last byte.
+    last_frames = np.flatnonzero(field_start + width > len(data))
+    offsets_of_last = field_start[last_frames, None] + np.arange(width)
+    field_start[last_frames] = 0
+    # ``rows_of`` needs a stream that is at least as long as the field.
+    if len(last_frames) < len(start):
+        values = rows_of(data, field_start, width)
     else:
         values = np.zeros((len(start), width), dtype=np.uint8)
-    values[exceeds_stream] = data.take(offsets, mode="clip")
-    # Bytes after the sent ones belong to the checksum or to the next frame, and are set to 0, for one payload length
-    # at a time.
-    for sent_count in np.flatnonzero(np.bincount(sent_bytes)[: part.stop]).tolist():
-        rows = np.flatnonzero(sent_bytes == sent_count)
-        values[rows, max(sent_count - part.start, 0) :] = 0
+    values[last_frames] = data.take(offsets_of_last, mode="clip")
+    # What was read after the end of a payload belongs to the checksum or to the next frame, and is set to 0, for all
+    # payloads of one length at a time.
+    distinct_lengths = np.flatnonzero(np.bincount(sent_bytes))
+    for sent_length in distinct_lengths[distinct_lengths < field_bytes.stop].tolist():
+        rows = np.flatnonzero(sent_bytes == sent_length)
+        sent_width = max(sent_length - field_bytes.start, 0)
+        values[rows, sent_width:] = 0
     return values
 
 
@@ -165,8 +170,8 @@ def field_values(payload: bytes, definition: MessageDefinition) -> dict[str, Any
     Returns:
         Numbers, lists of numbers and texts by name, in the order of the definition. A text ends at its first zero.
     """
-    size = definition.wire.itemsize
-    record = np.frombuffer(payload[:size].ljust(size, b"\0"), definition.wire)[0]
+    size = definition.payload_type.itemsize
+    record = np.frombuffer(payload[:size].ljust(size, b"\0"), definition.payload_type)[0]
     values: dict[str, Any] = {}
     for name in definition.fields:
         value = record[name].tolist()
@@ -186,9 +191,9 @@ def filled_payloads(name: str, count: int = 1, /, **fields: Any) -> NDArray[np.v
         fields: Values of fields: one for all payloads, or one for each, (count, …).
 
     Returns:
-        (count,) payloads of the message's wire type.
+        (count,) payloads of the message's ``payload_type``.
     """
-    table = np.zeros(count, dtype=definitions_by_name()[name].wire)
+    table = np.zeros(count, dtype=definitions_by_name()[name].payload_type)
     for field, values in fields.items():
         table[field] = values
     return table
@@ -247,7 +252,7 @@ def encode_frame(
     """Makes a frame of MAVLink 2: header, payload and checksum, without a signature.
 
     Args:
-        payload: The payload in the layout ``definition.wire``; trailing zeros are not sent.
+        payload: The payload in the layout ``definition.payload_type``; trailing zeros are not sent.
         definition: Definition of the message.
         sender: System and component that send it.
         sequence: Sequence number of the frame, 0 to 255.

@@ -428,12 +428,12 @@ def _has_stamp(content: bytes, message_id: int) -> bool:
         message_id: number of its message.
     """
     definition = definitions_by_id().get(message_id)
-    if definition is None or definition.wire.fields is None:
+    if definition is None or definition.payload_type.fields is None:
         return False
     payload = _payload(content)
     for name in STAMP_FIELDS:
-        if name in definition.wire.fields:
-            field_type, offset = definition.wire.fields[name][:2]
+        if name in definition.payload_type.fields:
+            field_type, offset = definition.payload_type.fields[name][:2]
             return any(payload[offset : offset + field_type.itemsize])
     return False
 

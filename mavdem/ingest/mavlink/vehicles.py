@@ -520,7 +520,7 @@ def _message_stamps(
     for name, units_per_second in BOOT_CLOCK_UNITS.items():
         if name in definition.fields:
             # A counter of 32 bits wraps in the course of a flight, one of 64 bits never does.
-            counter_bytes = definition.wire[name].itemsize
+            counter_bytes = definition.payload_type[name].itemsize
             period = np.inf
             if counter_bytes < np.dtype(np.uint64).itemsize:
                 period = 2.0 ** (8 * counter_bytes) / units_per_second

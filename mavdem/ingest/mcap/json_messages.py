@@ -38,7 +38,7 @@ def read_json_message(body: bytes, definition: MessageDefinition) -> JsonMessage
     the name of the message as "type"; a field of the message that is itself called "type" is then called "mavtype". In
     the other layout the document is the object of the fields.
 
-    A missing field is zero, or NaN if it is a float, so that it is not mistaken for a measured zero.
+    A field that the document lacks gets a default: zero, or NaN if it is a float, which is no measured zero.
 
     Args:
         body: The document.
@@ -64,8 +64,8 @@ def read_json_message(body: bytes, definition: MessageDefinition) -> JsonMessage
     try:
         with np.errstate(over="raise", invalid="ignore"):
             for name in fields.keys() & set(definition.fields):
-                unsent_value = message[name][0].tolist()
-                message[name] = _field_value(fields[name], definition.wire[name], unsent_value)
+                default = message[name][0].tolist()
+                message[name] = _field_value(fields[name], definition.payload_type[name], default)
     except (TypeError, ValueError, ArithmeticError):
         return JsonMessage(None, sequence)
     if definition.name == "PARAM_VALUE" and np.isnan(message["param_value"][0]):
@@ -91,9 +91,9 @@ def _message_without_fields(definition: MessageDefinition) -> NDArray[Any]:
     Args:
         definition: Definition of the message.
     """
-    message = np.zeros(1, dtype=definition.wire)
+    message = np.zeros(1, dtype=definition.payload_type)
     for name in definition.fields:
-        if definition.wire[name].base.kind == "f":
+        if definition.payload_type[name].base.kind == "f":
             message[name] = nan
     return message
 
@@ -119,13 +119,13 @@ def _parsed_json(body: bytes) -> Any:
         return None if repaired_body == body else _parsed_json(repaired_body)
 
 
-def _field_value(value: Any, wire_type: np.dtype[Any], unsent_value: Any) -> Any:
-    """Converts a field's value from JSON to what NumPy writes into the payload.
+def _field_value(value: Any, field_type: np.dtype[Any], default: Any) -> Any:
+    """Converts a field's value from JSON to what NumPy writes into the payload of the message.
 
     Args:
-        value: The value in JSON.
-        wire_type: Type of the field in the payload.
-        unsent_value: Value of a field that is not in the JSON message: a number, or a list of numbers for an array.
+        value: The value in JSON: a text, a number, or an array, which may be shorter than that of the field.
+        field_type: Type of the field in the payload.
+        default: Value of the field where none was sent; of an array, a list with that of each element.
 
     Returns:
         Bytes for a text, a number, or a list of numbers that is filled up to the length of the array.
@@ -133,26 +133,28 @@ def _field_value(value: Any, wire_type: np.dtype[Any], unsent_value: Any) -> Any
     Raises:
         TypeError, ValueError, ArithmeticError: It has another type, or is too long.
     """
-    if wire_type.kind == "S":
+    is_text = field_type.kind == "S"
+    is_array = field_type.subdtype is not None
+    if is_text:
         text = _text_bytes(value)
-        if len(text.rstrip(b"\0")) > wire_type.itemsize:
+        if len(text.rstrip(b"\0")) > field_type.itemsize:
             raise ValueError("the text is too long")
-        return text[: wire_type.itemsize]
-    if wire_type.subdtype is None:
-        return _number(value, wire_type)
-    if not isinstance(value, list) or len(value) > len(unsent_value):
+        return text[: field_type.itemsize]
+    if not is_array:
+        return _number(value, field_type)
+    if not isinstance(value, list) or len(value) > len(default):
         raise ValueError("the array is too long, or none")
-    items = [_number(item, wire_type.base) for item in value]
-    return items + unsent_value[len(value) :]
+    elements = [_number(element, field_type.base) for element in value]
+    return elements + default[len(value) :]
 
 
-def _number(value: Any, wire_type: np.dtype[Any]) -> float:
+def _number(value: Any, field_type: np.dtype[Any]) -> float:
     """Converts a JSON value to the number that a field has in the payload of a message.
 
     Args:
         value: The value in JSON: a number; a text, such as the names of flags; None, which stands for NaN; or an object
             with one of these under "type" (an entry of an enumeration) or "bits" (a bitmask).
-        wire_type: Type of the field in the payload.
+        field_type: Type of the field in the payload.
 
     Returns:
         A float for a floating-point field, an integer for the others.
@@ -164,7 +166,7 @@ def _number(value: Any, wire_type: np.dtype[Any]) -> float:
         value = value.get("type", value.get("bits"))
     if isinstance(value, str):
         value = _value_of_text(value)
-    if wire_type.kind == "f":
+    if field_type.kind == "f":
         return nan if value is None else float(value)
     if value != int(value):
         raise ValueError("an integer field has decimals")
@@ -172,29 +174,31 @@ def _number(value: Any, wire_type: np.dtype[Any]) -> float:
 
 
 def _value_of_text(text: str) -> float:
-    """Converts a text in the place of a number to this number.
+    """Converts a JSON string to the number that it stands for.
 
     It is the name of an enumeration's entry, or several names of bits joined with "|", each of which may also be an
     integer. Otherwise it is a float in quotes, as JSON without JSON5 writes "NaN".
 
     Args:
-        text: The text.
+        text: The string.
 
     Returns:
         The number; named bits are combined.
 
     Raises:
-        ValueError: The text is none of these.
+        ValueError: The string is none of these.
     """
+    entries = enum_entries()
     try:
-        bits = 0
-        for part in text.split("|"):
-            name = part.strip()
-            if name in enum_entries():
-                bits |= enum_entries()[name]
+        number = 0
+        for item in text.split("|"):
+            name = item.strip()
+            if name in entries:
+                number |= entries[name]
             elif name:
-                bits |= int(name, 0)
-        return bits
+                number |= int(name, 0)
+        # An empty string is a bit mask in which no bit is set.
+        return number
     except ValueError:
         return float(text)
 

@@ -431,12 +431,12 @@ def _message_schema(definition: MessageDefinition) -> JsonValues:
     """
     header = object_schema({name: {"type": "integer"} for name in HEADER_FIELDS})
     fields: JsonValues = {"type": {"type": "string"}}
-    assert definition.wire.names is not None
-    for name in definition.wire.names:
-        wire_type = definition.wire[name]
-        if wire_type.kind == "S":
+    assert definition.payload_type.names is not None
+    for name in definition.payload_type.names:
+        field_type = definition.payload_type[name]
+        if field_type.kind == "S":
             field_schema: JsonValues = {"type": "string"}
-        elif wire_type.shape:
+        elif field_type.shape:
             field_schema = {"type": "array", "items": {"type": "number"}}
         else:
             field_schema = {"type": "number"}

@@ -150,11 +150,11 @@ def write_series(
 def _messages(series: Mapping[str, Series]) -> Messages:
     """Builds the heads and the JSON bodies of all messages, in the order of time.
 
-    Channels have the numbers 1, 2, … in the order of the topics. Messages of the same time are in the order of their
-    channels.
+    Each topic has a channel; channels have the numbers 1, 2, … in the order of the topics. Messages of the same time
+    are in the order of their channels.
 
     Args:
-        series: Times (T,), s, and columns (T,) by name, by topic.
+        series: For each topic the times (T,), s, and columns (T,) by name.
 
     Returns:
         Heads and bodies of all messages.
@@ -162,16 +162,18 @@ def _messages(series: Mapping[str, Series]) -> Messages:
     bodies: list[str] = []
     times = [np.empty(0)]
     channels = [np.empty(0, dtype=np.uint16)]
-    for number, (time, columns) in enumerate(series.values(), 1):
+    for channel, (time, columns) in enumerate(series.values(), 1):
         bodies += _json_rows(columns)
         times.append(time)
-        channels.append(np.full(len(time), number, dtype=np.uint16))
+        channels.append(np.full(len(time), channel, dtype=np.uint16))
     seconds = np.concatenate(times)
     heads = np.zeros(len(seconds), dtype=MESSAGE_HEAD)
     heads["opcode"] = Opcode.MESSAGE
+    # The length of a record counts from the end of its own head on: the rest of the message's head, and the body.
     # ``json`` writes ASCII only, so that a text has as many bytes as characters.
-    head_bytes = MESSAGE_HEAD.itemsize - RECORD_HEAD.size
-    heads["length"] = head_bytes + np.fromiter(map(len, bodies), dtype=np.int64, count=len(bodies))
+    rest_of_head = MESSAGE_HEAD.itemsize - RECORD_HEAD.size
+    body_lengths = np.fromiter(map(len, bodies), dtype=np.int64, count=len(bodies))
+    heads["length"] = rest_of_head + body_lengths
     heads["channel"] = np.concatenate(channels)
     heads["log_time"] = np.rint(seconds * NANOSECONDS)
     heads["publish_time"] = heads["log_time"]
@@ -219,18 +221,20 @@ def _chunks(
     Yields:
         The records of definitions with which a chunk begins, and its messages.
     """
-    ends = np.cumsum(messages.record_sizes)
+    # Number of bytes of all messages up to each one, itself included.
+    bytes_until = np.cumsum(messages.record_sizes)
     first = 0
     # Number of bytes of all messages before the chunk. It begins below 0 since the definitions, too, fill the first
     # chunk.
     bytes_before = -len(definitions)
-    while first < len(ends):
-        last = int(np.searchsorted(ends, bytes_before + chunk_bytes, side="right")) + 1
-        last = min(last, len(ends))
-        yield definitions, messages.messages_between(first, last)
+    while first < len(bytes_until):
+        # The first message that makes the chunk too large is its last one.
+        last = int(np.searchsorted(bytes_until, bytes_before + chunk_bytes, side="right"))
+        end = min(last + 1, len(bytes_until))
+        yield definitions, messages.messages_between(first, end)
         definitions = b""
-        bytes_before = int(ends[last - 1])
-        first = last
+        bytes_before = int(bytes_until[end - 1])
+        first = end
 
 
 def _chunk(definitions: bytes, messages: Messages, offset: int) -> tuple[bytes, ChunkIndex]:

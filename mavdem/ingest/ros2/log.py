@@ -185,21 +185,23 @@ def _topic_columns(topic: RosTopic, messages: Mapping[int, Any]) -> TopicColumns
 def _tables_by_vehicle(
     tables: Sequence[tuple[RosTopic, TopicColumns]],
 ) -> list[tuple[str, dict[RosTopic, TopicColumns]]]:
-    """Groups topics by vehicle; of several channels of one topic, the one with most messages counts.
+    """Groups the topics of a recording by vehicle, that is by namespace.
+
+    A topic may have been recorded in several channels; then the channel with most messages counts.
 
     Args:
-        tables: The topics and their messages, an item for each channel.
+        tables: The topic of each channel and its messages, as columns.
 
     Returns:
-        Namespace and topics of each vehicle, by namespace.
+        For each vehicle its namespace, and its topics with their messages; sorted by namespace.
     """
-    vehicles: dict[str, dict[RosTopic, TopicColumns]] = {}
+    topics_of_vehicle: dict[str, dict[RosTopic, TopicColumns]] = {}
     for topic, table in tables:
-        topics = vehicles.setdefault(topic.vehicle, {})
+        topics = topics_of_vehicle.setdefault(topic.vehicle, {})
         message_count = len(topics[topic].positions) if topic in topics else 0
         if len(table.positions) > message_count:
             topics[topic] = table
-    return sorted(vehicles.items())
+    return sorted(topics_of_vehicle.items())
 
 
 def _telemetry(
@@ -434,14 +436,17 @@ MAX_NANOSECONDS = 9 * 10**18
 
 
 def _nanoseconds(values: Array, unit: int) -> Integers:
-    """Converts stamps to integer nanoseconds: a float has too few digits for nanoseconds since 1970.
+    """Converts time stamps to integer nanoseconds.
+
+    Nanoseconds since 1970 have 19 digits, of which a float holds only 16. So each number of a stamp, such as its
+    seconds and its nanoseconds, is converted to an integer before they are added.
 
     Args:
-        values: (N,) stamps, or parts of stamps, in the unit.
-        unit: length of the unit, ns.
+        values: (N,) stamps, or numbers of stamps, in multiples of the unit.
+        unit: Length of the unit, ns: 10⁹ for seconds.
 
     Returns:
-        (N,) nanoseconds; 0 for a stamp that is not positive or too large.
+        (N,) nanoseconds; 0 for a value that is not positive or too large.
     """
     is_possible = (values > 0) & (values < MAX_NANOSECONDS // unit)
     return np.where(is_possible, values, 0.0).astype(np.int64) * unit

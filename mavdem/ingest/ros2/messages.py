@@ -108,14 +108,16 @@ def columns_of(
 
 
 def _field_columns(messages: Iterable[Any], field: str) -> Fields:
-    """Returns the column of a field by its name, or one for each element of an array.
+    """Collects one field of decoded messages: as one column or, of an array, as one column for each element.
+
+    Arrays of messages may differ in length. They are cut to the length in the field's name, or filled up with zeros.
 
     Args:
         messages: N decoded messages.
-        field: Name of the field, with dots between levels; "q[4]" is an array, cut or filled with zeros to that length.
+        field: Name of the field, with dots between levels ("pose.position.x"); "q[4]" is an array of length 4.
 
     Returns:
-        A column (N,) under the field's name, or k columns "q[0]" to "q[k-1]".
+        A column (N,) under the field's name; of an array of length k, the columns "q[0]" to "q[k-1]".
 
     Raises:
         AttributeError: The messages do not have the field.
@@ -123,11 +125,12 @@ def _field_columns(messages: Iterable[Any], field: str) -> Fields:
     """
     name, _, length_text = field.removesuffix("]").partition("[")
     values = list(map(attrgetter(name), messages))
-    if not length_text:
+    is_array = bool(length_text)
+    if not is_array:
         # ``fromiter`` raises if the values are texts or arrays instead of numbers.
         return {name: np.fromiter(values, np.object_ if name in TEXT_FIELDS else np.float64)}
     length = int(length_text)
     table = np.zeros((len(values), length))
-    for row, value in zip(table, values, strict=True):
-        row[: len(value)] = value[:length]
+    for row, array in zip(table, values, strict=True):
+        row[: len(array)] = array[:length]
     return {f"{name}[{n}]": table[:, n] for n in range(length)}
