@@ -91,8 +91,8 @@ class Learned(ImmutableResult, ForecasterBase):
     Attributes:
         settings: Settings of the fit, with nothing left open.
         model: Posterior means of A, B and C, with offset and trims.
-        theta_covariance: (k, k) posterior covariance of θ = [vec(Aᵀ); vec(Bᵀ); vec(Cᵀ)], physical units: that of the
-            simulation-error fit or, where there was none, that of DEM, which counts neighbouring samples as
+        theta_covariance: (k, k) posterior covariance of θ = [vec(Aᵀ); vec(Bᵀ); vec(Cᵀ)], physical units: by the
+            simulation-error fit or, where there was none, by DEM, which counts neighbouring samples as
             independent.
         known: (k,) which parameters the prior fixes: that a rate is the derivative of its angle, that C = [I 0].
         free_energy: Free energy action F̄ by iteration, with its named terms, in nats.
@@ -277,17 +277,16 @@ class Learned(ImmutableResult, ForecasterBase):
     def rolling_forecast_known_inputs(
         self, steps: int, inputs: Array, outputs: Array, smooth: bool = False
     ) -> Forecast:
-        """Forecasts the outputs after the training data, given the recorded inputs, in consecutive parts of ``steps``.
+        """Forecasts the outputs after the training data, given the inputs, starting again at every ``steps``-th sample.
 
-        Each part is one forecast, which uses all samples before the part and the inputs of the part, but none of its
-        outputs. The motors cause the motion and, through the controller, respond to it. The joint model therefore
-        treats their commands as measurements of the motion as well. With ``Settings(forecasts="plant")`` they are only
-        causes.
+        Each forecast uses all samples before it and the inputs of its own samples, but none of their outputs. The
+        motors cause the motion and, through the controller, respond to it. The joint model therefore treats their
+        commands as measurements of the motion as well. With ``Settings(forecasts="plant")`` they are only causes.
 
         Args:
-            steps: Number of samples of a part.
+            steps: Number of samples of each forecast.
             inputs: Inputs after the training data, (H, r).
-            outputs: Outputs of the same samples, (H, m); each forecast uses only those of earlier parts.
+            outputs: Outputs of the same samples, (H, m); each forecast uses only the outputs before it.
             smooth: Whether the joint model uses for each sample also the inputs after it.
 
         Returns:
@@ -298,16 +297,16 @@ class Learned(ImmutableResult, ForecasterBase):
     def rolling_forecast_unknown_inputs(
         self, steps: int, inputs: Array, outputs: Array
     ) -> Forecast:
-        """Predicts the outputs after the training data in consecutive parts of ``steps`` samples, from the past alone.
+        """Predicts the outputs after the training data from the past alone, with a new start at every ``steps``-th one.
 
-        Each part is one prediction, which uses the inputs and outputs of all samples before the part, and none of the
-        part itself. It is always made by the joint model, also if ``Settings.forecasts`` is "plant", because the plant
-        A, B, C needs the inputs of the samples that it forecasts.
+        Each prediction uses the inputs and outputs of all samples before it, and none of its own samples. It is always
+        made by the joint model, also if ``Settings.forecasts`` is "plant", because the plant A, B, C needs the inputs
+        of the samples that it forecasts.
 
         Args:
-            steps: Number of samples of a part.
-            inputs: Inputs after the training data, (H, r); each prediction uses only those of earlier parts.
-            outputs: Outputs of the same samples, (H, m); each prediction uses only those of earlier parts.
+            steps: Number of samples of each prediction.
+            inputs: Inputs after the training data, (H, r); each prediction uses only the inputs before it.
+            outputs: Outputs of the same samples, (H, m); each prediction uses only the outputs before it.
 
         Returns:
             Predicted outputs and their expected squared errors, (H, m) each.

@@ -377,9 +377,9 @@ def theta_from_data(data: BlackBoxData, order: int) -> Array:
     """Estimates the parameters θ = (A, B, C) of a model by regressions, as a start for the fit.
 
     The states are chosen as linear functions of the generalized data. The first states are the outputs. Further states
-    are added from the outputs' first, second, … derivative until there are enough: the parts that the states so far and
-    the inputs do not explain, the largest first. The rate of each state is the same function of the next higher
-    derivatives. With states and rates as functions of the data, A, B and C are computed by regression.
+    are added from the outputs' first, second, … derivative until there are enough: what the states so far and the
+    inputs do not explain of it, the largest combinations first. The rate of each state is the same function of the next
+    higher derivatives. With states and rates as functions of the data, A, B and C are computed by regression.
 
     Args:
         data: the generalized data: outputs and inputs with their derivatives.
@@ -407,8 +407,8 @@ def theta_from_data(data: BlackBoxData, order: int) -> Array:
             coefficients = _regression(data, y[k], regressors, ROUNDING_TOLERANCE)
             unexplained = unexplained - coefficients @ regressors
             rate_of_unexplained = rate_of_unexplained - coefficients @ regressor_rates
-        # The principal components of the unexplained parts, the largest first, become further states, as many as are
-        # still missing. The parts are compared in units of the derivatives' standard deviations.
+        # The principal components of what is unexplained, the largest first, become further states, as many as are
+        # still missing. Outputs are compared in units of the derivatives' standard deviations.
         deviation = np.sqrt(np.diag(_mean_products(data, y[k], y[k])))
         scaled = unexplained / deviation[:, None]
         directions = _principal_directions(_mean_products(data, scaled, scaled))

@@ -26,7 +26,7 @@ from mavdem.facts.model import ModelRefusal
 
 
 class SegmentSamples(NamedTuple):
-    """The samples of a segment, or of a part of one: T, which may differ from segment to segment."""
+    """The samples of a segment, or of a piece of one: T, which may differ from segment to segment."""
 
     inputs: Array
     """(T, r) inputs."""
@@ -448,7 +448,7 @@ def _controller_fields(flights: Sequence[UniformSamples]) -> JsonValues:
     """Returns the fields of a record that describe the controller, as far as the segments have them.
 
     These are its parameters, the range of the inputs, and the setpoints if all segments have setpoints of the same
-    names. The segments of a record are parts of one flight, so the ``provenance`` of the first, which describes their
+    names. The segments of a record are of one flight, so the ``provenance`` of the first, which describes their
     origin, holds for all.
 
     Args:
@@ -462,7 +462,7 @@ def _controller_fields(flights: Sequence[UniformSamples]) -> JsonValues:
         and ``setpoint_names`` if there are setpoints.
     """
     first_segment = flights[0]
-    # Other kinds of samples lack these attributes, so they are read by name, with a default.
+    # Samples of other classes lack these attributes, so they are read by name, with a default.
     provenance: Mapping[str, Any] = getattr(first_segment, "provenance", {})
     scale = provenance.get("scale", {})
     fields: JsonValues = {

@@ -1,9 +1,9 @@
-"""Held-out windows: forecasts of every part of a flight by a model that was trained without that part.
+"""Held-out windows: forecasts of each block of a flight by a model that was trained on the other blocks.
 
-The settled flight is cut into contiguous parts (blocked cross-validation). A model is trained on all parts but one, and
-forecasts that one window by window, each forecast from the state that its filter has at the window's start.
+The settled flight is cut into contiguous blocks (blocked cross-validation). A model is trained on all blocks but one,
+and forecasts that one window by window, each forecast from the state that its filter has at the window's start.
 
-The training data adjoin each part on both sides, without a gap: the first second of a part is correlated with them.
+The training data adjoin each block on both sides, without a gap: the first second of a block is correlated with them.
 
 References:
     C. Bergmeir and J. M. Benítez, "On the use of cross-validation for time series predictor evaluation", Information
@@ -37,7 +37,7 @@ Progress = Callable[[float], None]
 """A function that is called with the share that is done, 0 to 1."""
 
 FOLDS = 5
-"""Number of parts that the settled flight is cut into. Five are usual: each model is trained on 80 % of the data."""
+"""Number of blocks that the settled flight is cut into. Five are usual: each model is trained on 80 % of the data."""
 
 MIN_PIECE_SECONDS = 1.0
 """Shortest piece of training data between two cuts, s: the derivatives at its edges are less certain. A choice."""
@@ -86,7 +86,7 @@ class HeldOut(ImmutableResult):
     """Variance of each output in the training data (m,): the unit in which the errors of outputs are added up."""
 
     failures: Facts = ()
-    """Reasons why models of parts could not be learned."""
+    """Reasons why models of blocks could not be learned."""
 
     model: ModelName = ModelName.JOINT_VAR
     """Model of "forecast"; "prediction" is by the joint VAR always, since A, B and C need the motors."""
@@ -105,7 +105,7 @@ class HeldOut(ImmutableResult):
 
     @may_overflow
     def squared_errors(self, name: HeldOutForecast) -> Array:
-        """Returns the mean squared error of one kind of forecast in each window.
+        """Returns the mean squared error of one of the forecasts in each window.
 
         Args:
             name: name of the forecast.
@@ -117,7 +117,7 @@ class HeldOut(ImmutableResult):
         return np.where(np.isnan(squares), np.inf, squares)
 
     def rmse(self, name: HeldOutForecast = FORECAST) -> Array:
-        """Returns the root mean squared error of one kind of forecast over all windows (m,), in the outputs' units.
+        """Returns the root mean squared error of one of the forecasts over all windows (m,), in the outputs' units.
 
         Args:
             name: name of the forecast.
@@ -125,7 +125,7 @@ class HeldOut(ImmutableResult):
         return np.sqrt(self.squared_errors(name).mean(axis=0))
 
     def error_ratio(self, name: HeldOutForecast = FORECAST) -> float:
-        """Returns the mean squared error of one kind of forecast, relative to the constant mean's.
+        """Returns the mean squared error of a forecast over the error of forecasting the mean of the training data.
 
         Args:
             name: name of the forecast.
@@ -182,7 +182,7 @@ class HeldOut(ImmutableResult):
         are outside. The share is 0 if nothing was forecast.
         """
         forecast = self.forecasts[FORECAST]
-        # Windows of a part whose model failed have NaN in both.
+        # Windows of a block whose model failed have NaN in both.
         is_forecast = ~(np.isnan(forecast) & np.isnan(self.band))
         if not is_forecast.any():
             return 0.0
@@ -206,7 +206,7 @@ def held_out_windows(
     steps: int | None = None,
     progress: Progress = lambda _: None,
 ) -> HeldOut:
-    """Forecasts every part of some flights by models that were not trained on it (5-fold blocked cross-validation).
+    """Forecasts each block of some flights by a model that was not trained on it (5-fold blocked cross-validation).
 
     Each of five models is trained on four fifths of the samples, and forecasts the remaining fifth in windows.
 
@@ -224,13 +224,13 @@ def held_out_windows(
         not be learned have NaN, and the reason is in ``failures``.
 
     Raises:
-        ValueError: too little flight for a window in any part.
+        ValueError: too little flight for a window in any block.
     """
     _, default_steps = part_samples(flights[0].dt)
     steps = default_steps if steps is None else steps
     # The samples before the first window, in which the filter finds its state, are whole windows of at least 1.5 s.
     lead = steps * ceil(default_steps / steps)
-    parts = []
+    results = []
     folds = cross_validation_folds([len(flight) for flight in flights], FOLDS)
     for fold_number, fold in enumerate(folds, start=1):
         training = list(training_pieces(flights, fold))
@@ -240,25 +240,25 @@ def held_out_windows(
             model = learn_forecasts(training, settings)
         except ValueError as error:
             failures = (fact_from_error(error),)
-        # A fold may be a part of several flights.
+        # A fold may contain samples of several flights.
         for piece in fold:
             flight = flights[piece.segment]
             first = max(piece.first, lead)
             count = (piece.stop - first) // steps
             if count > 0:
-                part = HeldOutPart(
+                block = HeldOutBlock(
                     samples=flight[first - lead : first + count * steps],
                     lead=lead,
                     steps=steps,
                     # At the beginning of a flight there is no sample before; its first one stands for it.
                     previous_output=flight.outputs[:1],
                 )
-                # If no training data remain, the baselines take their mean from the part itself.
-                parts.append(forecast_part(model, training or [part.samples], part, failures))
+                # If no training data remain, the baselines take their mean from the block itself.
+                results.append(forecast_block(model, training or [block.samples], block, failures))
         progress(fold_number / FOLDS)
-    if not parts:
+    if not results:
         raise ValueError(f"no held-out window of {steps} samples fits into a part of these flights")
-    return joined_parts(parts)
+    return joined_results(results)
 
 
 def held_out_test(train: Flight, test: Flight, learned: Learned) -> HeldOut:
@@ -277,15 +277,15 @@ def held_out_test(train: Flight, test: Flight, learned: Learned) -> HeldOut:
     Raises:
         ValueError: samples have other numbers of inputs or outputs than the model.
     """
-    part = HeldOutPart(test, lead=0, steps=len(test), previous_output=train.outputs[-1:])
-    return forecast_part(learned, [train], part)
+    block = HeldOutBlock(test, lead=0, steps=len(test), previous_output=train.outputs[-1:])
+    return forecast_block(learned, [train], block)
 
 
 def training_pieces(flights: Sequence[Flight], fold: Sequence[FoldPiece]) -> Iterator[Flight]:
     """Yields the pieces of flights outside a fold that are long enough to learn from.
 
-    If a fold cuts a part out of a flight, a piece before it and one after it remain. They stay separate: a model must
-    not take the step between them for motion.
+    If a fold is cut out of the middle of a flight, a piece before it and one after it remain. They stay separate: a
+    model must not take the step between them for motion.
 
     Args:
         flights: segments of one vehicle.
@@ -308,11 +308,11 @@ def training_pieces(flights: Sequence[Flight], fold: Sequence[FoldPiece]) -> Ite
 
 
 @dataclass(frozen=True, eq=False)
-class HeldOutPart:
-    """A contiguous part of a flight that is forecast in windows, with samples before them for the filter."""
+class HeldOutBlock:
+    """Consecutive windows of a flight that a model forecasts without having seen them, with samples before them."""
 
     samples: Flight
-    """Samples of the part: ``lead`` samples for the filter, then W windows."""
+    """Samples of the block: ``lead`` samples for the filter, then W windows."""
 
     lead: int
     """Number of samples before the first window."""
@@ -321,7 +321,7 @@ class HeldOutPart:
     """Number H of samples of a window."""
 
     previous_output: Array
-    """Outputs of the sample before the part (1, m)."""
+    """Outputs of the sample before the block (1, m)."""
 
     def windows(self, values: Array) -> Array:
         """Cuts values of the samples (T, …) into windows (W, H, …), without those before the first window."""
@@ -335,10 +335,10 @@ class HeldOutPart:
         return previous_outputs[self.lead : len(outputs) : self.steps]
 
 
-def forecast_part(
+def forecast_block(
     model: JointModel | Learned | None,
     training: Sequence[Flight],
-    part: HeldOutPart,
+    block: HeldOutBlock,
     failures: Facts = (),
 ) -> HeldOut:
     """Forecasts W windows of H samples that a model was not trained on, each from the filtered state at its start.
@@ -347,31 +347,33 @@ def forecast_part(
     comparison: the mean of the training data, and the last outputs before each window.
 
     Args:
-        model: model that was trained without the part; ``None`` where there is none. Then only the trivial forecasts
+        model: model that was trained without the block; ``None`` where there is none. Then only the trivial forecasts
             are made, and the others are NaN.
         training: data that the model was trained on, for its mean and its variance, the unit of errors.
-        part: the windows, with the samples before them that the filter needs.
+        block: the windows, with the samples before them that the filter needs.
         failures: reasons why there is no model.
 
     Returns:
         Measured outputs, forecasts, expected squared errors and 90 % bands, all (W, H, m).
     """
-    inputs = part.samples.inputs
-    outputs = part.samples.outputs
-    measured_outputs = part.windows(outputs)
+    inputs = block.samples.inputs
+    outputs = block.samples.outputs
+    measured_outputs = block.windows(outputs)
     forecast = prediction = expected_squared_errors = band = np.full_like(measured_outputs, np.nan)
     if model is not None:
         # The forecast of an unstable model may overflow, which is a result too.
         with np.errstate(over="ignore", invalid="ignore"):
-            rolling_forecast = model.rolling_forecast_known_inputs(part.steps, inputs, outputs)
-            half_widths = model.half_widths(rolling_forecast.variance, CONFIDENCE_LEVEL, part.steps)
-            forecast = part.windows(rolling_forecast.mean)
-            expected_squared_errors = part.windows(rolling_forecast.variance)
-            band = part.windows(half_widths)
-            rolling_prediction = model.rolling_forecast_unknown_inputs(part.steps, inputs, outputs)
-            prediction = part.windows(rolling_prediction.mean)
+            rolling_forecast = model.rolling_forecast_known_inputs(block.steps, inputs, outputs)
+            half_widths = model.half_widths(
+                rolling_forecast.variance, CONFIDENCE_LEVEL, block.steps
+            )
+            forecast = block.windows(rolling_forecast.mean)
+            expected_squared_errors = block.windows(rolling_forecast.variance)
+            band = block.windows(half_widths)
+            rolling_prediction = model.rolling_forecast_unknown_inputs(block.steps, inputs, outputs)
+            prediction = block.windows(rolling_prediction.mean)
     training_outputs = np.concatenate([flight.outputs for flight in training])
-    last_outputs = part.outputs_before_windows
+    last_outputs = block.outputs_before_windows
     forecasts = {
         FORECAST: forecast,
         PREDICTION: prediction,
@@ -379,7 +381,7 @@ def forecast_part(
         HOLD_LAST: np.broadcast_to(last_outputs[:, None], measured_outputs.shape),
     }
     return HeldOut(
-        time=part.windows(part.samples.time),
+        time=block.windows(block.samples.time),
         measured=measured_outputs,
         forecasts=forecasts,
         band=band,
@@ -389,29 +391,29 @@ def forecast_part(
     )
 
 
-def joined_parts(parts: Sequence[HeldOut]) -> HeldOut:
+def joined_results(results: Sequence[HeldOut]) -> HeldOut:
     """Joins the held-out windows of all folds to one result, in the order of time.
 
     Args:
-        parts: results of single parts, with the same number of samples in each window.
+        results: results of single blocks of a flight, with the same number of samples in each window.
 
     Returns:
         All windows. Each fold has training data of its own, so the variance, which is the unit of errors, is the mean
-        of the parts' variances.
+        of their variances.
     """
-    start_times = np.concatenate([part.time[:, 0] for part in parts])
+    start_times = np.concatenate([result.time[:, 0] for result in results])
     order = np.argsort(start_times, kind="stable")
     forecasts = {}
     for name in HeldOutForecast:
-        forecasts[name] = np.concatenate([part.forecasts[name] for part in parts])[order]
-    # Several parts may fail for the same reason. A dictionary keeps the order of the first ones.
-    failures = dict.fromkeys(failure for part in parts for failure in part.failures)
+        forecasts[name] = np.concatenate([result.forecasts[name] for result in results])[order]
+    # Several blocks may fail for the same reason. A dictionary keeps the order of the first ones.
+    failures = dict.fromkeys(failure for result in results for failure in result.failures)
     return HeldOut(
-        time=np.concatenate([part.time for part in parts])[order],
-        measured=np.concatenate([part.measured for part in parts])[order],
+        time=np.concatenate([result.time for result in results])[order],
+        measured=np.concatenate([result.measured for result in results])[order],
         forecasts=forecasts,
-        band=np.concatenate([part.band for part in parts])[order],
-        expected=np.concatenate([part.expected for part in parts])[order],
-        variance=np.mean([part.variance for part in parts], axis=0),
+        band=np.concatenate([result.band for result in results])[order],
+        expected=np.concatenate([result.expected for result in results])[order],
+        variance=np.mean([result.variance for result in results], axis=0),
         failures=tuple(failures),
     )

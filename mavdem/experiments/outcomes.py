@@ -104,7 +104,7 @@ class Outcome:
 
 
 def evaluate_window(method: Method, window: Window) -> Outcome:
-    """Trains a method on the first part of a window and forecasts the second.
+    """Trains a method on the training part of a window and forecasts the test part.
 
     A method that fails on a window must not end the comparison. The outcome then has the reason, and infinite errors,
     so that a failure counts as the worst forecast.
@@ -205,7 +205,7 @@ def evaluate_model(
 
     Args:
         method: the method, which states whether its models can forecast without the inputs.
-        window: the window, on whose first part the model was trained.
+        window: the window, on whose training part the model was trained.
         model: the model. If it estimates its own errors, the share of samples in its 90 % band is scored as well.
 
     Returns:

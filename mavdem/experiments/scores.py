@@ -40,7 +40,7 @@ KNOWN_INPUTS, FROM_STATE_ZERO, UNKNOWN_INPUTS = ForecastKind
 
 
 class Scores(NamedTuple):
-    """Errors of forecasts of one kind of one test part, at K horizons, for m outputs."""
+    """Errors of a method's forecasts of one test part, at K horizons, for m outputs, and of the constant mean."""
 
     steps: tuple[int, ...]
     """(K,) horizons in steps; the last is the length of the test part"""

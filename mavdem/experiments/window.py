@@ -1,4 +1,4 @@
-"""Windows: parts of a flight that a model is trained on, each with the part after it that is forecast."""
+"""Windows of a flight: training samples that a model learns from, and the test samples after them that it forecasts."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -136,10 +136,10 @@ class Window:
     """Index of the window's first sample in the flight."""
 
     train: Flight
-    """The part that a model is trained on."""
+    """The training part, which a model is learned from."""
 
     test: Flight
-    """The part that is forecast."""
+    """The test part, which is forecast."""
 
     @property
     def stop(self) -> int:

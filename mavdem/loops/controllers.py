@@ -97,7 +97,7 @@ class GyroPath(NamedTuple):
 
 @dataclass(frozen=True, kw_only=True)
 class Controller(ImmutableResult):
-    """The rate and the attitude controller of one axis, and its part of the mixer.
+    """The rate and the attitude controller of one axis, with the axis' column of the mixer.
 
     Cut-offs of filters are in Hz, 0 if there is no filter. Low-passes named ``target_``, ``error_``, ``derivative_``
     and ``output_filter`` are of first order.

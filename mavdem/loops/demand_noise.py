@@ -108,7 +108,7 @@ def demand_noise(loop: Loop, new_controller: Controller) -> DemandNoise | None:
     # The noise is measured after the gyro's filters, so only the controller is between it and the demand.
     before = demand_deviation(controller, noise)
     after = demand_deviation(new_controller, noise)
-    # The response of the D term is that of the controller minus that of one without D.
+    # The response of the D term is the controller's response minus the response of one without D.
     deviation_by_d = demand_deviation(controller, noise, subtracted=replace(controller, d=0.0))
     return DemandNoise(
         lowest=noise.frequency[0],
@@ -131,7 +131,7 @@ def demand_deviation(
     Args:
         controller: the controller, with the response C.
         noise: the noise of the rate, with its density S in (rad/s)²/Hz.
-        subtracted: a controller whose response is subtracted from C, so that σ is that of one term of the controller.
+        subtracted: a controller whose response is subtracted from C, so that σ is caused by one term of the controller.
 
     Returns:
         σ, as a fraction of the largest demand.

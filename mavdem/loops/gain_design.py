@@ -417,8 +417,8 @@ class GainSearch:
         """Returns gains that are at most one step away from the logged ones, towards a design.
 
         Each gain changes as far as ``MAX_GAIN_STEP`` allows. If the step costs margin, since some gains are still
-        farther from the design than others, all of them change by a part of it only. If the attitude loop would then
-        have less margin than its target and than it has now, the attitude gain is lowered too.
+        farther from the design than others, all of them change by a fraction of it only. If the attitude loop would
+        then have less margin than its target and than it has now, the attitude gain is lowered too.
 
         Args:
             stage: stage of tuning, which decides the gains that change.
@@ -478,7 +478,7 @@ class GainSearch:
         factor = FACTORS[0] / FACTORS[1]
         higher_gains = {gain_name: factor * value for gain_name, value in design.items()}
         scores = []
-        # The search rejects gains that lack margin with a part of the models, or with all of them.
+        # The search rejects gains that lack margin with some of the models, or with all of them.
         for models in (self.models, self.all_models):
             loop = models.with_parameters(higher_gains)
             open_loop = loop.rate if stage is Stage.RATE else loop.attitude

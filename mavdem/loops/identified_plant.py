@@ -69,9 +69,9 @@ At ω = 1 / lag the flight then shows no difference. There the gain 1 / |1 + jω
 
 
 def physical_plant(fit: IdentifiedAxis, inputs_per_demand: Array) -> Physical:
-    """Converts the parameters of one axis, as identified in its closed loop, to those of a plant with motors as inputs.
+    """Converts the parameters of one axis, as identified in its closed loop, to a plant with motors as inputs.
 
-    The identification has one control effectiveness b, that of the controller's demand. The plant has one for each
+    The identification has one control effectiveness b, per unit of the controller's demand. The plant has one for each
     input, which are the r motors or the demand itself. With g the change of the inputs per demand, they are
     b g / (g·g): proportional to g, and such that a demand has the effect b.
 
@@ -84,7 +84,7 @@ def physical_plant(fit: IdentifiedAxis, inputs_per_demand: Array) -> Physical:
 
     Returns:
         Effects, damping, lag and delay with their covariance, the wind components, and the noise. The lag and delay are
-        those of motors and messages; they do not contain those of the gyro's filters, which are known.
+        caused by motors and messages; they do not contain the delay of the gyro's filters, which is known.
     """
     values = LoopParameters.from_logarithms(fit.theta)
     effect = values.effect * inputs_per_demand / (inputs_per_demand @ inputs_per_demand)
@@ -122,7 +122,7 @@ def _derivatives_by_logarithms(effect: Array, values: LoopParameters) -> Array:
     """Returns the derivatives of effects, damping, lag and delay by the logarithms of effect, damping, lag and delay.
 
     The derivative of a parameter by its own logarithm is its value, and by the other logarithms 0. All effects share
-    one logarithm, that of their common scale.
+    the logarithm of their common scale.
 
     Args:
         effect: effect of each of the r inputs (r,).
@@ -149,7 +149,7 @@ def _wind_share(plant: Physical, values: LoopParameters, spectra: CrossSpectra) 
         spectra: cross-spectra of the loop, with the density of the output.
 
     Returns:
-        Variance of the wind torque over that of all torque, 0 to 1.
+        Variance of the wind torque over the variance of all torque, 0 to 1.
     """
     _, highest_frequency = MOTION_BAND_HZ
     is_in_band = spectra.frequency <= highest_frequency
@@ -160,7 +160,7 @@ def _wind_share(plant: Physical, values: LoopParameters, spectra: CrossSpectra) 
     torque_per_output = values.effect / (1 + 2j * np.pi * frequency * values.lag)
     output_density = spectra.mean_density[is_in_band, Quantity.OUTPUT, Quantity.OUTPUT].real
     motor_torque_density = np.abs(torque_per_output) ** 2 * output_density
-    # The density of the output is two-sided, that of the wind is one-sided.
+    # The density of the output is two-sided, the wind's is one-sided.
     motor_variance = 2 * band_widths @ motor_torque_density
     return float(wind_variance / (wind_variance + motor_variance))
 

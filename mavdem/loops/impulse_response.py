@@ -60,9 +60,9 @@ TAIL_LENGTH = 0.2
 TAIL_DECAY = 2.0
 """Decay time of this tail, relative to the duration of the response: a choice."""
 TAIL_VARIANCE_RATIO = 0.03
-"""Variance of this tail, relative to that of the rest of the prior: a choice."""
+"""Variance of this tail, relative to the variance of the rest of the prior: a choice."""
 ROUNDING = 1e-6
-"""Tolerance of a number of steps, for rates that are not exactly those of their messages."""
+"""Tolerance of a number of steps, for rates that are not exactly the rates of their messages."""
 JITTER = 1e-8
 """White noise added to a covariance, relative to its mean variance, so that rounding leaves it a Cholesky factor."""
 WHITE_NOISE_SHARE = 1e-6
@@ -71,7 +71,7 @@ MIN_FREEDOM_SHARE = 0.25
 """Least degrees of freedom of the scatter between windows, relative to the number of windows: a choice."""
 
 CACHED_PRIOR_SHAPES = 2
-"""Numbers of nodes whose prior shapes are kept: those of a rate loop and of an attitude loop, some MB each."""
+"""Numbers of nodes whose prior shapes are kept: of a rate loop and of an attitude loop, some MB each."""
 
 
 class ImpulseResponse(NamedTuple):
@@ -80,7 +80,7 @@ class ImpulseResponse(NamedTuple):
     sampling_rate: float
     """Rate of the samples that it was estimated from, Hz."""
     knots: Array
-    """Lags (K + 2,), in samples: 0, those of the K nodes, and the duration of the response."""
+    """Lags (K + 2,), in samples: 0, then of the K nodes, and the duration of the response."""
     values: Array
     """Values at the nodes (K,), per sample."""
     covariance: Array
@@ -148,7 +148,7 @@ def second_differences(knots: Array) -> Array:
 
     The hat function of an inner knot is 1 there, 0 at the two neighbouring knots and beyond, and linear between. The
     ramp of a knot k is max(lag − k, 0). A hat is a weighted sum of the ramps of three neighbouring knots, at which its
-    slope changes; the weights are these changes. So integrals and transforms of hats follow from those of ramps, which
+    slope changes; the weights are these changes. So integrals and transforms of hats follow from the ramps', which
     are simple.
 
     Args:
@@ -178,7 +178,7 @@ def estimate_impulse_response(
     seconds: float,
     resolution: float,
 ) -> ImpulseResponse | None:
-    """Estimates the impulse response of a signal to its setpoint, such as that of a body rate.
+    """Estimates the impulse response of a signal to its setpoint, such as a body rate.
 
     The signal is regressed on the setpoint's convolutions with hat functions. The filter that whitens the residuals,
     the weights of the windows and the instrument depend on the impulse response. So the fit is repeated ``FIT_PASSES``
@@ -194,7 +194,7 @@ def estimate_impulse_response(
         resolution: longest time between the two closest nodes, s. It may be shorter than a sample.
 
     Returns:
-        The impulse response. None if no piece is as long as a window and the part that is left out before it, or if the
+        The impulse response. None if no piece is as long as a window and what is left out before it, or if the
         setpoint is constant in all windows. None also if the signal is exactly the response, so that the weights of the
         windows cannot be computed from the noise, or if values are so large that their products overflow.
     """
@@ -384,7 +384,7 @@ def _filtered_windows(windows: Array, coefficients: Array) -> Array:
 
     Args:
         windows: samples of each window (W, B).
-        coefficients: coefficients of the filter (P,), that of the latest sample first.
+        coefficients: coefficients of the filter (P,), the latest sample's first.
 
     Returns:
         Filtered samples (W, B − P + 1).
@@ -403,7 +403,7 @@ def _whitening_filter(residuals: Array) -> Array:
         residuals: residuals of all windows (W, B), which share one filter.
 
     Returns:
-        Coefficients (P,), that of the latest sample first; P is the order of the autoregression plus 2.
+        Coefficients (P,), the latest sample's first; P is the order of the autoregression plus 2.
     """
     differences = np.diff(residuals, axis=1)
     size = differences.shape[1]
@@ -424,14 +424,14 @@ def _regularised_estimate(
 ) -> ImpulseResponse:
     """Estimates the impulse response that explains a signal by its setpoint, by regularised instrumental variables.
 
-    X are the convolutions of the setpoint with the hats, Z those of the instrument, y the signal, and Q the prior
-    covariance of the values w. The integral of the response is 1 ± ``STEADY_STATE_ERROR``. This is one more
+    X are the convolutions of the setpoint with the hats, Z of the instrument with the hats, y the signal, and Q the
+    prior covariance of the values w. The integral of the response is 1 ± ``STEADY_STATE_ERROR``. This is one more
     observation, sᵀ w = 1 / error, in which s are the areas of the hats divided by the error. The estimate is
 
         w = (I + Q (Zᵀ X + s sᵀ))⁻¹ Q (Zᵀ y + s / error)
 
     Its covariance is the sum of three. The first is the variance by noise, which follows from the scores
-    Zᵀ (y − X w) of the windows without assumptions on the noise (a sandwich covariance, like that of a jackknife over
+    Zᵀ (y − X w) of the windows without assumptions on the noise (a sandwich covariance, like a jackknife over
     windows). The second is the error because the prior shrinks values that the flight does not determine. The third is
     the error of the steady state.
 
@@ -589,7 +589,7 @@ def _prior_shapes(knots: Numbers) -> _PriorShapes:
 
     The prior is a Gaussian process with the covariance of a Matérn process whose amplitude decays over the duration of
     the response, plus a small, slow and smooth process: the slow tail that an integrator leaves in a response. The
-    variance of the whole is not part of the shape: it multiplies the covariance later.
+    variance of the whole is not included: it multiplies the covariance later.
 
     The covariances depend only on the knots, and are cached: all iterations of a fit, and all axes of a flight, have
     the same.

@@ -258,7 +258,7 @@ def _cycles_at_limits(
             motor_series,
             [segment],
             window_seconds,
-            # An oscillation also counts if it lasts for a large part of the flight. The infinite duration disables that
+            # An oscillation also counts if it lasts for much of the flight. The infinite duration disables that
             # criterion, so that only limits and growth decide.
             flight_duration=np.inf,
             min_duration=min_duration,
@@ -431,7 +431,7 @@ def _lines_of_windows(piece: Array, sampling_rate: float, window_seconds: float)
     rate_share, motor_share = (power * is_in_line).sum(axis=-1) / total_power
     share = np.where(is_stop_to_stop, motor_share, np.minimum(rate_share, motor_share))
     rate = np.degrees(half_overlapping_windows(body_rate, size).std(axis=1))
-    # The standard deviation of the part in the band is smaller by the root of its share of the variance.
+    # The standard deviation in the band is smaller by the root of the band's share of the variance.
     rate *= np.where(is_stop_to_stop, np.sqrt(rate_share), 1.0)
     # Slow motion may look like a line of few periods by chance, so such a line needs more of the variance.
     has_few_periods = line_frequency < 2 * MIN_PERIODS * resolution

@@ -47,7 +47,7 @@ class MeasuredResponse(NamedTuple):
     fit: float
     """Fit of the predicted rate to the measured one in the band, 100 (1 − NRMSE) %."""
     agreement: float
-    """The same fit to that part of the rate that the setpoint explains: what it lacks to 100 % is the loop's error."""
+    """The same fit to the rate that the setpoint explains: what it lacks to 100 % is the loop's error."""
     controller_gain: float
     """Gain of the logged demand divided by the gain by the parameters; NaN if it is not known."""
     reason: Fact | None
@@ -191,7 +191,7 @@ def _comparison_with_prediction(
     """Compares a measured response of the rate to its setpoint with the predicted one.
 
     The band begins at ``MIN_COMPARED_FREQUENCY`` and ends where setpoint r and rate p are no longer coherent: above
-    that, wind and noise hide the response. With the coherence γ², the error of the predicted rate has two parts:
+    that, wind and noise hide the response. With the coherence γ², the error of the predicted rate is the sum of two:
     (1 − γ²) S_pp, which the setpoint does not explain, and |T_measured − T_predicted|² S_rr, by which the responses
     differ. The fit contains both, the agreement only the second, since wind is no error of the loop.
 
@@ -261,7 +261,7 @@ def _reason_of_disagreement(
     Args:
         controller_gain: gain of the logged demand relative to the one that the parameters give; NaN if it is not known.
         highest_frequency: upper end of the compared band, Hz.
-        agreement: fit of the prediction to the part of the rate that the setpoint explains, %.
+        agreement: fit of the prediction to the rate that the setpoint explains, %.
 
     Returns:
         The first reason, as a fact; None if they agree.

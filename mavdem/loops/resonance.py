@@ -38,7 +38,7 @@ MIN_RESPONSE_FREQUENCY = 1.0
 MIN_BAND_RATIO = 2.0
 """Least ratio of the highest and the lowest frequency of the response, without a gap between them: a choice."""
 MIN_SETPOINT_SHARE = 0.5
-"""Least power of the command of pilot or navigation, relative to that of the setpoint: a choice."""
+"""Least power of the command of pilot or navigation, relative to the setpoint's power: a choice."""
 MAX_LOWEST_GAIN = 2.0
 """|T| at the lowest frequency beyond which something else than the setpoint moves the rate.
 
@@ -146,8 +146,8 @@ def _steered_rows(spectra: WelchSpectra, frequency: Array, angle_gain: float) ->
 
     The attitude controller computes the rate setpoint r = x − K p / s from the command x of pilot or navigation, and
     from the angle p / s. So r also changes with the wind, which rotates the vehicle. The power of x = r + K p / s
-    relative to that of r is the share of r that was commanded. With the response T from r to the rate p, the part of p
-    that follows r contributes |1 + K T / s|² to this ratio. The rest of p contributes |K / s|² times its power relative
+    relative to the power of r is the share of r that was commanded. With the response T from r to the rate p, what of
+    p follows r contributes |1 + K T / s|² to this ratio. The rest of p contributes |K / s|² times its power relative
     to that of r.
 
     Args:
@@ -160,7 +160,7 @@ def _steered_rows(spectra: WelchSpectra, frequency: Array, angle_gain: float) ->
     """
     angle_feedback = angle_gain / (2j * np.pi * frequency)
     steered_share = abs(1 + angle_feedback * spectra.response) ** 2
-    # The part of the ratio S_pp / S_rr that follows the setpoint is |T|²; the rest is incoherent with it.
+    # In the ratio S_pp / S_rr, |T|² follows the setpoint; the rest is incoherent with it.
     rate_per_setpoint_power = spectra.power[1, 1].real / spectra.driver_power
     incoherent_power = rate_per_setpoint_power - abs(spectra.response) ** 2
     steered_share += abs(angle_feedback) ** 2 * incoherent_power
@@ -231,7 +231,7 @@ def spectral_resonance(signals: Signals, segments: Segments) -> Resonance | None
     rows = np.flatnonzero(is_in_band)
     if len(rows) == 0:
         return None
-    # A sensitivity is a ratio of amplitudes, and the logarithm of an amplitude is half of that of its power.
+    # A sensitivity is a ratio of amplitudes, and the logarithm of an amplitude is half of the logarithm of its power.
     log_amplitude = np.log(spectra.median_output_power) / 2
     log_amplitude_above = np.interp(frequency[rows] * BACKGROUND_RATIO, frequency, log_amplitude)
     log_amplitude_below = np.interp(frequency[rows] / BACKGROUND_RATIO, frequency, log_amplitude)

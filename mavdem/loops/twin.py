@@ -103,7 +103,7 @@ class Twin(ImmutableResult):
         """Derivative of one motor's thrust by its output, in hover, N per unit of output.
 
         In hover, each of four motors carries T = m g / 4. By the thrust curve c u (1 − e + e u) of command u, the slope
-        is dT/du = T (1 − e + 2 e u) / (u (1 − e + e u)). The range of the command, 0 to 1, is only a part of the
+        is dT/du = T (1 − e + 2 e u) / (u (1 − e + e u)). The range of the command, 0 to 1, is only a fraction of the
         output's range, so that the slope by the output is larger by the factor 1 / (spin_max − spin_min).
         """
         spin_min, spin_max = self.spin
@@ -161,7 +161,7 @@ def build_twin(
     # contains already.
     hold_delay = control.loop_period / 2
     lag, delay = (np.mean(lags_and_delays, axis=0) - [0.0, hold_delay]).tolist()
-    # If the loop of pitch is not known, its damping is that of roll. If the loop of yaw is not known, yaw is undamped.
+    # If the loop of pitch is not known, its damping is roll's. If the loop of yaw is not known, yaw is undamped.
     damping = {"pitch": roll.plant.damping, "yaw": 0.0}
     for axis, loop in loops.items():
         damping[axis] = loop.plant.damping
@@ -264,7 +264,7 @@ def _with_inertia(twin: Twin, loops: LoopsByAxis) -> Twin:
     Args:
         twin: twin with mass, arm, output in hover and thrust curve, whose inertia is not set yet.
         loops: identified loops by axis, "roll" among them. If the loop of pitch is not known, its inertia is assumed to
-            be that of roll.
+            be roll's.
 
     Returns:
         The twin with its inertia, kg m², and moment, m.
@@ -289,7 +289,7 @@ def _inertia(twin: Twin, axis: str, loop: Loop, lever: float) -> float:
 
     It is M / α, with the torque M and the angular acceleration α for a demand of 1. α is the control effectiveness of
     the identified plant. M follows from the twin: the mixer determines the change of each motor's output, the slope of
-    the thrust curve that of its thrust, and the lever that of its torque, so that
+    the thrust curve the change of its thrust, and the lever the change of its torque, so that
     M = lever · slope · Σ |output per demand|.
 
     Args:
@@ -302,7 +302,7 @@ def _inertia(twin: Twin, axis: str, loop: Loop, lever: float) -> float:
         The moment of inertia, kg m².
     """
     forward_arm, right_arm = twin.arm
-    # The mixer of PX4 follows from the positions of the motors, that of ArduPilot from the class of the frame and the
+    # PX4's mixer follows from the positions of the motors, ArduPilot's from the class of the frame and the
     # signs that are passed below.
     x_frame = {"CA_ROTOR_COUNT": float(MOTOR_COUNT), "FRAME_CLASS": 1.0}
     # Each motor has the signs (1 or -1) of its torques about roll, pitch and yaw.

@@ -40,7 +40,7 @@ DECIBELS_PER_POWER_DECADE = 10
 
 
 class ReplaySegment(NamedTuple):
-    """Setpoints and motion of one axis in the part of a recorded flight that the simulated twin flies again."""
+    """Setpoints and motion of one axis in the piece of a recorded flight that the simulated twin flies again."""
 
     outputs: Array
     """Recorded angle, rad, and rate, rad/s (T, 2); for yaw the rate alone (T, 1)."""
@@ -53,7 +53,7 @@ class ReplaySegment(NamedTuple):
 
 
 def replay_segments(loops: LoopsByAxis) -> dict[str, ReplaySegment]:
-    """Returns the part of a recorded flight that the twin can fly again: setpoints and motion of each axis.
+    """Returns the piece of a recorded flight that the twin can fly again: setpoints and motion of each axis.
 
     It is the longest segment of roll, cut at ``MAX_REPLAY_SECONDS``. As the twin flies all axes at once, pitch and yaw
     are included only if they were identified from the same segments as roll; yaw must also have been steered.

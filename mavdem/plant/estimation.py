@@ -64,7 +64,7 @@ MOTION_BAND_HZ = (0.4, 6.0)
 
 
 class _SelectedModel(NamedTuple):
-    """The model that is most probable on a part of the windows, and how much the spectrum matters."""
+    """The model that is most probable on some of the windows, and how much the spectrum matters."""
 
     fit: GrayBoxFit
     """Fit of the model with the largest evidence."""
@@ -157,9 +157,9 @@ def _estimate_parameters(
 
 
 def _select_model(windows: FlightWindows, directions: Array | None) -> _SelectedModel:
-    """Selects the form of the gray-box model with the largest evidence, on a part of the windows.
+    """Selects the form of the gray-box model with the largest evidence, on some of the windows.
 
-    The form has two parts: the spectrum of the wind torque, one of ``WIND_SPECTRA``, and any of the ``REFINEMENTS``.
+    The form is the spectrum of the wind torque, one of ``WIND_SPECTRA``, and any of the ``REFINEMENTS``.
     Refinements are tried one after the other. One is kept if its parameter has a possible value and the evidence
     increases. To save time, one is fitted only if the slope of the posterior predicts a gain of at least
     ``STRONG_EVIDENCE_NATS``.
@@ -183,7 +183,7 @@ def _select_model(windows: FlightWindows, directions: Array | None) -> _Selected
     fits = []
     for wind in WIND_SPECTRA:
         candidate = model._replace(wind=wind)
-        # Each fit begins with the result of the last one. Noise is the last entry of θ, after those of the wind torque.
+        # Each fit begins with the result of the last one. Noise is the last entry of θ, after the wind torque.
         # So the entries of a component that this spectrum adds come just before it, and begin at the prior.
         initial_theta, _ = candidate.prior
         initial_theta[: len(start_theta) - 1] = start_theta[:-1]
@@ -454,7 +454,7 @@ def _wind_share(fit: GrayBoxFit, windows: FlightWindows) -> float:
     The inputs are correlated with the wind torque, because the autopilot counters it. So the larger this share, the
     more a wrong model of the wind biases the effect of the motors.
 
-    The motors' part of the rate follows from the inputs by the model; the rest counts as caused by wind. Both are
+    The rate that the motors cause follows from the inputs by the model; the rest counts as caused by wind. Both are
     converted to torque per inertia, which is |jω + damping| times the rate, and compared in ``MOTION_BAND_HZ``, where
     multirotors move. Each window is weighted by the inverse square of its level, as in the fit.
 
@@ -486,7 +486,7 @@ def _wind_share(fit: GrayBoxFit, windows: FlightWindows) -> float:
 def _alias_share(fit: GrayBoxFit, windows: FlightWindows) -> float:
     """Computes the share of the commanded torque's variance that lies above half of the Nyquist frequency.
 
-    If that share is large, the command has parts above the Nyquist frequency too, which the samples miss.
+    If that share is large, the command also varies above the Nyquist frequency, which the samples miss.
 
     Args:
         fit: the fit, whose effects convert the r inputs to torque.
@@ -495,8 +495,8 @@ def _alias_share(fit: GrayBoxFit, windows: FlightWindows) -> float:
     Returns:
         The share, 0 to 1.
     """
-    # The transform of each input is the sum of its first two channels: the part that is interpolated between samples,
-    # and the part that is held from a sample on. The other channels are additions by refinements of the model.
+    # The transform of each input is the sum of its first two channels: the signal that is interpolated between samples,
+    # and the signal that is held from a sample on. The other channels are additions by refinements of the model.
     inputs = windows.inputs[:REFINEMENT_CHANNEL].sum(axis=0)
     # The torque (W, F) is the sum over the r inputs (r, W, F), each times its effect.
     commanded_torque = np.tensordot(fit.model.effect(fit.theta), inputs, axes=1)

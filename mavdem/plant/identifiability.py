@@ -262,7 +262,7 @@ def identifiability(
 def _worst(failed_checks: list[_Check]) -> tuple[Status, Fact | None]:
     """Returns the status of a parameter by the worst of the checks that it failed, and the reason for it.
 
-    If the parameter is not identifiable by any check, the reason states only the checks of this kind, and none by which
+    If the parameter is not identifiable by any check, the reason states only these checks, and none by which
     it is merely biased.
 
     Args:

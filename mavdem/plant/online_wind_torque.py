@@ -91,7 +91,7 @@ class WindTorqueSmoother(NamedTuple):
     def torques(self, inputs: Array, outputs: Array) -> Array:
         """Estimates the wind torque in the latest T samples of one segment, with its 90 % band.
 
-        The wind torque is the part of the torque on the axis that the motors do not explain. A Kalman smoother with the
+        The wind torque is the torque on the axis that the motors do not explain. A Kalman smoother with the
         model of the axis estimates it from the rate. The squared band is the sum of the squares of these errors:
 
         - the error of the smoother, enlarged while the errors of the predicted rate are larger than usual;
@@ -133,7 +133,7 @@ class WindTorqueSmoother(NamedTuple):
         # State 1 is the torque of the motors.
         gradient = self._gradient(deviation, rate, commanded_torque, smoothed_torque.states[:, 1])
         variance += ((gradient @ parameters.covariance) * gradient).sum(axis=1)
-        # The smoother estimates the wind torque about its mean, since the mean is part of the commanded torque.
+        # The smoother estimates the wind torque about its mean, since the mean is contained in the commanded torque.
         mean = self.constant + parameters.effect @ self.trim_torque_gradient
         return np.column_stack([smoothed_torque.mean + mean, half_width(variance)])
 

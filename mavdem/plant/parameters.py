@@ -89,7 +89,7 @@ class Physical(NamedTuple):
             input.
         damping: rate damping, 1/s.
         lag: motor time constant, s.
-        delay: delay of the motors' commands, s; dead time of the telemetry stream is part of it.
+        delay: delay of the motors' commands, s; it contains the dead time of the telemetry stream.
         covariance: (r + 3, r + 3) of effect, damping, lag and delay, by the likelihood, the range over the assumed
             spectra of the wind torque, and nonlinear effects.
         status: status of "effect", "damping" and "lag", by name.
@@ -104,7 +104,7 @@ class Physical(NamedTuple):
         windows: number of windows of the flight that were fitted.
         filtered: whether the lag includes the lag of the gyro's filters; the delay always includes their delay.
         refusal: why these are not the parameters of the plant in its closed loop, if these were requested.
-        unexplained_output: standard deviation of the part of the output that the logged controller does not explain,
+        unexplained_output: standard deviation of the output that the logged controller does not explain,
             relative to that of the output; NaN if the plant was identified without its controller.
         model: model that the parameters were estimated with, "gray-box" or "closed loop".
     """
@@ -133,7 +133,7 @@ class Physical(NamedTuple):
 
     @property
     def wind(self) -> float:
-        """Standard deviation of the wind torque per moment of inertia, rad/s², without its constant part."""
+        """Standard deviation of the wind torque per moment of inertia, rad/s², about its mean."""
         return float(np.linalg.norm([component.size for component in self.components]))
 
     def mean_effect(self, level: float = CONFIDENCE_LEVEL) -> EstimateWithHalfWidth:
@@ -268,7 +268,7 @@ def parameter_gradient(function: Callable[[Array], Array], theta: Array, value: 
 
 
 def combined_with_earlier_flight(plant: Physical, prior: Physical) -> Physical:
-    """Combines the physical parameters of a flight with those of an earlier flight of the same vehicle.
+    """Combines the physical parameters of a flight with the parameters by an earlier flight of the same vehicle.
 
     Both are normal distributions, and the result is the product of their densities (the update step of a Kalman
     filter). The variance of the effect from the earlier flight is increased by how much it changes between flights. The

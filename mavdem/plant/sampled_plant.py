@@ -140,7 +140,7 @@ FIRST_ORDER = _autoregressive_noise(np.ones(2))
 GAUSSIAN_KERNEL = gaussian_kernel_noise(4)
 """Noise with nearly the autocorrelation exp(−τ²/4), as the noise of generalized coordinates has (Eq. ``Smatrix``).
 
-Four states are enough for the part of the spectrum that has power.
+Four states are enough where the spectrum has power.
 """
 
 
@@ -153,7 +153,7 @@ def with_advanced_jumps(inputs: Array, jump_advance: float) -> Array:
     is added by raising the sample at the end of the step by a · jump, since the interpolation of one raised sample is a
     triangle two steps wide.
 
-    A jump is the part of a change between two samples that exceeds the change before it in the same direction; where
+    A jump is by how much a change between two samples exceeds the change before it in the same direction; where
     the direction reverses, all of the change is a jump.
 
     Args:
@@ -165,7 +165,7 @@ def with_advanced_jumps(inputs: Array, jump_advance: float) -> Array:
     """
     changes = np.diff(inputs, axis=1, prepend=inputs[:, :1])
     previous = np.concatenate([np.zeros_like(changes[:, :1]), changes[:, :-1]], axis=1)
-    # The part of a change that continues the previous one is at most as large as that. The rest is a jump.
+    # As far as a change is no larger than the previous one, it continues that. The rest is a jump.
     lower = np.minimum(changes, 0.0)
     upper = np.maximum(changes, 0.0)
     jumps = changes - np.clip(previous, lower, upper)

@@ -74,7 +74,7 @@ def _simulated_mean(
     angle_and_rate: list[int],
     inputs: Array,
 ) -> Array:
-    """Simulates the axis under commanded inputs, with the steady part of the wind torque only.
+    """Simulates the axis under commanded inputs, with the steady wind torque only.
 
     First the motors' torque over the training data is computed. From it follow the steady external torque, and the
     motors' torque at the end of the data. From that state on, the axis is simulated.

@@ -183,12 +183,12 @@ def cut_windows(record: Record) -> FlightWindows:
 
 
 def responses_to_innovations(inputs: Array, rate: Array) -> Array:
-    """Separates the part of the inputs that is the controller's immediate response to the rate at the same sample.
+    """Returns what of the inputs is the controller's immediate response to the rate at the same sample.
 
     A controller may respond to a gyro sample before the motors' outputs are logged with that sample. This response must
     not be used to predict the sample, since it is its consequence. It follows from two regressions. The residuals of
     the first one, of rate and inputs on the samples before, are the innovations: what cannot be predicted. The second
-    one, of the inputs' innovations on those of the rate, gives the gain of the response.
+    one, of the inputs' innovations on the rate's innovations, gives the gain of the response.
 
     Args:
         inputs: inputs (W, N, r) in W windows of N samples.
@@ -206,7 +206,7 @@ def responses_to_innovations(inputs: Array, rate: Array) -> Array:
 
 
 def _innovations(inputs: Array, rate: Array) -> ArrayPair:
-    """Returns the part of rate and inputs that the ``REGRESSION_LAGS`` samples before do not predict: the innovations.
+    """Returns the innovations of rate and inputs: what the ``REGRESSION_LAGS`` samples before do not predict of them.
 
     The prediction is a linear regression over all windows.
 

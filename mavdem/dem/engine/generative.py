@@ -190,7 +190,7 @@ class GenerativeModel:
 
     @cached_property
     def _operator_structure(self) -> OperatorStructure:
-        """The entries of the error operator E that are parameters, in its blocks −C̃, −Ã and −B̃, and its constant part.
+        """The entries of the error operator E that are parameters, in its blocks −C̃, −Ã and −B̃, and its constants.
 
         They depend only on the sizes and embedding orders, and are computed once. For each θ, :meth:`error_operator`,
         whose documentation shows the blocks of E, then only fills in the parameters.
@@ -209,7 +209,7 @@ class GenerativeModel:
         x_columns = slice(eta_columns.stop, eta_columns.stop + size_of_x)
         v_columns = slice(x_columns.stop, x_columns.stop + size_of_v)
 
-        # The constant parts: x − 0, where x has a prior; ỹ of ỹ − C̃ x̃; and ṽ − η̃.
+        # The constants: x − 0, where x has a prior; ỹ of ỹ − C̃ x̃; and ṽ − η̃.
         constant = np.zeros((rows.state_prior.stop, v_columns.stop))
         state_prior_rows = rows.state_prior.stop - rows.state_prior.start
         constant[rows.state_prior, x_columns] = np.eye(state_prior_rows, size_of_x)
@@ -341,7 +341,7 @@ class GenerativeModel:
     ) -> Array:
         """Returns the matrix M with which the uncertainty of θ penalizes large states X of a sample, by −½ Xᵀ M X.
 
-        It is the part of the mean-field term W^θ of the free energy that depends on X. If row i of [A B] has the
+        It is what of the mean-field term W^θ of the free energy depends on X. If row i of [A B] has the
         posterior covariance Σ_i, an error δ ~ N(0, Σ_i) of the row changes the k-th derivative of the prediction error
         of state i by −δᵀ [x; v]⁽ᵏ⁾. The expected weighted squares of the errors therefore grow by the sum over the
         orders k and l of

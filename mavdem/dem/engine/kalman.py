@@ -78,9 +78,9 @@ def steady_state_gain(
     identity = np.eye(n)
     if S is None:
         S = np.zeros((n, C.shape[-2]))
-    # The process noise is the sum of S R⁻¹ v, where v is the measurement noise, and a part that is independent of v.
-    # The first part is included in the transition matrix. That is transposed, since the algorithm is written for the
-    # dual control problem.
+    # The process noise is the sum of S R⁻¹ v, where v is the measurement noise, and a noise that is independent of v.
+    # The first of these is included in the transition matrix. That is transposed, since the algorithm is written for
+    # the dual control problem.
     R_inverse_C = np.linalg.solve(R, C)
     transition = (A - S @ R_inverse_C).mT
     information = C.mT @ R_inverse_C

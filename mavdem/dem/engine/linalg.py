@@ -216,12 +216,12 @@ if hasattr(os, "register_at_fork"):
 
 
 def load_libraries() -> None:
-    """Loads the parts of SciPy that learning uses, and finds the BLAS libraries, which :func:`one_thread` needs.
+    """Loads the modules of SciPy that learning uses, and finds the BLAS libraries, which :func:`one_thread` needs.
 
     Otherwise each would be loaded at its first use, in every process. A process that is forked afterwards shares them.
     """
-    for part in ("fft", "linalg", "ndimage", "special"):
-        import_module(f"scipy.{part}")
+    for module in ("fft", "linalg", "ndimage", "special"):
+        import_module(f"scipy.{module}")
     _blas_controller()
 
 

@@ -247,7 +247,7 @@ class StateSpace:
         return states @ self.C.T + self.feedthrough(inputs)
 
     def feedthrough(self, inputs: Array) -> Array:
-        """Returns the part of the outputs (T, m) that comes from the inputs (T, r) and the trim, not from the state."""
+        """Returns what inputs (T, r) and trim add to the outputs (T, m) of the same sample, without the state."""
         return (inputs - self.input_trim) @ self.D.T + self.output_trim
 
     def _input_forcing(self, inputs: Array) -> Array:

@@ -106,9 +106,9 @@ def e_step(posterior: Posterior) -> Array:
 def theta_gradient(posterior: Posterior) -> Array:
     """Returns the first derivative of F̄ by θ.
 
-    It has three parts: of the prior of θ, of the squared errors at the means of the states, and of the mean-field
-    term, by which the uncertainty of the states adds to these squared errors. In the second part the uncertainty of λ
-    increases the noise precisions.
+    It is the sum of three gradients: of the log prior of θ, of the squared errors at the means of the states, and of
+    the mean-field term, by which the uncertainty of the states adds to these squared errors. In the second one the
+    uncertainty of λ increases the noise precisions.
 
     Args:
         posterior: the posterior of the states, θ and λ.
@@ -120,19 +120,19 @@ def theta_gradient(posterior: Posterior) -> Array:
     prior = model.prior
     noise_precisions = np.exp(posterior.lambda_)
     expected_precisions = expected_noise_precisions(posterior.lambda_, posterior.lambda_covariance)
+    prior_gradient = prior.theta_precision @ (prior.theta_mean - posterior.theta)
+    # Second moments of the errors with [ỹ; η̃; X]: at the means of the states, and by the uncertainty of the states.
+    moments_at_means = posterior.moments.cross_moments(posterior.theta)
+    moments_by_uncertainty = model.error_operator(posterior.theta) @ _state_spread(posterior)
     return (
-        prior.theta_precision @ (prior.theta_mean - posterior.theta)
-        + model.error_gradient_in_theta(
-            expected_precisions, posterior.moments.cross_moments(posterior.theta)
-        )
-        + model.error_gradient_in_theta(
-            noise_precisions, model.error_operator(posterior.theta) @ _state_spread(posterior)
-        )
+        prior_gradient
+        + model.error_gradient_in_theta(expected_precisions, moments_at_means)
+        + model.error_gradient_in_theta(noise_precisions, moments_by_uncertainty)
     )
 
 
 def theta_precision(posterior: Posterior) -> Array:
-    """Returns the negative second derivative of F̄ by θ, which has the same three parts as :func:`theta_gradient`.
+    """Returns the negative second derivative of F̄ by θ, a sum of the same three terms as :func:`theta_gradient`.
 
     Args:
         posterior: the posterior of the states, θ and λ.

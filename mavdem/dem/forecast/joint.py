@@ -282,7 +282,7 @@ class JointModel(ImmutableResult):
         """
         with one_thread():
             mixer = axis_mixer(record)
-            # The statistics of fewer lags are a part of the statistics of the largest number of lags.
+            # The statistics of the largest number of lags contain the statistics of fewer lags.
             lags = _largest_lags(record)
             combined = _with_combined_inputs(record, mixer)
             scaling, statistics = lag_regression.LagStatistics.from_record(combined, lags)

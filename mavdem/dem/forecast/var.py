@@ -183,8 +183,8 @@ class VectorAutoregression(NamedTuple):
         # Letters of einsum: step h of the forecast, signal k, entry i of the past.
         mean = np.einsum("...i,hki->...hk", past_latest_first, maps, optimize=True) + constants
         # Ψ_h is the response of sample t + h to the innovation e_t. Since e_t is added to z_t, the process responds to
-        # e_t as to z_t. So Ψ_0 is the identity, and Ψ_h is the first k columns of the h-th map, those of the latest
-        # sample.
+        # e_t as to z_t. So Ψ_0 is the identity, and Ψ_h is the first k columns of the h-th map, which multiply the
+        # latest sample.
         responses = np.concatenate([np.eye(k)[None], maps[:-1, :, :k]])
         # Each further step adds the variance diag(Ψ Σ Ψᵀ) of one more innovation, where Ψ is the response to it.
         # Letters of einsum: step h, signal i, innovations j and l.
@@ -261,8 +261,8 @@ class VectorAutoregression(NamedTuple):
         # next outputs from the outputs of all lags.
         A = np.eye(n, k=-m)
         A[:m] = output_coefficients[:m]
-        # The innovation has a part that is added to the outputs, with covariance Q, and a part that is added to the
-        # measured inputs, with covariance R. The two parts are correlated, with covariance S.
+        # The innovations of the outputs are the process noise, with covariance Q. The innovations of the inputs are the
+        # measurement noise, with covariance R. The two are correlated, with covariance S.
         Q = np.zeros((n, n))
         S = np.zeros((n, r))
         R = Sigma[m:, m:] + ROUNDING_TOLERANCE * np.eye(r)
@@ -280,9 +280,9 @@ class VectorAutoregression(NamedTuple):
         1. The state of the filter of :meth:`output_filter` is the outputs of the last L samples. At the start they are
            known from the past.
         2. In the process each channel is a sum over earlier outputs, which are the filter's state, and over earlier
-           inputs and the offset, which are known. The known part is computed for all samples beforehand.
-        3. The known part of y is added to the state at each step, as a forcing term. The known part of u is subtracted
-           from the measured u, and the difference is the measurement of the filter.
+           inputs and the offset, which are known. The effect of the known ones is computed for all samples beforehand.
+        3. The known effect on y is added to the state at each step, as a forcing term. The known effect on u is
+           subtracted from the measured u, and the difference is the measurement of the filter.
         4. The filter runs forward and, if ``smooth``, the smoother runs backward.
 
         Args:
@@ -301,15 +301,15 @@ class VectorAutoregression(NamedTuple):
         coefficients = self.coefficients.swapaxes(0, 1)
         scaled_past = self.scaling.scaled(past)
         scaled_inputs = (inputs - self.scaling.center[m:]) / self.scaling.scale[m:]
-        # The known part of each sample, (…, H, k): the effect of earlier inputs and of the offset on all k channels.
+        # The known effect on each sample, (…, H, k): of earlier inputs and of the offset on all k channels.
         # The first m channels are the outputs, the other r the inputs.
         earlier_inputs = lagged_rows(
             np.concatenate([scaled_past[..., m:], scaled_inputs], axis=-2), lags
         )
         input_coefficients = coefficients[:, :, m:].reshape(k, lags * r)
         known_effect = earlier_inputs @ input_coefficients.T + self.offset
-        # The state starts with the latest m outputs, so the known part of the outputs is added to its first m entries.
-        # The other entries are only moved from lag to lag, and nothing is added to them.
+        # The state starts with the latest m outputs, so the known effect on the outputs is added to its first m
+        # entries. The other entries are only moved from lag to lag, and nothing is added to them.
         forcing = np.zeros((*known_effect.shape[:-1], m * lags))
         forcing[..., :m] = known_effect[..., :m]
         states, innovations = kalman_filter.filter(

@@ -53,7 +53,7 @@ class PredictionErrors:
     def compare(self, sample: Array) -> None:
         """Compares the next sample with its predictions, and updates the averages of the squared errors.
 
-        There are three kinds of prediction: by the model, by the last sample at the time of the prediction, and by the
+        A sample is predicted in three ways: by the model, by the last sample at the time of the prediction, and by the
         mean of all samples before that time. The model should be better than the other two. The mean of the samples is
         updated last, so that only later predictions use this sample.
 

@@ -100,19 +100,19 @@ class PredictionErrorLikelihood(NamedTuple):
 
     @property
     def _parameter_arrays(self) -> tuple[Array, ...]:
-        """The parts of the parameter vector."""
+        """The arrays that the parameter vector consists of."""
         model = self.model
         return model.A, model.B, model.C, model.K, model.offset, self.starts
 
     @property
     def parameters(self) -> Array:
         """The parameter vector (f,) of the model and the first states."""
-        return np.concatenate([part.ravel() for part in self._parameter_arrays])
+        return np.concatenate([array.ravel() for array in self._parameter_arrays])
 
     def with_parameters(self, parameters: Array) -> PredictionErrorLikelihood:
         """Returns the same likelihood with the model and the first states of a parameter vector.
 
-        It is the inverse of :attr:`parameters`: the vector is cut into its parts, which get their shapes back.
+        It is the inverse of :attr:`parameters`: the vector is cut into arrays, which get their shapes back.
 
         Args:
             parameters: (f,) parameter vector.

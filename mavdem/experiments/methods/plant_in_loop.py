@@ -296,12 +296,12 @@ class ClosedLoop(ForecasterBase):
     def rolling_forecast_unknown_inputs(
         self, steps: int, inputs: Array, outputs: Array
     ) -> Forecast:
-        """Forecasts the outputs in consecutive parts of ``steps`` samples, each from the samples before it.
+        """Forecasts the outputs from the samples before, starting again at every ``steps``-th sample.
 
         Args:
-            steps: number of samples of a part.
-            inputs: (H, r) inputs after the training data; a forecast uses only those before its part.
-            outputs: (H, 2) outputs of the same samples; a forecast uses only those before its part.
+            steps: number of samples of each forecast.
+            inputs: (H, r) inputs after the training data; a forecast uses only the inputs before it.
+            outputs: (H, 2) outputs of the same samples; a forecast uses only the outputs before it.
 
         Returns:
             Means and variances of angle and rate (H, 2).
@@ -322,14 +322,14 @@ class ClosedLoop(ForecasterBase):
     def rolling_forecast_known_inputs(
         self, steps: int, inputs: Array, outputs: Array, smooth: bool = False
     ) -> Forecast:
-        """Forecasts the outputs in consecutive parts of ``steps`` samples, with the motors as measurements.
+        """Forecasts the outputs with the motors as measurements, starting again at every ``steps``-th sample.
 
         Args:
-            steps: number of samples of a part.
-            inputs: (H, r) inputs after the training data; a forecast uses the inputs of its part too.
-            outputs: (H, 2) outputs of the same samples; a forecast uses only those before its part.
-            smooth: whether each sample is forecast with all motor samples of its part, and not only with those up to
-                it.
+            steps: number of samples of each forecast.
+            inputs: (H, r) inputs after the training data; a forecast uses the inputs of its own samples too.
+            outputs: (H, 2) outputs of the same samples; a forecast uses only the outputs before it.
+            smooth: whether each sample is forecast with the motors at all samples of its forecast, and not only with
+                those up to it.
 
         Returns:
             Means and variances of angle and rate (H, 2).
@@ -432,7 +432,7 @@ class ClosedLoop(ForecasterBase):
         return predicted_states[len(training_samples) :: steps]
 
     def _joined_forecast(self, means: Array, variances: Array, length: int) -> Forecast:
-        """Joins forecasts, one after the other, and cuts off the part of the last one that exceeds the samples.
+        """Joins forecasts, one after the other, and cuts off what of the last one exceeds the samples.
 
         Args:
             means: (S, steps, 3) means of the centred channels in S forecasts.

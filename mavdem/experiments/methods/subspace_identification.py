@@ -196,8 +196,8 @@ def choose_horizon(segments: Segments, order: int) -> int:
 def canonical_state_map(windows: Array, order: int, k: int) -> Array:
     """Returns the linear map from past samples to states, by canonical correlation analysis (CVA, Larimore 1990).
 
-    The part that the future inputs and a constant explain is removed from the past and from the future outputs, since
-    the state must contain what the inputs do not. The states are the n combinations of the remaining past with the
+    What the future inputs and a constant explain is removed from the past and from the future outputs, since the
+    state must contain what the inputs do not. The states are the n combinations of the remaining past with the
     largest correlations with the remaining future: orthonormal bases of both are multiplied, and the left singular
     vectors of the product are the directions of largest correlation.
 

@@ -51,7 +51,7 @@ MIN_NATS_BELOW_PEAK = 0.5
 """Nats: what the grid point of the peak itself, at 0, is drawn as, because the scale is logarithmic."""
 
 OUTER_CONTOUR_LEVELS = (0.4, 1e8)
-"""Nats below the peak that enclose all values, so that no part of the plane is left blank."""
+"""Nats below the peak that enclose all values, so that nothing of the plane is left blank."""
 
 PRIOR_COUNT = 50
 """Priors on the circle, as in the paper (Fig. 2, ``FreeE_curves``)."""

@@ -38,7 +38,7 @@ SYSTEMS = {1: ("φ̇",), 2: ("φ", "φ̇"), 3: ("ẏ", "φ", "φ̇"), 4: ("y", "
 """Outputs of the systems of Table I, by number of the system, which is its order: the outputs are its states."""
 
 ALL_OUTPUTS = 4
-"""Number of outputs of the flights, those of system 4; each system measures the last of them."""
+"""Number of outputs of the flights, the outputs of system 4; each system measures the last of them."""
 
 ORDERS = tuple(range(1, 1 + DEFAULT_MAX_ORDER))
 """Orders of the models that are fitted to each system."""
@@ -169,7 +169,7 @@ def _order_choices(runner: Runner, flights: Sequence[Flight]) -> dict[tuple[str,
         flights: hovers with the outputs of all systems.
 
     Returns:
-        The choice for each kind of inputs and each system, by all flights together.
+        The choice with known and with unknown inputs for each system, by all flights together.
     """
     searches = []
     for inputs in SETTINGS_BY_INPUTS:

@@ -262,7 +262,7 @@ class DensityModel:
         It is the sum of three densities. Each of the independent sources (reference, gyro noise, actuation, wind
         torque) adds its density times the products of the closed loop's responses to it, summed over all aliases of a
         frequency. Steps of the reference that are synchronous with the messages are added with the phases of their
-        aliases instead. The third density is that of the errors of the log.
+        aliases instead. The errors of the log add the third density.
 
         Args:
             theta: logarithms of the parameters (k,).
@@ -463,7 +463,7 @@ class DensityModel:
         step_time = _share_from_odds(parameters.step_time_odds) * self.surplus_interval
         # Amplitude of each alias (J, F): the transform of a step, times the phase by its time before the message.
         amplitudes = self._step_transform * np.exp(self._alias_s * step_time)
-        # The density below is that of the sampled steps, to which the amplitudes of all aliases add up.
+        # The density below is of the sampled steps, to which the amplitudes of all aliases add up.
         alias_shares = amplitudes / amplitudes.sum(axis=-1, keepdims=True)
         reference_density, noise_slope = denoised_density(
             self._aliased_reference_density, self._reference_noise(parameters) / self._message_rate

@@ -257,7 +257,7 @@ def loop_free_energy(posterior: LoopPosterior, maximum: QuadraticExpansion) -> L
     samples = data.sample_count
     noise_log_determinant = samples * np.log(loop.noise_variance).sum()
 
-    # The entropy of the hyperparameters is that of their marginal posterior. The entropy of the parameters is that of
+    # For the hyperparameters this is the entropy of their marginal posterior, and for the parameters the entropy of
     # their posterior given the hyperparameters.
     parameters = slice(0, PARAMETERS)
     hyperparameters = slice(PARAMETERS, None)

@@ -280,7 +280,7 @@ def _covariance(posterior: AxisPosterior, curvature: Array) -> Array:
     """Returns the sandwich covariance of θ at a mode, H⁻¹ V H⁻¹.
 
     H is the curvature, and V the variance of the gradient. If the likelihood were exact, V would be H, and the
-    covariance H⁻¹. But estimates scatter less than the likelihood's information predicts, so that its part of V is
+    covariance H⁻¹. But estimates scatter less than the likelihood's information predicts, so that its share of V is
     multiplied by :data:`LIKELIHOOD_VARIANCE_FACTOR` (H. White, Econometrica 50(1), 1982).
 
     Args:

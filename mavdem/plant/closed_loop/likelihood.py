@@ -188,7 +188,7 @@ class AxisPosterior:
         """Whitens the estimated spectra by a model's density, and computes the log likelihood.
 
         With the Cholesky factor Φ = L Lᴴ, the log determinant is ln det Φ = 2 Σ ln diag L, and the trace tr(Φ⁻¹ I) is
-        that of the whitened spectra L⁻¹ I L⁻ᴴ.
+        the trace of the whitened spectra L⁻¹ I L⁻ᴴ.
 
         Args:
             density: cross-spectral densities Φ of the model (J, C, C).

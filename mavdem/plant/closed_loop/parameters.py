@@ -67,7 +67,7 @@ class LoopParameters(NamedTuple):
     """Standard deviation of white noise of the estimated angle, rad."""
 
     actuation: float
-    """Standard deviation of the part of the output that does not follow the control law, relative to the whole
+    """Standard deviation of the output that does not follow the control law, relative to the whole
     output."""
 
     @classmethod

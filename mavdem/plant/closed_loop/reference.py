@@ -41,14 +41,15 @@ def denoised_density(density: Array, noise_density: float) -> ArrayPair:
 
 
 def unfolded_density(density: Array, frequency: Array, is_base: Flags, in_range: Flags) -> Array:
-    """Distributes the folded density of the reference over the frequencies that fold onto each other.
+    """Distributes the aliased density of the reference over each frequency and its aliases.
 
-    A power law with a white floor is folded and fitted to the estimate by its Whittle likelihood. Above half of the
-    message rate the result is the fitted law. Below it, the result is the estimate minus the part of the law that folds
-    onto it.
+    Sampling at the message rate adds the densities at all aliases of a frequency to its own. To undo that, a power law
+    with a white floor is assumed: it is aliased likewise, and fitted to the estimate by its Whittle likelihood. Above
+    half of the message rate the result is the fitted law. Below it, the result is the estimate minus the law at the
+    aliases.
 
     Args:
-        density: estimate at J frequencies (J,), including the densities that fold onto them.
+        density: estimate at J frequencies (J,), including the densities at their aliases.
         frequency: magnitudes of the frequencies and their F aliases (J, F), Hz.
         is_base: flags (F,), true only for the frequency itself.
         in_range: flags (J, F) of the frequencies below half of the controller's rate.

@@ -578,7 +578,7 @@ def sampled_loop(theta: Array, controller: LoopController, dt: float) -> Sampled
 def setpoint_process_covariance(
     theta: Array, controller: LoopController, dt: float, state_sd: Array
 ) -> ArrayPair:
-    """Returns the part of the process noise covariance, and of the stationary covariance, that the setpoint causes.
+    """Returns the process noise covariance, and the stationary covariance, that the setpoint alone causes.
 
     The white noises are independent, so that the rest is caused by wind, gyro noise and actuation.
 

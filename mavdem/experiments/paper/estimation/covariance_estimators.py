@@ -84,7 +84,7 @@ def innovation_correlation(record: NoisyRecord) -> Array:
         innovations[t] = output - state
         state = Phi @ state + Gamma @ record.inputs[t] + K @ innovations[t]
     measured_autocovariances = _autocovariances(innovations, CORRELATION_LAGS)
-    # The part that the process noise explains is subtracted, and the variances of the measurement noise fit the rest.
+    # What the process noise explains is subtracted, and the variances of the measurement noise fit the rest.
     no_noise = np.zeros((n, n))
     autocovariances_by_process_noise = _innovation_autocovariances(L, K, Q, no_noise)
     effects_of_unit_variances = [

@@ -84,7 +84,7 @@ class DemObserver:
         return min(self.p, DEM_INPUT_ORDER)
 
     def model(self) -> GenerativeModel:
-        """Returns the generative model. Its priors of θ and λ play no part, since both are known."""
+        """Returns the generative model. Its priors of θ and λ have no effect, since both are known."""
         n, r = self.B.shape
         m = len(self.C)
         parameter_count = n * n + n * r + m * n

@@ -134,7 +134,7 @@ def record_errors(record: NoisyRecord) -> dict[str, RecordErrors]:
 
 
 def final_variances(history: Array) -> Array:
-    """Returns the geometric mean of estimated variances (T, n) over the last part of a record, (n,)."""
+    """Returns the geometric mean of estimated variances (T, n) over the end of a record, (n,)."""
     last_part = history[-int(FINAL_SHARE * len(history)) :]
     return np.asarray(np.exp(np.log(last_part).mean(axis=0)), float)
 

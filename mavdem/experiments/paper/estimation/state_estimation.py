@@ -190,7 +190,7 @@ def run(runner: Runner) -> ExperimentResult:
 
 
 def _recorded_result(window_errors_by_wind: Mapping[str, list[WindowErrors]]) -> ExperimentResult:
-    """Returns the part of the result that recorded flights give.
+    """Returns checks, tables and figures of the recorded flights.
 
     Args:
         window_errors_by_wind: errors in the windows of the flights, as :func:`recorded_errors` returns them.

@@ -125,7 +125,7 @@ def _smikf(window: RollWindow, outputs: Array, inputs: Array, accumulates: bool)
         window: the window.
         outputs: (T, 1) measured roll.
         inputs: (T, 4) motor commands.
-        accumulates: whether the covariance of noise and state error contains the part of earlier samples, which the
+        accumulates: whether the covariance of noise and state error contains the noise of earlier samples, which the
             authors' scripts leave out.
 
     Returns:
