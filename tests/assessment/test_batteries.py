@@ -276,3 +276,25 @@ def test_a_vehicle_that_did_not_fly_is_not_told_to_land_earlier(time, is_on_grou
     (event,) = with_batteries_on_ground(replace(flight, events=(spent,)))
     assert ("land earlier" in event.remedy) is not is_on_ground
     assert ("before a flight" in event.remedy) is is_on_ground
+
+
+@pytest.mark.parametrize(
+    ("lowest", "level", "limit"),
+    [(20, "good", None), (10, "watch", 0.15), (6, "bad", 0.07), (0, "bad", 0.07)],
+)
+def test_a_charge_is_judged_by_the_limits_of_px4_down_to_nothing(lowest, level, limit):
+    telemetry = HOVER.telemetry(20.0, 20.0, autopilot="PX4")
+    charge = np.interp(TIME, [0.0, 30.0], [90, lowest]).astype(int)
+    status = columns(TIME, voltage_battery=1000 * FULL, battery_remaining=charge)
+    fact = power_light(evidence(changed(telemetry, "SYS_STATUS", **status)))
+    assert fact.level == level
+    if limit is not None:
+        assert fact.code is PowerLight.CHARGE_LOW
+        assert fact.figures["share"] == approx(lowest / 100)
+        assert fact.figures["share_limit"] == limit
+
+
+def test_a_charge_that_is_always_nothing_is_not_known():
+    telemetry = HOVER.telemetry(20.0, 20.0, autopilot="PX4")
+    status = columns(TIME, voltage_battery=1000 * FULL, battery_remaining=np.zeros(len(TIME)))
+    assert power_light(evidence(changed(telemetry, "SYS_STATUS", **status))).is_good

@@ -47,6 +47,9 @@ MAX_SAG = 0.5
 PX4_LOW_CHARGE = 0.15
 """Share of the full charge below which PX4 warns: the default of BAT_LOW_THR."""
 
+PX4_CRITICAL_CHARGE = 0.07
+"""Share of the full charge below which PX4 acts on a critical battery: the default of BAT_CRIT_THR."""
+
 BATTERY_REPORTS = {
     ReportedEvent.BATTERY_WARNED,
     ReportedEvent.BATTERY_ALARMED,
@@ -269,11 +272,11 @@ def _first_time_below(evidence: Evidence, voltage: TimeSeries, limit: float) -> 
 
 
 def _battery_charges(evidence: Evidence, batteries: Sequence[Battery]) -> Iterator[Fact]:
-    """Yields a fact for each battery whose charge fell below PX4's parameter BAT_LOW_THR in flight.
+    """Yields a fact for each battery whose charge fell below PX4's limits in flight.
 
-    The autopilot estimates the remaining charge in percent. It is averaged over 2 s, and compared with the parameter as
-    a share of the full charge, or with its default. Other autopilots have no such parameter and are not judged by their
-    charge.
+    The autopilot estimates the remaining charge in percent. It is averaged over 2 s, and compared as a share of the
+    full charge with the parameters BAT_LOW_THR, below which it is to be watched, and BAT_CRIT_THR, below which it is
+    bad, or with their defaults. Other autopilots have no such parameters and are not judged by their charge.
 
     Args:
         evidence: signals, events and measurements of the vehicle.
@@ -283,20 +286,28 @@ def _battery_charges(evidence: Evidence, batteries: Sequence[Battery]) -> Iterat
         Facts with the lowest charge as ``share`` of the full one, and the parameter as ``share_limit``.
     """
     telemetry = evidence.signals.telemetry
-    default_share = PX4_LOW_CHARGE if telemetry.autopilot == "PX4" else 0.0
-    low_share = telemetry.parameters.get("BAT_LOW_THR", default_share)
+    is_px4 = telemetry.autopilot == "PX4"
+    low_share = telemetry.parameters.get("BAT_LOW_THR", PX4_LOW_CHARGE if is_px4 else 0.0)
+    critical_share = telemetry.parameters.get(
+        "BAT_CRIT_THR", PX4_CRITICAL_CHARGE if is_px4 else 0.0
+    )
     has_several = len(evidence.signals.batteries) > 1
     for battery in batteries:
         percent = evidence.averages_in_flight(battery.charge)
-        # A charge that is not known is sent as -1.
-        shares = percent[percent > 0] / 100
-        if len(shares) and shares.min() < low_share:
-            yield Fact(
-                PowerLight.CHARGE_LOW,
-                subject=battery_name(battery.number) if has_several else "",
-                share=shares.min(),
-                share_limit=low_share,
-            )
+        # A charge that is not known is sent as -1 or as 0. Only after a larger one is 0 that of an empty battery.
+        was_charged = np.maximum.accumulate(percent) > 0
+        shares = percent[was_charged & (percent >= 0)] / 100
+        lowest_share = shares.min(initial=1.0)
+        if lowest_share >= max(low_share, critical_share):
+            continue
+        is_critical = lowest_share < critical_share
+        yield Fact(
+            PowerLight.CHARGE_LOW,
+            Level.BAD if is_critical else None,
+            subject=battery_name(battery.number) if has_several else "",
+            share=lowest_share,
+            share_limit=critical_share if is_critical else low_share,
+        )
 
 
 def _board_voltage(evidence: Evidence) -> Iterator[Fact]:
