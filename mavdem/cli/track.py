@@ -1,5 +1,7 @@
 """``mavdem track``: a table of the flights of a fleet, and what changed from one flight of a vehicle to the next."""
 
+from collections.abc import Callable
+from functools import partial
 from pathlib import Path, PurePath
 from typing import TYPE_CHECKING
 
@@ -161,7 +163,7 @@ def track_command(
         reader = WorkerPool(jobs or available_workers(), limits, ROWS_OF_LOG)
     tracked = _track_with_progress(out, logs, reader, baseline)
     blocks_by_vehicle: BlocksByVehicle = {}
-    # Pages are updated by rows that no other run judges meanwhile: else an older remark might stay.
+    # Pages are updated by rows that no other run judges meanwhile: else an older judgement might stay.
     with (
         progress("Writing pages", measured=False),
         open_store(out) as store,
@@ -173,9 +175,9 @@ def track_command(
             # As everything that only some runs need, it is imported where it is used.
             from mavdem.report.difference import baseline_blocks
 
-            for vehicle, (latest_flight, difference) in differences.items():
+            for vehicle, (latest_row, difference) in differences.items():
                 if difference is not None:
-                    blocks_by_vehicle[vehicle] = baseline_blocks(latest_flight, difference)
+                    blocks_by_vehicle[vehicle] = baseline_blocks(latest_row, difference)
         unknown_name = _store_names(store, given_names)
         pages = write_fleet_pages(store, blocks_by_vehicle)
     counts = fleet_counts(pages.summaries)
@@ -202,7 +204,7 @@ def track_command(
 
 
 def _differences_from_baseline(folder: Path, healthy: FlightRows) -> "BaselineDifferences":
-    """Compares the latest flight of each vehicle with the baseline.
+    """Compares the latest flight of each vehicle of a fleet with the baseline, its flights that are healthy.
 
     Args:
         folder: Folder of the fleet.
@@ -214,11 +216,10 @@ def _differences_from_baseline(folder: Path, healthy: FlightRows) -> "BaselineDi
     from mavdem.fleet.difference import baseline_differences, latest_flights
     from mavdem.fleet.flights import log_row
 
+    # Brief rows, which are read fast, show which flights are the latest. Only these are then read with all columns.
     flights_by_vehicle = latest_flights(read_brief_rows(folder), healthy)
-    latest_rows = read_rows_of_logs(
-        folder, {log_row(flight).file for flight in flights_by_vehicle.values()}
-    )
-    return baseline_differences(latest_rows, healthy)
+    latest_logs = {log_row(flight).file for flight in flights_by_vehicle.values()}
+    return baseline_differences(read_rows_of_logs(folder, latest_logs), healthy)
 
 
 def _track_with_progress(
@@ -241,23 +242,8 @@ def _track_with_progress(
         KeyboardInterrupt: The user has pressed Ctrl-C. Logs that were read stay in the table, as a message reports.
     """
     try:
-        with progress_bar("Looking for logs") as show:
-
-            def show_log(done: int, count: int, outcome: JobOutcome | None) -> None:
-                """Shows how many of the new logs are read, and the outcome of the last one (None before the first)."""
-                if done < count:
-                    title = f"{done} of {counted(count, 'new log')} read"
-                else:
-                    title = "Comparing flights"
-                # If all logs are known already, there is none to read, and the count is 0.
-                show(done / max(count, 1), title)
-                if STDERR.is_terminal:
-                    return
-                if outcome is not None:
-                    print_to_stderr(f"{done} of {count}: {_outcome_line(outcome)}")
-                elif count:
-                    print_to_stderr(f"Reading {counted(count, 'new log')} …")
-
+        with progress_bar("Looking for logs") as show_bar:
+            show_log = partial(_show_log, show_bar)
             return track(folder, logs, reader, baseline, FLIGHT_PAGE, progress=show_log)
     except KeyboardInterrupt:
         # Each log is stored as soon as it was read, so nothing is lost.
@@ -265,17 +251,41 @@ def _track_with_progress(
         raise
 
 
+def _show_log(
+    show_bar: Callable[[float, str], None], done: int, count: int, outcome: JobOutcome | None
+) -> None:
+    """Shows on standard error how many of the new logs are read: by a bar on a terminal, else by a line for each log.
+
+    Args:
+        show_bar: Function that shows the fraction that is done, 0 to 1, and a title; without a terminal it does
+            nothing.
+        done: Number of logs that are read.
+        count: Number of logs to read; 0 if all are known already.
+        outcome: Outcome of the log that was read last; None before the first.
+    """
+    title = f"{done} of {counted(count, 'new log')} read" if done < count else "Comparing flights"
+    show_bar(done / max(count, 1), title)
+    if STDERR.is_terminal:
+        return
+    if outcome is not None:
+        print_to_stderr(f"{done} of {count}: {_outcome_line(outcome)}")
+    elif count:
+        print_to_stderr(f"Reading {counted(count, 'new log')} …")
+
+
 def _outcome_line(outcome: JobOutcome) -> str:
-    """Returns one line about a log that was read: its path, the duration, and if it has no flight the reason.
+    """Returns one line about a log that was read: its path, how long that took, and the reason if it has no flight.
 
     Args:
         outcome: Outcome of reading the log.
     """
     line = f"{outcome.path}, {outcome.seconds:.1f} s"
+    # A copy of a log that the fleet has is recognized by its content, and not read.
     if outcome.ended == "known":
         return f"{line}: its content is known"
     if any(row.has_flight for row in outcome.rows):
         return line
+    # The first row stands for the log; its status is the reason.
     return f"{line}: {outcome.rows[0].status}"
 
 
@@ -383,13 +393,13 @@ def _print_fleet(
     *,
     has_new_baseline: bool,
 ) -> None:
-    """Prints the number of logs, the table of the fleet's vehicles, and the changes since each one's baseline.
+    """Prints the number of logs, the summary of the fleet, and for each vehicle what changed since its baseline.
 
     Args:
-        tracked: Result of this run.
-        pages: The written pages, with their contents.
-        differences: The first row of the latest flight of each vehicle, and its difference from the baseline.
-        blocks_by_vehicle: These differences as sentences, by the vehicle's name.
+        tracked: Result of this run: how many logs there are, how many were read now, and the rows of the baseline.
+        pages: The written pages, with the summary of each vehicle and the names that were given to vehicles.
+        differences: Comparison of the latest flight of each vehicle with its baseline, by the vehicle's name.
+        blocks_by_vehicle: The same as sentences and tables, of the vehicles that the baseline has.
         has_new_baseline: Whether this run has named the baseline; otherwise one of an earlier run is stated.
     """
     unused_files = {row.file for summary in pages.summaries for row in summary.unused}
@@ -398,18 +408,18 @@ def _print_fleet(
         " flight; copies count once.\n"
     )
     print_blocks(fleet_blocks(pages.summaries, names=pages.names))
-    labels = {
-        vehicle: vehicle_label(vehicle, latest_flight.frame or "", pages.names)
-        for vehicle, (latest_flight, _) in differences.items()
-    }
-    for vehicle, blocks in blocks_by_vehicle.items():
-        print_blocks([headline_sentence(f"{labels[vehicle]}:"), *blocks])
-    others = [label for vehicle, label in labels.items() if vehicle not in blocks_by_vehicle]
+    labels_without_baseline = []
+    for vehicle, (latest_row, _) in differences.items():
+        label = vehicle_label(vehicle, latest_row.frame or "", pages.names)
+        if vehicle in blocks_by_vehicle:
+            print_blocks([headline_sentence(f"{label}:"), *blocks_by_vehicle[vehicle]])
+        else:
+            labels_without_baseline.append(label)
     baseline_logs = sorted({PurePath(row.file).name for row in tracked.healthy})
     print_blocks(
         render_section(
             "fleet_without_baseline",
-            vehicles=abbreviated_list(others),
+            vehicles=abbreviated_list(labels_without_baseline),
             is_kept=bool(tracked.healthy) and not has_new_baseline,
             flights=len({(row.file, row.key) for row in tracked.healthy}),
             logs=abbreviated_list(baseline_logs),

@@ -528,7 +528,8 @@ class LearnReport(Report):
 def report_document(assessment: Assessment) -> JsonValues:
     """Returns the values of the document ``Report``: the model of the first analysed axis, and the flight's judgement.
 
-    If the wind in m/s is known as well, the values of the wind torque get the share of it that this wind explains.
+    The wind torque is the angular acceleration that the motors do not explain. If the wind in m/s is known too, its
+    gusts explain a share of the torque, which is then among the values of the wind torque (key "wind").
 
     Args:
         assessment: assessment of one vehicle, with an analysis.
@@ -539,9 +540,11 @@ def report_document(assessment: Assessment) -> JsonValues:
     """
     assert assessment.analysis is not None
     report = assessment.analysis.report_values
-    if assessment.wind_share_of_torque is not None:
-        share = assessment.wind_share_of_torque.figures["share"]
-        report["wind"] = WindTorque.from_results(report["wind"], explained_by_mean_wind=share)
+    explained_share = assessment.wind_share_of_torque
+    if explained_share is not None:
+        report["wind"] = WindTorque.from_results(
+            report["wind"], explained_by_mean_wind=explained_share.figures["share"]
+        )
     return {
         **report,
         **assessment.judgement_values,

@@ -150,18 +150,18 @@ class Inventory(Document):
 
 
 def analysis_document(analysis: LogAnalysis) -> JsonValues:
-    """Returns some values of a vehicle in the JSON document of ``mavdem info``: those that its analysis has.
+    """Returns those values of a vehicle in the JSON document of ``mavdem info`` that its analysis gives.
 
-    The fields of a vehicle (:class:`Vehicle`) are filled from two sources. Its messages and their rates come from
-    ``mavdem.assessment.inventory``, which lists what the log contains. The caller adds these from the analysis.
+    The other values of the record :class:`Vehicle` are the contents of the log, such as messages and their rates, from
+    ``mavdem.assessment.inventory``. The caller merges both.
 
     Args:
         analysis: analysis of the vehicle on one axis, made without learning a model.
 
     Returns:
-        Values by field of ``Vehicle``: the findings about the flight, the changes of its motors ("alarms" and others),
-        which model could be learned ("model"; None for none), and whether a motor that weakens would have been detected
-        ("watched").
+        Values by key of the record: the findings about the flight; changes of the motors ("alarms" and others); which
+        model could be learned ("model", None for none); and "watched", whether the log shows enough of the motors that
+        the loss of thrust of one of them would have been detected.
     """
     return {
         **analysis.findings._asdict(),

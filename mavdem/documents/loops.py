@@ -246,12 +246,12 @@ def tune_document(source: str, margins: str, tuning: Tuning) -> Tune:
 
 
 def _axis_document(advice: Advice | Fact, decision: Fact | None) -> AxisAdvice:
-    """Makes the part of the tuning document that belongs to one axis.
+    """Makes the record of one axis in the document of ``mavdem tune``.
 
     Args:
-        advice: the loops of the axis with the gains before and after the change, the gains to set and the noise of the
+        advice: the loops of the axis with the present and with the new gains, the gains to set and the noise of the
             demand; or a fact that says why the loops are not known.
-        decision: decision on the loops of the axis; None without a flight.
+        decision: decision on the loops of the axis (what is wrong, what to do); None without a flight.
 
     Returns:
         The record. Without known loops it has the keys ``refusal`` and ``decision`` only. If the loops are known but no
@@ -260,7 +260,8 @@ def _axis_document(advice: Advice | Fact, decision: Fact | None) -> AxisAdvice:
     if isinstance(advice, Fact):
         return AxisAdvice.from_results(refusal=advice, decision=decision)
     loop = advice.before
-    # Gains, margins asked for, and noise are attributes of the advice; the others have other names in the document.
+    # Gains, required margins and noise are filled from the attributes of the advice that have the names of the keys.
+    # These keys have other names than the attributes: a published document keeps its keys.
     return AxisAdvice.from_results(
         advice,
         decision=decision,

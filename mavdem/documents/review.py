@@ -283,9 +283,8 @@ def _changed_defaults(assessment: Assessment) -> list[JsonValues]:
 def _axis_values(assessment: Assessment) -> JsonValues:
     """Returns the values of the document ``Axis`` for roll, pitch and yaw: the findings on their control loops.
 
-    A loop comes from a model, with its stability margins; otherwise there is a refusal with the reason. Responses are
-    measured directly from setpoints and motion, and need no model; if an axis has none, the headline of the flight says
-    why. The measured response of the rate is both in ``rate`` and in ``step_response``.
+    A loop with its stability margins is identified by a model of the vehicle; otherwise there is the reason why not, as
+    ``refusal``. Responses are measured directly from setpoints and motion, and need no model.
 
     Args:
         assessment: assessment of the vehicle.
@@ -295,28 +294,38 @@ def _axis_values(assessment: Assessment) -> JsonValues:
     """
     resonances = {}
     for margins in assessment.margins:
-        # Without setpoints there is no response, but the spectrum may have a peak.
+        # A resonance is found in the response to the setpoint or, without setpoints, as a peak of the spectrum.
         resonances[margins.axis] = margins.response or margins.peak
-    unknown_response = LoopResponse(assessment.headline)
-    no_responses = {"rate": unknown_response, "attitude": unknown_response}
     values_by_axis = {}
     for axis, loop in assessment.loops.items():
-        refusal = loop.refusal
-        responses = {
-            loop_name: _response_values(response)
-            for loop_name, response in assessment.responses.get(axis, no_responses).items()
-        }
+        rate_response, attitude_response = _values_of_responses(assessment, axis)
         decision = assessment.loop_decisions.get(axis)
         values_by_axis[axis] = {
-            "loop": None if refusal else loop,
-            "refusal": refusal,
+            "loop": None if loop.refusal else loop,
+            "refusal": loop.refusal,
             "resonance": resonances.get(axis),
             "tracking": assessment.tracking.get(axis),
             "decision": None if decision is None else decision.fact,
-            "step_response": responses["rate"]["measured"],
-            **responses,
+            # An older key of the measured rate response, which is also in "rate".
+            "step_response": rate_response["measured"],
+            "rate": rate_response,
+            "attitude": attitude_response,
         }
     return values_by_axis
+
+
+def _values_of_responses(assessment: Assessment, axis: str) -> tuple[JsonValues, JsonValues]:
+    """Returns the values of the rate response and of the attitude response of an axis.
+
+    Args:
+        assessment: assessment of the vehicle. If it has no responses of the axis, its headline is the reason.
+        axis: "roll", "pitch" or "yaw".
+    """
+    unknown_response = LoopResponse(assessment.headline)
+    responses = assessment.responses.get(axis)
+    if responses is None:
+        responses = {"rate": unknown_response, "attitude": unknown_response}
+    return _response_values(responses["rate"]), _response_values(responses["attitude"])
 
 
 def _response_values(response: LoopResponse) -> JsonValues:

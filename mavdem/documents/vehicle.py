@@ -393,13 +393,13 @@ class Override(Document):
     @model_validator(mode="before")
     @classmethod
     def _values_of_fact(cls, override: Fact) -> JsonValues:
-        """Makes the record from the fact that casts doubt on a flight.
+        """Makes the record from the fact that makes a flight doubtful, before pydantic checks the keys.
 
-        Such a fact takes the place of the usual headline, so that the record has both a short sentence, for the
-        headline, and the full one with its remedy.
+        Such a fact overrides the grades of the model and the usual headline of the flight. So the record has a short
+        sentence as a headline, and the full sentence with the remedy.
 
         Args:
-            override: the fact, with its remedy.
+            override: the fact, such as that the vehicle oscillates.
 
         Returns:
             Values by the keys of the record.

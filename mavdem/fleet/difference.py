@@ -113,8 +113,18 @@ class VehicleDifference(NamedTuple):
         return [*dict.fromkeys(family_of(change.quantity.kind) for change in self.tested)]
 
 
-BaselineDifferences = dict[str, tuple[FlightRow, VehicleDifference | None]]
-"""By vehicle, the first row of its latest flight, and what differs from its baseline, if it has one."""
+class BaselineDifference(NamedTuple):
+    """What differs between the latest flight of a vehicle and its baseline, flights that are known to be healthy."""
+
+    latest_row: FlightRow
+    """The first row of the latest flight in the fleet's table."""
+
+    difference: VehicleDifference | None
+    """What differs; None if the baseline has no flight of this vehicle."""
+
+
+BaselineDifferences = dict[str, BaselineDifference]
+"""Differences by the name of the vehicle."""
 
 
 def vehicle_difference(
@@ -208,8 +218,7 @@ def baseline_differences(rows: FlightRows, baseline: FlightRows) -> BaselineDiff
         baseline: rows of the healthy flights.
 
     Returns:
-        By vehicle, the first row of its latest flight and the difference, which is None if the baseline has no flight
-        of this vehicle.
+        The differences by the name of the vehicle.
     """
     baseline_vehicles = vehicles_of(baseline)
     differences: BaselineDifferences = {}
@@ -218,7 +227,7 @@ def baseline_differences(rows: FlightRows, baseline: FlightRows) -> BaselineDiff
         difference = None
         if healthy_rows:
             difference = vehicle_difference(healthy_rows, latest_flight)
-        differences[name] = (log_row(latest_flight), difference)
+        differences[name] = BaselineDifference(log_row(latest_flight), difference)
     return differences
 
 

@@ -51,13 +51,14 @@ def columns_of_report(
         Values by name of the column; a column that is not known is missing or None.
     """
     columns = _columns_at_paths(report, columns_of_row)
-    # The wind torque is computed with the motors' effect. If that is not identifiable, or the wind was not resolved,
-    # the wind torque is not known.
+    # The wind torque is computed with the motors' control effectiveness ("effect"), and not known without that. The
+    # document has a reason in the place of a wind torque that is not larger than its error.
     is_effect_unknown = columns.get("effect_status") in (None, NOT_IDENTIFIABLE)
-    if value_at(report, "wind.reason") or is_effect_unknown:
-        for name in list(columns):
-            if name.startswith("wind_torque"):
-                del columns[name]
+    reason_for_no_torque = value_at(report, "wind.reason")
+    if is_effect_unknown or reason_for_no_torque:
+        columns = {
+            name: value for name, value in columns.items() if not name.startswith("wind_torque")
+        }
     return columns | _input_columns(report, columns) | _warning_columns(report)
 
 
@@ -93,42 +94,39 @@ def _has_model(report: Mapping[str, Any]) -> bool:
 
 
 def _input_columns(report: Mapping[str, Any], columns: JsonValues) -> JsonValues:
-    """Returns the columns on the inputs of the model: whether they are motors or demand, their unit, and their names.
+    """Returns the columns on the inputs of the model: "inputs", "input_unit", and perhaps "motors", their names.
 
-    If no model was learned, the motors count as inputs, in the unit of their trim; without a trim there are none.
+    Inputs are the motor outputs or the controller's demand before the mixer.
 
     Args:
         report: the document ``report.json``.
-        columns: columns of the row so far. If these have the names of the motors already, no others are returned.
-
-    Returns:
-        "inputs" and "input_unit", and "motors" where the names follow from the inputs of the model.
+        columns: columns of the row so far, perhaps with the names of the motors, which are then not returned again.
     """
     if not _has_model(report):
+        # The trim, the mean outputs in steady flight, needs no model. It shows whether motor outputs were logged.
         trim_unit = columns.get("trim_unit")
         return {"inputs": None if trim_unit is None else MOTORS, "input_unit": trim_unit}
-    input_columns = {"inputs": MOTORS, "input_unit": value_at(report, "flight.scale.unit")}
+    input_unit = value_at(report, "flight.scale.unit")
     if value_at(report, "flight.scale.name") == DEMAND:
-        input_columns["inputs"] = DEMAND
-    elif "motors" not in columns:
-        # The inputs of this model are the motors.
+        return {"inputs": DEMAND, "input_unit": input_unit}
+    input_columns = {"inputs": MOTORS, "input_unit": input_unit}
+    if "motors" not in columns:
         input_columns["motors"] = report["inputs"]
     return input_columns
 
 
 def _warning_columns(report: Mapping[str, Any]) -> JsonValues:
-    """Returns the columns with the doubts about a flight, as sentences and as codes.
-
-    Facts that make the figures of the flight invalid ("overrides"), such as an oscillation, come first. Then follow the
-    cautions about the model or, without a model, those about the log.
+    """Returns the columns with the doubts about a flight: first what makes it invalid as a whole, then cautions.
 
     Args:
-        report: the document ``report.json``, in which facts are still objects.
+        report: the document ``report.json`` before it is written, so that facts in it are not yet sentences. Under the
+            key "overrides" it has the facts that make all figures of the flight doubtful, such as an oscillation.
 
     Returns:
-        ``overrides``, ``warnings`` and ``warning_codes``.
+        ``overrides``, the codes of these facts; ``warnings``, all doubts as facts; and ``warning_codes``.
     """
     overrides = report.get("overrides", ())
+    # The key "verdict" has the learnability of the log, with cautions of its own.
     path_of_cautions = "cautions" if _has_model(report) else "verdict.cautions"
     cautions = value_at(report, path_of_cautions) or ()
     warnings = [*overrides, *cautions]

@@ -102,9 +102,11 @@ def rows_of_assessment(assessment: Assessment, file: str) -> FlightRows:
         The rows, in the order of the axes.
     """
     assert assessment.analysis is not None and assessment.evidence is not None
-    signals = assessment.evidence.signals.for_axis(AXES[0], "motors")
+    # Columns on the motors do not depend on the axis, so that the signals of any one will do.
+    signals = assessment.evidence.signals.for_axis(AXES[0], inputs="motors")
     judgement = assessment.judgement_values | {"headline_fact": assessment.headline}
     columns = {"file": file, "component": signals.telemetry.component}
+    # A tier is the kind of model that the settled flight allows; without settled flight there is none.
     if all(analysis.tier.tier is None for analysis in assessment.analyses.values()):
         return [_row_without_flight(assessment, judgement, columns)]
     columns |= _balance_columns(signals)
@@ -160,17 +162,18 @@ def _row_without_flight(
 
 
 def _balance_columns(signals: Signals) -> JsonValues:
-    """Returns the columns of the motors' balance in steady flight, by name.
-
-    A column of the table is flat: the effects of lean, (3, 2), are six numbers, row by row.
+    """Returns the columns of the motors' balance in steady flight: which steady commands keep the vehicle level.
 
     Args:
         signals: signals of the vehicle.
 
     Returns:
-        Commands in roll, pitch and yaw as fractions of the mean command of all motors, and their standard errors; the
-        mean roll and pitch, rad; and the effects of lean on the commands, 1/rad, with standard errors. Empty if the
-        balance is not known.
+        By name of the column, with standard errors in columns ``…_error``; empty if the balance is not known:
+
+        - ``balance``: mean commands in roll, pitch and yaw (3,), as fractions of the mean command of all motors;
+        - ``balance_lean``: mean roll and pitch (2,), rad;
+        - ``lean_effect``: change of each of the three commands with roll and with pitch, 1/rad (six numbers: roll
+          command by roll, roll command by pitch, pitch command by roll, …).
     """
     balance = balance_of_steady_flight(signals)
     if balance is None:
@@ -179,6 +182,7 @@ def _balance_columns(signals: Signals) -> JsonValues:
         "balance": balance.mean,
         "balance_error": balance.error,
         "balance_lean": balance.lean,
+        # A column of the table is flat, so that the rows of the array (3, 2) follow each other.
         "lean_effect": balance.lean_effect.ravel(),
         "lean_effect_error": balance.lean_effect_error.ravel(),
     }

@@ -221,13 +221,14 @@ def fetch(url: str, copy: Path) -> None:
 
 
 def _url_error(url: str, error: Exception, *, is_fetched: bool) -> Unreadable:
-    """Returns the error that says why a URL cannot be listed or fetched.
+    """Returns the error to raise if the files behind a URL cannot be listed, or one of them cannot be fetched.
 
     Args:
         url: the URL.
-        error: the cause. Its message may have many lines, of which the first is the reason.
-        is_fetched: whether a file was to be fetched; otherwise the URL was to be listed.
+        error: the error of the library that reads the URL, of any class.
+        is_fetched: whether a file was to be fetched; otherwise files were to be listed.
     """
+    # The first line of a message of many lines is the reason.
     lines = str(error).strip().splitlines()
     message = lines[0].rstrip(".") if lines else ""
     reason = f"{type(error).__name__}: {message}"

@@ -57,10 +57,15 @@ class VehicleState(NamedTuple):
 
     @property
     def telemetry(self) -> Telemetry | None:
-        """The messages of the vehicle of the first row, which must exist; None of a fleet, which stores no messages."""
-        row = self.rows[0]
+        """The messages of the vehicle in its log; None if the flights are of a fleet, which stores no messages.
+
+        A log may have several vehicles. The first row of the flights tells which one is meant, by its MAVLink system
+        and component.
+        """
+        first_row = self.rows[0]
         for vehicle in self.vehicles:
-            if (vehicle.system, vehicle.component) == (row.system, row.component):
+            has_same_ids = vehicle.system == first_row.system
+            if has_same_ids and vehicle.component == first_row.component:
                 return vehicle
         return None
 
@@ -135,16 +140,20 @@ def state_of_log(path: Path) -> VehicleState:
     Raises:
         Unreadable: the log cannot be read.
     """
-    review = JsonValues()
-    vehicles: list[Telemetry] = []
+    assessments: list[Assessment] = []
 
-    def remember_assessment(_: str, assessment: Assessment) -> str:
-        """Keeps the assessment of the log; it is passed as the function that makes pages, and makes none."""
-        review.update(assessment.as_dict())
-        vehicles[:] = assessment.log.vehicles
+    def keep_assessment(_: str, assessment: Assessment) -> str:
+        """Keeps the assessment; it takes the place of the function that makes the page of a flight, and makes none."""
+        assessments.append(assessment)
         return ""
 
-    rows, _ = rows_of_log(path, str(path), remember_assessment)
+    rows, _ = rows_of_log(path, str(path), keep_assessment)
+    review = JsonValues()
+    vehicles: Sequence[Telemetry] = ()
+    # Each vehicle of the log that has a flight was assessed. Of several, the last one counts.
+    for assessment in assessments:
+        review.update(assessment.as_dict())
+        vehicles = assessment.log.vehicles
     return VehicleState(rows, review, vehicles)
 
 

@@ -43,7 +43,7 @@ exists (select 1 from flights where flights.log = logs.log and instr(row, '(Miss
 """SQL: whether a log was not read for a missing package, which earlier versions called an error of mavdem's own. Their
 rows say so in their status only."""
 
-IS_FINAL_SQL = f"""
+WOULD_END_ALIKE_SQL = f"""
 not (ended = 'source' or
      ended = 'error' and (mavdem_version <> :mavdem or {OF_MISSING_PACKAGE_SQL}) or
      ended in ('time', 'memory', 'died') and (time_limit < :seconds or memory_limit < :megabytes))
@@ -157,27 +157,30 @@ class Store:
     def has_read(self, source: LogSource, limits: JobLimits) -> bool:
         """Returns whether a log need not be read: it is unchanged, and another reading would end as the last one did.
 
-        A log without a version, such as a pipe, always counts as changed.
+        A log without a version, such as a pipe, always counts as changed. A reading that failed may succeed now, for
+        example with higher limits; the condition ``WOULD_END_ALIKE_SQL`` excludes such logs.
 
         Args:
             source: the log, with its version, such as the time of its last change.
-            limits: time and memory that its reading may take: with larger ones a reading that failed is repeated.
+            limits: time and memory that its reading may take.
         """
         query = f"""select 1 from logs where path = :path and version = :version and version <> '' and
-            :size in ({UNKNOWN_SIZE}, size) and {IS_FINAL_SQL}"""
+            :size in ({UNKNOWN_SIZE}, size) and {WOULD_END_ALIKE_SQL}"""
         return self.db.execute(query, _query_values(source, limits)).fetchone() is not None
 
     def keys_of_size(self, source: LogSource, limits: JobLimits) -> Names:
-        """Returns the keys of known logs of the same size: only if a log is a copy of one of them it need not be read.
+        """Returns the keys of the stored logs that have the size of a log, so that it may be a copy of one of them.
+
+        A key is a hash of the content. Who reads the log compares its key with these: a copy need not be read again.
 
         Args:
             source: the log, with its size in bytes.
             limits: time and memory that its reading may take.
 
         Returns:
-            The keys in alphabetical order. Logs that would be read again with these limits are left out.
+            The keys in alphabetical order, without those of logs whose reading failed and may succeed now.
         """
-        query = f"""select distinct key from logs where size = :size and key <> '' and {IS_FINAL_SQL}
+        query = f"""select distinct key from logs where size = :size and key <> '' and {WOULD_END_ALIKE_SQL}
             order by key"""
         return tuple(key for (key,) in self.db.execute(query, _query_values(source, limits)))
 
@@ -294,10 +297,10 @@ class Store:
             self._delete_rows()
 
     def reread_logs_without_page(self) -> None:
-        """Marks the logs with a missing page to be read again.
+        """Marks the logs whose flights lack their page, an HTML file that somebody has deleted, to be read again.
 
-        A page is the HTML file of a flight, which a row of the log names. The marked logs get "source" in the column
-        ``ended``, and so are read again like a log whose file could not be opened.
+        The column ``ended`` says how the last reading of a log ended. The logs get the value "source" there, as if
+        their file could not have been opened, so that the next run reads them.
         """
         existing_pages = set()
         if (self.folder / PAGES).is_dir():

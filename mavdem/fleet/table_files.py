@@ -95,8 +95,8 @@ def _needs_whole_table(store: Store, changed_vehicles: set[str | None]) -> bool:
 
     Args:
         store: the open store of the fleet.
-        changed_vehicles: names of the vehicles whose rows have changed; None if a change names no vehicle, which is one
-            of another version of the columns, or of a run that did not write the whole table.
+        changed_vehicles: names of the vehicles whose rows have changed since the files were written. None among them
+            stands for all vehicles: the store was made by another version, or a run did not write the whole table.
     """
     if None in changed_vehicles:
         return True
@@ -107,7 +107,7 @@ def _needs_whole_table(store: Store, changed_vehicles: set[str | None]) -> bool:
     numbers = store.db.execute("select distinct number from table_files").fetchall()
     for (number,) in numbers:
         path = table_path(store.folder, number)
-        # One that is missing is written by itself.
+        # A missing file is written anyway (:func:`_outdated_files`), and needs not the whole table.
         if path.is_file() and not has_current_columns(path):
             return True
     # The single file of an earlier version of mavdem has all vehicles, none of which is assigned to it.
@@ -140,12 +140,13 @@ def _outdated_files(store: Store, *, is_whole: bool) -> set[int]:
     """Returns the numbers of the files to be written: those of changed vehicles, and those that do not exist.
 
     Args:
-        store: the open store of the fleet.
+        store: the open store of the fleet. Its SQL table ``table_files`` has the number of the file of each vehicle,
+            and ``unpublished`` the vehicles whose rows have changed since their file was written.
         is_whole: whether all files are to be written.
     """
     query = "select number, vehicle in (select vehicle from unpublished) from table_files"
     outdated_numbers = set()
-    # A fleet without a flight has a first file, too.
+    # The first file exists also for a fleet without a flight.
     numbers = {0}
     for number, is_changed in store.db.execute(query):
         numbers.add(number)

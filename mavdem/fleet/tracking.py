@@ -127,16 +127,17 @@ def assess_rows(rows: FlightRows, baseline: FlightRows) -> FlightRows:
 def health_figures(row: FlightRow) -> HealthFigures:
     """Returns the figures of one flight by which the health of its motors is judged.
 
-    The balance is the trim of the motors about roll, pitch and yaw (3,) with its error, the lean of the vehicle (2,),
-    and the effect of lean on the balance (3, 2). The columns of a table are flat, and the arrays get their shapes here.
-    A flight is sound, and may be a healthy one to compare with, if it did not oscillate and no motor was at its upper
-    limit for long.
-
     Args:
         row: any row of the flight, since these columns are the same for all axes.
 
     Returns:
-        The figures; those that the log does not have are None.
+        The figures, None for those that the log does not have:
+
+        - ``balance``: steady commands in roll, pitch and yaw (3,), the mean roll and pitch (2,), and the effect of roll
+          and pitch on each command (3, 2);
+        - ``signatures``: how the balance changes if one motor loses thrust, by the geometry of the motors;
+        - ``sound``: whether the flight may be a healthy one to compare with: it did not oscillate, and no motor was at
+          its upper limit for long.
     """
     motors = row.motors or ()
     balance = None
@@ -151,9 +152,10 @@ def health_figures(row: FlightRow) -> HealthFigures:
             seconds=row.duration or 0.0,
         )
     if motors:
-        # The signatures follow from positions and spins alone: which channel drives which motor does not matter here.
-        channels = tuple(range(len(motors)))
-        geometry = MotorGeometry(channels, channels, row.positions or (), spins=row.spins or ())
+        # The signatures follow from positions and spins alone. Which output channel drives which motor does not matter
+        # here, so that both get the same numbers.
+        numbers = tuple(range(len(motors)))
+        geometry = MotorGeometry(numbers, numbers, row.positions or (), spins=row.spins or ())
         signatures = motor_signatures(geometry)
     name = f"{row.file} {row.system} {row.component}"
     # Of the motors' shares of time at a limit the largest counts.

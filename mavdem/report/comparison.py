@@ -4,6 +4,7 @@ from collections.abc import Iterator, Sequence
 from math import isfinite
 
 from mavdem.assessment.axis.findings import PREDICTION_LIMITS
+from mavdem.containers import JsonValues
 from mavdem.dem.order_choice import LARGEST_ORDER, OrderChoice
 from mavdem.experiments.comparison import Comparison
 from mavdem.experiments.paired_test import MIN_PAIRS, SIGNIFICANCE, Paired
@@ -28,7 +29,7 @@ STANDARD_ORDER = 3
 def comparison_report(comparison: Comparison) -> Iterator[Block]:
     """Yields the report of a comparison of forecasting methods: the result, tables of errors, failures, and a legend.
 
-    All methods forecast with the recorded inputs of the test part, and some can also forecast without them. Each of
+    All methods forecast with the recorded inputs of the test data, and some can also forecast without them. Each of
     these two kinds of forecast has its own sentence and table.
 
     Args:
@@ -64,26 +65,27 @@ def _result_text(comparison: Comparison, kind: ForecastKind) -> str:
         comparison: errors and tests of all methods.
         kind: ``KNOWN_INPUTS`` for forecasts with recorded inputs, ``UNKNOWN_INPUTS`` for those without.
     """
-    rows = comparison.over_flights(kind)
-    failed_methods = [row["method"] for row in rows if row["failed"] == row["windows"]]
-    tests = {}
-    tests_by_result: dict[TestResult, dict[str, Paired]] = {}
+    summaries = comparison.over_flights(kind)
+    failed_methods = []
+    for summary in summaries:
+        if summary["failed"] == summary["windows"]:
+            failed_methods.append(summary["method"])
+    # The test of each other method against the reference, by its result and then by the method.
+    tests_by_result: dict[TestResult, dict[str, Paired]] = {result: {} for result in RESULT_ORDER}
+    pair_counts = []
     for method, test in comparison.tests(kind).items():
         if method not in failed_methods:
-            tests[method] = test
-            tests_by_result.setdefault(test.result, {})[method] = test
-    results = {
-        result: tests_by_result[result] for result in RESULT_ORDER if result in tests_by_result
-    }
+            tests_by_result[test.result][method] = test
+            pair_counts.append(test.tested)
     (paragraph,) = render_section(
         "comparison_result",
         reference=comparison.methods_of(kind)[0],
-        flights=len(comparison.flights),
-        pairs=min((test.tested for test in tests.values()), default=0),
-        fewest=MIN_PAIRS,
-        tests=tests,
-        results=results,
-        silent=failed_methods,
+        flight_count=len(comparison.flights),
+        pair_count=min(pair_counts, default=0),
+        min_pairs=MIN_PAIRS,
+        test_count=len(pair_counts),
+        tests_by_result={result: tests for result, tests in tests_by_result.items() if tests},
+        failed_methods=failed_methods,
     )
     return paragraph.lead
 
@@ -91,9 +93,7 @@ def _result_text(comparison: Comparison, kind: ForecastKind) -> str:
 def _error_blocks(comparison: Comparison, kind: ForecastKind) -> Blocks:
     """Returns a sentence, a caution if the reference's band is too narrow, and a table with the errors of all methods.
 
-    A row has the error ratio at each horizon, how often the method failed, the ratio and the p-value of the paired test
-    against the reference, and the share of samples in its 90 % band. A band is too narrow if it holds clearly fewer
-    samples than 90 % (``PREDICTION_LIMITS``).
+    The reference is the first method, with which each other one is compared by a paired test.
 
     Args:
         comparison: errors and tests of all methods.
@@ -103,31 +103,50 @@ def _error_blocks(comparison: Comparison, kind: ForecastKind) -> Blocks:
     tests = comparison.tests(kind)
     blocks: Blocks = [Sentence("error ratio by steps ahead.", LEAD_BY_KIND[kind])]
     rows = []
-    for row in comparison.over_flights(kind):
-        # The reference itself has no test.
-        test = tests.get(row["method"])
-        # The last horizon is the whole test part.
-        share_in_band = row["inside"][-1]
-        coverage = "" if share_in_band is None else f"{100 * share_in_band:.0f} %"
-        test_cells = ["", ""] if test is None else [f"{test.ratio:.3g}", f"{test.p_value:.2g}"]
-        rows.append(
-            [
-                row["method"],
-                *(f"{ratio:.3g}" for ratio in row["horizons"]),
-                str(row["worse_than_constant"]),
-                str(row["unstable"]),
-                *test_cells,
-                coverage,
-            ]
-        )
-        is_reference = test is None
-        if is_reference and share_in_band is not None:
-            if share_in_band < PREDICTION_LIMITS.coverage:
-                text = f"the 90 % band of {reference} holds {coverage} of the samples: it is too narrow."
-                blocks.append(caution(text))
+    for summary in comparison.over_flights(kind):
+        method = summary["method"]
+        rows.append(_error_row(summary, tests.get(method)))
+        if method == reference and _is_band_too_narrow(summary):
+            text = f"the 90 % band of {reference} holds {_coverage(summary)} of the samples: it is too narrow."
+            blocks.append(caution(text))
     header = ["method", *_common_horizons(comparison)]
     header += ["above 1", "unstable", f"{reference} / method", "p", "in 90 % band"]
     return [*blocks, Table(header, rows)]
+
+
+def _error_row(summary: JsonValues, test: Paired | None) -> list[str]:
+    """Returns the row of a method in the table of errors.
+
+    Args:
+        summary: figures of the method over all flights, by key (``Comparison.over_flights``).
+        test: paired test of the reference against the method; None for the reference itself.
+
+    Returns:
+        The name, the error ratio at each horizon, the numbers of windows with an error ratio above 1 and with an
+        unstable model, ratio and p-value of the test, and the share of samples in the 90 % band.
+    """
+    test_cells = ["", ""] if test is None else [f"{test.ratio:.3g}", f"{test.p_value:.2g}"]
+    return [
+        summary["method"],
+        *(f"{ratio:.3g}" for ratio in summary["horizons"]),
+        str(summary["worse_than_constant"]),
+        str(summary["unstable"]),
+        *test_cells,
+        _coverage(summary),
+    ]
+
+
+def _coverage(summary: JsonValues) -> str:
+    """Returns the share of samples in a method's 90 % band as percent; empty for a method without a band."""
+    # The last horizon is the whole test data.
+    share_in_band = summary["inside"][-1]
+    return "" if share_in_band is None else f"{100 * share_in_band:.0f} %"
+
+
+def _is_band_too_narrow(summary: JsonValues) -> bool:
+    """Returns whether a method has a 90 % band that holds clearly fewer samples (``PREDICTION_LIMITS``)."""
+    share_in_band = summary["inside"][-1]
+    return share_in_band is not None and share_in_band < PREDICTION_LIMITS.coverage
 
 
 def _common_horizons(comparison: Comparison) -> list[str]:
@@ -141,20 +160,20 @@ def _flight_sentences(comparison: Comparison, flight: str) -> Iterator[Block]:
     """Yields sentences on how much of a flight was compared, and on the methods that failed.
 
     Args:
-        comparison: errors of all methods.
+        comparison: errors of all methods in windows, each of training and test data.
         flight: name of the flight.
     """
     windows = [window for window in comparison.windows if window.flight == flight]
     summaries = comparison.summaries(flight)
-    longest_horizon = summaries[0]["horizons"][-1]
+    # The paired test of any method has the number of windows that it uses: those that do not overlap.
+    whole_test = summaries[0]["horizons"][-1]
+    tested_count = whole_test["reference"].tested
+    # All windows of a flight have the same length, so that the first one stands for them.
     yield from render_section(
-        "comparison_flight",
-        windows[0],
-        windows=len(windows),
-        tested=longest_horizon["reference"].tested,
+        "comparison_flight", windows[0], window_count=len(windows), tested_count=tested_count
     )
-    for row in summaries:
-        yield from render_section("comparison_failures", **row)
+    for summary in summaries:
+        yield from render_section("comparison_failures", **summary)
 
 
 def order_report(choice: OrderChoice, names: Sequence[str], are_inputs_known: bool) -> Blocks:
@@ -195,11 +214,12 @@ def order_report(choice: OrderChoice, names: Sequence[str], are_inputs_known: bo
 
 
 def order_advice(choice: OrderChoice, are_inputs_known: bool) -> str:
-    """Returns one sentence on what to do with the chosen order.
+    """Returns one sentence on what to do with the chosen order, such as to learn a model with ``--order``.
 
     Args:
-        choice: the chosen order.
-        are_inputs_known: whether the models know the inputs of the flight, as causes of its motion.
+        choice: the chosen number of states, with the free energy of all numbers.
+        are_inputs_known: whether the models have the recorded inputs, such as motor outputs, as causes of the motion;
+            otherwise they estimate the inputs too.
     """
     (paragraph,) = render_section(
         "order_advice",

@@ -162,10 +162,14 @@ def _settled_seconds(flight: AxisRows) -> str:
 
 
 def _wind(flight: AxisRows) -> str:
-    """Returns the wind's speed, m/s, and the direction that it came from, as far as known.
+    """Returns the wind speed, m/s, and the direction that the wind came from, such as "5.2 NW", as far as known.
 
-    Where the light of the wind is unknown, so are both.
+    Both are left out if the light of the wind, the judgement of its estimate, is unknown.
+
+    Args:
+        flight: rows of one flight in the fleet's table, one for each axis.
     """
+    # The rows of all axes have the same wind.
     row = log_row(flight)
     if row.light_wind == Level.UNKNOWN:
         return ""

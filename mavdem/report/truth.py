@@ -26,13 +26,19 @@ def truth_blocks(comparison: TruthComparison) -> Blocks:
     Args:
         comparison: estimates of a simulated flight with their 90 % intervals, and the parameters of the simulation.
     """
-    wind = comparison.wind
+    wind_torque = comparison.wind
     parameters = list(comparison.parameters)
-    if wind is not None and wind.resolved:
-        parameters.append(wind.mean)
-    is_inside = [parameter.inside for parameter in parameters if parameter.inside is not None]
+    # The mean wind torque has an estimate only if the torque is larger than its error.
+    if wind_torque is not None and wind_torque.resolved:
+        parameters.append(wind_torque.mean)
+    # Whether each interval holds the truth; a parameter that is not identifiable has no interval.
+    are_inside = [parameter.inside for parameter in parameters if parameter.inside is not None]
     heading, *wind_sentences = render_section(
-        "truth", source=comparison.source, held=is_inside, wind=wind
+        "truth",
+        source=comparison.source,
+        inside_count=sum(are_inside),
+        interval_count=len(are_inside),
+        wind=wind_torque,
     )
     if not parameters:
         return [heading, *wind_sentences]

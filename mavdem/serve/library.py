@@ -520,17 +520,17 @@ class Library:
     def finish_reading(self, entry: LibraryEntry, outcome: JobOutcome, limits: JobLimits) -> None:
         """Stores the outcome of a log that was read: its rows in the fleet's store, its columns in the index.
 
-        A log that cannot be read is removed, unless its uploader wants to keep it (``entry.keep``) or the cause is not
-        the log itself: a package that its format needs is missing, or its file could not be opened
-        (``outcome.ended == "source"``). If the entry was deleted while the log was read, the results are removed.
+        A log that cannot be read is removed, unless its uploader wants to keep it. If the entry was deleted while the
+        log was read, the results are removed.
 
         Args:
             entry: the log, as it was claimed.
             outcome: result of reading it, with the fleet's rows.
             limits: the limits of time and memory within which it was read.
         """
-        # The index, the rows and the log on the disk change together, or not at all.
         columns = self._columns_of_outcome(entry, outcome)
+        # With the ending "source" the log itself is not the cause: its file could not be opened, or a package that its
+        # format needs is missing.
         keeps_log = entry.keep or outcome.ended == "source"
         removes_log = columns["stage"] == Stage.FAILED and not keeps_log
         if removes_log:
@@ -538,6 +538,7 @@ class Library:
             columns |= {"size": 0, "path": entry.id}
         source = source_of(str(self.log_path(entry)))
         try:
+            # The index, the rows and the log on the disk change together, or not at all.
             with self.transaction():
                 self.change(entry.id, **columns)
                 self.store.add(source, outcome, limits)
@@ -546,7 +547,8 @@ class Library:
                     self.store.remove(source)
                     self._remove_log(entry)
         except Refusal as error:
-            if error.fact.code is not RefusalReason.NO_SUCH_FLIGHT:
+            was_deleted = error.fact.code is RefusalReason.NO_SUCH_FLIGHT
+            if not was_deleted:
                 raise
             self.remove_files_of_deleted_log(entry)
             return

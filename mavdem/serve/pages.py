@@ -325,11 +325,10 @@ class Pages:
     def vehicle(self, request: HttpRequest) -> Response:
         """Answers with the page of a vehicle: its flights over time, and how the latest differs from the baseline.
 
-        The query ``name`` is the vehicle's name. Since a log may have several vehicles, its rows are filtered by the
-        name, too.
+        The baseline are the flights that the owner has marked as healthy.
 
         Args:
-            request: the request, with the name of the vehicle in its query.
+            request: the request, whose query ``name`` is the name of the vehicle in its logs.
 
         Returns:
             The page of the vehicle.
@@ -343,16 +342,18 @@ class Pages:
         entries = found.entries
         if not entries:
             raise Refusal(RefusalReason.NO_SUCH_FLIGHT)
+        # A log may have several vehicles, so that its rows are filtered by the name, too.
         rows = [row for row in self._library.flight_rows(entries) if row.vehicle == name]
         healthy_rows = [row for row in self._library.store.healthy if row.vehicle == name]
         changes: Blocks = []
         if healthy_rows:
-            latest_flight = baseline_differences(rows, healthy_rows).get(name)
-            if latest_flight is not None:
-                latest_row, difference = latest_flight
-                # The baseline has flights of this vehicle, so that there is a difference.
+            # There is no difference if all flights of the vehicle are in the baseline.
+            latest_difference = baseline_differences(rows, healthy_rows).get(name)
+            if latest_difference is not None:
+                latest_row, difference = latest_difference
+                # The baseline has flights of this vehicle, so that they were compared.
                 assert difference is not None
-                # The page itself states that several vehicles may have the name.
+                # The page itself says that several vehicles may have the name.
                 changes = baseline_blocks(latest_row, difference, has_identity_cautions=False)
         html = vehicle_page(
             vehicles_of(rows).get(name, []),

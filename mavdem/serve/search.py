@@ -156,18 +156,20 @@ def search_problems(text: str) -> list[str]:
 
 
 def unknown_terms(text: str) -> list[str]:
-    """Returns a sentence on the words of a search that look like comparisons of a property that does not exist.
+    """Returns a sentence on words of a search that compare a property which does not exist, such as ``colour:red``.
 
-    They are searched for as texts, such as a time of day, so the sentence is for a search that finds nothing.
+    Such a word may be meant as a text that flights contain, such as the time of day 12:30, and is searched for as one.
+    So the sentence is only to be shown if the search finds nothing.
 
     Args:
         text: words of the search.
 
     Returns:
-        One sentence without its full stop; none if all properties are known.
+        A list with one sentence without its full stop; empty if all properties are known.
     """
     names = []
     for name, _, _ in _terms(text):
+        # A name in capitals is a parameter of the autopilot, such as a gain.
         if name.lower() not in KNOWN_TERMS and not name.isupper():
             names.append(name)
     if not names:
@@ -222,19 +224,9 @@ def _comparison(name: str, operator: str, value: str) -> SqlCondition | None:
         # With commas around list and item, only whole items match.
         return _contains(f"',' || {LIST_COLUMNS[column]} || ','", f",{value},")
     with suppress(ValueError):
-        number = float(value)
-        if column == "motor" and operator == "=":
-            # A headline may name other motors besides the suspected one.
-            named_motor = f"*motor {number:g}[^0-9]*"
-            return SqlCondition("((motor=?)or(lower(headline)glob(?)))", (number, named_motor))
-        if column in NUMBER_COLUMNS:
-            return SqlCondition(f"{NUMBER_COLUMNS[column]} {operator} ?", (number,))
-        if name.isupper():
-            # The name of a parameter matched \w+, so it cannot contain the quote that would end the JSON path.
-            return SqlCondition(
-                f"json_extract(iif(json_valid(gains),gains,'{{}}'), ?) {operator} ?",
-                (f'$."{name}"', number),
-            )
+        condition = _number_comparison(name, operator, float(value))
+        if condition is not None:
+            return condition
     if column == "vehicle":
         is_named = _text_comparison(column, operator)
         has_given_name = _text_comparison(VEHICLE_NAME_SQL, operator)
@@ -242,6 +234,29 @@ def _comparison(name: str, operator: str, value: str) -> SqlCondition | None:
     if column in TEXT_COLUMNS:
         expression = MOTORS_LEVEL_SQL if column == Light.MOTORS else column
         return SqlCondition(_text_comparison(expression, operator), (value,))
+    return None
+
+
+def _number_comparison(name: str, operator: str, number: float) -> SqlCondition | None:
+    """Translates the comparison of a property with a number to SQL; None if the property is no number.
+
+    Args:
+        name: the property: a column's name in a search, or an autopilot's parameter in capitals.
+        operator: ``<``, ``>``, ``<=``, ``>=`` or ``=``.
+        number: number to compare the property with.
+    """
+    column = name.lower()
+    if column == "motor" and operator == "=":
+        # A headline may name other motors besides the suspected one.
+        named_motor = f"*motor {number:g}[^0-9]*"
+        return SqlCondition("((motor=?)or(lower(headline)glob(?)))", (number, named_motor))
+    if column in NUMBER_COLUMNS:
+        return SqlCondition(f"{NUMBER_COLUMNS[column]} {operator} ?", (number,))
+    if name.isupper():
+        # Parameters are stored as a JSON object in the column ``gains``; a damaged one counts as empty. The name has
+        # matched \w+, so it cannot contain the quote that would end the JSON path.
+        gains = "iif(json_valid(gains),gains,'{}')"
+        return SqlCondition(f"json_extract({gains}, ?) {operator} ?", (f'$."{name}"', number))
     return None
 
 

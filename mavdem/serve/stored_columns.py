@@ -78,7 +78,7 @@ class StoredLog(NamedTuple):
     """Bytes of the file of columns, mapped into memory."""
 
     def vehicle(self, name: str) -> StoredVehicle:
-        """Returns the list entry of a vehicle.
+        """Returns the entry of a vehicle in the list of stored vehicles.
 
         Args:
             name: ``SYSTEM_COMPONENT``; empty for the first one.
@@ -95,13 +95,14 @@ class StoredLog(NamedTuple):
         """Returns a vehicle with its messages, of which only columns that are used are read from the disk.
 
         Args:
-            name: as for ``vehicle``.
+            name: ``SYSTEM_COMPONENT`` of the vehicle; empty for the first one.
 
         Raises:
             Refusal: the log has no such vehicle.
         """
         vehicle = self.vehicle(name)
         return Telemetry(
+            # Whoever plots a field needs the messages only: what identifies the vehicle is not stored with them.
             system=0,
             component=0,
             vehicle="",

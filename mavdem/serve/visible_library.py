@@ -192,9 +192,9 @@ class VisibleLibrary:
             return dict(json.loads(path.read_bytes()))
 
     def recordings(self, entry: LibraryEntry) -> Recordings:
-        """Returns the document with the state of the recordings of a flight.
+        """Returns the document on the recordings of a flight (for Rerun and Foxglove), which are made on request.
 
-        Every sender who may see a flight may request its recordings.
+        It says how far the making is: the stage, such as waiting or done, the same in words, and why it failed if so.
 
         Args:
             entry: index entry of the flight.
@@ -210,14 +210,16 @@ class VisibleLibrary:
     def visitor_values(self, request: HttpRequest) -> JsonValues:
         """Returns the values that the templates of all pages need: the visitor's rights, and the server's URL.
 
-        A visitor who may read all flights also gets two keys: one with which the page's script changes flights, and one
-        in the address to which a ground station uploads logs.
+        A visitor who may read all flights also gets two secret keys: one with which the page's script changes flights,
+        and one in the address to which a ground station uploads logs.
 
         Args:
             request: the request, for the sender's rights.
 
         Returns:
-            Values by the names in the templates.
+            Values by the names in the templates: whether the visitor may read all flights; the key for changes; whether
+            the server has a token, by which visitors sign in; its address, and that for uploads; the names that were
+            "given" to vehicles; and the kind of each vehicle's frame.
         """
         may_read = self.rights.allows(request, Permission.READ)
         address = str(request.base_url).rstrip("/")

@@ -112,7 +112,7 @@ def twin_charts(axis: str, trial: GainTrial) -> list[Chart]:
 def predicted_step_chart(loops: LoopsByAxis, loop_name: str) -> Chart:
     """Returns the chart of the predicted step responses of one loop, with the gains that flew and any advised ones.
 
-    Each is computed from the closed-loop frequency response of the estimated plant.
+    A step response is computed from the closed-loop frequency response, from setpoint to rate or angle.
 
     Args:
         loops: loops of one axis, by "now" (with the gains that flew) and, where gains change, "advised".
@@ -122,9 +122,11 @@ def predicted_step_chart(loops: LoopsByAxis, loop_name: str) -> Chart:
     time = np.linspace(duration / STEP_POINTS, duration, STEP_POINTS)
     lines = []
     for name, loop in loops.items():
-        open_loop = loop.rate if loop_name == "rate" else loop.attitude
-        closed_loop_response = open_loop.closed[ESTIMATE]
-        step = step_from_frequency_response(open_loop.frequency, closed_loop_response, time)
+        rate_or_attitude_loop = loop.rate if loop_name == "rate" else loop.attitude
+        # The first row is the response with the estimated plant; the other rows are draws of uncertain plants.
+        closed_loop_response = rate_or_attitude_loop.closed[ESTIMATE]
+        frequency = rate_or_attitude_loop.frequency
+        step = step_from_frequency_response(frequency, closed_loop_response, time)
         lines.append(Line(name, GAIN_COLOURS[name], time, step))
     title = f"{loops['now'].axis.capitalize()} {loop_name}: step"
     return Chart(title, TIME_AFTER_STEP, Axis("share of the step"), tuple(lines), (1.0,))

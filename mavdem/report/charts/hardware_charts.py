@@ -49,16 +49,16 @@ SHOWN_SWITCHES = 8
 
 
 def hardware_groups(evidence: Evidence, timeline: Timeline) -> dict[str, list[Group]]:
-    """Returns the charts of each part of the hardware, and of setpoints and sticks, by the name of the part.
+    """Returns the charts on power, receivers and so on (subjects), and on setpoints and sticks, by subject.
 
     Args:
         evidence: signals, events and measurements of the vehicle.
         timeline: charts of the flight over the same time, whose events are marked.
 
     Returns:
-        One group of charts for each part of which anything was recorded, in a list as chapters of a page take it.
+        For each subject of which anything was recorded a list with one group of charts, in up to two columns.
     """
-    makers = {
+    chart_functions = {
         HardwarePart.POWER: _power_charts,
         HardwarePart.CONTROLLERS: _controller_charts,
         HardwarePart.RECEIVERS: _receiver_charts,
@@ -70,12 +70,14 @@ def hardware_groups(evidence: Evidence, timeline: Timeline) -> dict[str, list[Gr
         CommandPart.STICKS: _stick_charts,
     }
     groups = {}
-    for part, maker in makers.items():
-        # A chart without lines shows a quantity that was not recorded. The others go by turns into two columns.
-        charts = [timeline.marked(chart) for chart in maker(evidence, timeline) if chart.lines]
-        columns = (tuple(charts[::2]), tuple(charts[1::2]))
-        if charts:
-            groups[str(part)] = [Group(tuple(column for column in columns if column))]
+    for subject, charts_of in chart_functions.items():
+        # A chart without lines is of a quantity that was not recorded.
+        charts = [timeline.marked(chart) for chart in charts_of(evidence, timeline) if chart.lines]
+        # Charts are placed from left to right, row by row.
+        left_column, right_column = tuple(charts[::2]), tuple(charts[1::2])
+        columns = tuple(column for column in (left_column, right_column) if column)
+        if columns:
+            groups[str(subject)] = [Group(columns)]
     return groups
 
 

@@ -69,7 +69,8 @@ def line_with_quantile_band(name: str, colour: str, x: Array, values: Array) -> 
 def bode_charts(learned: Learned, output: int = -1) -> Charts:
     """Returns the Bode diagram of a vehicle: magnitude and phase of an output per command of the axis, with 90 % bands.
 
-    The response is that of the physical plant or, if its parameters are not identifiable, of DEM's model.
+    The response is that of the physical plant or, if its parameters are not identifiable, of DEM's model. The bands
+    hold the middle 90 % of the responses for draws of the physical parameters from their posterior.
 
     Args:
         learned: the learned model.
@@ -87,22 +88,27 @@ def bode_charts(learned: Learned, output: int = -1) -> Charts:
     max_frequency = min(MAX_RESPONSE_FREQUENCY, MAX_SAMPLING_FRACTION / learned.dt)
     frequency = np.geomspace(MIN_RESPONSE_FREQUENCY, max_frequency, RESPONSE_POINTS)
     physical = identified_plant(learned)
+    # Responses (N, F): of the estimate in the row ``ESTIMATE``, and then of the draws; DEM's model has no draws.
     if physical is None:
-        response = model_response(learned, command.motors, frequency, output_index)
+        responses = model_response(learned, command.motors, frequency, output_index)
         source, colour = "DEM's model", PREDICTED
     else:
         is_angle = output_index + 1 < output_count
-        response = plant_response(physical, command.motors, frequency, is_angle=is_angle)
+        responses = plant_response(physical, command.motors, frequency, is_angle=is_angle)
         source, colour = "physical parameters", PHYSICAL
-    estimate = response[ESTIMATE]
-    # The phases of draws are counted from that of the estimate, so that none is a whole turn away from it.
-    phase = np.degrees(np.unwrap(np.angle(estimate)) + np.angle(response / estimate))
+    magnitudes = unit.scale * np.abs(responses)
+    # A phase is known up to whole turns. Unwrapping makes the estimate's phase continuous in frequency; the draws are
+    # given by their differences from it, which are less than half a turn.
+    estimated_phase = np.unwrap(np.angle(responses[ESTIMATE]))
+    phase_differences = np.angle(responses / responses[ESTIMATE])
+    phases = np.degrees(estimated_phase + phase_differences)
+
     gain_axis = Axis(unit_per_input(unit, command.unit), is_logarithmic=True)
     title = f"{output_name} by {command.name} ({gain_axis.label}), by {source}"
-    gain = line_with_quantile_band(source, colour, frequency, unit.scale * np.abs(response))
-    phase_line = line_with_quantile_band(source, colour, frequency, phase)
+    gain_line = line_with_quantile_band(source, colour, frequency, magnitudes)
+    phase_line = line_with_quantile_band(source, colour, frequency, phases)
     return (
-        Chart(title, FREQUENCY, gain_axis, (gain,)),
+        Chart(title, FREQUENCY, gain_axis, (gain_line,)),
         Chart("Phase (°)", FREQUENCY, Axis("phase (°)"), (phase_line,)),
     )
 
@@ -148,9 +154,10 @@ def residual_charts(learned: Learned, output: int = -1) -> Charts:
 
 
 def wind_torque_charts(learned: Learned) -> Charts:
-    """Returns the wind torque over time with its band and gusts, and its spectral density with that of its model.
+    """Returns a chart of the wind torque over time with its gusts, and one of its spectral density.
 
-    The wind torque is the angular acceleration that the model does not explain by the motors, shown in °/s².
+    The wind torque is the angular acceleration that the model does not explain by the motors, shown in °/s². It was
+    smoothed with a model of its spectrum, which is drawn for comparison.
 
     Args:
         learned: the learned model.
@@ -158,35 +165,33 @@ def wind_torque_charts(learned: Learned) -> Charts:
     Raises:
         ValueError: the wind torque is not identifiable.
     """
-    wind = learned.resolved_wind_torque
+    wind_torque = learned.resolved_wind_torque
     line = torque_line(learned, "wind torque", DISTURBANCE)
-    if wind is None or line is None:
+    if wind_torque is None or line is None:
         raise ValueError("there is no wind torque to show: it is not identifiable in this flight")
     time = sample_times(learned.record)
     gusts = []
-    for gust in wind.gusts:
+    for gust in wind_torque.gusts:
         start = time[gust.sample]
         gusts.append(Span(start, start + gust.length, "gust"))
-    all_frequencies = wind.spectrum[0]
-    is_shown = (all_frequencies > 0) & (all_frequencies <= MAX_WIND_FREQUENCY)
-    frequency, density, model_density = (values[is_shown] for values in wind.spectrum)
+    torque_axis = Axis(name_with_unit("wind torque", TORQUE_UNIT.name))
+    torque_chart = Chart("Wind torque", TIME, torque_axis, (line,), (0.0,), spans=tuple(gusts))
+
+    spectrum = wind_torque.spectrum
+    is_shown = (spectrum.frequency > 0) & (spectrum.frequency <= MAX_WIND_FREQUENCY)
+    frequency = spectrum.frequency[is_shown]
     # A spectral density has the square of the unit.
     scale = TORQUE_UNIT.scale**2
-    spectrum = (
-        Line("wind torque", DISTURBANCE, frequency, scale * density),
-        Line("model of it", MEASURED, frequency, scale * model_density, style=LineStyle.DASHES),
+    density = scale * spectrum.density[is_shown]
+    model_density = scale * spectrum.model[is_shown]
+    density_lines = (
+        Line("wind torque", DISTURBANCE, frequency, density),
+        Line("model of it", MEASURED, frequency, model_density, style=LineStyle.DASHES),
     )
-    torque_axis = Axis(name_with_unit("wind torque", TORQUE_UNIT.name))
     density_unit = f"({TORQUE_UNIT.name})²/Hz"
-    return (
-        Chart("Wind torque", TIME, torque_axis, (line,), (0.0,), spans=tuple(gusts)),
-        Chart(
-            f"Its spectrum ({density_unit})",
-            FREQUENCY,
-            Axis(density_unit, is_logarithmic=True),
-            spectrum,
-        ),
-    )
+    density_axis = Axis(density_unit, is_logarithmic=True)
+    title = f"Its spectrum ({density_unit})"
+    return (torque_chart, Chart(title, FREQUENCY, density_axis, density_lines))
 
 
 def torque_line(learned: Learned, name: str, colour: str) -> Line | None:

@@ -105,13 +105,16 @@ class Timeline(NamedTuple):
 
     @property
     def overview_with_attitude(self) -> Charts:
-        """The ``overview`` with roll and pitch first, where their setpoints were recorded."""
+        """The ``overview`` with the charts of roll and pitch first, if their setpoints were recorded.
+
+        An angle without its setpoint does not show how well the vehicle follows, and is left out.
+        """
         tilt_charts: list[Chart] = []
         for axis in TILT_AXES:
-            # The first chart of an axis shows its angle.
-            for chart in self.axis_charts.get(axis, ())[:1]:
-                if len(chart.lines) > 1:
-                    tilt_charts.append(chart)
+            charts = self.axis_charts.get(axis, ())
+            # The first chart of an axis shows its angle, with a second line for the setpoint.
+            if charts and len(charts[0].lines) > 1:
+                tilt_charts.append(charts[0])
         return self._overview_of((*tilt_charts, *self.flight_charts, *self.wind_charts))
 
     def _overview_of(self, unmarked_charts: Charts) -> Charts:
@@ -291,14 +294,16 @@ def _lines(
 
 
 def wind_speed_and_direction_charts(history: WindHistory) -> Iterator[Chart]:
-    """Yields a chart of the wind speed (m/s) and one of its direction (°), each where the data determines it.
+    """Yields a chart of the wind speed (m/s) and one of the direction that the wind comes from (°).
 
-    The autopilot's own estimate is drawn with them, where it was logged.
+    Each has the estimate with its 90 % band, and the autopilot's own estimate where that was logged. A quantity that
+    is not identifiable, since the flight does not determine it, has no chart.
 
     Args:
-        history: the wind over time.
+        history: the wind over time, as estimated and as the autopilot has it.
     """
     wind = history.estimate
+    # Speed and direction of each sample, from the velocity north and east.
     polar = wind.polar
     if wind.speed_identifiable:
         line = _speed_line("wind", wind.time, polar.speed, polar.speed_half_width)

@@ -348,32 +348,45 @@ def _vibration_row(sides: Reviews) -> list[str]:
 
 
 def _wind_rows(sides: Reviews) -> list[list[str]]:
-    """Makes the rows of a table for wind speed and the direction that the wind comes from.
-
-    A cell has the estimate with its 90 % interval, or a dash where the flight does not determine it.
+    """Returns the rows of a table for wind speed and the direction that the wind comes from.
 
     Args:
         sides: review documents of both logs, by side.
 
     Returns:
-        Two rows with a cell for each side.
+        Two rows, each with its name and a cell for each side.
     """
     speeds = ["wind (m/s)"]
     directions = ["from (°)"]
     for review in sides.values():
         wind = review.get("wind") or {}
-        status = wind.get("status", {})
-        is_speed_known = status.get("speed") != NOT_IDENTIFIABLE
-        # Still air, which the interval of the speed may contain, comes from nowhere.
-        is_direction_known = (
-            bool(wind) and not wind["calm"] and status.get("direction") != NOT_IDENTIFIABLE
-        )
-        if is_speed_known and wind.get("calm"):
-            speeds.append(f"below {rounded_up(wind['speed_interval'][1], 1)}")
-        else:
-            speeds.append(_cell(wind, "speed") if is_speed_known else UNKNOWN_FIGURE)
-        if is_direction_known:
-            directions.append(f"{wind['direction']:.0f} ± {wind['direction_interval']:.0f}")
-        else:
-            directions.append(UNKNOWN_FIGURE)
+        speeds.append(_wind_speed_cell(wind))
+        directions.append(_wind_direction_cell(wind))
     return [speeds, directions]
+
+
+def _wind_speed_cell(wind: Review) -> str:
+    """Returns the wind speed with its 90 % interval, m/s; of air that may be still, only the end of the interval.
+
+    Args:
+        wind: the wind in a review document; empty without a wind. A dash stands for a speed that is not identifiable.
+    """
+    status = wind.get("status", {})
+    if status.get("speed") == NOT_IDENTIFIABLE:
+        return UNKNOWN_FIGURE
+    if wind.get("calm"):
+        return f"below {rounded_up(wind['speed_interval'][1], 1)}"
+    return _cell(wind, "speed")
+
+
+def _wind_direction_cell(wind: Review) -> str:
+    """Returns the direction that the wind comes from with the half width of its interval, degrees.
+
+    Args:
+        wind: the wind in a review document; empty without a wind. A dash stands for a direction that is not
+            identifiable, and for still air, which comes from nowhere.
+    """
+    status = wind.get("status", {})
+    if not wind or wind["calm"] or status.get("direction") == NOT_IDENTIFIABLE:
+        return UNKNOWN_FIGURE
+    return f"{wind['direction']:.0f} ± {wind['direction_interval']:.0f}"

@@ -265,37 +265,41 @@ def _anchors_of_lights(chapters: Sequence[Chapter]) -> dict[str, str]:
 
 
 def _numbered_events(
-    events: Facts, timeline: Timeline | None, next_step: str = "", why_of_headline: str = ""
+    events: Facts,
+    timeline: Timeline | None,
+    next_step: str = "",
+    evidence_of_headline: str = "",
 ) -> list[PageEvent]:
     """Returns the events of a log as a page lists them; those with a time are numbered.
 
-    Each remedy, and each sentence with the sensors that confirm an event, is shown only once on the page. So an event
-    gets, as ``repeated``, the texts that are shown above it already, which the template leaves out.
+    Several events may have the same remedy or the same evidence, which a page shows only once. So each event gets the
+    texts that stand above it, and the template does not repeat those.
 
     Args:
         events: events of all boots of the autopilot.
         timeline: charts of one of these boots; events of other boots are not on its clock. None without charts.
         next_step: text of the next step, which the page shows above the events.
-        why_of_headline: sentence with the sensors that confirm the headline, which is above the events too.
+        evidence_of_headline: sentence with the measurements that confirm the headline, which is above the events too.
 
     Returns:
         The events in order.
     """
     page_events = []
     number = 0
-    texts_above = {why_of_headline}
+    texts_above = {evidence_of_headline}
     for fact in _with_saturations_counted(events):
         if fact.remedy in next_step:
             texts_above.add(fact.remedy)
-        repeated = frozenset(texts_above)
+        texts_above_event = frozenset(texts_above)
         texts_above |= {fact.remedy, why_text(fact)}
         if fact.time is None:
-            page_events.append(PageEvent(Event(nan, fact), repeated=repeated))
-        else:
-            number += 1
-            boot = fact.figures.get("boot")
-            is_on_clock = timeline is not None and boot in (None, timeline.boot)
-            page_events.append(PageEvent(Event(fact.time, fact), number, is_on_clock, repeated))
+            page_events.append(PageEvent(Event(nan, fact), repeated=texts_above_event))
+            continue
+        number += 1
+        boot = fact.figures.get("boot")
+        is_on_clock = timeline is not None and boot in (None, timeline.boot)
+        event = Event(fact.time, fact)
+        page_events.append(PageEvent(event, number, is_on_clock, repeated=texts_above_event))
     return page_events
 
 
@@ -409,13 +413,17 @@ def _axes_chapter(assessment: Assessment, timeline: Timeline) -> Chapter:
             columns[axis] = tuple(timeline.marked(chart) for chart in charts)
     light = assessment.lights["tracking"]
     blocks = [*_tracking_blocks(light, assessment.tracking)]
-    scope = ""
-    ending = None if assessment.evidence is None else assessment.evidence.ending
-    is_judged = light.level is not Level.UNKNOWN and light.code not in Ending
-    if ending is not None and ending.time is not None and is_judged:
-        # Tracking is judged in settled flight, and the plots show the loss too.
-        scope = f" in settled flight, until {loss_onset(ending):.1f} s"
-    return Chapter("Three axes", blocks, [Group.of_axes(columns, light)], level_scope=scope)
+    # How the vehicle was lost, with the time; None if it was not.
+    loss = None if assessment.evidence is None else assessment.evidence.ending
+    # If the light states the loss itself, its level is about the whole flight.
+    is_tracking_judged = light.level is not Level.UNKNOWN and light.code not in Ending
+    level_scope = ""
+    if loss is not None and loss.time is not None and is_tracking_judged:
+        # Tracking is judged in settled flight only, but the charts go on to the loss. So the chapter says for which
+        # part of the flight its level holds.
+        level_scope = f" in settled flight, until {loss_onset(loss):.1f} s"
+    group = Group.of_axes(columns, light)
+    return Chapter("Three axes", blocks, [group], level_scope=level_scope)
 
 
 def _tracking_blocks(light: Fact, axes: NamedFacts) -> Iterator[Block]:
@@ -458,16 +466,22 @@ def _notch_trial(name: str, assessment: Assessment, evidence: Evidence) -> Notch
         The trial of the filters; None without a spectrum or a known controller.
     """
     signals = evidence.signals
+    # The gyro's filters are the same for all axes, so that the controller of any one will do.
     controller = controller_if_known(signals.for_axis("roll"))
-    loop = fastest_loop(assessment)
-    frequencies = []
+    # A filter that follows the motors is shown at their speeds in flight.
+    motor_frequencies = []
     for speed_controller in speed_controllers(signals):
-        speeds = evidence.values_in_flight(speed_controller.speed)
-        if len(speeds) and np.median(speeds) > 0:
-            # Controllers measure revolutions per minute.
-            frequencies.append(float(np.median(speeds)) / SECONDS_PER_MINUTE)
+        revolutions_per_minute = evidence.values_in_flight(speed_controller.speed)
+        if len(revolutions_per_minute) and np.median(revolutions_per_minute) > 0:
+            median = float(np.median(revolutions_per_minute))
+            motor_frequencies.append(median / SECONDS_PER_MINUTE)
     return notch_trial(
-        name, signals.telemetry, assessment.noise, controller, loop, tuple(frequencies)
+        name,
+        signals.telemetry,
+        assessment.noise,
+        controller,
+        fastest_loop(assessment),
+        tuple(motor_frequencies),
     )
 
 
@@ -590,7 +604,7 @@ def _learning_chapter(axis: str, learned: Learned) -> Chapter:
     text = "Errors one step ahead; correlations between the lines may be chance (99 %)."
     groups = [Group.side_by_side(model_charts.residual_charts(learned), text)]
     title = f"The model of {axis}, and how it was learned"
-    # The settings of the learner are for who develops it, and belong to no book of a vehicle.
+    # The settings of the learner are for its developers. Owners who print the page for their records do not need them.
     return Chapter(title, [*detail_blocks(learned), table], groups, folded=True, is_printed=False)
 
 

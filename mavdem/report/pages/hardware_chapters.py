@@ -1,4 +1,4 @@
-"""The chapters of a flight's page on hardware, setpoints and sticks: a sentence for each part, with folded charts."""
+"""The chapters of a flight's page on hardware, setpoints and sticks: a section for each subject, such as power."""
 
 from mavdem.assessment.evidence import Evidence
 from mavdem.assessment.hardware import hardware_facts
@@ -23,39 +23,40 @@ COMMANDS_TITLE = "Setpoints and sticks"
 def hardware_chapters(
     evidence: Evidence, lights: NamedFacts, timeline: Timeline | None
 ) -> list[Chapter]:
-    """Returns the chapters on the hardware, and on setpoints and sticks, folded; their sections open where not good.
+    """Returns the chapters on the hardware, and on setpoints and sticks; without a section where nothing was logged.
+
+    Both are folded. A section is about one subject, such as the power supply, and has a sentence and charts.
 
     Args:
         evidence: signals, events and measurements of the vehicle.
-        lights: the judgement of each part of the vehicle, a fact with a level, by name.
+        lights: the lights by name, of which that on the power is the fact of the section on the power supply.
         timeline: charts of the flight; None without, so that the sections have no charts.
     """
-    groups = {} if timeline is None else hardware_groups(evidence, timeline)
-    blocks: dict[str, Blocks] = {}
-    sensors = _sensor_table(evidence)
-    if sensors.rows:
-        blocks[HardwarePart.CALIBRATION] = [sensors]
-    hardware = _chapter(HARDWARE_TITLE, hardware_facts(evidence, lights), groups, blocks)
-    commands = _chapter(COMMANDS_TITLE, command_facts(evidence), groups, {})
+    charts = {} if timeline is None else hardware_groups(evidence, timeline)
+    tables: dict[str, Blocks] = {}
+    sensor_table = _sensor_table(evidence)
+    if sensor_table.rows:
+        tables[HardwarePart.CALIBRATION] = [sensor_table]
+    hardware = _chapter(HARDWARE_TITLE, hardware_facts(evidence, lights), charts, tables)
+    commands = _chapter(COMMANDS_TITLE, command_facts(evidence), charts, {})
     return [chapter for chapter in (hardware, commands) if chapter.sections]
 
 
 def _chapter(
-    title: str, facts: NamedFacts, groups: dict[str, list[Group]], blocks: dict[str, Blocks]
+    title: str, facts: NamedFacts, charts: dict[str, list[Group]], tables: dict[str, Blocks]
 ) -> Chapter:
     """Returns a folded chapter with a section for each fact, and the worst level of those that are judged.
 
     Args:
         title: heading.
-        facts: facts by the name of the part.
-        groups: charts by the name of the part.
-        blocks: tables by the name of the part.
+        facts: facts by subject.
+        charts: groups of charts by subject; a subject may have none.
+        tables: tables by subject.
     """
     sections = []
-    for part, fact in facts.items():
-        sections.append(
-            Section(capitalize_first(part), fact, groups.get(part, ()), blocks.get(part, ()))
-        )
+    for subject, fact in facts.items():
+        heading = capitalize_first(subject)
+        sections.append(Section(heading, fact, charts.get(subject, ()), tables.get(subject, ())))
     levels = {fact.level for fact in facts.values()}
     worst_level = None
     for level in (Level.BAD, Level.WATCH, Level.GOOD):

@@ -5,7 +5,7 @@ from math import inf
 from typing import NamedTuple
 
 from mavdem.assessment import Assessment
-from mavdem.assessment.axis.loop_decision import DecisionsByAxis, LoopDiagnosis
+from mavdem.assessment.axis.loop_decision import DecisionsByAxis, LoopDecision, LoopDiagnosis
 from mavdem.assessment.axis.responses import NO_STEPS, Responses, StepsByLoop
 from mavdem.assessment.evidence import Evidence
 from mavdem.facts import Fact
@@ -189,28 +189,39 @@ def _margin_sentences(evidence: Evidence, decisions: DecisionsByAxis) -> list[Se
     Axes with the same fact share one sentence.
 
     Args:
-        evidence: margins of each axis; for an unidentified loop, the fact that says why.
-        decisions: decisions on the loops, by axis. A decision is the judgement of an axis by all that was measured. The
-            page shows its reason above these sentences.
-
-    Returns:
-        The sentences.
+        evidence: margins of each axis; for a loop that was not identified, the fact that says why.
+        decisions: decisions on the loops, by axis. A decision is the judgement of an axis by all that was measured: its
+            margins, oscillations, and how well it follows its setpoint. The page shows it above these sentences.
     """
     axes_and_facts = []
-    for margin in evidence.margins:
-        facts = [fact.replace(names=(margin.axis,)) for fact in margin.facts]
-        if not facts and isinstance(margin.loop, Fact):
-            facts = [margin.loop]
-        decision = decisions.get(margin.axis)
+    for margins in evidence.margins:
+        axis = margins.axis
+        facts = [fact.replace(names=(axis,)) for fact in margins.facts]
+        if not facts and isinstance(margins.loop, Fact):
+            # The reason why the loop was not identified.
+            facts = [margins.loop]
         for fact in facts:
-            if decision is None:
-                axes_and_facts.append((margin.axis, fact))
-                continue
-            is_repetition = fact.code is decision.reason.code
-            if is_repetition:
-                continue
-            # If the axis does not follow its setpoint, good margins are not enough, and the sentence says so.
-            if fact.is_good and decision.diagnosis is LoopDiagnosis.FOLLOWS_BADLY:
-                fact = fact.replace(follows=False)
-            axes_and_facts.append((margin.axis, fact))
+            consistent_fact = _fact_beside_decision(fact, decisions.get(axis))
+            if consistent_fact is not None:
+                axes_and_facts.append((axis, consistent_fact))
     return sentences_by_axes(axes_and_facts)
+
+
+def _fact_beside_decision(fact: Fact, decision: LoopDecision | None) -> Fact | None:
+    """Returns a fact about the margins of an axis, made to agree with the decision on the axis that is shown above it.
+
+    Args:
+        fact: the fact about the margins alone.
+        decision: decision on the axis, which the page shows above; None without one.
+
+    Returns:
+        The fact; None if the decision states the same.
+    """
+    if decision is None:
+        return fact
+    if fact.code is decision.reason.code:
+        return None
+    if fact.is_good and decision.diagnosis is LoopDiagnosis.FOLLOWS_BADLY:
+        # Good margins are not enough. With this figure the sentence says that the axis does not follow its setpoint.
+        return fact.replace(follows=False)
+    return fact

@@ -117,7 +117,7 @@ def _step_chapter(tuning: Tuning, assessment: Assessment) -> Chapter:
             elif isinstance(advice, Advice):
                 # Without a measured response, the chart has what the identified loop predicts.
                 panels[axis][loop_name] = [predicted_step_chart(compared_loops(advice), loop_name)]
-    groups = _groups(panels, assessment, _step_caption(panels))
+    groups = _groups_of_columns(panels, assessment, _step_caption(panels))
     return Chapter("Step response", (), groups)
 
 
@@ -136,37 +136,47 @@ def _step_caption(panels: Mapping[str, Mapping[str, Sequence[Panel]]]) -> str:
     return " ".join([STEP_CAPTION, *meanings])
 
 
-def _groups(
-    panels: Mapping[str, Mapping[str, Sequence[Panel]]], assessment: Assessment, caption: str
+def _groups_of_columns(
+    charts: Mapping[str, Mapping[str, Sequence[Panel]]], assessment: Assessment, caption: str
 ) -> list[Group]:
-    """Returns panels as one group with a column for each axis or, of a single axis, for each loop; none without panels.
+    """Arranges charts in columns: one for each axis or, if there is only one axis, one for each of its loops.
 
     Args:
-        panels: panels by axis, and then by loop, "rate" or "attitude".
-        assessment: assessment of the log, whose light of the margins names the axis that decides.
-        caption: text below the panels.
+        charts: charts by axis, and then by loop, "rate" or "attitude".
+        assessment: assessment of the log. Its light of the margins names the axis with the worst margins, whose column
+            a phone shows first.
+        caption: text below the charts.
+
+    Returns:
+        A list with one group of columns; empty without charts.
     """
-    panels = {axis: loops for axis, loops in panels.items() if loops}
-    if not panels:
+    charts_by_axis = {axis: loops for axis, loops in charts.items() if loops}
+    if not charts_by_axis:
         return []
-    if len(panels) == 1:
-        (columns,) = panels.values()
+    if len(charts_by_axis) == 1:
+        (columns,) = charts_by_axis.values()
     else:
-        columns = {axis: [*chain(*loops.values())] for axis, loops in panels.items()}
+        columns = {axis: [*chain(*loops.values())] for axis, loops in charts_by_axis.items()}
     return [Group.of_axes(columns, assessment.lights[Light.MARGINS], caption)]
 
 
 def _twin_chapter(tuning: Tuning, assessment: Assessment) -> Chapter:
-    """Returns the folded chapter of the twin's flights with both sets of gains; empty if no gains change.
+    """Returns the folded chapter of simulated flights with the present and with the advised gains.
+
+    The twin, a simulation of the vehicle by its identified parameters, flies the recorded setpoints and hovers in wind.
 
     Args:
         tuning: the advice for each axis.
-        assessment: assessment of the log. The twin is a simulation of its vehicle, by the identified parameters.
+        assessment: assessment of the log.
+
+    Returns:
+        The chapter; without charts if no gains change, or if the twin could not be made.
     """
     # Gains are advised only of a vehicle that was judged, and so has evidence.
     assert assessment.evidence is not None
     columns = dict[str, list[Panel]]()
     if tuning.parameters:
+        # Without a twin, this is the fact that says why.
         trial = try_gains(assessment.evidence, tuning.parameters)
         if isinstance(trial, GainTrial):
             for axis, advice in tuning.axes.items():
@@ -178,16 +188,20 @@ def _twin_chapter(tuning: Tuning, assessment: Assessment) -> Chapter:
 
 
 def _open_loops_chapter(tuning: Tuning, assessment: Assessment) -> Chapter:
-    """Returns the folded chapter of gain, phase and sensitivity of the open loops.
+    """Returns the folded chapter of gain, phase and sensitivity of the open loops over frequency.
+
+    Each chart has the loop with the present gains and, where gains change, the loop with the advised ones.
 
     Args:
-        tuning: the advice for each axis.
-        assessment: assessment of the log, whose light of the margins names the axis that decides.
+        tuning: for each axis its advice, with the loops; or the fact why its loops are not known.
+        assessment: assessment of the log.
     """
-    panels = {}
+    charts = {}
     for axis, advice in tuning.axes.items():
         if isinstance(advice, Advice):
             loops = compared_loops(advice)
-            panels[axis] = {name: loop_charts(loops, name) for name in STEP_SECONDS}
-    groups = _groups(panels, assessment, LOOP_CAPTION)
+            charts[axis] = {
+                loop_name: loop_charts(loops, loop_name) for loop_name in ("rate", "attitude")
+            }
+    groups = _groups_of_columns(charts, assessment, LOOP_CAPTION)
     return Chapter("Open loops", (), groups, folded=True)

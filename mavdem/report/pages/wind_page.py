@@ -75,31 +75,32 @@ def wind_page(
 
 
 def _wind_timeline(wind_evidence: WindEvidence, assessment: Assessment) -> Timeline | None:
-    """Returns the charts of height, wind and speed through the air over time.
+    """Returns the timeline of the page: charts of height, wind and speed through the air over time.
+
+    It is that of the flight's page, with the wind of this page, and without what does not concern the wind.
 
     Args:
-        wind_evidence: the estimated wind, and that of the autopilot.
+        wind_evidence: the wind that was estimated for this page, and the autopilot's own estimate.
         assessment: assessment of the log.
 
     Returns:
-        The timeline; None if the log has no attitude over time, or none of the boot with the wind.
+        The timeline; None if the log has no attitude over time, or the wind is of another boot of the autopilot.
     """
     evidence = assessment.evidence
     if evidence is None or evidence.time_history is None:
         return None
     history = evidence.time_history
-    history = replace(history, wind=wind_history(wind_evidence, history.segment))
-    timeline = timeline_of_history(history)
-    if history.wind is None:
+    wind = wind_history(wind_evidence, history.segment)
+    if wind is None:
         return None
-    height = tuple(chart for chart in timeline.flight_charts if chart.title == "Height")
-    estimate = history.wind.estimate
+    timeline = timeline_of_history(replace(history, wind=wind))
+    height_charts = tuple(chart for chart in timeline.flight_charts if chart.title == "Height")
     wind_charts = timeline.wind_charts
-    if estimate.speed_identifiable:
+    if wind.estimate.speed_identifiable:
         # The speed through the air follows from the speed of the wind.
-        wind_charts = (*wind_charts, _airspeed_chart(estimate))
+        wind_charts = (*wind_charts, _airspeed_chart(wind.estimate))
     return timeline._replace(
-        flight_charts=height, axis_charts={}, wind_charts=wind_charts, events=()
+        flight_charts=height_charts, axis_charts={}, wind_charts=wind_charts, events=()
     )
 
 
