@@ -147,11 +147,7 @@ def test_a_damaged_stamp_misleads_nobody(row, wrong):
     content = bytearray(tlog(frames))
     content[place : place + STAMP_BYTES] = wrong
     log = read(bytes(content))
-    stamp = struct.unpack(">Q", wrong)[0] / 1e6
-    times = [NOW / 1e6, NOW / 1e6 + 0.01 * (len(frames) - 1)]
-    if abs(stamp - times[0]) <= 3600.0:
-        times.append(stamp)
-    assert log.receive_time == approx((min(times), max(times)))
+    assert log.receive_time == approx((NOW / 1e6, NOW / 1e6 + 0.01 * (len(frames) - 1)))
     assert np.allclose(log.vehicles[0].messages["ATTITUDE"]["time"], TIMES)
 
 

@@ -74,6 +74,8 @@ def receive_interval(stream: FrameStream) -> Interval:
     """Returns the first and the last receive stamp of a recording.
 
     Stamps far from the running median are left out: they are damaged, or from a computer clock that was not yet set.
+    Of the others the first and the last one count, and not the smallest and the largest, since a stamp by which damage
+    moved a frame a few minutes back or forth is not far from the median.
     A long recording is read block by block, to bound the memory. The last stamps of a block are checked with the next
     block, since the window of the median reaches to later stamps too.
 
@@ -84,7 +86,7 @@ def receive_interval(stream: FrameStream) -> Interval:
         The first and the last receive stamp, UNIX s; NaN where there is none.
     """
     half_window = STAMP_WINDOW // 2
-    first_stamps, last_stamps = [], []
+    first_stamp, last_stamp = np.nan, np.nan
     # Stamps in memory, s: the last ones of the block before, and those of this block.
     seconds = np.empty(0)
     # Number of them that were checked with the block before, and only serve for the median.
@@ -101,15 +103,14 @@ def receive_interval(stream: FrameStream) -> Interval:
         checked_now = slice(checked_count, check_end)
         trusted_seconds = seconds[checked_now][~is_outlier[checked_now]]
         if len(trusted_seconds):
-            first_stamps.append(float(trusted_seconds.min()))
-            last_stamps.append(float(trusted_seconds.max()))
+            if np.isnan(first_stamp):
+                first_stamp = float(trusted_seconds[0])
+            last_stamp = float(trusted_seconds[-1])
         # The next block needs half a window of checked stamps, and those that are not checked yet.
         first_kept = max(check_end - half_window, 0)
         seconds = seconds[first_kept:]
         checked_count = check_end - first_kept
-    if not first_stamps:
-        return np.nan, np.nan
-    return min(first_stamps), max(last_stamps)
+    return first_stamp, last_stamp
 
 
 class ChannelFrames(NamedTuple):
