@@ -455,6 +455,14 @@ def test_the_log_states_how_often_the_attitude_was_recorded():
     assert "Attitude at 45 Hz, commands at 50 Hz" in fact.sentence
 
 
+def test_the_light_of_a_log_that_ends_in_the_air_says_so_unless_it_was_lost():
+    judged = evidence(HOVER.telemetry(50.0, 50.0))
+    ended = Fact(MotionEvent.LOG_ENDED_IN_AIR, time=36.5, boot=0, height=12.0, height_source="")
+    assert log_light(replace(judged, events=(ended,))) is ended
+    after_loss = ended.replace(is_after_loss=True)
+    assert log_light(replace(judged, events=(after_loss,))).code is LogLight.RECORDED_FAST
+
+
 @mark.slow
 def test_the_light_of_the_log_states_what_was_lost_by_damage():
     damage = Fact(Repair.ULOG_DAMAGED, Level.WATCH, count=640, places=10, duration=0.25)

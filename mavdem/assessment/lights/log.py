@@ -5,6 +5,7 @@ from math import inf
 import numpy as np
 
 from mavdem.assessment.evidence import Evidence
+from mavdem.assessment.limits import worst_fact
 from mavdem.confidence import MIN_SAMPLES_FOR_STATISTICS
 from mavdem.dataset import flight_states
 from mavdem.dataset.attitude import TUNING_MESSAGE, Attitude, attitude_from_messages
@@ -14,6 +15,7 @@ from mavdem.dataset.rate_advice import rate_advice
 from mavdem.dataset.signals import MIN_STREAM_RATE, Signals, rate_between_outages
 from mavdem.dataset.time_series import TimeSeries
 from mavdem.facts import Fact
+from mavdem.facts.ending import MotionEvent
 from mavdem.facts.log import LogLight, Simulator
 from mavdem.facts.sources import Flaw, Repair
 from mavdem.ingest.telemetry import Log, Telemetry, rate_without_gaps
@@ -65,6 +67,7 @@ def log_light(evidence: Evidence) -> Fact:
     3. If a gap of the attitude in flight is longer than ``MAX_GAP``, or the logger itself lost messages ("dropouts"),
        the log has gaps.
     4. If damage has cost more than ``MAX_DAMAGED_SHARE`` of the frames, or more than ``MAX_GAP``, it is damaged.
+    5. If the log ends in the air, and no loss of the vehicle explains it, the rest of the flight is missing.
 
     The light also states how much of the file could not be read.
 
@@ -95,7 +98,7 @@ def log_light(evidence: Evidence) -> Fact:
         code = LogLight.RECORDED_WITH_GAPS
     elif damage is not None and _is_large(damage):
         code = LogLight.RECORDED_WITH_DAMAGE
-    return Fact(
+    recording = Fact(
         code,
         attitude_rate=_recorded_attitude_rate(evidence, attitude),
         rate=rate,
@@ -108,6 +111,12 @@ def log_light(evidence: Evidence) -> Fact:
         is_received=not telemetry.translated_from,
         remedy=rate_advice(telemetry, components=evidence.log.components),
     )
+    ends_in_air = [
+        event
+        for event in evidence.events
+        if event.code is MotionEvent.LOG_ENDED_IN_AIR and "is_after_loss" not in event.figures
+    ]
+    return worst_fact([recording, *ends_in_air])
 
 
 def _recorded_attitude_rate(evidence: Evidence, attitude: Attitude) -> float:
