@@ -1,7 +1,7 @@
 """Instances of the batteries, estimators, sensors and outputs, with facts (coded findings) about their state."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -53,6 +53,9 @@ from mavdem.witnesses.sensors import (
     primary_barometer,
 )
 
+USED_COLUMN = len(INNOVATIONS)
+"""Column of the samples of an estimator with 1 while the autopilot used it, after the innovation ratios."""
+
 LARGEST_QUANTILE = 0.95
 """Quantile that is used as the largest difference of two altitudes, without single damaged samples."""
 
@@ -83,7 +86,7 @@ class Instance(ImmutableResult):
 
 
 def instances_of(evidence: Evidence) -> tuple[Instance, ...]:
-    """Returns all instances of sensors, estimators and actuators that a log has of a vehicle, kind by kind.
+    """Returns all batteries, estimators, sensors and outputs that a log has of a vehicle, an instance for each.
 
     Args:
         evidence: signals of the vehicle and what was measured of them.
@@ -104,14 +107,14 @@ def instances_of(evidence: Evidence) -> tuple[Instance, ...]:
 
 
 def _values_in_flight(evidence: Evidence, series: TimeSeries) -> Array:
-    """Selects the samples of a series in flight.
+    """Selects the samples of a series in flight, while the motors carried the vehicle (:func:`_carried_intervals`).
 
     Args:
         evidence: what the log shows of the vehicle.
         series: samples of all boots.
 
     Returns:
-        The samples (N,) or (N, k); all of them if there was no flight.
+        The samples (N,) or (N, k), one flight after another; all samples if there was no flight.
     """
     samples_of_flights = []
     for flight in evidence.in_flight(series):
@@ -123,7 +126,7 @@ def _values_in_flight(evidence: Evidence, series: TimeSeries) -> Array:
 
 
 def _carried_intervals(evidence: Evidence, boot: int) -> Intervals:
-    """Returns the part of each flight of a boot in which the motors carried the vehicle.
+    """Returns the time of each flight of a boot in which the motors carried the vehicle.
 
     It lasts from the first to the last sample with a mean command above idle. Some autopilots report a vehicle as off
     the ground while its motors still spin up, and as landed only after they have slowed.
@@ -163,10 +166,10 @@ def _measured_state(values: Array) -> Fact:
 
 
 def _batteries(evidence: Evidence) -> Iterator[Instance]:
-    """Yields the batteries with their voltages, V, judged as by the light "power".
+    """Yields the batteries with their voltages, V, judged by the same limits as the status light "power".
 
-    The state is the worst fact of the voltage in flight and the autopilot's warnings about this battery. If there are
-    none, it only states whether the voltage was measured.
+    The state of a battery is the worst fact of its voltage in flight and of the autopilot's warnings about it. If there
+    are none, the state only says whether the voltage was measured.
 
     Args:
         evidence: signals of the vehicle and what was measured of them.
@@ -180,7 +183,15 @@ def _batteries(evidence: Evidence) -> Iterator[Instance]:
         if battery in measured:
             facts.append(battery_voltage(evidence, battery))
         state = worst_fact(facts) if facts else _measured_state(volts)
-        yield Instance("battery", name, "voltage", "V", volts.min(), volts.max(), state)
+        yield Instance(
+            kind="battery",
+            name=name,
+            quantity="voltage",
+            unit="V",
+            low=volts.min(),
+            high=volts.max(),
+            state=state,
+        )
 
 
 def _estimators(evidence: Evidence) -> Iterator[Instance]:
@@ -192,27 +203,22 @@ def _estimators(evidence: Evidence) -> Iterator[Instance]:
     Args:
         evidence: signals, events and measurements of the vehicle.
     """
-    telemetry = evidence.signals.telemetry
-    has_instances = bool(telemetry.messages.get(INSTANCES_MESSAGE))
-    for name, samples in _estimator_samples(telemetry).items():
+    for name, samples in _estimator_samples(evidence.signals.telemetry).items():
         if not len(samples.time):
             continue
         values = _values_in_flight(evidence, samples)
         ratios = values[:, : len(INNOVATIONS)]
-        # The only instance was used all the time.
-        used_share = 1.0
-        if has_instances:
-            used_share = float(values[:, -1].mean())
+        used_share = float(values[:, USED_COLUMN].mean())
         largest = ratios.max(axis=1) / INNOVATION_LIMIT
         yield Instance(
-            "estimator",
-            name,
-            "innovation over its limit",
-            "1",
-            largest.min(),
-            largest.max(),
-            _estimator_state(evidence, samples, used_share),
-            used_share,
+            kind="estimator",
+            name=name,
+            quantity="innovation over its limit",
+            unit="1",
+            low=largest.min(),
+            high=largest.max(),
+            state=_estimator_state(evidence, samples, used_share),
+            used_share=used_share,
         )
 
 
@@ -223,13 +229,18 @@ def _estimator_samples(telemetry: Telemetry) -> dict[str, TimeSeries]:
         telemetry: telemetry of the vehicle.
 
     Returns:
-        Samples (N, k). The first columns are the ratios, in the order of ``INNOVATIONS``. If the log has several
-        instances, the last column is 1 while the autopilot used the instance, and 0 otherwise.
+        Samples (N, 5) of each instance: the ratios in the order of ``INNOVATIONS``, and in ``USED_COLUMN`` 1 while the
+        autopilot used the instance, otherwise 0.
     """
     columns = telemetry.messages.get(INSTANCES_MESSAGE, {})
     if not columns:
-        ratios = innovation_ratios(telemetry)
-        return {} if ratios is None else {"EKF": ratios}
+        series = innovation_ratios(telemetry)
+        if series is None:
+            return {}
+        # The only instance was used all the time.
+        ratios = series.values[:, : len(INNOVATIONS)]
+        samples_of_only_instance = np.column_stack([ratios, np.ones(len(ratios))])
+        return {"EKF": replace(series, values=samples_of_only_instance)}
     ratios_of_all = np.nan_to_num(float_columns(columns, INNOVATIONS))
     table = np.column_stack([ratios_of_all, columns["is_primary"] > 0])
     samples = {}
@@ -280,11 +291,18 @@ def _receivers(evidence: Evidence) -> Iterator[Instance]:
         state = Fact(InstanceState.MEASURED)
         if not has_fix.all():
             state = Fact(InstanceState.WITHOUT_FIX, share=1 - has_fix.mean())
-        name = f"GPS {number}"
         quantity, values = "satellites", counts[counts != UNKNOWN_SATELLITES]
         if not len(values):
             quantity, values = "fix type", fix_types
-        yield Instance("receiver", name, quantity, "1", values.min(), values.max(), state)
+        yield Instance(
+            kind="receiver",
+            name=f"GPS {number}",
+            quantity=quantity,
+            unit="1",
+            low=values.min(),
+            high=values.max(),
+            state=state,
+        )
 
 
 def _barometers(evidence: Evidence) -> Iterator[Instance]:
@@ -437,18 +455,24 @@ class _AccelerometerOfBoot(NamedTuple):
 def _accelerometers_by_imu(evidence: Evidence) -> dict[int, _AccelerometerOfBoot]:
     """Returns the accelerometers of a log by the number of their IMU, from 1, each in the last boot that recorded it.
 
+    If a boot has several, the one that the estimator uses has the ``used_share`` 1, and one that parameters switch off
+    has 0. For all others it is not known.
+
     Args:
         evidence: signals of the vehicle and what was measured of them.
     """
     accelerometers = dict[int, _AccelerometerOfBoot]()
-    for trust in evidence.trust:
-        for record in trust.accelerometers:
+    for sensor_trust in evidence.trust:
+        has_several = len(sensor_trust.accelerometers) > 1
+        for record in sensor_trust.accelerometers:
             used_share = None
-            if record is trust.accelerometer and len(trust.accelerometers) > 1:
+            if record is sensor_trust.accelerometer and has_several:
                 used_share = 1.0
             elif record.is_used is False:
                 used_share = 0.0
-            accelerometers[record.number] = _AccelerometerOfBoot(record, trust.boot, used_share)
+            accelerometers[record.number] = _AccelerometerOfBoot(
+                record, sensor_trust.boot, used_share
+            )
     # The accelerometer that PX4 selects at each time is one of the numbered ones, which are listed.
     accelerometers.pop(SELECTED_IMU, None)
     return accelerometers

@@ -141,6 +141,9 @@ def _events_of_other_vehicle(
 ) -> Iterator[Fact]:
     """Yields the events of one boot of a vehicle that is no multirotor, in no particular order.
 
+    They are clipping of the accelerometers and losses of the horizontal position. Losses of attitude, falls and limits
+    of motors are no events of such a vehicle, since a plane banks and dives on purpose.
+
     Args:
         signals: signals of the vehicle.
         boot: number of the boot.
@@ -175,9 +178,9 @@ def _not_flown(signals: Signals, trust: SensorTrust) -> Fact | None:
 def _events_of_boot(signals: Signals, boot: int, reports: Sequence[Fact]) -> Iterator[Fact]:
     """Yields the events of one boot, in no particular order.
 
-    Losses of attitude, falls and height estimates that diverged are examined flight by flight. After them the
-    controller drives motors to their limits, however sound these are. So motors at a limit are not reported while the
-    vehicle is out of control.
+    Losses of attitude, falls and height estimates that diverged are found flight by flight. After them the controller
+    drives motors to their limits, however sound these are. So motors at a limit are not reported while the vehicle is
+    out of control. Whether the log ends in the air follows from the events of the last flight.
 
     Args:
         signals: signals of the vehicle.
@@ -190,21 +193,20 @@ def _events_of_boot(signals: Signals, boot: int, reports: Sequence[Fact]) -> Ite
     flights = flights_in_boot(signals, boot)
     yield from _clipping_events(signals, boot, flights)
     out_of_control: Intervals = []
-    events_of_last_flight: list[Fact] = []
+    flight_events: list[Fact] = []
     for flight in flights:
         take_off, _ = flight
         sensors = BootSensors(signals, boot, take_off)
         flight_events = list(_events_of_flight(sensors, error, flight, reports))
         yield from flight_events
         out_of_control += _intervals_out_of_control(flight_events, flight)
-        events_of_last_flight = flight_events
     for event in motor_events(signals, boot, flights):
-        is_out_of_control = in_intervals(event.start_time, out_of_control)
         if event.code is MotionEvent.MOTOR_OFF:
             yield from with_motor_witnesses(signals, [event], reports)
-        elif not is_out_of_control:
+        elif not in_intervals(event.start_time, out_of_control):
             yield event
     if flights:
+        events_of_last_flight = flight_events
         yield from _end_in_air(signals, boot, flights[-1], error.time[-1], events_of_last_flight)
 
 
@@ -242,7 +244,8 @@ def _events_of_flight(
 ) -> Iterator[Fact]:
     """Yields the events of one flight, in no particular order.
 
-    A flight may end with a loss of attitude and a contact with the ground (:func:`flight_losses`).
+    A flight may end with a loss of attitude, a contact with the ground, or both (:func:`flight_losses`). Events that a
+    vehicle out of control would show anyway, such as a diverged height, are sought only before that.
 
     Args:
         sensors: sensors of the boot, with the take-off of this flight.
@@ -263,11 +266,11 @@ def _events_of_flight(
     yield from _standing_motors(sensors, error, flight_interval, loss, contact, reports)
     yield from _falls_of_flight(sensors, flight_interval, loss, contact)
     yield from dives(sensors, flight_interval)
-    controlled_part = _part_before(flight_interval, loss, contact)
-    yield from attitude_swings(sensors.signals, sensors.boot, controlled_part)
-    yield from height_divergences(sensors, controlled_part)
-    yield from position_losses(sensors, controlled_part, reports)
-    yield from wind_drifts(sensors, controlled_part)
+    controlled_interval = _interval_before(flight_interval, loss, contact)
+    yield from attitude_swings(sensors.signals, sensors.boot, controlled_interval)
+    yield from height_divergences(sensors, controlled_interval)
+    yield from position_losses(sensors, controlled_interval, reports)
+    yield from wind_drifts(sensors, controlled_interval)
     yield from barometer_drifts(sensors, flight_interval)
 
 
@@ -304,15 +307,15 @@ def _standing_motors(
             yield event
 
 
-def _part_before(flight_interval: TimeInterval, *events: Fact | None) -> TimeInterval:
-    """Returns the part of a flight before the first of some events.
+def _interval_before(flight_interval: TimeInterval, *events: Fact | None) -> TimeInterval:
+    """Returns the time of a flight before the first of some events.
 
     Args:
         flight_interval: start and end of the flight, s since boot.
         events: the events; None for one that did not occur.
 
     Returns:
-        Start and end of the part, s since boot.
+        Start and end of this time, s since boot.
     """
     start, end = flight_interval
     for event in events:
@@ -326,7 +329,7 @@ def _falls_of_flight(
 ) -> Iterator[Fact]:
     """Yields the fall of a flight, if there was one.
 
-    The interval in which a fall is searched depends on the other events, so that neither a quick descent of an intact
+    The interval in which a fall is sought depends on the other events, so that neither a quick descent of an intact
     vehicle nor an estimate that diverges after an impact is mistaken for a fall:
 
     - With a loss of attitude: from the loss to the contact with the ground.
@@ -352,7 +355,8 @@ def _falls_of_flight(
         if contact is not None:
             end = contact.time or end
     elif contact is not None:
-        start, end = (contact.time or start) - RECOVERY_SECONDS, contact.time or end
+        start = (contact.time or start) - RECOVERY_SECONDS
+        end = contact.time or end
         # A vehicle that hit something high above the ground falls after that.
         if (contact.figures["height"] or 0.0) >= MAX_GROUND_HEIGHT:
             end = flight_end + RECOVERY_SECONDS

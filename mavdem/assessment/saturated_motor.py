@@ -56,9 +56,11 @@ MAX_LEAN_ANGLE = np.pi / 3
 def saturation_losses(signals: Signals, events: Sequence[Fact], ending: Fact | None) -> list[Fact]:
     """Returns the losses of motors that saturated and still could not hold the vehicle.
 
+    A motor is saturated while its command is at its upper limit.
+
     Args:
         signals: signals of the vehicle.
-        events: events of the log, with those of motors at their limit.
+        events: events of the log, among them the events of motors at their limit.
         ending: event with which the flight was lost; None if it was not.
 
     Returns:
@@ -70,21 +72,23 @@ def saturation_losses(signals: Signals, events: Sequence[Fact], ending: Fact | N
         return []
     losses = []
     for event in _limits_before_trouble(events, ending):
-        is_of_ending = ending is not None and ending.figures.get("boot") == event.figures["boot"]
-        loss = _saturation_loss(signals, motors, event, is_lost=is_of_ending)
+        # The vehicle was lost in this boot, and so after the event.
+        precedes_loss = ending is not None and ending.figures.get("boot") == event.figures["boot"]
+        loss = _saturation_loss(signals, motors, event, is_lost=precedes_loss)
         if loss is not None:
             losses.append(loss)
     return losses
 
 
 def _limits_before_trouble(events: Sequence[Fact], ending: Fact | None) -> Iterator[Fact]:
-    """Yields the events of motors at their limit that no other trouble explains.
+    """Yields the events of motors at their limit that no other fault of the vehicle explains.
 
-    Three kinds of events are left out, since then controllers drive sound motors to their limits too: those of boots in
-    which the height estimate diverged, those after a motor stood still, and those after the vehicle was lost.
+    Controllers drive sound motors to their limits too if the height estimate diverged in the same boot, after a motor
+    stood still, and after the vehicle was lost. Such events are left out. An event may begin ``LASTING_SECONDS`` before
+    or after the fault that caused it, since a state must last that long to be an event.
 
     Args:
-        events: events of the log, with those of motors at their limit.
+        events: events of the log, among them the events of motors at their limit.
         ending: event with which the flight was lost; None if it was not.
     """
     latest_start = inf
@@ -126,21 +130,24 @@ def with_saturated_motor(
     missing.
 
     Args:
-        ending: event with which the flight was lost, which may have a cause already; None if it was not.
-        losses: motors that lost thrust (:func:`saturation_losses`), in any boot and in the order of time.
-        events: events of the log, with those of motors at their limit.
+        ending: event with which the flight was lost; None if it was not. Its figure ``cause`` is what failed first, if
+            that is known already, and its subject the motor that the autopilot reported, if it did.
+        losses: losses of motors (:func:`saturation_losses`), in any boot and in the order of time.
+        events: events of the log, among them the events of motors at their limit.
 
     Returns:
-        The event; unchanged if it has a cause, is no loss of control, or no motor is clearly the cause.
+        The event with cause and motor. It is unchanged if it has a cause, is no loss of control, or no motor is clearly
+        the cause.
     """
     if ending is None or ending.code is not Ending.CONTROL_LOST or ending.figures["cause"]:
         return ending
-    losses = [loss for loss in losses if loss.figures["boot"] == ending.figures["boot"]]
-    subjects = {loss.subject for loss in losses} | {ending.subject} - {""}
-    if not losses or len(subjects) > 1:
-        # No loss is known, or several motors are named.
+    losses_in_boot = [loss for loss in losses if loss.figures["boot"] == ending.figures["boot"]]
+    named_motors = {loss.subject for loss in losses_in_boot}
+    if ending.subject:
+        named_motors.add(ending.subject)
+    if not losses_in_boot or len(named_motors) > 1:
         return ending
-    loss = losses[-1]
+    loss = losses_in_boot[-1]
     code = FailedFirst.LIMIT_FIRST
     if _was_other_motor_limited(loss, events):
         code = FailedFirst.THRUST_MISSING_FIRST
@@ -151,12 +158,12 @@ def with_saturated_motor(
 def with_motors_limited_before(ending: Fact | None, events: Sequence[Fact]) -> Fact | None:
     """Adds to the event of a lost flight the motors that were at their limit before all thrust was used up.
 
-    That all thrust is used up follows from the mean of all motors. It hides a motor that worked at its limit long
-    before the others came near theirs.
+    That all thrust is used up is found by the mean command of all motors. The mean hides a motor that worked at its
+    limit long before the others came near theirs.
 
     Args:
         ending: event with which the flight was lost, with its cause; None if it was not.
-        events: events of the log, with those of motors at their limit.
+        events: events of the log, among them the events of motors at their limit.
 
     Returns:
         The event. Its cause has ``limited_names``, the motors that had been at their limit for ``MIN_LIMIT_SECONDS``
@@ -166,15 +173,13 @@ def with_motors_limited_before(ending: Fact | None, events: Sequence[Fact]) -> F
     cause = None if ending is None else ending.figures.get("cause")
     if ending is None or cause is None or cause.code is not FailedFirst.THRUST_SPENT_FIRST:
         return ending
-    limits = [
-        event
-        for event in events
-        if event.code is MotionEvent.MOTOR_AT_ITS_STOP
-        and event.figures["boot"] == ending.figures["boot"]
-        and event.time is not None
-        and event.time <= cause.time - MIN_LIMIT_SECONDS
-        and event.latest_time >= cause.time
-    ]
+    latest_start = cause.time - MIN_LIMIT_SECONDS
+    limits = []
+    for event in events:
+        is_limit = event.code is MotionEvent.MOTOR_AT_ITS_STOP and event.time is not None
+        if is_limit and event.figures["boot"] == ending.figures["boot"]:
+            if event.start_time <= latest_start and event.latest_time >= cause.time:
+                limits.append(event)
     if not limits:
         return ending
     cause = cause.replace(
@@ -256,7 +261,7 @@ def _conspicuous_excess(
     """Returns the excess of a limited motor's command over the mean of the other motors, if it is conspicuous.
 
     Three conditions must hold: this motor alone is at its limit most often, its mean excess is at least ``MIN_EXCESS``,
-    and before the event it was at most ``MAX_FORMER_EXCESS``.
+    and in the flight before the event its excess was at most ``MAX_FORMER_EXCESS``.
 
     Args:
         signals: signals of the vehicle.
@@ -278,11 +283,11 @@ def _conspicuous_excess(
         return None
     former_excess = np.quantile(_excess(commands.values[is_before], motor), FORMER_QUANTILE)
     excess = float(_excess(commands.values[is_in_interval], motor).mean())
-    at_limit, _ = samples_at_limits(commands.values[is_in_interval], motors.scale)
-    most_limited = most_limited_motors(motors.geometry.names, at_limit.sum(axis=0))
-    if most_limited != (event.subject,) or excess < MIN_EXCESS or former_excess > MAX_FORMER_EXCESS:
-        return None
-    return excess
+    is_at_limit, _ = samples_at_limits(commands.values[is_in_interval], motors.scale)
+    most_limited = most_limited_motors(motors.geometry.names, is_at_limit.sum(axis=0))
+    is_only_limited_motor = most_limited == (event.subject,)
+    has_changed = excess >= MIN_EXCESS and former_excess <= MAX_FORMER_EXCESS
+    return excess if is_only_limited_motor and has_changed else None
 
 
 def _sensors_in_flight(signals: Signals, boot: int, time: float) -> BootSensors:

@@ -41,37 +41,33 @@ BATTERY_ALARMS = (ReportedEvent.BATTERY_ALARMED, ReportedEvent.BATTERY_SPENT)
 """Reports of an empty battery. They describe the state of the battery, which does not affect the motors by itself."""
 
 
-def reason_of_stop(signals: Signals, events: Sequence[Fact], boot: int, cause: Fact) -> Fact:
+def reason_of_stop(signals: Signals, events: Sequence[Fact], boot: int, stop: Fact) -> Fact:
     """Finds the reason why all motors went to idle: a reported failsafe or switch, or the pilot's throttle.
 
-    A failsafe is preferred, then the closed throttle, and last a warning of the battery. Only those within
-    ``STOP_REASON_SECONDS`` of the stop are examined.
+    A failsafe is preferred, then the closed throttle, and last a warning of the battery. Only what was reported or done
+    within ``STOP_REASON_SECONDS`` of the stop is examined.
 
     Args:
         signals: signals of the vehicle.
         events: events of the flight, with those that the autopilot reports.
         boot: number of the boot.
-        cause: the fact that all motors went to idle, with its time.
+        stop: the fact that all motors went to idle, with its time.
 
     Returns:
-        The reason; the fact ``cause`` itself if the log shows none.
+        The reason; the fact ``stop`` itself if the log shows none.
     """
-    stop_time = cause.start_time
+    stop_time = stop.start_time
     earliest = stop_time - STOP_REASON_SECONDS
     latest = stop_time + STOP_REASON_SECONDS
-    first_battery_warning = None
-    for event in events:
-        if event.figures.get("boot") != boot or not _is_reported_in(event, (earliest, latest)):
-            continue
-        is_mere_alarm = event.code in BATTERY_ALARMS and not _reports_failsafe(event)
-        if is_mere_alarm and not _battery_was_low(signals, boot, stop_time):
-            # Only an alarm that the voltage confirms is a reason: a battery that breaks loose in a crash raises one
-            # too.
-            continue
-        if event.code in REASONS_OF_STOP:
-            return Fact(FailedFirst.FAILSAFE_FIRST, time=stop_time, cause=event)
-        if event.code is ReportedEvent.BATTERY_WARNED and first_battery_warning is None:
-            first_battery_warning = event
+    reports = [
+        event
+        for event in events
+        if event.figures.get("boot") == boot and _is_reported_in(event, (earliest, latest))
+    ]
+    for report in reports:
+        explains_stop = report.code in REASONS_OF_STOP
+        if explains_stop and _is_confirmed_report(signals, boot, stop_time, report):
+            return Fact(FailedFirst.FAILSAFE_FIRST, time=stop_time, cause=report)
     # A pilot who closes the throttle later reacts to the fall. A short delay is allowed, since the stick may be logged
     # more slowly than the motors.
     throttle_closing = BootSensors(signals, boot).throttle_closed_fact(
@@ -79,9 +75,26 @@ def reason_of_stop(signals: Signals, events: Sequence[Fact], boot: int, cause: F
     )
     if throttle_closing is not None:
         return Fact(FailedFirst.THROTTLE_CLOSED_FIRST, time=throttle_closing.time)
-    if first_battery_warning is not None:
-        return Fact(FailedFirst.FAILSAFE_FIRST, time=stop_time, cause=first_battery_warning)
-    return cause
+    for report in reports:
+        if report.code is ReportedEvent.BATTERY_WARNED:
+            return Fact(FailedFirst.FAILSAFE_FIRST, time=stop_time, cause=report)
+    return stop
+
+
+def _is_confirmed_report(signals: Signals, boot: int, stop_time: float, report: Fact) -> bool:
+    """Returns whether a report can be the reason why all motors stopped.
+
+    An alarm of an empty battery can only if the autopilot acted on it, by a failsafe, or the voltage was low before the
+    stop: a battery that breaks loose in a crash raises an alarm too. Any other report can.
+
+    Args:
+        signals: signals of the vehicle.
+        boot: number of the boot.
+        stop_time: time when the motors stopped, s since boot.
+        report: the report.
+    """
+    is_mere_alarm = report.code in BATTERY_ALARMS and not _reports_failsafe(report)
+    return not is_mere_alarm or _battery_was_low(signals, boot, stop_time)
 
 
 def _is_reported_in(event: Fact, interval: TimeInterval) -> bool:

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from concurrent.futures import CancelledError, Executor, Future
 from contextlib import suppress
 
-from mavdem.assessment.axis.findings import Findings, findings_of, with_oscillation_torque_marked
+from mavdem.assessment.axis.findings import Findings, findings_of, with_own_torque_marked
 from mavdem.assessment.judgement import Judgement
 from mavdem.dem import Learned
 from mavdem.facts.assessment import Override
@@ -135,7 +135,7 @@ class ModelJudging:
                 override.is_bad and override.code in OWN_TORQUE_OVERRIDES
                 for override in self.findings.overrides
             )
-            return with_oscillation_torque_marked(model, vehicle_made_torque=vehicle_made_torque)
+            return with_own_torque_marked(model, vehicle_made_torque=vehicle_made_torque)
         return model
 
     def use_judgement_of_recording(self, judgement: Judgement) -> None:

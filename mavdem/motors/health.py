@@ -101,7 +101,7 @@ def assess_motor_health(
             assessments[number] = HealthAssessment(MotorHealth.UNKNOWN, unknown_reason)
             continue
 
-        # A flight without a date has no next flight, and healthy flights are no part of the sequence.
+        # A flight without a date has no next flight, and healthy flights do not belong to the sequence.
         is_in_sequence = flight.date is not None and len(other_healthy_flights) == len(healthy)
         previous = latest_evidence.get(flight.geometry_key) if is_in_sequence else None
         evidence = _flight_evidence(flight, comparable_flights, previous)
@@ -198,6 +198,22 @@ class _FlightEvidence:
     effort: EffortChange | None
     """Change of the effort; None where it is not known."""
 
+    @property
+    def change_probability(self) -> float:
+        """Probability that the balance or the effort changed, 0 to 1.
+
+        Both are taken as independent: the effort does not depend on which motor changed, and a weak motor changes the
+        mean output only a little.
+        """
+        same_effort_probability = 1.0 if self.effort is None else 1 - self.effort.probability
+        return 1 - self.change.unchanged_probability * same_effort_probability
+
+    @property
+    def would_show_weak_motor(self) -> bool:
+        """Whether the balance is so precise that a weak motor would have been found."""
+        detection_probability = self.hypotheses.detection_probability(self.deviation)
+        return detection_probability >= MIN_REPORTED_PROBABILITY
+
 
 def _flight_evidence(
     flight: HealthFigures, healthy: HealthFlights, previous: _FlightEvidence | None
@@ -218,10 +234,9 @@ def _flight_evidence(
         The deviation, and the probabilities of its causes.
     """
     assert flight.signatures is not None
-    balance_prior, effort_prior = None, None
-    if previous is not None:
-        balance_prior, effort_prior = previous.change.posterior, previous.effort
-    # A signature is how the motors' commands change where one of the motors is weak.
+    balance_prior = None if previous is None else previous.change.posterior
+    effort_prior = None if previous is None else previous.effort
+    # A signature is how the motors' commands change if one of the motors is weak.
     hypotheses = ChangeHypotheses(flight.signatures)
     flight_deviation = deviation(flight, healthy)
     return _FlightEvidence(
@@ -252,31 +267,44 @@ def _assessment(
         The health, with its fact and probabilities.
     """
     change = evidence.change
-    effort = evidence.effort
-    own_rise_ratios = evidence.hypotheses.signatures.own_rise_ratios
-    # The probabilities are multiplied as independent: the effort does not depend on which motor changed, and a weak
-    # motor changes the mean output only a little.
-    same_effort_probability = 1.0 if effort is None else 1 - effort.probability
-    change_probability = 1 - change.unchanged_probability * same_effort_probability
-    probabilities = change.fault_probability, change_probability
+    change_probability = evidence.change_probability
     if change.fault_probability >= MIN_REPORTED_PROBABILITY:
         return _weak_motor(flight, change, change_probability, comparison)
     # A deviation outside of nearly all healthy flights' is a change, even if no hypothesis explains it.
     is_changed = change_probability >= MIN_REPORTED_PROBABILITY
     if is_changed or evidence.deviation.is_unusual:
-        drift = _drift(flight, evidence, change_probability, comparison)
-        return HealthAssessment(MotorHealth.DRIFT, drift, *probabilities)
-    detection_probability = evidence.hypotheses.detection_probability(evidence.deviation)
-    if detection_probability < MIN_REPORTED_PROBABILITY:
-        unsure = Fact(
-            HealthUnknown.HEALTH_UNSURE,
-            loss=lost_thrust(DETECTABLE_RISE, own_rise_ratios).max(),
-            usual=evidence.deviation.usual_half_widths,
-            **comparison,
-        )
-        return HealthAssessment(MotorHealth.UNKNOWN, unsure)
-    unchanged = Fact(MotorsBetween.MOTORS_UNCHANGED, probability=change_probability, **comparison)
-    return HealthAssessment(MotorHealth.OK, unchanged, *probabilities)
+        health = MotorHealth.DRIFT
+        fact = _drift(flight, evidence, change_probability, comparison)
+    elif not evidence.would_show_weak_motor:
+        return HealthAssessment(MotorHealth.UNKNOWN, _imprecise_balance(evidence, comparison))
+    else:
+        health = MotorHealth.OK
+        fact = Fact(MotorsBetween.MOTORS_UNCHANGED, probability=change_probability, **comparison)
+    return HealthAssessment(
+        health,
+        fact=fact,
+        fault_probability=change.fault_probability,
+        change_probability=change_probability,
+    )
+
+
+def _imprecise_balance(evidence: _FlightEvidence, comparison: JsonValues) -> Fact:
+    """Returns the fact that the balance of a flight is too imprecise to show a weak motor.
+
+    Args:
+        evidence: The comparison of the flight with healthy flights.
+        comparison: Values that every fact contains: the number of healthy flights, and whether the user chose them.
+
+    Returns:
+        A fact with the ``loss`` of thrust that may have been missed, and the ``usual`` deviations of healthy flights.
+    """
+    own_rise_ratios = evidence.hypotheses.signatures.own_rise_ratios
+    return Fact(
+        HealthUnknown.HEALTH_UNSURE,
+        loss=lost_thrust(DETECTABLE_RISE, own_rise_ratios).max(),
+        usual=evidence.deviation.usual_half_widths,
+        **comparison,
+    )
 
 
 def _weak_motor(
@@ -300,7 +328,7 @@ def _weak_motor(
     suspect = int(change.fault_probabilities.argmax())
     suspect_probability = change.fault_probabilities[suspect]
     is_named = suspect_probability >= MIN_NAMED_PROBABILITY * change.fault_probability
-    # (3,) mean and ends of the 90 % interval.
+    # (3,) mean and ends of the 90 % interval of the rise of the suspect's command.
     rise = change.rises[:, suspect]
     is_fault = change.fault_probability >= MIN_FAULT_PROBABILITY
     fact = Fact(
@@ -374,13 +402,19 @@ def _balance_change(
 ) -> Fact:
     """Returns the fact about a changed balance, with its likeliest cause.
 
+    The cause is a weak motor, a shifted load, or another one. Of the motors only the likeliest one competes with the
+    other causes, not the sum of all.
+
     Args:
         flight: The flight.
         change: Probability of each cause.
         change_probability: Probability that anything changed.
         figures: Further values of the fact: the change, the usual deviations, and the healthy flights.
+
+    Returns:
+        The fact, with the likeliest cause as ``explanation``, and the mean and the ends of the 90 % interval of the
+        rise of the likeliest motor's command. The motor is its subject if that is probable enough.
     """
-    # Of the motors only the likeliest one competes with the other causes, not their sum.
     motor = int(change.motor_probabilities.argmax())
     cause_probabilities = {
         **change.group_probabilities,

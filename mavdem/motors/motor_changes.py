@@ -93,15 +93,15 @@ class MotorAlarm(NamedTuple):
 
 
 def event_or_alarm(fact: Fact, time: float) -> Fact:
-    """Converts a fact to an event in flight: an alarm if its level is bad.
+    """Returns what a live session reports in flight when a check has found something: an alarm if that is bad.
 
     Args:
         fact: What was found, such as a fault of a motor.
         time: Time when it was detected, s on the boot clock.
 
     Returns:
-        An alarm with the fact as its reason; otherwise the fact itself, with the time of its detection and without an
-        end.
+        For a bad fact an alarm (``SessionFact.ALARM``) with the fact as its reason. For any other the fact itself, with
+        the time of its detection and without an end, which is not known yet.
     """
     if fact.is_bad:
         return Fact(SessionFact.ALARM, time=time, subject=fact.subject, reason=fact)
@@ -185,7 +185,7 @@ def lasting_changes(changes: Sequence[MotorAlarm]) -> list[MotorAlarm]:
 
 
 def alarm_figures(changes: Sequence[MotorAlarm]) -> JsonValues:
-    """Returns the changes of a flight by their kind, and the bound on the rate of false alarms.
+    """Returns the changes of a flight, sorted by what changed, and the bound on the rate of false alarms.
 
     Args:
         changes: All changes of the flight.

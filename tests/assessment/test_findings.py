@@ -13,7 +13,7 @@ from mavdem.assessment.axis.findings import (
     findings_of,
     model_warnings,
     next_step_for_model,
-    with_oscillation_torque_marked,
+    with_own_torque_marked,
 )
 from mavdem.assessment.axis.residuals import Residuals
 from mavdem.assessment.condition import Condition
@@ -278,6 +278,6 @@ def test_warnings_are_only_where_they_mean_something():
 
 def test_the_torque_of_a_vehicle_that_oscillates_is_not_the_winds():
     learned = model(physical())
-    assert with_oscillation_torque_marked(learned, vehicle_made_torque=False) is learned
-    marked = with_oscillation_torque_marked(learned, vehicle_made_torque=True)
+    assert with_own_torque_marked(learned, vehicle_made_torque=False) is learned
+    marked = with_own_torque_marked(learned, vehicle_made_torque=True)
     assert marked.wind_torque.reason == Fact(GradeReason.OWN_TORQUE)

@@ -18,7 +18,7 @@ from mavdem.assessment.axis.figures import (
     motor_changes,
     physical_parameters,
 )
-from mavdem.assessment.axis.findings import with_oscillation_torque_marked
+from mavdem.assessment.axis.findings import with_own_torque_marked
 from mavdem.assessment.axis.options import Options, ShowStep, show_nothing
 from mavdem.assessment.axis.training import train_and_test
 from mavdem.assessment.condition import condition_of
@@ -127,7 +127,7 @@ def analyse(
     learned = _with_physical_parameters(
         learned, signals, flights, analysis, axis_estimates, is_slow=is_slow
     )
-    learned = with_oscillation_torque_marked(
+    learned = with_own_torque_marked(
         learned, vehicle_made_torque=analysis.condition.oscillation is not None
     )
     held_out = replace(trained.held_out, model=learned.forecast_model)

@@ -131,7 +131,7 @@ def findings_of(
     return Findings(overrides, tuple(purposes), tuple(model_warnings(learned, held_out)))
 
 
-def with_oscillation_torque_marked(learned: Learned, *, vehicle_made_torque: bool) -> Learned:
+def with_own_torque_marked(learned: Learned, *, vehicle_made_torque: bool) -> Learned:
     """Marks the wind torque of a model as not caused by the wind, if the vehicle itself caused it.
 
     The wind torque is the torque that the motors' commands do not explain. In a limit cycle, or with a weak motor, the
@@ -142,8 +142,8 @@ def with_oscillation_torque_marked(learned: Learned, *, vehicle_made_torque: boo
         vehicle_made_torque: whether the vehicle was in a limit cycle or had a weak motor.
 
     Returns:
-        A copy of the model whose wind torque has the ``reason`` why it is not that of the wind; the same model if the
-        vehicle did not cause it, or there is no wind torque.
+        A copy of the model whose wind torque has a ``reason``, which says that the wind did not cause it. The same
+        model if the vehicle did not cause the torque, or there is no wind torque.
     """
     wind_torque = learned.wind_torque
     if not vehicle_made_torque or wind_torque is None:
@@ -152,27 +152,28 @@ def with_oscillation_torque_marked(learned: Learned, *, vehicle_made_torque: boo
 
 
 def _overridden(finding: Finding, override: Fact) -> Finding:
-    """Returns a finding about a model of a doubtful flight: its grade is at most LIMITED, and its reason says so.
+    """Lowers a finding about a model of a doubtful flight: its grade is at most LIMITED, and its reason says why.
 
-    A grade of GOOD is lowered to LIMITED, any other grade is kept. What the new reason contains depends on the doubt:
+    A grade of GOOD is lowered to LIMITED, any other grade is kept. There are two cases for the reason:
 
     - If the vehicle oscillates, the figures of the model mean nothing: the reason is the oscillation alone.
-    - Otherwise the reason by the figures of the model stays, and the doubt is added if it lowered the grade.
+    - Otherwise the model's own reason for the grade stays. The fault of the flight is added if it lowered the grade.
 
     Args:
         finding: the finding by the figures of the model alone.
-        override: the fact that makes the flight doubtful, whatever the model.
+        override: the fault that makes the flight doubtful, however good its model is.
 
     Returns:
-        The finding. Its reason has the code ``FLIGHT_DOUBTED``, with the reason by the model as ``reason`` and the
-        doubt as ``override``, each None if the reason does not contain it.
+        The finding. Its reason has the code ``FLIGHT_DOUBTED``. The figure ``reason`` of that is the model's own
+        reason, and ``override`` the fault of the flight; either is None if the reason does not contain it.
     """
     is_lowered = finding.grade is Grade.GOOD
-    vehicle_oscillates = override.code is Override.OSCILLATION
-    reason_by_model = None if vehicle_oscillates else finding.reason
-    doubt = override if vehicle_oscillates or is_lowered else None
-    reason = Fact(GradeReason.FLIGHT_DOUBTED, reason=reason_by_model, override=doubt)
     grade = Grade.LIMITED if is_lowered else finding.grade
+    if override.code is Override.OSCILLATION:
+        reason = Fact(GradeReason.FLIGHT_DOUBTED, reason=None, override=override)
+    else:
+        stated_fault = override if is_lowered else None
+        reason = Fact(GradeReason.FLIGHT_DOUBTED, reason=finding.reason, override=stated_fault)
     return finding._replace(grade=grade, reason=reason)
 
 
@@ -234,9 +235,9 @@ def _first_reason(reason: Fact | None) -> Fact:
     """Returns the first of the doubts because of which an estimate is not reported.
 
     Args:
-        reason: why the estimate is not reported: one doubt, or a fact with several as its figure ``reason``. Such an
-            estimate always has a reason, so that None is a bug.
+        reason: why the estimate is not reported: one doubt, or a fact with several doubts as its figure ``reason``.
     """
+    # An estimate that is not reported always has a reason.
     assert reason is not None
     if reason.code is ParameterDoubt.SEVERAL_DOUBTS:
         first: Fact = reason.figures["reason"][0]
@@ -317,7 +318,7 @@ def _damping_finding(physical: Physical) -> Finding:
 
 
 def _wind_finding(wind_torque: WindTorque | None, physical: Physical) -> Finding:
-    """Judges how well the wind torque is known: the part of the total torque that the motors do not make.
+    """Judges how well the wind torque is known: the share of the torque that the motors do not make.
 
     It is NOT IDENTIFIABLE without the control effectiveness, and LIMITED if any physical parameter is doubtful.
     Otherwise the half width of the 90 % interval of its standard deviation decides, relative to that standard
@@ -424,7 +425,7 @@ def _residual_finding(learned: Learned) -> Finding:
 def model_warnings(learned: Learned, held_out: HeldOut | None) -> Iterator[Fact]:
     """Yields warnings that must be known before the model is used; nothing for most models.
 
-    They are: parts of the cross-validation that failed, a 90 % band that holds too few samples, errors far above those
+    They are: folds of the cross-validation that failed, a 90 % band that holds too few samples, errors far above those
     that the model expects, and a model that is unstable.
 
     Args:

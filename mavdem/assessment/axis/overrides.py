@@ -51,7 +51,7 @@ def flight_overrides(
 ) -> Facts:
     """Collects the faults of a flight that override the grades of any model learned from it.
 
-    There are five kinds. Of the first four only the worst is returned, since each explains those after it:
+    Of the first four of these only the worst is returned, since each explains the ones after it:
 
     1. A limit cycle (``Override.OSCILLATION``).
     2. Motors that lost thrust, with a fact for each (``Override.MOTORS``).
@@ -89,14 +89,15 @@ def flight_overrides(
 def _oscillation_override(oscillation: Oscillation) -> Fact:
     """Returns the fact that the vehicle was in a limit cycle, which overrides the grades of any model of the flight.
 
-    The figures of such a model mean nothing.
+    A model of such a flight describes the oscillation and not the response to commands, so that its figures mean
+    nothing.
 
     Args:
-        oscillation: the limit cycle.
+        oscillation: the limit cycle, an oscillation that the control loops keep up.
 
     Returns:
-        A fact with its duration in s, whether the amplitude grew, the share of the time with a motor at a limit, and
-        the figures of the oscillation itself.
+        A fact with the ``duration`` of the limit cycle, s, whether its amplitude was ``growing``, the ``share`` of the
+        time with a motor at a limit, and the figures of the oscillation itself, such as its frequency.
     """
     return Fact(
         Override.OSCILLATION,
@@ -110,11 +111,14 @@ def _oscillation_override(oscillation: Oscillation) -> Fact:
 def _loss_override(loss: Fact) -> Fact:
     """Returns the fact that a motor lost thrust in flight, which overrides the grades of any model of the flight.
 
+    The fact is made of the loss: it says that no grade of a model holds, because a motor lost thrust.
+
     Args:
-        loss: the loss of one motor, from :func:`mavdem.motors.motor_changes.thrust_losses`; it is stated as the reason.
+        loss: the loss of one motor's thrust, from :func:`mavdem.motors.motor_changes.thrust_losses`.
 
     Returns:
-        A fact with the time, level and motor of the loss, and the lost share of thrust, 0 to 1, as ``loss``.
+        A fact with the time, level and motor of the loss, the lost share of thrust, 0 to 1, as ``loss``, and the loss
+        itself as its ``reason``.
     """
     return Fact(
         Override.MOTORS,
@@ -144,7 +148,7 @@ def limited_motors(hover: HoverFigures) -> LimitedMotors | None:
 
 
 def equally_loaded_motors(hover: HoverFigures, limited: Names) -> Names:
-    """Returns the motors whose mean command in hover is about as high as that of the motors at their limit.
+    """Returns the motors whose mean command in hover is about as high as the command of the motors at their limit.
 
     A weak motor needs a higher command than every other one throughout the hover. If others need as much, the cause of
     the limit is the load, a twisted arm or the yaw trim, and it is chance which motor a gust drives to its limit.
@@ -154,9 +158,10 @@ def equally_loaded_motors(hover: HoverFigures, limited: Names) -> Names:
         limited: names of the motors that are at their limit the most.
 
     Returns:
-        Names of the other motors whose trim deviates from the mean by at least ``ALIKE_RATIO`` of the limited motors'
-        deviation. All other motors if the limited ones do not exceed the mean.
+        Names of the other motors whose mean command is above the mean of all motors by at least ``ALIKE_RATIO`` times
+        as much as the command of the limited ones. All other motors if the limited ones do not exceed the mean.
     """
+    # The imbalance of a motor is the deviation of its mean command from the mean of all motors.
     deviation_by_motor = dict(zip(hover.motors, hover.imbalance, strict=True))
     limited_deviation = max(deviation_by_motor[motor] for motor in limited)
     unlimited = [motor for motor in hover.motors if motor not in limited]
