@@ -319,12 +319,13 @@ class Learned(ImmutableResult, ForecasterBase):
         return self.plant.forecast_from_zero_state(inputs)
 
     def half_widths(self, variance: Array, level: float, steps: int) -> Array:
-        """Returns half widths of the band of forecasts.
+        """Returns half widths of the band of forecasts of the model that forecasts with given inputs.
 
         Args:
             variance: Expected squared errors of the forecasts, (H, m).
             level: Probability that a sample lies in the band.
-            steps: Number of samples from the beginning of one forecast to the next.
+            steps: Number of samples from the beginning of one forecast to the next, by which the joint model knows how
+                far ahead each sample is forecast.
 
         Returns:
             Half widths, (H, m), in the units of the outputs.

@@ -411,6 +411,7 @@ def _send_result(
         receiver: receiving end of the pipe, which only the parent process uses.
     """
     receiver.close()
+    # Garbage collection writes to every object, and would so copy the memory that this process shares with its parent.
     gc.freeze()
     Thread(target=_exit_with_parent, daemon=True).start()
     outcome = None

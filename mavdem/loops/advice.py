@@ -298,6 +298,7 @@ def _shows_lag(loop: Loop) -> bool:
     Returns:
         True if the plant was identified with the rate setpoint, or the lag is at least one sample.
     """
+    # A plant that was identified without the rate setpoint contains the gyro's filters.
     is_identified_in_loop = not loop.plant.filtered
     # The motor lag of the estimated plant, without the gyro's filters.
     lag = loop.dynamics[ESTIMATE, LAG]

@@ -220,8 +220,9 @@ class GainSearch:
     def step(self, stage: Stage, *, may_lower_bandwidth: bool = True) -> GainStep:
         """Returns the gains of a stage for the next flight.
 
-        The design of a stage is the set of gains at its end. Gains far from those that flew are less certain, so they
-        change in several flights, in each by at most one step from the logged gains towards the design.
+        A stage of tuning changes some gains, of the rate controller or of the attitude controller. Its design is the
+        set of gains that it aims at. Gains far from the flown ones are less certain, so they change in several flights,
+        in each by at most one step from the logged gains towards the design.
 
         Args:
             stage: stage of tuning, which decides the gains to choose.
@@ -414,11 +415,12 @@ class GainSearch:
         return {}
 
     def _one_step(self, stage: Stage, design: Parameters) -> Parameters:
-        """Returns gains that are at most one step away from the logged ones, towards a design.
+        """Returns the gains for the next flight: at most one step from the logged ones, towards a design.
 
-        Each gain changes as far as ``MAX_GAIN_STEP`` allows. If the step costs margin, since some gains are still
-        farther from the design than others, all of them change by a fraction of it only. If the attitude loop would
-        then have less margin than its target and than it has now, the attitude gain is lowered too.
+        Each gain is multiplied by its factor to the design, but by no more than ``MAX_GAIN_STEP``. Some gains may then
+        have arrived while others have not, so that the gains do not match and the rate loop may lose margin. In that
+        case all factors are raised to a power below 1 (``STEP_SHARES``), which makes the step shorter. If the attitude
+        loop would have less margin than its target and than it has now, the attitude gain is lowered too.
 
         Args:
             stage: stage of tuning, which decides the gains that change.
@@ -434,7 +436,8 @@ class GainSearch:
         if stage is Stage.ANGLE or not design:
             return {name: round_gain(logged[name] * factor) for name, factor in factors.items()}
         gains: Parameters = {}
-        # If the loop lacks margin already, the step need not improve it, but must not make it worse.
+        # A score of 1 means that the loop just has its margins. If it lacks margin already, the step need not improve
+        # it, but must not make it worse.
         needed_score = min(1.0, self.margin_score(self.models.rate))
         for step_share in STEP_SHARES:
             gains = {}

@@ -238,10 +238,13 @@ def _cycles_at_limits(
     window_seconds: float,
     min_duration: float,
 ) -> list[Oscillation]:
-    """Returns the limit cycles of a segment in which motors reach their limits.
+    """Returns the limit cycles of one segment, only those in which motors reach their limits.
+
+    It serves a flight that is still going on, in which a limit cycle has just begun. Other oscillations would have to
+    last for much of the flight to be counted as limit cycles.
 
     Args:
-        motor_series: result of ``_motor_series``.
+        motor_series: signals of the motors, as :func:`_motor_series` returns them.
         tilts: attitude by axis, "roll" and "pitch".
         segment: the segment.
         window_seconds: length of the windows of the spectra, s.
@@ -258,8 +261,8 @@ def _cycles_at_limits(
             motor_series,
             [segment],
             window_seconds,
-            # An oscillation also counts if it lasts for much of the flight. The infinite duration disables that
-            # criterion, so that only limits and growth decide.
+            # An oscillation also counts if it lasts for a share of the flight. An infinite duration of the flight
+            # disables that criterion.
             flight_duration=np.inf,
             min_duration=min_duration,
         )

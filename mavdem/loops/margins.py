@@ -189,7 +189,7 @@ class OpenLoop(Margins):
 
 
 class _ZeroCrossings(NamedTuple):
-    """If the rows of values (N, F) change sign between two neighbouring columns, K crossings in all."""
+    """K points at which N sampled functions cross zero: the row, the column before, and the fraction to the next."""
 
     row_count: int
     """Number N of rows."""

@@ -118,7 +118,7 @@ def detect_gusts(
         is_large = abs(deviation[peak]) > max(threshold, MIN_BAND_MULTIPLE * band[peak])
         if not is_large or duration < min_duration:
             continue
-        if _level_changes(torque, start, stop, width // 2, threshold, record):
+        if _is_step_of_level(torque, start, stop, width // 2, threshold, record):
             continue
         gusts.append(DetectedGust(start, start * record.dt, duration, deviation[peak]))
     return GustDetection(tuple(gusts), threshold, false_per_minute)
@@ -162,7 +162,7 @@ def _running_level(torque: Array, record: Record, width: int) -> Array:
     return np.concatenate(levels)
 
 
-def _level_changes(
+def _is_step_of_level(
     torque: Array, start: int, stop: int, reach: int, threshold: float, record: Record
 ) -> bool:
     """Returns whether the median torque differs before and after an excursion: then it is a step, and no gust.

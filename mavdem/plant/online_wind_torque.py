@@ -142,6 +142,10 @@ class WindTorqueSmoother(NamedTuple):
     ) -> Array:
         """Returns the derivatives of the estimated wind torque by the physical parameters, approximately.
 
+        The wind torque is what the motors do not explain: dp/dt + damping · p − motor torque, with the body rate p. So
+        its derivative by the damping is p, and by the other parameters it is minus the derivative of the motor torque,
+        which is the effects times the delayed and lagged inputs.
+
         Args:
             deviation: inputs less their trim (T, r).
             rate: body rate (T,), rad/s.
@@ -161,16 +165,17 @@ class WindTorqueSmoother(NamedTuple):
         # The torque of the motors approaches the commanded one at this rate, rad/s³. A lag that is longer by a little
         # reduces their torque by this rate times the difference, and so does a longer delay, approximately.
         torque_change = (commanded_torque - motor_torque) / lag
-        return np.column_stack(
-            [self.trim_torque_gradient - lagged_inputs, rate, torque_change, torque_change]
-        )
+        # The mean inputs are balanced by a steady wind torque, which changes with the effects as well.
+        by_effects = self.trim_torque_gradient - lagged_inputs
+        return np.column_stack([by_effects, rate, torque_change, torque_change])
 
 
 def is_torque_resolved(physical: Physical, half_width_of_band: float) -> bool:
     """Returns whether an online estimate of the wind torque may be shown as the wind's, by the same rule as for logs.
 
     The effectiveness of the motors must be identifiable, and the variance of the error at most ``MAX_ERROR_SHARE``
-    times that of the estimate, which is the variance of the modelled wind torque minus that of the error.
+    times the variance of the estimate. The estimate varies less than the modelled wind torque, by the variance of the
+    error.
 
     Args:
         physical: physical parameters of the axis.

@@ -180,7 +180,10 @@ def initial_iterate(
     theta: Array | None = None,
     lambda_covariance: Array | None = None,
 ) -> Iterate:
-    """Returns the iterate from which the rounds begin, after a first D step.
+    """Returns the first estimate of DEM: given θ and λ, a D step has estimated the states.
+
+    The D step alone cannot use the uncertainty of θ: with a weak prior, its mean-field term would shrink the states to
+    0. So this first step treats θ as exact. Afterwards all covariances are set to their optimal values.
 
     Args:
         model: the generative model.
@@ -208,7 +211,6 @@ def initial_iterate(
         # The first D step estimates the states, and does not use their covariance.
         state_covariance=np.empty(0),
         theta=theta,
-        # The first D step treats θ as exact: the mean-field term of a weak prior would shrink the states to zero.
         theta_covariance=np.zeros_like(prior.theta_precision),
         lambda_=prior.lambda_mean,
         lambda_covariance=lambda_covariance,
@@ -244,8 +246,8 @@ def run_rounds(start: Iterate, iterations: int) -> tuple[list[Iterate], bool]:
             lambda_=current.posterior.lambda_ + extrapolation * lambda_change,
         )
         candidate = _next_iterate(current, extrapolated)
-        gains = candidate.free_energy - current.free_energy > CONVERGED_ROUND_NATS
-        if gains:
+        has_gained = candidate.free_energy - current.free_energy > CONVERGED_ROUND_NATS
+        if has_gained:
             iterates.append(candidate)
             extrapolation = 2 * extrapolation + FIRST_EXTRAPOLATION
         elif extrapolation:
@@ -279,7 +281,7 @@ def condition_on_theta(theta: Array, posterior: Posterior) -> Posterior:
 
 
 def iterate_at(theta: Array, lambda_: Array, posterior: Posterior) -> Iterate:
-    """Returns the iterate of given parameters and noise precisions, with the states that are optimal for them.
+    """Returns the posterior at given parameters and noise precisions, with the states that are optimal for them.
 
     Args:
         theta: (k,) parameters.
@@ -287,7 +289,7 @@ def iterate_at(theta: Array, lambda_: Array, posterior: Posterior) -> Iterate:
         posterior: posterior of similar parameters, whose covariances are used in the D step.
 
     Returns:
-        The iterate, with optimal covariances and its free energy F̄ᵒ.
+        The posterior with optimal covariances, and its free energy F̄ᵒ.
 
     Raises:
         numpy.linalg.LinAlgError: a curvature is not negative definite, or a noise precision vanishes or diverges.

@@ -1,4 +1,4 @@
-"""The variational free energy F̄ of a linear model with states X, parameters θ and log noise precisions λ.
+"""Variational free energy F̄ (log evidence) of a linear model with states X, parameters θ, log noise precisions λ.
 
 It is the one definition of F̄ that the D, E and M steps maximise, an approximation of the log evidence of the model.
 

@@ -1,4 +1,4 @@
-"""The generative model of DEM: data ỹ, η̃ and hidden X, all with their time derivatives, and the prediction errors ε̃.
+"""DEM's generative model: outputs ỹ, inputs η̃ and hidden X, each with its time derivatives, and prediction errors ε̃.
 
 ỹ are the outputs, η̃ the recorded inputs, and X = [x̃; ṽ] the states and the true inputs, which are estimated:
 
@@ -86,7 +86,7 @@ class Prior(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class GenerativeModel:
-    """Dimensions, noise and priors of a linear generative model, in generalized coordinates; θ and λ are to be learned.
+    """A linear model of signals with their time derivatives (generalized coordinates): sizes, noises and priors.
 
     The errors are ε̃ = [ỹ − C̃x̃; ṽ − η̃; Dx̃ − Ãx̃ − B̃ṽ], with the precision Π̃ = blockdiag(S⊗Πᶻ, P̃ᵛ, S⊗Πʷ).
     X = [x̃; ṽ] are the hidden generalized states and inputs.
@@ -388,10 +388,11 @@ class GenerativeModel:
     ) -> Array:
         """Returns the squared prediction errors that are expected from the uncertainty of the parameters θ alone.
 
-        The M step learns the noise precisions e^λ from the expected squared errors. These exceed those at the mean of
-        θ: if row i of [A B] has the covariance Σ_i, an error δ ~ N(0, Σ_i) of the row changes the prediction error of
-        state i by −δᵀ [x; v]. Its expected square, summed over samples and orders, is tr(Σ_i R), where R are the second
-        moments of the regressors [x; v]. The same holds for each row of C, whose regressors are x.
+        The M step learns the noise precisions e^λ from the expected squared errors. These exceed the squared errors at
+        the mean of θ: if row i of [A B] has the covariance Σ_i, an error δ ~ N(0, Σ_i) of the row changes the
+        prediction error of state i by −δᵀ [x; v]. Its expected square, summed over samples and orders, is tr(Σ_i R),
+        where R are the second moments of the regressors [x; v]. The same holds for each row of C, whose regressors are
+        x.
 
         Args:
             regressors: second moments R of the regressors, weighted over the orders by the temporal precisions S.
@@ -402,17 +403,16 @@ class GenerativeModel:
             multiplied by e^λ.
         """
         layout = self._regressor_layout
+        # Covariances Σ_i of the n rows of [A B] (n, n + r, n + r), and of the m rows of C (m, n, n).
         state_covariances = theta_covariance[_row_block_index(layout.state_parameters)]
         output_covariances = theta_covariance[_row_block_index(layout.output_parameters)]
         # The sum of the elementwise product of two symmetric matrices is the trace of their product, tr(Σ_i R).
-        added_by_channel = np.concatenate(
-            [
-                np.sum(state_covariances * regressors.states, axis=(1, 2)),
-                np.sum(output_covariances * regressors.outputs, axis=(1, 2)),
-            ]
-        )
-        group_of_channel = np.concatenate([self.state_groups, self.output_groups])
-        return np.asarray(np.bincount(group_of_channel, added_by_channel), float)
+        squares_of_states = np.sum(state_covariances * regressors.states, axis=(1, 2))
+        squares_of_outputs = np.sum(output_covariances * regressors.outputs, axis=(1, 2))
+        squares_of_channels = np.concatenate([squares_of_states, squares_of_outputs])
+        # Channels that share a noise are added up.
+        noise_of_channel = np.concatenate([self.state_groups, self.output_groups])
+        return np.asarray(np.bincount(noise_of_channel, squares_of_channels), float)
 
     def error_precision(self, noise_precisions: Array) -> Array:
         """Returns the precision Π̃ = blockdiag(S⊗Πᶻ, P̃ᵛ, S⊗Πʷ) of the prediction errors ε̃.

@@ -1,4 +1,4 @@
-"""Second moments of generalized data, and of the states and errors that follow from them linearly."""
+"""Second moments of generalized data (signals with time derivatives), and of states and errors linear in them."""
 
 from __future__ import annotations
 
@@ -89,8 +89,9 @@ class GeneralizedMoments:
     def error_moments(self, theta: Array) -> Array:
         """Returns the second moments Σ_t ε̃ε̃ᵀ of the prediction errors, for parameters θ (k,).
 
-        The map from the data to the errors is computed first, and not the joint moments: errors are small differences
-        of large signals, and would be lost in the rounding of those moments.
+        The errors are linear in the data, ε̃ = M [ỹ; η̃], so that their second moments are M (Σ_t [ỹ; η̃][ỹ; η̃]ᵀ) Mᵀ. They
+        could also be computed from the moments of data and states. But errors are small differences of large signals,
+        and would be lost in the rounding of those moments.
 
         Args:
             theta: parameters θ (k,).

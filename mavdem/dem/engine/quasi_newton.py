@@ -66,7 +66,7 @@ def maximise_by_quasi_newton(start: Iterate, max_evaluations: int) -> Iterate:
 
 
 class _Search:
-    """F̄ᵒ as a function of coordinates of θ and λ, and the best iterate at which it has been evaluated so far."""
+    """Objective of a quasi-Newton search: −F̄ᵒ over scaled coordinates of θ and λ; it remembers the best iterate."""
 
     best: Iterate
     """The iterate of highest F̄ᵒ."""
@@ -74,11 +74,14 @@ class _Search:
     origin: Array
     """(k + g,) θ and λ at coordinates zero."""
 
-    _root: Array
-    """(k + g, k + g) root of the inverse curvatures of F̄ in θ and λ at the origin, which scales coordinates."""
+    _scaling: Array
+    """(k + g, k + g) Cholesky factor of the inverse curvatures of F̄ in θ and λ at the origin.
 
-    _breakdown_value: float
-    """−F̄ᵒ, nats, where it cannot be evaluated."""
+    It maps coordinates to changes of θ and λ. In scaled coordinates the curvature at the origin is 1 in all directions.
+    """
+
+    _value_at_breakdown: float
+    """−F̄ᵒ, nats, where it cannot be evaluated: larger than any other value, so that the search turns back."""
 
     def __init__(self, start: Iterate) -> None:
         """Puts the origin at the θ and λ of an iterate, and scales the coordinates by the curvatures there."""
@@ -87,25 +90,24 @@ class _Search:
         self.origin = np.concatenate([posterior.theta, posterior.lambda_])
         free_energy_of_lambda = FreeEnergyOfLambda.from_posterior(posterior)
         lambda_precision = free_energy_of_lambda.derivatives(posterior.lambda_).precision
-        self._root = scipy.linalg.block_diag(
+        self._scaling = scipy.linalg.block_diag(
             np.linalg.cholesky(inverse(theta_precision(posterior))),
             np.linalg.cholesky(inverse(lambda_precision)),
         )
-        self._breakdown_value = BREAKDOWN_NATS - start.free_energy
+        self._value_at_breakdown = BREAKDOWN_NATS - start.free_energy
 
     def evaluate(self, coordinates: Array) -> tuple[float, Array]:
         """Evaluates −F̄ᵒ and its gradient, and stores the iterate as ``best`` if it is the best so far.
 
         Args:
-            coordinates: (k + g,) deviations of θ and λ from the origin, scaled.
+            coordinates: (k + g,) deviations of θ and λ from the origin, scaled by the curvature there.
 
         Returns:
             −F̄ᵒ, nats, and its gradient by the coordinates (k + g,). If the states or the covariances have no finite
             solution, a large value and a zero gradient.
         """
-        theta, lambda_ = np.split(
-            self.origin + self._root @ coordinates, [len(self.best.posterior.theta)]
-        )
+        theta_and_lambda = self.origin + self._scaling @ coordinates
+        theta, lambda_ = np.split(theta_and_lambda, [len(self.best.posterior.theta)])
         try:
             with raise_on_overflow():
                 iterate = iterate_at(theta, lambda_, self.best.posterior)
@@ -114,7 +116,8 @@ class _Search:
                 lambda_gradient = free_energy_of_lambda.derivatives(lambda_).gradient
                 gradient = np.concatenate([theta_gradient(posterior), lambda_gradient])
         except LinAlgError:
-            return self._breakdown_value, np.zeros_like(coordinates)
+            return self._value_at_breakdown, np.zeros_like(coordinates)
         if iterate.free_energy > self.best.free_energy:
             self.best = iterate
-        return -iterate.free_energy, -self._root.T @ gradient
+        # The gradient by the coordinates follows from the gradient by θ and λ by the chain rule.
+        return -iterate.free_energy, -self._scaling.T @ gradient

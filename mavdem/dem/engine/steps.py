@@ -68,25 +68,29 @@ def state_gradient(posterior: Posterior) -> StateGradient:
     """Returns the gradient of F by the states of a sample, as the matrices of a linear function.
 
     The prediction errors are linear in the data and in X, ε̃ = E_data [ỹ; η̃] + E_X X, and F contains −½ ε̃ᵀ Π̃ ε̃. So the
-    gradient is −E_Xᵀ Π̃ ε̃ minus the mean-field terms: the uncertainty of λ increases the noise precisions, and that of
-    θ penalizes X.
+    gradient is −E_Xᵀ Π̃ ε̃, a linear function of data and X, with two changes by the mean field: the uncertainty of λ
+    increases the noise precisions in Π̃, and the uncertainty of θ penalizes X by −M X.
 
     Args:
         posterior: the posterior of θ and λ; its states are not used.
 
     Returns:
-        The matrix that multiplies the data [ỹ; η̃], and the one that multiplies −X, which is the precision of X.
+        The matrix −E_Xᵀ Π̃ E_data that multiplies the data, and E_Xᵀ Π̃ E_X + M, which multiplies −X: the precision of X.
     """
     model = posterior.model
     E = model.error_operator(posterior.theta)
     E_data = E[:, : model.hidden_columns.start]
     E_X = E[:, model.hidden_columns]
     noise_precisions = expected_noise_precisions(posterior.lambda_, posterior.lambda_covariance)
-    weighted = E_X.T @ model.error_precision(noise_precisions)
+    # E_Xᵀ Π̃.
+    weighted_errors = E_X.T @ model.error_precision(noise_precisions)
     mean_field_curvature = model.mean_field_curvature_in_states(
         np.exp(posterior.lambda_), posterior.theta_covariance
     )
-    return StateGradient(-weighted @ E_data, weighted @ E_X + mean_field_curvature)
+    return StateGradient(
+        data_effect=-weighted_errors @ E_data,
+        precision=weighted_errors @ E_X + mean_field_curvature,
+    )
 
 
 def e_step(posterior: Posterior) -> Array:
@@ -152,9 +156,10 @@ def theta_precision(posterior: Posterior) -> Array:
 
 
 def _state_spread(posterior: Posterior) -> Array:
-    """Returns what the uncertainty of the states adds to the second moments of [ỹ; η̃; X], summed over the samples.
+    """Returns what the uncertainty of the states X adds to the second moments of the joint vector [ỹ; η̃; X].
 
-    It has the shape of the second moments, and is 0 outside the block of the states X: the data are known exactly.
+    It is the covariance of the states times the number of samples, since the moments are summed over the samples, in
+    the block of X. The rest is 0: the data ỹ and η̃ are known exactly.
     """
     hidden = posterior.model.hidden_columns
     state_spread = np.zeros_like(posterior.moments.joint_moments)
@@ -223,8 +228,8 @@ class FreeEnergyOfLambda(NamedTuple):
     def from_posterior(cls, posterior: Posterior) -> FreeEnergyOfLambda:
         """Returns F̄ as a function of λ, with the states and θ of a posterior.
 
-        The squared errors are expected values: the squares at the means, plus the mean-field terms by the uncertainty
-        of the states, of θ and of λ, with the covariances of the posterior.
+        The coefficients c are expected squared errors: the squares at the means of states, θ and λ, plus what their
+        uncertainties add (mean field). b is half the number of errors of each noise, and η and P are the prior's.
 
         Args:
             posterior: the posterior; its mean of λ is not used.
@@ -235,21 +240,18 @@ class FreeEnergyOfLambda(NamedTuple):
         model = posterior.model
         sample_count = posterior.samples.sample_count
         E_X = model.error_operator(posterior.theta)[:, model.hidden_columns]
-        squares = posterior.moments.squared_errors_by_noise(posterior.theta)
+        squares_at_means = posterior.moments.squared_errors_by_noise(posterior.theta)
+        # The expected value of e^λ is larger than e^λ at the mean of λ, by this factor.
+        lambda_factor = 1.0 + 0.5 * posterior.lambda_covariance.diagonal()
         # Every sample's states have the same covariance Σˣ, which adds E_X Σˣ E_Xᵀ to the squares of its errors.
-        state_spread = sample_count * model.squared_errors_by_noise(
+        squares_by_states = sample_count * model.squared_errors_by_noise(
             E_X @ posterior.state_covariance @ E_X.T
         )
-        theta_spread = model.mean_field_squared_errors(
+        squares_by_theta = model.mean_field_squared_errors(
             posterior.moments.regressor_moments, posterior.theta_covariance
         )
-        expected_squares = (
-            squares * (1.0 + 0.5 * posterior.lambda_covariance.diagonal())
-            + state_spread
-            + theta_spread
-        )
         return cls(
-            c=expected_squares,
+            c=squares_at_means * lambda_factor + squares_by_states + squares_by_theta,
             b=0.5 * sample_count * model.log_det_gradient,
             eta=model.prior.lambda_mean,
             P=model.prior.lambda_precision,

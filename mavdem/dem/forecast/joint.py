@@ -83,15 +83,17 @@ HYPERPARAMETER_GRID = tuple(
 
 
 def known_axis_mixer(inputs: int, effect_directions: Array | None) -> Array | None:
-    """Returns the mixer of the axis if it need not be estimated from a flight.
+    """Returns the combinations of inputs that turn the axis, if they need not be estimated from a flight.
+
+    If the effects of a multirotor's motors on the axis are known, there is one combination, with weights proportional
+    to them. With fewer inputs than a multirotor has motors, each input is used by itself.
 
     Args:
         inputs: number of inputs r.
         effect_directions: (r,) relative effect of each motor on the axis; None if it is not known.
 
     Returns:
-        (r, c) combinations of the inputs of unit length, as columns: one if the effects of the motors are known; each
-        single input if there are fewer inputs than a multirotor has motors. None if the effects must be estimated.
+        (r, c) c combinations as columns of unit length; None if the effects must be estimated.
     """
     if inputs < MIN_MOTORS:
         return np.eye(inputs)

@@ -247,14 +247,16 @@ class ClosedLoop(ForecasterBase):
     def wind_torque(self) -> Forecast:
         """Returns the wind torque over the last segment, rad/s², given all of its samples: mean and variance (T, 1)."""
         samples = self.posterior.data.segments[-1]
-        output = np.zeros(STATES + CHANNELS)
-        output[:STATES] = wind_torque_output(self.maximum.point, self._loop.state_sd)
-        forcing = np.zeros((len(samples), len(output)))
-        states, innovations = self._filter.filter(np.zeros(len(output)), forcing, samples)
+        # The wind torque is c · x, with these weights c of the states of the loop; the trims have the weight 0.
+        weights = np.zeros(STATES + CHANNELS)
+        weights[:STATES] = wind_torque_output(self.maximum.point, self._loop.state_sd)
+        no_forcing = np.zeros((len(samples), len(weights)))
+        states, innovations = self._filter.filter(np.zeros(len(weights)), no_forcing, samples)
         smoothed_states = self._filter.smooth(states, innovations)
-        mean = smoothed_states.means[:-1] @ output
-        # c P cᵀ of each sample t, with the output row c.
-        variance = np.einsum("i,tij,j->t", output, smoothed_states.covariances[:-1], output)
+        # The smoother also returns the state after the last sample, which is left out.
+        mean = smoothed_states.means[:-1] @ weights
+        # c P cᵀ of each sample t.
+        variance = np.einsum("i,tij,j->t", weights, smoothed_states.covariances[:-1], weights)
         return Forecast(mean[:, None], variance[:, None])
 
     @cached_property

@@ -165,7 +165,10 @@ class ScalarSettings:
     """Time between the samples that are used, s; after 3.5 kernel widths noise is uncorrelated."""
 
     def sufficient_statistics(self, system: ScalarSystem, seed: int) -> SufficientStatistics:
-        """Simulates a system, and returns the sufficient statistics of its generalized outputs and inputs.
+        """Simulates a system, and returns number and second moments of its outputs and inputs with their derivatives.
+
+        Derivatives are taken by a polynomial over a short window, and only every so many samples are used, so that
+        their noises are uncorrelated.
 
         Args:
             system: the true system.
@@ -178,7 +181,8 @@ class ScalarSettings:
         window = self.p + 1
         center = self.p // 2
         outputs = embed(data.outputs, self.p, system.dt, window, center)
-        # Inputs are embedded in the order of the outputs, so that the errors of both are of one filter and cancel.
+        # The polynomial's derivatives are not exact. Outputs and inputs get the same polynomial, so that these errors
+        # cancel in the equations of the model. Only the derivatives of the inputs up to order d are used.
         inputs = embed(data.inputs, self.p, system.dt, window, center)
         stride = round(self.spacing / system.dt)
         used_inputs = inputs[::stride, : self.d + 1]

@@ -416,8 +416,9 @@ def fit_closed_loop(posterior: LoopPosterior) -> QuadraticExpansion:
 def _stable_start(posterior: LoopPosterior, plant: InitialPlant) -> Array:
     """Returns the parameters of a stable loop, from which the maximisation of the posterior can start.
 
-    Effect, lag and delay are taken from a starting plant, the sizes of the noises follow from the data, and all others
-    are the prior's means. The effect is halved until the loop is stable.
+    Effect, lag and delay are taken from a starting plant. All noises begin with the size of the one-step prediction
+    errors of the channel that they act on, times ``NOISE_FACTOR``, and all other parameters with their prior mean. The
+    effect is halved until the loop is stable.
 
     Args:
         posterior: the log posterior.

@@ -50,7 +50,7 @@ class WhitenedSpectra(NamedTuple):
 
 
 class AxisPosterior:
-    """Log posterior density of θ for one axis, up to a constant; an ``Objective`` for Fisher scoring.
+    """Log posterior of the loop's log parameters θ, by the Whittle likelihood of spectra in J frequency bands.
 
     Attributes:
         spectra: estimated spectra of the modelled quantities.

@@ -78,9 +78,10 @@ def unfolded_density(density: Array, frequency: Array, is_base: Flags, in_range:
 
     def negative_log_likelihood(logarithms: Array) -> float:
         """Returns the negative log likelihood of the power law with these logarithms (4,)."""
+        # Sampling adds the densities of all aliases.
+        aliased_law = np.where(in_range, power_law(logarithms), 0.0).sum(axis=1)
         # Whittle: a periodogram value I of the density S has the negative log likelihood ln S + I / S.
-        folded_density = np.where(in_range, power_law(logarithms), 0.0).sum(axis=1)
-        return (np.log(folded_density) + density / folded_density).sum()
+        return (np.log(aliased_law) + density / aliased_law).sum()
 
     # The search begins with the level of the lowest bands as the size, a corner at 1 Hz, and the level of the highest
     # bands, divided by the number of aliases, as the white floor.
@@ -91,7 +92,7 @@ def unfolded_density(density: Array, frequency: Array, is_base: Flags, in_range:
         negative_log_likelihood, start, method="Nelder-Mead", options={"maxiter": MAX_ITERATIONS}
     )
     unfolded = np.where(in_range, power_law(fit.x), 0.0)
-    folded_aliases = unfolded[:, ~is_base].sum(axis=1)
-    base_density = np.maximum(density - folded_aliases, MIN_REFERENCE_FRACTION * density)
+    density_of_aliases = unfolded[:, ~is_base].sum(axis=1)
+    base_density = np.maximum(density - density_of_aliases, MIN_REFERENCE_FRACTION * density)
     unfolded[:, is_base] = base_density[:, None]
     return unfolded

@@ -430,7 +430,9 @@ def _add_plant(A: Array, parameters: GenerativeParameters, motors: Array) -> Non
     A[..., State.RATE, :] = _wind_torque_weights(parameters)
     A[..., State.RATE, State.RATE] = -parameters.damping
     A[..., State.RATE, State.TORQUE] = 1.0
-    # The Padé approximation of e^(−θs) is 1 − θs / (1 + θs/2 + θ²s²/12).
+    # The dead time e^(−θs) of the command u is approximated by Padé's 1 − θs / (1 + θs/2 + θ²s²/12). The state DELAY is
+    # the filtered command q = u / (1 + θs/2 + θ²s²/12), so that q″ = 12/θ² (u − q) − 6/θ q′, and the delayed command is
+    # u − θ q′.
     delay = parameters.delay[..., None]
     delayed_motors = motors - delay * unit[State.DELAY_SLOPE]
     A[..., State.TORQUE, :] = (

@@ -41,7 +41,9 @@ UPDATE_SAMPLES = 8
 
 
 def generative_model(record: NoisyRecord) -> GenerativeModel:
-    """Returns DEM's model of a record, in which only the log precisions of the measurement noises are unknown.
+    """Returns DEM's model of a record, in which only the precisions of the measurement noises are unknown.
+
+    All other quantities are known: their priors have the very high precision ``KNOWN_PRECISION``.
 
     Args:
         record: T samples with the system matrices, and the variances and smoothness of its process noise.
@@ -69,6 +71,7 @@ def generative_model(record: NoisyRecord) -> GenerativeModel:
         q=ORDER - 1,
         output_temporal_precision=temporal_precision(ORDER, smoothness),
         state_temporal_precision=temporal_precision(ORDER - 1, process_smoothness),
+        # Index in λ of the noise of each output and of each state.
         output_groups=np.arange(n),
         state_groups=n + np.arange(n),
         input_precision=KNOWN_PRECISION * np.eye(r * (INPUT_ORDER + 1)),
