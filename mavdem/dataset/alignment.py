@@ -104,7 +104,7 @@ def _setpoint_columns(setpoints: Sequence[Setpoint], boot: int, time: Array) -> 
 
 
 def _source_provenance(signals: Signals, segment: Segment) -> JsonValues:
-    """Returns the source of a flight, as the first part of its provenance: all that is needed to make it again.
+    """Returns the source of a flight, for its provenance: all that is needed to make the flight from the log again.
 
     Args:
         signals: signals of the vehicle, for one axis.
@@ -129,16 +129,17 @@ def _source_provenance(signals: Signals, segment: Segment) -> JsonValues:
 
 
 def _vehicle_provenance(signals: Signals, segment: Segment) -> JsonValues:
-    """Describes the vehicle and the treatment of its data, as the second part of a flight's provenance.
+    """Describes the vehicle and how its data were treated, for the provenance of a flight: where it comes from.
 
     Args:
         signals: signals of the vehicle, for one axis.
         segment: part of the log from which the flight is made.
 
     Returns:
-        Values by name: ``motors`` (output channels, positions and spins, and which of these are assumed), ``scale`` of
-        the outputs, messages of the ``setpoints``, ``repairs`` of the data, ``parameters`` of the controller at the end
-        of the log, and ``earlier``, those that had another value in this segment.
+        Values by name: ``motors`` (output channels, positions and spins, which of these are assumed, and the ``basis``,
+        a sentence on where they come from), ``scale`` of the outputs, messages of the ``setpoints``, ``repairs`` of the
+        data, ``parameters`` of the controller at the end of the log, and ``earlier``, those that had another value in
+        this segment.
     """
     telemetry = signals.telemetry
     _, motors = signals.attitude_and_inputs
@@ -148,7 +149,7 @@ def _vehicle_provenance(signals: Signals, segment: Segment) -> JsonValues:
         if CONTROL_PARAMETERS.match(name):
             control_parameters[name] = value
     scale = asdict(motors.scale)
-    # The schema of documents with a provenance has no such key, and the lower stop follows from the parameters.
+    # Documents have no such key; it follows from the parameters.
     del scale["lower_stop"]
     return {
         "motors": {

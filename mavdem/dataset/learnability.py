@@ -55,7 +55,7 @@ def segment_learnabilities(
 
     A segment is a span of settled flight in which attitude and model inputs were recorded without gaps. The steps:
 
-    1. A log that cannot have a usable flight (no multirotor, no attitude, no model inputs) gives one refusal.
+    1. A log that cannot have a usable flight (no multirotor, no attitude, no model inputs) gives only the reason.
     2. So does a log whose vehicle was never armed or never flew, or that has no segment at all.
     3. The segments of ``MIN_SEGMENT_DURATION`` or more are tried from the longest on, until one can be learned from.
     4. The others are then aligned with the sampling step of that one, since one model has only one step. A segment
@@ -71,9 +71,9 @@ def segment_learnabilities(
     Yields:
         First what :func:`learnability_of` returns, then the other segments of ``MIN_SEGMENT_DURATION`` or more.
     """
-    refusal = _unusable_log(signals, components)
-    if refusal is not None:
-        yield Learnability(signals.axis, learnable=False, reason=refusal)
+    reason = _unusable_log(signals, components)
+    if reason is not None:
+        yield Learnability(signals.axis, learnable=False, reason=reason)
         return
     attitude, inputs = signals.attitude_and_inputs
     segments = settled_segments(signals)
@@ -88,18 +88,18 @@ def segment_learnabilities(
         min_rate=min_rate,
     )
     if figures.armed == 0:
-        refusal = NEVER_ARMED
+        reason = NEVER_ARMED
     elif figures.airborne == 0:
-        refusal = _never_airborne(signals, figures)
+        reason = _never_airborne(signals, figures)
     elif not segments:
-        refusal = judge.slow_or_short(figures)
-    if refusal is not None:
-        yield Learnability(signals.axis, learnable=False, reason=refusal, figures=figures)
+        reason = judge.slow_or_short(figures)
+    if reason is not None:
+        yield Learnability(signals.axis, learnable=False, reason=reason, figures=figures)
         return
 
     candidates = [segment for segment in segments if segment.duration >= MIN_SEGMENT_DURATION]
     if not candidates:
-        # All segments are too short. The longest one is judged nevertheless, since its refusal states its duration.
+        # All segments are too short. The longest one is judged nevertheless, since its reason states its duration.
         candidates = [segments[0]]
     best = first_learnable(judge, candidates[:MAX_JUDGED_SEGMENTS])
     yield best
@@ -168,29 +168,29 @@ def _missing_part_of_attitude(telemetry: Telemetry) -> str:
 
 
 def _no_multirotor(signals: Signals, components: Sequence[Component]) -> Fact:
-    """Returns the refusal of a vehicle that is no multirotor, since models are of multirotors only.
+    """Returns the reason to refuse a vehicle that is no multirotor, since models are of multirotors only.
 
-    The user may have chosen the wrong vehicle of the log, so the refusal names another one that is a multirotor.
+    The user may have chosen the wrong vehicle of the log, so the reason names another one that is a multirotor.
 
     Args:
         signals: signals of the chosen vehicle.
         components: all MAVLink components in the log.
 
     Returns:
-        The fact, with ids and kind of the first multirotor, None without one.
+        The reason, with MAVLink ids and type of the first multirotor; None in their place if there is none.
     """
-    other_ids = other_kind = None
+    other_ids = other_type = None
     for component in components:
         if component.kind in MULTIROTORS:
             other_ids = _component_ids(component)
-            other_kind = component.kind
+            other_type = component.kind
             break
     return Fact(
         NotLearnableReason.NO_MULTIROTOR,
         recorder=signals.telemetry.translated_from,
         kind=signals.telemetry.vehicle,
         other=other_ids,
-        other_kind=other_kind,
+        other_kind=other_type,
     )
 
 
@@ -200,10 +200,10 @@ def _component_ids(component: Component) -> str:
 
 
 def _without_inputs(signals: Signals) -> Fact:
-    """Returns the refusal of a log that lacks the inputs of the model.
+    """Returns the reason why a log has no inputs of the model.
 
     The inputs are the motor outputs or, if the caller chose it, the controller's demand for the axis. Without motor
-    outputs the refusal advises how to record them.
+    outputs the reason advises how to record them.
 
     Args:
         signals: signals of the vehicle, for one axis.
@@ -225,11 +225,11 @@ def _without_inputs(signals: Signals) -> Fact:
 
 
 def _never_airborne(signals: Signals, figures: QualityFigures) -> Fact:
-    """Returns the refusal of a vehicle that was armed and did not fly, with the evidence that it did not.
+    """Returns the reason to refuse a vehicle that was armed but did not fly, with what shows that it did not.
 
-    The evidence is the first of these that applies: the autopilot reported that it was in the air, but without any
-    vertical speed; the autopilot reported it on the ground throughout; or, without such reports, the collective (mean
-    output of all motors) was low.
+    There are three cases. The autopilot reported that it was in the air, but it had no vertical speed. Or the autopilot
+    reported it on the ground throughout. Or, if neither was reported, the collective (mean output of all motors) was
+    low; without a collective nothing shows a flight.
 
     Args:
         signals: signals of the vehicle.

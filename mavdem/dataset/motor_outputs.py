@@ -163,11 +163,14 @@ def axis_demand(telemetry: Telemetry, axis: str) -> MotorOutputs | None:
 
 
 def control_target(telemetry: Telemetry, column: int) -> TimeSeries | None:
-    """Returns one of the controller's demands, as the mixer receives them.
+    """Returns one of the controller's demands, as the mixer receives them, from ACTUATOR_CONTROL_TARGET.
+
+    The message has groups of demands (``group_mlx``), of which others drive a gimbal, for example. Only the group of
+    the flight controller is read, whose demands are on roll, pitch, yaw and thrust in this order.
 
     Args:
         telemetry: Messages of the vehicle.
-        column: Number of an axis in ``AXES``, -1 to 1, or ``THRUST_COLUMN``, 0 to 1.
+        column: Which demand: the index of an axis in ``AXES``, -1 to 1, or ``THRUST_COLUMN``, 0 to 1.
 
     Returns:
         The demand (N,); None if no demands were recorded.
@@ -175,10 +178,11 @@ def control_target(telemetry: Telemetry, column: int) -> TimeSeries | None:
     columns = telemetry.messages.get(DEMAND_MESSAGE)
     if columns is None:
         return None
-    rows = None
+    is_flight_control = None
     if "group_mlx" in columns:
-        rows = np.asarray(columns["group_mlx"]) == FLIGHT_CONTROL_GROUP
-    return clean_series(columns, float_column(columns, DEMAND_FIELD)[:, column], rows)
+        is_flight_control = np.asarray(columns["group_mlx"]) == FLIGHT_CONTROL_GROUP
+    demands = float_column(columns, DEMAND_FIELD)[:, column]
+    return clean_series(columns, demands, is_flight_control)
 
 
 class ChannelOutputs(NamedTuple):
@@ -195,7 +199,7 @@ def channel_outputs(message: str, columns: Columns, autopilot: str) -> ChannelOu
     """Returns the outputs of all channels in a message, and the number of channels of one port.
 
     SERVO_OUTPUT_RAW has fields for 16 channels. ArduPilot uses all of them for a port; other autopilots may use only
-    the first 8, so that the number of fields with outputs decides.
+    the first 8, so that the number of fields with outputs decides. In other messages all channels are of one port.
 
     Args:
         message: Name of a message in ``MOTOR_MESSAGES``.
@@ -211,28 +215,28 @@ def channel_outputs(message: str, columns: Columns, autopilot: str) -> ChannelOu
     outputs = float_columns(columns, [field for field in output_fields if field in columns])
     outputs[outputs == UINT16_UNKNOWN] = 0.0
     has_all_fields = outputs.shape[1] == len(output_fields)
-    fills_all_fields = autopilot == "ARDUPILOTMEGA" or np.any(outputs[:, CHANNELS_PER_PORT:])
-    if has_all_fields and fills_all_fields:
+    has_output_beyond_8 = np.any(outputs[:, CHANNELS_PER_PORT:])
+    if has_all_fields and (autopilot == "ARDUPILOTMEGA" or has_output_beyond_8):
         return ChannelOutputs(outputs, len(output_fields))
     return ChannelOutputs(outputs, CHANNELS_PER_PORT)
 
 
 @dataclass(frozen=True, eq=False)
-class _OutputBank:
-    """Neighbouring output channels that one port sends in one stream."""
+class _PortOutputs:
+    """The outputs of one port: neighbouring output channels that an autopilot sends in one message."""
 
     first_channel: int
     """Number of the first channel, from 1."""
     series: TimeSeries
-    """Outputs (N, w) of the bank's w channels."""
+    """Outputs (N, w) of the port's w channels."""
 
     @property
     def channels(self) -> range:
-        """Numbers of the bank's channels."""
+        """Numbers of the port's channels."""
         return range(self.first_channel, self.first_channel + self.series.values.shape[1])
 
     def outputs(self, channel: int) -> Array:
-        """Returns the outputs (N,) of one channel of the bank."""
+        """Returns the outputs (N,) of one channel of the port."""
         return self.series.values[:, channel - self.first_channel]
 
 
@@ -251,21 +255,21 @@ def _outputs_in_message(telemetry: Telemetry, message: str) -> MotorOutputs | Fa
         constant, or channels of motors are missing or constant.
     """
     name = telemetry.name_in_source(message)
-    banks = _output_banks(message, telemetry.messages[message], telemetry.autopilot)
-    bank_of_channel = {}
-    for bank in banks:
-        bank_of_channel.update(dict.fromkeys(bank.channels, bank))
+    ports = _outputs_by_port(message, telemetry.messages[message], telemetry.autopilot)
+    port_of_channel = {}
+    for port in ports:
+        port_of_channel.update(dict.fromkeys(port.channels, port))
     moving_channels = [
-        channel for channel, bank in bank_of_channel.items() if _is_moving(bank.outputs(channel))
+        channel for channel, port in port_of_channel.items() if _is_moving(port.outputs(channel))
     ]
     # Of a parameter that changed, the first value counts, so that a motor that is disabled in flight keeps its channel.
     parameters = {**telemetry.parameters, **telemetry.initial_parameters}
     geometry = motor_geometry(
-        telemetry.vehicle, telemetry.autopilot, parameters, moving_channels, len(banks[0].channels)
+        telemetry.vehicle, telemetry.autopilot, parameters, moving_channels, len(ports[0].channels)
     )
     if geometry is None or not moving_channels:
         return Fact(UnusableOutputs.MOTORS_CONSTANT, name=name, remedy=RECORD_A_FLIGHT)
-    missing_channels = sorted(set(geometry.channels) - bank_of_channel.keys())
+    missing_channels = sorted(set(geometry.channels) - port_of_channel.keys())
     if missing_channels or not set(geometry.channels) & set(moving_channels):
         return Fact(
             UnusableOutputs.CHANNELS_MISSING
@@ -279,43 +283,44 @@ def _outputs_in_message(telemetry: Telemetry, message: str) -> MotorOutputs | Fa
             remedy=RECORD_A_FLIGHT,
         )
     return _combined_outputs(
-        telemetry, message, geometry, [bank_of_channel[channel] for channel in geometry.channels]
+        telemetry, message, geometry, [port_of_channel[channel] for channel in geometry.channels]
     )
 
 
 def _combined_outputs(
-    telemetry: Telemetry, message: str, geometry: MotorGeometry, banks: Sequence[_OutputBank]
+    telemetry: Telemetry, message: str, geometry: MotorGeometry, ports: Sequence[_PortOutputs]
 ) -> MotorOutputs | Fact:
-    """Combines the outputs of all motors to one table at the stamps of the bank with most motors.
+    """Combines the outputs of all motors to one table at the stamps of the port with most motors.
+
+    Each port sends the outputs of its channels in a message of its own. Those of another port are sent a moment before
+    or after, and are interpolated.
 
     Args:
         telemetry: Messages of the vehicle.
         message: Name of the message with the outputs.
-        geometry: The k motors.
-        banks: The bank of each motor's channel.
+        geometry: The k motors, with their output channels.
+        ports: For each motor, the port that has its channel; a port occurs once for each of its motors.
 
     Returns:
-        The outputs; or a fact, if no row has a finite output of every motor.
+        The outputs; or a fact with the reason, if no row has a finite output of every motor.
     """
-    # The list has the bank of each motor, so the bank that occurs most often in it holds most motors.
-    main_bank = max(banks, key=banks.count)
+    main_port = max(ports, key=ports.count)
     sent_outputs = [
-        bank.outputs(channel) for bank, channel in zip(banks, geometry.channels, strict=True)
+        port.outputs(channel) for port, channel in zip(ports, geometry.channels, strict=True)
     ]
-    # The messages of another bank are sent a moment before or after those of the main one.
     columns = []
-    for bank, outputs in zip(banks, sent_outputs, strict=True):
-        if bank is not main_bank:
-            outputs = _interpolated_outputs(main_bank.series, bank.series, outputs)
+    for port, outputs in zip(ports, sent_outputs, strict=True):
+        if port is not main_port:
+            outputs = _interpolated_outputs(main_port.series, port.series, outputs)
         columns.append(outputs)
-    stamps = {"time": main_bank.series.time, "boot": main_bank.series.boot}
+    stamps = {"time": main_port.series.time, "boot": main_port.series.boot}
     combined_series = clean_series(stamps, np.column_stack(columns))
     if not len(combined_series.time):
         return Fact(UnusableOutputs.OUTPUTS_NOT_FINITE, name=telemetry.name_in_source(message))
     # The resolution is found from the outputs as sent: interpolated ones lie between the steps of the stream.
     scale = output_scale(np.concatenate(sent_outputs), telemetry.parameters, geometry.drivers)
     if scale.stop == 1.0:
-        # No parameter states an upper stop below full range, so it is inferred from the outputs.
+        # No parameter limits the motors below the full range, so a limit is inferred from the outputs.
         scale = replace(scale, stop=_observed_upper_stop(scale.fraction(combined_series.values)))
     return MotorOutputs(
         message=message,
@@ -324,13 +329,13 @@ def _combined_outputs(
         outputs=combined_series.values,
         geometry=geometry,
         scale=scale,
-        sent_count=main_bank.series.sent_count,
-        unused_count=main_bank.series.unused_count + combined_series.unused_count,
+        sent_count=main_port.series.sent_count,
+        unused_count=main_port.series.unused_count + combined_series.unused_count,
     )
 
 
-def _output_banks(message: str, columns: Columns, autopilot: str) -> list[_OutputBank]:
-    """Splits a message with output channels into banks: the channels of one port each.
+def _outputs_by_port(message: str, columns: Columns, autopilot: str) -> list[_PortOutputs]:
+    """Splits a message with output channels by its ports.
 
     Autopilots send more than 8 or 16 outputs in several messages of the same name, which differ by their ``port``. A
     channel without a finite output on its port counts as unused, with outputs of 0.
@@ -341,11 +346,11 @@ def _output_banks(message: str, columns: Columns, autopilot: str) -> list[_Outpu
         autopilot: MAV_AUTOPILOT without its prefix.
 
     Returns:
-        One bank for each port, in the order of the ports.
+        The outputs of each port, in the order of the ports.
     """
     outputs, channels_per_port = channel_outputs(message, columns, autopilot)
     port = float_column(columns, "port") if "port" in columns else np.zeros(len(outputs))
-    banks = []
+    outputs_by_port = []
     for number in np.unique(port):
         is_of_port = port == number
         table = outputs[:, :channels_per_port]
@@ -354,8 +359,9 @@ def _output_banks(message: str, columns: Columns, autopilot: str) -> list[_Outpu
             if not np.isfinite(column[is_of_port]).any():
                 column[is_of_port] = 0.0
         first_channel = 1 + channels_per_port * int(number)
-        banks.append(_OutputBank(first_channel, clean_series(columns, table, is_of_port)))
-    return banks
+        series = clean_series(columns, table, is_of_port)
+        outputs_by_port.append(_PortOutputs(first_channel, series))
+    return outputs_by_port
 
 
 def _is_moving(outputs: Array) -> bool:
@@ -364,23 +370,23 @@ def _is_moving(outputs: Array) -> bool:
     return len(nonzero) > 0 and np.ptp(nonzero) > 0
 
 
-def _interpolated_outputs(main: TimeSeries, bank: TimeSeries, outputs: Array) -> Array:
-    """Interpolates outputs of one bank to the stamps of another, within each boot.
+def _interpolated_outputs(main: TimeSeries, other: TimeSeries, outputs: Array) -> Array:
+    """Interpolates outputs of one port to the stamps of another, within each boot.
 
     Args:
-        main: Series of N samples, whose stamps are wanted.
-        bank: Series of M samples, whose stamps the outputs have.
-        outputs: (M,) outputs of one channel of ``bank``.
+        main: Outputs of the port with the N wanted stamps.
+        other: Outputs of the other port, at M stamps.
+        outputs: (M,) outputs of one channel of the other port.
 
     Returns:
-        (N,) outputs; NaN in boots of which ``bank`` has no sample.
+        (N,) outputs; NaN in boots in which the other port has no sample.
     """
     interpolated_outputs = np.full(len(main.time), np.nan)
-    for boot in np.intersect1d(main.boot, bank.boot):
-        main_rows = main.boot == boot
-        bank_rows = bank.boot == boot
-        interpolated_outputs[main_rows] = np.interp(
-            main.time[main_rows], bank.time[bank_rows], outputs[bank_rows]
+    for boot in np.intersect1d(main.boot, other.boot):
+        is_main = main.boot == boot
+        is_other = other.boot == boot
+        interpolated_outputs[is_main] = np.interp(
+            main.time[is_main], other.time[is_other], outputs[is_other]
         )
     return interpolated_outputs
 

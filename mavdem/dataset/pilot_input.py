@@ -20,6 +20,15 @@ STICK_FIELDS = {"roll": "y", "pitch": "x", "throttle": "z", "yaw": "r"}
 MAX_CHANNELS = 18
 """Number of channels of RC_CHANNELS, and of PX4's input_rc."""
 
+_MAVLINK_FIELDS = tuple(f"chan{number}_raw" for number in range(1, MAX_CHANNELS + 1))
+
+CHANNEL_FIELDS = {
+    "RC_CHANNELS": _MAVLINK_FIELDS,
+    "RC_CHANNELS_RAW": _MAVLINK_FIELDS,
+    "input_rc": tuple(f"values[{index}]" for index in range(MAX_CHANNELS)),
+}
+"""Fields with the pulse widths of the channels 1, 2, … by message; the preferred message first."""
+
 POSSIBLE_PULSE = (750.0, 2250.0)
 """Pulse widths, µs, of a channel; receivers without a signal report 0 or 65535."""
 
@@ -80,26 +89,19 @@ def _stick_channels(parameters: Parameters) -> dict[str, int]:
 
 
 def _channels(signals: Signals) -> dict[int, TimeSeries]:
-    """Returns the pulse width of each channel that was received, by its number from 1.
+    """Returns the pulse width of each radio channel that was received.
 
     Args:
         signals: signals of the vehicle.
 
     Returns:
-        Pulse widths (N,), µs, by the number of the channel.
+        Pulse widths (N,), µs, by the number of the channel, from 1; from the first of ``CHANNEL_FIELDS`` that has any.
     """
-    messages = signals.telemetry.messages
     lowest, highest = POSSIBLE_PULSE
-    # MAVLink counts channels from 1; PX4's topic has them in an array.
-    for message, field_pattern, first_number in (
-        ("RC_CHANNELS", "chan{}_raw", 1),
-        ("RC_CHANNELS_RAW", "chan{}_raw", 1),
-        ("input_rc", "values[{}]", 0),
-    ):
-        columns = messages.get(message, {})
+    for message, fields in CHANNEL_FIELDS.items():
+        columns = signals.telemetry.messages.get(message, {})
         channels = {}
-        for number in range(1, MAX_CHANNELS + 1):
-            field = field_pattern.format(number - 1 + first_number)
+        for number, field in enumerate(fields, 1):
             if field not in columns:
                 continue
             pulses = float_column(columns, field)

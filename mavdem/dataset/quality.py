@@ -99,22 +99,22 @@ class QualityFigures:
 
 
 def log_quality(signals: Signals, segments: int) -> QualityFigures:
-    """Measures a whole log with attitude and model inputs.
+    """Measures a whole log with attitude and model inputs: how long it is armed and flies, and at which rates.
 
     Args:
-        signals: Signals with both streams.
-        segments: Number of its segments of settled flight.
+        signals: Signals of the vehicle, with attitude and model inputs.
+        segments: Number of the log's segments of settled flight, without climb-out, landing and gaps.
 
     Returns:
-        The figures of the log; its rates are those between outages.
+        The figures of the log: times in s, rates in Hz, those between outages.
     """
     attitude, inputs = signals.attitude_and_inputs
-    armed_durations = []
+    armed_seconds = 0.0
     for span in recorded_spans(signals):
         armed_intervals = flight_states.armed_intervals(signals, span.boot)
         recorded_intervals = intersection([(span.start, span.end)], armed_intervals)
-        armed_durations.append(total_duration(recorded_intervals))
-    airborne = 0.0
+        armed_seconds += total_duration(recorded_intervals)
+    airborne_seconds = 0.0
     for boot in np.intersect1d(attitude.boot, inputs.boot):
         # The time in the air counts up to the end of the longer of the two streams: if one ends early, that is no
         # landing.
@@ -123,10 +123,10 @@ def log_quality(signals: Signals, segments: int) -> QualityFigures:
         recorded_start = min(attitude_time[0], input_time[0])
         recorded_end = max(attitude_time[-1], input_time[-1])
         flights = phases.free_flight_intervals(signals, int(boot))
-        airborne += total_duration(intersection([(recorded_start, recorded_end)], flights))
+        airborne_seconds += total_duration(intersection([(recorded_start, recorded_end)], flights))
     return QualityFigures(
-        armed=sum(armed_durations),
-        airborne=airborne,
+        armed=armed_seconds,
+        airborne=airborne_seconds,
         segments=segments,
         attitude_rate=rate_between_outages(attitude) or None,
         motor_rate=rate_between_outages(inputs) or None,
@@ -345,8 +345,8 @@ def _fresh_rate(time: Array, rows: Array, steps: Array | float) -> float:
 def _consistency(time: Array, angle: Array, euler_rate: Array) -> float | None:
     """Computes which share of the angle's changes the integrated rate explains, 1 - var(Δangle - ∫rate) / var(Δangle).
 
-    The changes are those over ``RATE_INTEGRATION_SPAN``, without the spans that are explained worst
-    (``OUTLIER_SHARE``).
+    Changes over ``RATE_INTEGRATION_SPAN`` from each sample on are compared. A few of these spans are left out, those
+    that are explained worst (``OUTLIER_SHARE``), since a single wrong sample spoils all spans that contain it.
 
     Args:
         time: (N,) stamps, s.
@@ -360,18 +360,18 @@ def _consistency(time: Array, angle: Array, euler_rate: Array) -> float | None:
     trapezia = np.diff(time) * (euler_rate[1:] + euler_rate[:-1]) / 2
     integral = np.concatenate([[0.0], np.cumsum(trapezia)])
     is_start = time <= time[-1] - RATE_INTEGRATION_SPAN
-    ends = time[is_start] + RATE_INTEGRATION_SPAN
-    changes = np.interp(ends, time, angle) - angle[is_start]
-    unexplained_changes = changes - (np.interp(ends, time, integral) - integral[is_start])
-    if not len(changes):
+    end_time = time[is_start] + RATE_INTEGRATION_SPAN
+    angle_changes = np.interp(end_time, time, angle) - angle[is_start]
+    integral_changes = np.interp(end_time, time, integral) - integral[is_start]
+    if not len(angle_changes):
         return None
+    unexplained_changes = angle_changes - integral_changes
     errors = abs(unexplained_changes - np.median(unexplained_changes))
-    # A single wrong sample spoils all spans that contain it; their number is that of the samples in one span. At least
-    # so many of the worst spans are left out.
-    spans_of_a_sample = int(np.count_nonzero(time <= time[0] + RATE_INTEGRATION_SPAN))
-    outlier_count = max(round(OUTLIER_SHARE * len(errors)), spans_of_a_sample)
+    # At least as many spans are left out as contain the same sample.
+    samples_per_span = int(np.count_nonzero(time <= time[0] + RATE_INTEGRATION_SPAN))
+    outlier_count = max(round(OUTLIER_SHARE * len(errors)), samples_per_span)
     usual_spans = np.argsort(errors)[: max(len(errors) - outlier_count, 0)]
-    variance = changes[usual_spans].var() if len(usual_spans) else 0.0
+    variance = angle_changes[usual_spans].var() if len(usual_spans) else 0.0
     if variance > 0:
         return 1 - unexplained_changes[usual_spans].var() / variance
     return None

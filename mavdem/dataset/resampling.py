@@ -85,9 +85,8 @@ def _sampling_interval(time: Array) -> float:
         ``MAX_CYCLES_PER_STEP`` cycles; otherwise the mean.
     """
     mean = 1 / mean_rate(time)
-    elapsed_time = time - time[0]
-    # The cycle is the greatest common divisor of the steps between stamps that occur often, in units of the stamps'
-    # resolution. Rare steps are left out, since one odd step would make the divisor too small.
+    # The steps between stamps in units of the stamps' resolution, 1 ms. Rare steps are left out, since one odd step
+    # would make their greatest common divisor, the cycle, too small.
     milliseconds = np.rint(np.diff(time) / STAMP_RESOLUTION).astype(int)
     steps, counts = np.unique(milliseconds, return_counts=True)
     usual_steps = steps[counts >= RARE_STEP_SHARE * len(time)]
@@ -95,12 +94,13 @@ def _sampling_interval(time: Array) -> float:
     if not cycle:
         return mean
     interval = cycle * min(round(mean / cycle), MAX_CYCLES_PER_STEP)
+    elapsed_time = time - time[0]
     deviations = abs(elapsed_time - cycle * np.rint(elapsed_time / cycle))
     is_on_cycles = np.mean(deviations > STAMP_RESOLUTION) < RARE_STEP_SHARE
+    # Jitter makes steps that are shorter than the interval; an interval that is rounded to cycles has none.
     has_shorter_steps = usual_steps[0] * STAMP_RESOLUTION < interval - STAMP_RESOLUTION
-    if is_on_cycles and has_shorter_steps and abs(interval / mean - 1) <= MAX_MEAN_RATIO - 1:
-        return interval
-    return mean
+    is_near_mean = abs(interval / mean - 1) <= MAX_MEAN_RATIO - 1
+    return interval if is_on_cycles and has_shorter_steps and is_near_mean else mean
 
 
 def mean_rate(time: Array) -> float:
@@ -201,24 +201,26 @@ def needs_low_pass(time: Array, dt: float) -> bool:
 
 
 def low_pass_impulse_response(rate: float, dt: float) -> Array:
-    """Returns the weights of the low-pass filter for a stream that is filtered as its samples arrive.
+    """Returns the impulse response of the low-pass filter, to filter a stream by convolution as its samples arrive.
+
+    It is measured: the filter is applied to an impulse, and the response is cut off where it has decayed to less than a
+    hundredth, ``FILTER_EDGE_STEPS`` grid steps before and after the impulse.
 
     Args:
         rate: Rate of the stream, Hz.
         dt: Step of the grid, s.
 
     Returns:
-        Weights (2 L + 1,), with L the samples in ``FILTER_EDGE_STEPS`` grid steps. Their sum is 1; less than a
-        hundredth is cut off at the ends.
+        Weights (2 L + 1,) of the L samples before, the sample itself, and the L samples after; their sum is 1.
     """
-    # The response to an impulse in the middle of a signal that is four times as long as the part that is kept, so that
-    # the transients at the ends of the signal do not reach this part.
-    reach = round(FILTER_EDGE_STEPS * dt * rate)
-    centre = 4 * reach
+    samples_per_step = dt * rate
+    half_length = round(FILTER_EDGE_STEPS * samples_per_step)
+    # A signal that is four times as long as the response, so that the transients at its ends do not reach the response.
+    centre = 4 * half_length
     impulse = np.zeros(2 * centre + 1)
     impulse[centre] = 1.0
     response = _butterworth_filtered(impulse, rate, CUTOFF_RATIO / dt, padding=0)
-    response = response[centre - reach : centre + reach + 1]
+    response = response[centre - half_length : centre + half_length + 1]
     return response / response.sum()
 
 

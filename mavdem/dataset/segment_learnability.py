@@ -1,4 +1,8 @@
-"""Whether a model can be learned from one segment of a log: checks whose results are facts (coded findings)."""
+"""Whether a model can be learned from a segment of a log: checks, each of which returns the reason if it cannot.
+
+A reason is a fact: a coded finding with its figures, from which a sentence for the user is made. Its ``remedy`` says
+what the user should change.
+"""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -158,7 +162,7 @@ def slower_stream_rate(figures: QualityFigures) -> float:
 def slow_streams(
     rates: Mapping[str, float], axis: str, min_rate: float = MIN_STREAM_RATE
 ) -> Fact | None:
-    """Returns the refusal of streams that come too slowly.
+    """Returns the reason to refuse streams of messages that come too slowly.
 
     Args:
         rates: Rate of each stream, Hz, by the name of its message.
@@ -166,7 +170,7 @@ def slow_streams(
         min_rate: Rate, Hz, that each stream needs.
 
     Returns:
-        The fact that names the slow ones; None if all are fast enough.
+        The reason, with the names and rates of the slow streams; None if all are fast enough.
     """
     slow = {name: rate for name, rate in rates.items() if rate < min_rate}
     if not slow:
@@ -215,7 +219,7 @@ class SegmentJudge:
         signals = self.signals
         flight = aligned_flight(signals, segment, dt)
         figures = quality.segment_quality(signals, segment, flight, self.log_figures)
-        refusal = self.refusal(figures)
+        refusal = self.reason_to_refuse(figures)
         rate = slower_stream_rate(figures)
         if refusal is None and rate * flight.dt * MAX_STEP_RATIO < 1:
             refusal = Fact(
@@ -257,8 +261,8 @@ class SegmentJudge:
             segments=self.segments,
         )
 
-    def refusal(self, figures: QualityFigures) -> Fact | None:
-        """Returns the reason why a segment cannot be learned from, as a fact; None if it can.
+    def reason_to_refuse(self, figures: QualityFigures) -> Fact | None:
+        """Returns the reason why a model cannot be learned from a segment; None if it can.
 
         The checks are, in this order: the duration; the rates of messages and of new values; outputs that are constant
         or lost in rounding; body rates that contradict the angles; a torque command that is lost in rounding. The first
@@ -268,7 +272,7 @@ class SegmentJudge:
             figures: figures of the segment's quality.
 
         Returns:
-            The refusal, with the figures that decided and a remedy where there is one.
+            The reason, with the figures that decided and a remedy where there is one.
         """
         # The gaps of a slow stream cut a flight into short segments, in which the messages may well be fast. Then the
         # user should raise the rate, and not fly longer. So for a short segment the rates of the whole log are checked.
@@ -281,20 +285,17 @@ class SegmentJudge:
             self._inconsistent_rates,
             self._rounded_command,
         ):
-            refusal = check(figures)
-            if refusal is not None:
-                return refusal
+            reason = check(figures)
+            if reason is not None:
+                return reason
         return None
 
     def slow_or_short(self, figures: QualityFigures, duration: float | None = None) -> Fact:
         """Returns the reason why a log has no segment that is long enough: slow streams or, otherwise, a short flight.
 
         Args:
-            figures: Quality of the log.
+            figures: Figures of the log's quality.
             duration: Duration, s, of its longest segment, if it has one.
-
-        Returns:
-            The refusal.
         """
         too_slow = self._too_slow(figures)
         if too_slow is not None:
@@ -309,13 +310,13 @@ class SegmentJudge:
         )
 
     def _too_slow(self, figures: QualityFigures) -> Fact | None:
-        """Returns the refusal of a segment whose attitude or inputs have too low a rate, with advice how to raise it.
+        """Checks that attitude and model inputs come at the rate that a model needs.
 
         Args:
             figures: figures of the segment, with the rates of both streams, Hz; a missing rate counts as 0.
 
         Returns:
-            The refusal; None if both streams are fast enough.
+            The reason to refuse the segment, with a remedy that raises the rates; None if both are fast enough.
         """
         telemetry = self.signals.telemetry
         attitude_rate = figures.attitude_rate or 0.0
@@ -323,13 +324,13 @@ class SegmentJudge:
             telemetry.name_in_source(self.attitude.message): attitude_rate,
             telemetry.name_in_source(self.inputs.message): figures.motor_rate or 0.0,
         }
-        refusal = slow_streams(rates, self.signals.axis, self.min_rate)
-        if refusal is None:
+        reason = slow_streams(rates, self.signals.axis, self.min_rate)
+        if reason is None:
             return None
-        return refusal.replace(remedy=self._remedy_for_slow_streams(attitude_rate))
+        return reason.replace(remedy=self._remedy_for_slow_streams(attitude_rate))
 
     def _remedy_for_slow_streams(self, attitude_rate: float) -> Fact:
-        """Returns the remedy for slow streams.
+        """Returns the advice what to change if attitude or model inputs come too slowly.
 
         If only the motor outputs are slow and the controller's demand is fast, a model can use the demand as its input.
         Otherwise the rates of the streams must be raised.
@@ -346,26 +347,29 @@ class SegmentJudge:
         return rate_advice(signals.telemetry, components=self.components)
 
     def _repeated_values(self, figures: QualityFigures) -> Fact | None:
-        """Returns the refusal of a stream that repeats old values under new stamps.
+        """Checks that new values of attitude and model inputs come at the rate that a model needs.
 
-        Some autopilots and radios send the last value again, so that the rate of messages is higher than that of the
-        measurements. The rate of new values decides.
+        Some autopilots and radios send the last value again under a new stamp, so that the rate of messages is higher
+        than that of the measurements.
 
         Args:
-            figures: figures of the segment: rates of messages and of new values (``_fresh``) of both streams, Hz.
+            figures: figures of the segment: rates of messages (``attitude_rate``, ``motor_rate``) and of new values
+                (``attitude_fresh``, ``motor_fresh``), Hz; a missing rate counts as 0.
 
         Returns:
-            The refusal, of the attitude before the inputs; None if new values come fast enough.
+            The reason to refuse the segment, of the attitude before the inputs; None if new values come fast enough.
         """
         telemetry = self.signals.telemetry
-        if (figures.attitude_fresh or 0.0) < self.min_rate:
+        attitude_fresh_rate = figures.attitude_fresh or 0.0
+        motor_fresh_rate = figures.motor_fresh or 0.0
+        if attitude_fresh_rate < self.min_rate:
             message = self.attitude.message
             rate = figures.attitude_rate
-            fresh_rate = figures.attitude_fresh or 0.0
-        elif (figures.motor_fresh or 0.0) < self.min_rate:
+            fresh_rate = attitude_fresh_rate
+        elif motor_fresh_rate < self.min_rate:
             message = self.inputs.message
             rate = figures.motor_rate
-            fresh_rate = figures.motor_fresh or 0.0
+            fresh_rate = motor_fresh_rate
         else:
             return None
         return Fact(
@@ -379,16 +383,16 @@ class SegmentJudge:
         )
 
     def _constant_or_rounded_outputs(self, figures: QualityFigures) -> Fact | None:
-        """Returns the refusal of outputs that never change, or whose changes are lost in rounding.
+        """Checks that the outputs of the model, angle and body rate, change by more than they were rounded.
 
         The model of yaw has the rate only, so its angle may be constant; the angles of roll and pitch may not.
 
         Args:
-            figures: figures of the segment: standard deviations of angle and rate, their resolutions (rad, rad/s), and
-                the ratio of signal to rounding noise (``output_snr``).
+            figures: figures of the segment: standard deviations of angle and rate, the steps to which they were rounded
+                (rad, rad/s), and the ratio of signal to rounding noise (``output_snr``), None if it was not measured.
 
         Returns:
-            The refusal; None if the outputs can be used.
+            The reason to refuse the segment; None if the outputs can be used.
         """
         axis = self.signals.axis
         is_angle_constant = axis in TILT_AXES and not figures.angle_sd
@@ -398,6 +402,7 @@ class SegmentJudge:
             return Fact(
                 NotLearnableReason.OUTPUT_ROUNDED,
                 axis=axis,
+                # The ratio compares changes over this time, s.
                 span=RATE_INTEGRATION_SPAN,
                 angle_step=figures.angle_step,
                 rate_step=figures.rate_step,
@@ -412,7 +417,7 @@ class SegmentJudge:
                 changes of the angle, 1 if fully; None if it was not measured.
 
         Returns:
-            The refusal to learn from the segment; None if they agree or that was not measured.
+            The reason to refuse the segment; None if they agree or that was not measured.
         """
         axis = self.signals.axis
         if figures.consistency is not None and figures.consistency < MIN_CONSISTENCY:
@@ -428,14 +433,14 @@ class SegmentJudge:
         return None
 
     def _rounded_command(self, figures: QualityFigures) -> Fact | None:
-        """Returns the refusal of model inputs whose torque command is lost in rounding.
+        """Checks that the torque command in the model inputs changes by more than it was rounded.
 
         Args:
             figures: figures of the segment: standard deviation and resolution of the torque command, in the unit of the
-                inputs, and the ratio of signal to rounding noise (``input_snr``).
+                inputs, and the ratio of signal to rounding noise (``input_snr``), None if it was not measured.
 
         Returns:
-            The refusal; None if the command can be used.
+            The reason to refuse the segment; None if the command can be used.
         """
         if figures.input_snr is not None and figures.input_snr < MIN_SNR:
             return Fact(
@@ -449,22 +454,22 @@ class SegmentJudge:
 
 
 def first_learnable(judge: SegmentJudge, segments: Sequence[Segment]) -> Learnability:
-    """Tries several segments in turn, and returns the learnability of the first that a model can be learned from.
+    """Judges several segments in turn, until a model can be learned from one of them.
 
     Args:
         judge: judges single segments.
         segments: at least one segment, the preferred first.
 
     Returns:
-        The learnability of that segment or, if none can be learned from, of the first one tried.
+        The learnability of that segment or, if a model can be learned from none, of the first segment.
     """
-    refusals = []
+    not_learnable = []
     for segment in segments:
         learnability = judge.learnability(segment)
         if learnability.learnable:
             return learnability
-        refusals.append(learnability)
-    return refusals[0]
+        not_learnable.append(learnability)
+    return not_learnable[0]
 
 
 def impossible_attitude(signals: Signals, code: NotLearnableReason | Caution) -> Fact:

@@ -105,11 +105,11 @@ def settled_segments(signals: Signals) -> Segments:
     Returns:
         Segments of one boot each, the longest first.
     """
-    for runs_without_gaps in (_fast_runs, _runs_at_any_rate):
+    for intervals_without_gaps in (_fast_intervals, _intervals_at_any_rate):
         segments = []
         for boot in _boots_with_both_streams(signals):
             settled_intervals = phases.settled_intervals(signals, boot)
-            segments += _sampled_segments(signals, boot, settled_intervals, runs_without_gaps)
+            segments += _sampled_segments(signals, boot, settled_intervals, intervals_without_gaps)
         segments = [segment for segment in segments if segment.duration >= MIN_SEGMENT_SECONDS]
         if segments:
             return tuple(sorted(segments, key=lambda segment: -segment.duration))
@@ -129,7 +129,7 @@ def longest_recorded_segment(signals: Signals) -> Segment | None:
     """
     segments = []
     for boot in _boots_with_both_streams(signals):
-        segments += _sampled_segments(signals, boot, [(-inf, inf)], _runs_at_any_rate)
+        segments += _sampled_segments(signals, boot, [(-inf, inf)], _intervals_at_any_rate)
     return max(segments, key=lambda segment: segment.duration, default=None)
 
 
@@ -209,25 +209,28 @@ def _boots_with_both_streams(signals: Signals) -> list[int]:
 def _sampled_segments(
     signals: Signals,
     boot: int,
-    intervals: Intervals,
-    runs_without_gaps: Callable[[Array], Intervals],
+    allowed_intervals: Intervals,
+    intervals_without_gaps: Callable[[Array], Intervals],
 ) -> list[Segment]:
     """Finds the segments of a boot in which neither attitude nor model inputs have a gap.
 
     Args:
-        signals: Signals with both streams.
+        signals: Signals of the vehicle, with attitude and model inputs.
         boot: Number of the boot.
-        intervals: The intervals of the boot that segments may lie in.
-        runs_without_gaps: Function that splits the stamps (N,) of a stream at its gaps.
+        allowed_intervals: The intervals of the boot in which segments may lie, s.
+        intervals_without_gaps: Function that returns the intervals between the gaps of a stream, from its stamps (N,).
 
     Returns:
         The segments, in time order.
     """
     attitude, inputs = signals.attitude_and_inputs
-    attitude_runs = runs_without_gaps(attitude.time[rows_of_boot(attitude.boot, boot)])
-    input_runs = runs_without_gaps(inputs.time[rows_of_boot(inputs.boot, boot)])
+    attitude_time = attitude.time[rows_of_boot(attitude.boot, boot)]
+    input_time = inputs.time[rows_of_boot(inputs.boot, boot)]
+    common_intervals = intersection(
+        intervals_without_gaps(attitude_time), intervals_without_gaps(input_time)
+    )
     segments = []
-    for start, end in intersection(intersection(attitude_runs, input_runs), intervals):
+    for start, end in intersection(common_intervals, allowed_intervals):
         segment = Segment(boot, start, end)
         if _has_samples_of_both(attitude, inputs, segment):
             segments.append(segment)
@@ -253,7 +256,7 @@ def _has_samples_of_both(attitude: Attitude, inputs: MotorOutputs, segment: Segm
     return bool(common_start <= common_end)
 
 
-def _fast_runs(time: Array) -> Intervals:
+def _fast_intervals(time: Array) -> Intervals:
     """Finds the intervals in which a stream has no gaps, and comes at ``MIN_STREAM_RATE`` or faster.
 
     Args:
@@ -281,7 +284,7 @@ def slow_steps(steps: Array) -> Flags:
     return usual_steps > STEP_TOLERANCE / MIN_STREAM_RATE
 
 
-def _runs_at_any_rate(time: Array) -> Intervals:
+def _intervals_at_any_rate(time: Array) -> Intervals:
     """Finds the intervals in which a stream has no gaps, however slow it is.
 
     A gap is longer than ``MAX_GAP_SECONDS``, and longer than ``MAX_STEP_AT_ANY_RATE`` median steps of the stream.

@@ -62,21 +62,21 @@ class SpeedController:
         return f"ESC {self.number}"
 
     def motor_index(self, geometry: MotorGeometry) -> int | None:
-        """Returns the index of its motor among those of a vehicle.
+        """Returns which of a vehicle's motors the controller drives.
 
         If the log does not name the motor, the number of the controller is that of its output channel, as in ArduPilot,
         and in PX4 if channels are numbered like the motors.
 
         Args:
-            geometry: number and channel of each motor.
+            geometry: Number and output channel of each motor, in the order of the motors.
 
         Returns:
-            The index; None if it drives none of them.
+            The index of the motor in ``geometry``; None if it drives none of them.
         """
-        numbers, number = geometry.motors, self.motor
-        if number is None:
-            numbers, number = geometry.channels, self.number
-        return numbers.index(number) if number in numbers else None
+        if self.motor is not None:
+            return geometry.motors.index(self.motor) if self.motor in geometry.motors else None
+        channels = geometry.channels
+        return channels.index(self.number) if self.number in channels else None
 
 
 @cached_per_vehicle()
@@ -152,14 +152,14 @@ def _speed_series(columns: Columns, speed: Array, rows: Flags | None = None) -> 
 
 
 def _controllers_of_esc(telemetry: Telemetry) -> Iterator[SpeedController]:
-    """Yields the speed controllers in the table ESC, which has a row for each controller at each time.
+    """Yields the speed controllers in ESC, DataFlash's message with a row for each controller at each time.
 
     Args:
         telemetry: messages of the vehicle.
 
     Yields:
-        Each controller with a possible speed. Its number is the instance plus 1; errors, current and temperature are
-        None where the log has no such field.
+        Each controller with a possible speed. Its number is the instance plus 1; errors, current, A, and temperature,
+        °C, are None where the log has no such field.
     """
     columns = telemetry.messages.get("ESC", {})
     if "Instance" not in columns:
@@ -169,22 +169,23 @@ def _controllers_of_esc(telemetry: Telemetry) -> Iterator[SpeedController]:
         speed = _speed_series(controller, float_column(controller, "RPM"))
         if speed is None:
             continue
-        errors = shares = None
+        error_count = error_share = current = temperature = None
         if "ErrorCount" in controller:
-            errors = _series(controller, float_column(controller, "ErrorCount"))
+            error_count = _series(controller, float_column(controller, "ErrorCount"))
         if "Err" in controller:
-            shares = _series(controller, float_column(controller, "Err") / 100)
-        current = temperature = None
+            # A percentage of the controller's messages.
+            error_share = _series(controller, float_column(controller, "Err") / 100)
         if "Curr" in controller:
             current = _measured_series(controller, float_column(controller, "Curr"))
         if "Temp" in controller:
             temperature = _measured_series(controller, float_column(controller, "Temp"))
+        # The number of the motor is 0 for none.
         motor = int(controller["Motor"][0]) if "Motor" in controller else 0
         yield SpeedController(
             instance + 1,
             speed=speed,
-            error_count=errors,
-            error_share=shares,
+            error_count=error_count,
+            error_share=error_share,
             motor=motor or None,
             current=current,
             temperature=temperature,
@@ -194,51 +195,57 @@ def _controllers_of_esc(telemetry: Telemetry) -> Iterator[SpeedController]:
 def _controllers_of_esc_status(telemetry: Telemetry) -> Iterator[SpeedController]:
     """Yields the speed controllers in ESC_STATUS, with the errors and temperatures in ESC_INFO.
 
-    A message of either kind has the values of four controllers, from number ``index`` on. Controllers beyond the
-    ``count`` of ESC_INFO do not exist; if that is not known, those whose motor never turns are left out.
+    A message of either type has the values of a group of four controllers, from number ``index`` on. Controllers beyond
+    the ``count`` of ESC_INFO do not exist; if that is not known, those whose motor never turns are left out.
 
     Args:
         telemetry: messages of the vehicle.
+
+    Yields:
+        Each controller: number from 1, speed, 1/min, errors since boot, current, A, and temperature, °C; the last three
+        are None if they were not sent.
     """
     status = telemetry.messages.get("ESC_STATUS", {})
     information = telemetry.messages.get("ESC_INFO", {})
     if "rpm" not in status or "index" not in status:
         return
-    known_count = None
+    controller_count = None
     if "count" in information:
-        known_count = int(np.median(information["count"]))
+        controller_count = int(np.median(information["count"]))
     for first_index, rows in rows_by_value(status["index"].astype(np.int64)).items():
         status_of_group = selected_rows(status, rows)
         information_of_group: Columns = {}
         if "error_count" in information:
             is_of_group = information["index"] == first_index
             information_of_group = selected_rows(information, np.flatnonzero(is_of_group))
-        for index_in_group, speed_of_motor in enumerate(
-            _values_by_controller(status_of_group, "rpm")
-        ):
+        speeds = _values_by_controller(status_of_group, "rpm")
+        for index_in_group, speed_of_motor in enumerate(speeds):
             number = first_index + index_in_group + 1
             speed = _speed_series(status_of_group, speed_of_motor)
             if speed is None:
                 continue
-            exists = bool(speed.values.any()) if known_count is None else number <= known_count
+            if controller_count is None:
+                exists = bool(speed.values.any())
+            else:
+                exists = number <= controller_count
             if not exists:
                 continue
             current = None
             if "current" in status_of_group:
                 currents = _values_by_controller(status_of_group, "current")
                 current = _measured_series(status_of_group, currents[index_in_group])
-            health = _reported_health(information_of_group, index_in_group)
+            errors_and_temperature = _errors_and_temperature(information_of_group, index_in_group)
             yield SpeedController(
                 number,
                 speed,
-                health.error_count,
+                errors_and_temperature.error_count,
                 current=current,
-                temperature=health.temperature,
+                temperature=errors_and_temperature.temperature,
             )
 
 
-class _ReportedHealth(NamedTuple):
-    """What a speed controller reports on itself; None for what was not sent or not measured."""
+class _ErrorsAndTemperature(NamedTuple):
+    """What ESC_INFO has of a speed controller; None for what was not sent or not measured."""
 
     error_count: TimeSeries | None = None
     """Errors that it has counted."""
@@ -247,15 +254,15 @@ class _ReportedHealth(NamedTuple):
     """Temperature, °C."""
 
 
-def _reported_health(information: Columns, index_in_group: int) -> _ReportedHealth:
+def _errors_and_temperature(information: Columns, index_in_group: int) -> _ErrorsAndTemperature:
     """Returns the errors that a speed controller counted, and its temperature, by ESC_INFO.
 
     Args:
-        information: messages of the controller's group, each with the values of all controllers of the group.
-        index_in_group: index of the controller in the group, from 0.
+        information: ESC_INFO of the controller's group of four, each message with the values of all of them.
+        index_in_group: Index of the controller in the group, from 0.
     """
     if not len(information.get("time", ())):
-        return _ReportedHealth()
+        return _ErrorsAndTemperature()
     error_counts = _values_by_controller(information, "error_count")
     errors = _series(information, error_counts[index_in_group])
     temperature = None
@@ -263,7 +270,7 @@ def _reported_health(information: Columns, index_in_group: int) -> _ReportedHeal
         values = _values_by_controller(information, "temperature")[index_in_group]
         is_sent = values != UNKNOWN_INFO_TEMPERATURE
         temperature = _measured_series(information, HUNDREDTH * values, is_sent)
-    return _ReportedHealth(errors, temperature)
+    return _ErrorsAndTemperature(errors, temperature)
 
 
 def _values_by_controller(columns: Columns, field: str) -> Array:
@@ -272,52 +279,56 @@ def _values_by_controller(columns: Columns, field: str) -> Array:
 
 
 def _controllers_of_esc_telemetry(telemetry: Telemetry) -> Iterator[SpeedController]:
-    """Yields the speed controllers in ESC_TELEMETRY_1_TO_4, ESC_TELEMETRY_5_TO_8 and so on.
+    """Yields the speed controllers in ArduPilot's messages ESC_TELEMETRY_1_TO_4, ESC_TELEMETRY_5_TO_8 and so on.
 
-    For a controller from which nothing comes ArduPilot sends a speed of 0. The counter of its packets does not change
-    then, and such samples are left out. If the counters were not logged, a controller whose speed is
-    always 0 is left out.
+    Each message has the values of a group of four controllers. For a controller from which nothing comes ArduPilot
+    sends a speed of 0. The counter of its packets does not change then, and such samples are left out. If the counters
+    were not logged, a controller whose speed is always 0 is left out.
 
     Args:
         telemetry: messages of the vehicle.
+
+    Yields:
+        Each controller: number from 1, speed, 1/min, current, A, and temperature, °C; the last two are None if they
+        were not measured.
     """
     for first_number in FIRST_NUMBERS:
         last_number = first_number + CONTROLLERS_PER_MESSAGE - 1
         columns = telemetry.messages.get(f"ESC_TELEMETRY_{first_number}_TO_{last_number}", {})
         if "rpm" not in columns:
             continue
-        counts = columns.get("count")
+        packet_counts = columns.get("count")
         for index_in_group, speed_of_motor in enumerate(_values_by_controller(columns, "rpm")):
-            is_heard = None
-            if counts is not None:
-                is_heard = _is_heard(columns, np.atleast_2d(counts)[:, index_in_group])
-            speed = _speed_series(columns, speed_of_motor, is_heard)
-            if speed is None or (counts is None and not speed.values.any()):
+            is_new = None
+            if packet_counts is not None:
+                is_new = _has_new_packet(columns, np.atleast_2d(packet_counts)[:, index_in_group])
+            speed = _speed_series(columns, speed_of_motor, is_new)
+            if speed is None or (packet_counts is None and not speed.values.any()):
                 continue
             current = temperature = None
             if "current" in columns:
                 currents = _values_by_controller(columns, "current")
-                current = _measured_series(columns, HUNDREDTH * currents[index_in_group], is_heard)
+                current = _measured_series(columns, HUNDREDTH * currents[index_in_group], is_new)
             if "temperature" in columns:
                 temperatures = _values_by_controller(columns, "temperature")
-                temperature = _measured_series(columns, temperatures[index_in_group], is_heard)
+                temperature = _measured_series(columns, temperatures[index_in_group], is_new)
             yield SpeedController(
                 first_number + index_in_group, speed, current=current, temperature=temperature
             )
 
 
-def _is_heard(columns: Columns, counts: NDArray[Any]) -> Flags:
+def _has_new_packet(columns: Columns, packet_counts: NDArray[Any]) -> Flags:
     """Flags the messages before which the autopilot received new telemetry from a speed controller.
 
     Args:
-        columns: fields of the message, N rows.
-        counts: counter (N,) of the telemetry packets of the controller, which wraps after 65535.
+        columns: Fields of the message, N rows, with ``time`` and ``boot``.
+        packet_counts: Counter (N,) of the packets of the controller, which wraps after 65535.
 
     Returns:
         Flags (N,): whether the counter differs from its value in the message before; False for the first message.
     """
     order = np.lexsort((columns["time"], columns["boot"]))
-    is_heard = np.zeros(len(counts), dtype=bool)
-    ordered_counts = counts[order]
-    is_heard[order[1:]] = ordered_counts[1:] != ordered_counts[:-1]
-    return is_heard
+    ordered_counts = packet_counts[order]
+    has_new_packet = np.zeros(len(packet_counts), dtype=bool)
+    has_new_packet[order[1:]] = ordered_counts[1:] != ordered_counts[:-1]
+    return has_new_packet

@@ -48,7 +48,7 @@ def cached_per_vehicle(*attributes: str) -> Callable[[CachedFunction], CachedFun
             """Returns the cached result, or computes and caches it.
 
             The key consists of the function, the vehicle's telemetry, those attributes of the signals on which the
-            result depends, and the arguments. Results are made immutable, since all callers share them. A refusal
+            result depends, and the arguments. Results are made immutable, since all callers share them. The exception
             (``NotLearnable``) is cached like a result, and raised at each call.
 
             Args:
