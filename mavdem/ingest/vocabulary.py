@@ -125,6 +125,9 @@ AUTOPILOT_SET_PARAMETERS = re.compile(
 """Names of parameters that autopilots set by themselves: counters, and what they learn in flight and by calibration."""
 
 
+SIH_AIRFRAMES = range(10040, 10050)
+"""Values of SYS_AUTOSTART for PX4's own simulators (ROMFS/px4fmu_common/init.d-posix/airframes)."""
+
 INSTANCES_MESSAGE = "ESTIMATOR_INSTANCES"
 """Table of all instances of the state estimator, which is no message of MAVLink.
 

@@ -23,6 +23,7 @@ from mavdem.containers import JsonValues
 from mavdem.dem.engine.linalg import require_positive_definite
 from mavdem.facts.online import DragSource
 from mavdem.immutable import ImmutableResult
+from mavdem.ingest.vocabulary import SIH_AIRFRAMES
 
 LOG_LINEAR = 0
 """Index of ln c in ``Drag.mean``."""
@@ -72,6 +73,15 @@ HALF_AIR_DENSITY = 1.225 / 2
 
 CONFIGURED_SD = 0.3
 """Standard deviation of the logarithm of a coefficient that a user set in the autopilot: few are calibrated."""
+
+SIMULATED_DRAG_PARAMETERS = ("SIH_KDV", "SIH_MASS")
+"""Names of PX4's parameters with the linear drag, N/(m/s), and the mass, kg, that its simulator SIH flies with."""
+
+SIMULATED_SD = 0.1
+"""Standard deviation of the logarithm of a simulator's drag: its equations are known, but not those of each version."""
+
+NO_QUADRATIC_DRAG = 1e-4
+"""Quadratic drag, 1/m, of a simulator without any: at 10 m/s it is a hundredth of a small linear drag."""
 
 MIN_MOMENTUM_DRAG = 0.001
 """Momentum drag coefficient, 1/s, up to which PX4's EKF2 takes that part of its drag model for switched off."""
@@ -172,7 +182,7 @@ class Drag(ImmutableResult):
         coefficient, 1/s) and for quadratic drag (a ballistic coefficient along body x and y, kg/m²). Coefficients that
         have been set there replace the typical ones of ``POPULATION_MEAN``, with the smaller standard deviation
         ``CONFIGURED_SD``. Factory values, and values so small that they disable a part of that model, contain no
-        information on this vehicle, and are ignored.
+        information on this vehicle, and are ignored. PX4's simulator SIH states the drag that it flies with.
 
         Args:
             autopilot: "ARDUPILOTMEGA" or "PX4"; of others no parameters are known.
@@ -204,6 +214,15 @@ class Drag(ImmutableResult):
             ratio = ballistic_x / ballistic_y
             logarithms[[LOG_QUADRATIC, LOG_QUADRATIC_RATIO]] = np.log([quadratic, ratio])
             sd[[LOG_QUADRATIC, LOG_QUADRATIC_RATIO]] = CONFIGURED_SD
+            source = DragSource.PARAMETERS
+        simulated_drag, mass = (parameters.get(name, 0.0) for name in SIMULATED_DRAG_PARAMETERS)
+        # Boards of real vehicles have these parameters too, with their factory values.
+        is_simulated = parameters.get("SYS_AUTOSTART") in SIH_AIRFRAMES
+        if is_simulated and simulated_drag > 0 and mass > 0:
+            logarithms[[LOG_LINEAR, LOG_QUADRATIC]] = np.log(
+                [simulated_drag / mass, NO_QUADRATIC_DRAG]
+            )
+            sd[:] = SIMULATED_SD
             source = DragSource.PARAMETERS
         mean = np.append(logarithms, [0.0, 0.0])
         variances = np.append(sd, [LEAN_SD, LEAN_SD]) ** 2

@@ -39,11 +39,13 @@ from mavdem.facts.estimator import EstimatorLight
 from mavdem.facts.events import ReportedEvent
 from mavdem.facts.identifiability import Status
 from mavdem.facts.log import LogLight, Simulator
+from mavdem.facts.online import DragSource
 from mavdem.facts.power import PowerLight
 from mavdem.facts.sources import Flaw, Repair
 from mavdem.facts.wind import WindDoubt
 from mavdem.wind_velocity.estimation import WindVelocity
 from mavdem.wind_velocity.from_log import WindEvidence, wind_evidence
+from mavdem.wind_velocity.vehicle_drag import Drag
 
 HOVER = Hover()
 TIME = HOVER.stamps(5.0)
@@ -407,21 +409,27 @@ def test_wind_that_takes_half_of_the_most_lean_leaves_too_little():
 @mark.parametrize("by_drag, level", [(True, "good"), (False, "unknown")])
 def test_a_wind_that_may_be_a_load_is_not_good(by_drag, level):
     doubt = Fact(WindDoubt.SPEED_UNSURE, status=Status.BIASED, low=4.6, high=6.9, by_drag=by_drag)
-    wind = partial_record(
-        WindVelocity,
-        speed=5.6,
-        speed_interval=(4.6, 6.9),
-        direction=82.0,
-        direction_interval=8.0,
-        status={"speed": Status.BIASED, "direction": Status.REPORTED},
-        reasons={"speed": doubt},
-    )
+    figures = {
+        "speed": 5.6,
+        "speed_interval": (4.6, 6.9),
+        "direction": 82.0,
+        "direction_interval": 8.0,
+        "status": {"speed": Status.BIASED, "direction": Status.REPORTED},
+        "reasons": {"speed": doubt},
+        "drag": Drag.from_parameters(),
+    }
+    wind = partial_record(WindVelocity, **figures)
     known = evidence(HOVER.telemetry())
     known = replace(known, wind=WindEvidence(wind, None, None))
     # What the light calls unknown is not drawn on the page of the flight.
     is_drawn = partial_record(Assessment, evidence=known).drawn_wind is not None
     assert is_drawn is by_drag
-    assert wind_light(known, Fact(EstimatorLight.FILTER_AGREED, Level.GOOD)).level == level
+    light = wind_light(known, Fact(EstimatorLight.FILTER_AGREED, Level.GOOD))
+    assert light.level == level and ", by the drag of typical multirotors" in str(light)
+    drag = replace(wind.drag, source=DragSource.FLIGHT)
+    own_drag = partial_record(WindVelocity, **(figures | {"drag": drag}))
+    known = replace(known, wind=WindEvidence(own_drag, None, None))
+    assert "typical" not in str(wind_light(known, Fact(EstimatorLight.FILTER_AGREED, Level.GOOD)))
 
 
 @mark.slow

@@ -63,6 +63,13 @@ def test_what_somebody_set_in_the_autopilot_takes_the_place_of_the_populations_d
         DragSource.POPULATION,
         DragSource.EARLIER_FLIGHT,
     )
+    # The drag that a simulator flies with is that of its vehicle, and of no real one whose board has its parameters.
+    simulator = {"SIH_KDV": 1.0, "SIH_MASS": 2.0, "SYS_AUTOSTART": 10040.0}
+    simulated = Drag.from_parameters("PX4", simulator)
+    assert simulated.source == "parameters"
+    assert_allclose(simulated.linear, 0.5)
+    assert simulated.interval("linear")[1].max() < 0.62
+    assert Drag.from_parameters("PX4", simulator | {"SYS_AUTOSTART": 4001.0}).source == "population"
     names = ("EK3_DRAG_MCOEF", "EK3_DRAG_BCOEF_X", "EK3_DRAG_BCOEF_Y")
     named = dict(zip(names, (0.5, 20.0, 80.0), strict=True))
     told = Drag.from_parameters("ARDUPILOTMEGA", named)

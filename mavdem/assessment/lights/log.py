@@ -19,6 +19,7 @@ from mavdem.facts.ending import MotionEvent
 from mavdem.facts.log import LogLight, Simulator
 from mavdem.facts.sources import Flaw, Repair
 from mavdem.ingest.telemetry import Log, Telemetry, rate_without_gaps
+from mavdem.ingest.vocabulary import SIH_AIRFRAMES
 
 MAX_GAP = 1.0
 """Time without attitude in flight, s, that is to be watched: longer than a fall from 5 m."""
@@ -31,9 +32,6 @@ MAX_CUT_BYTES = 288
 
 MAVLink 2's longest frame has 280 bytes and a .tlog's stamp 8; DataFlash's longest message has 255.
 """
-
-SIH_AIRFRAMES = range(10040, 10050)
-"""Values of SYS_AUTOSTART for PX4's own simulators (ROMFS/px4fmu_common/init.d-posix/airframes)."""
 
 SIMULATED_SENSOR_BUS = 4
 """Type of the bus in the lower three bits of PX4's device ids that means simulation

@@ -6,6 +6,7 @@ from mavdem.assessment.condition import Condition
 from mavdem.assessment.evidence import Evidence
 from mavdem.facts import Fact, Level
 from mavdem.facts.ending import MotionEvent
+from mavdem.facts.online import DragSource
 from mavdem.facts.sources import Repair
 from mavdem.facts.wind import WindLight
 from mavdem.ingest.telemetry import Parameters, Telemetry
@@ -32,8 +33,8 @@ def wind_light(evidence: Evidence, estimator: Fact) -> Fact:
 
     Returns:
         A fact whose level is the colour of the light: good, watch, bad or unknown. That of a known wind has ``speed``,
-        its interval ``low`` to ``high`` (m/s), ``direction``, None if that is not identified, and the ``share`` of the
-        lean.
+        its interval ``low`` to ``high`` (m/s), ``direction``, None if that is not identified, the ``share`` of the
+        lean, and whether the drag is that of typical multirotors.
     """
     if evidence.other_vehicle is not None:
         return evidence.other_vehicle
@@ -65,6 +66,8 @@ def wind_light(evidence: Evidence, estimator: Fact) -> Fact:
         high=highest_speed,
         direction=wind.direction if wind.direction_identifiable else None,
         share=lean_share,
+        # The interval allows for the drag of typical multirotors, not for that of any vehicle.
+        by_usual_drag=wind.drag.source is DragSource.POPULATION,
         reason=estimator if estimator.is_bad else None,
     )
     velocity_message = _velocity_message_of_spare_core(evidence.signals.telemetry)
