@@ -82,6 +82,7 @@ EVENTS_BY_LIGHT: dict[Light, tuple[Code, ...]] = {
         ReportedEvent.BOARD_VOLTAGE_LOW,
     ),
     Light.ESTIMATOR: (
+        MotionEvent.ATTITUDE_INVALID,
         MotionEvent.HEIGHT_DIVERGED,
         MotionEvent.POSITION_LOST,
         ReportedEvent.ALTITUDE_FAILED,

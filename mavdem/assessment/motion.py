@@ -24,6 +24,7 @@ from mavdem.assessment.flights import (
 )
 from mavdem.assessment.ground_contacts import CONTACTS, flight_losses, ground_contact
 from mavdem.assessment.height_divergence import height_divergences
+from mavdem.assessment.invalid_attitudes import invalid_attitudes
 from mavdem.assessment.motor_events import LASTING_SECONDS, motor_events
 from mavdem.assessment.motor_speeds import standing_motors
 from mavdem.assessment.motor_witnesses import with_motor_witnesses
@@ -45,8 +46,9 @@ def motion_events(signals: Signals, reports: Sequence[Fact] = ()) -> Facts:
     """Returns the events that the motion shows, in order of boot and time.
 
     They are losses of attitude, falls, dives, contacts with the ground, losses of height and position estimates, drift
-    in wind, barometers that drift, motors at their limit or off, clipping of the accelerometers, and a log that ends in
-    the air.
+    in wind, attitudes that are no numbers, barometers that drift, motors at their limit or off, clipping of the
+    accelerometers, and a log that ends in the air.
+
     A boot in which the vehicle did not fly has only the one event that says so. Of vehicles that are no multirotors
     only clipping and losses of the position are events, since a plane banks and dives on purpose.
 
@@ -271,6 +273,7 @@ def _events_of_flight(
     yield from height_divergences(sensors, controlled_interval)
     yield from position_losses(sensors, controlled_interval, reports)
     yield from wind_drifts(sensors, controlled_interval)
+    yield from invalid_attitudes(sensors.signals, sensors.boot, flight_interval)
     yield from barometer_drifts(sensors, flight_interval)
 
 
@@ -377,9 +380,10 @@ def _end_in_air(
 
     Then either the recorder failed, or the vehicle crashed and the crash was not recorded. If a loss of attitude came
     just before, the fact says so (``is_after_loss``). Nothing is yielded if the end is explained by a landing, an
-    impact, a loss of attitude at least ``RECOVERY_SECONDS`` earlier (the vehicle is then on the ground), or a restart
-    of the autopilot, after which the log continues. Nothing is yielded either if the last height is unknown or at most
-    ``MAX_GROUND_HEIGHT``, since the vehicle may then stand on the ground.
+    impact, a loss of attitude at least ``RECOVERY_SECONDS`` earlier (the vehicle is then on the ground), a restart of
+    the autopilot, after which the log continues, or attitudes that are no numbers, with which it continues. Nothing is
+    yielded either if the last height is unknown or at most ``MAX_GROUND_HEIGHT``, since the vehicle may then stand on
+    the ground.
 
     Args:
         signals: signals of the vehicle.
@@ -397,7 +401,8 @@ def _end_in_air(
         return
     is_after_loss = False
     for event in events:
-        if event.code in CONTACTS:
+        is_without_attitude = event.code is MotionEvent.ATTITUDE_INVALID and event.end_time is None
+        if event.code in CONTACTS or is_without_attitude:
             return
         if event.code is MotionEvent.ATTITUDE_LOST:
             if end_time - (event.time or end_time) >= RECOVERY_SECONDS:

@@ -26,6 +26,7 @@ class MotionEvent(Code):
     POSITION_LOST = "position_lost"
     BAROMETER_DRIFTED = "barometer_drifted"
     CARRIED_AWAY = "carried_away"
+    ATTITUDE_INVALID = "attitude_invalid"
 
 
 class Ending(Code):

@@ -6,7 +6,7 @@ The functions that judge a log judge the last seconds, so that an alarm in fligh
 from collections import deque
 from collections.abc import Sequence
 from dataclasses import replace
-from math import hypot, inf, isnan
+from math import hypot, inf, isfinite, isnan
 from typing import NamedTuple
 
 import numpy as np
@@ -16,8 +16,10 @@ from mavdem.assessment.attitude_losses import LOST_ANGLE, attitude_losses
 from mavdem.assessment.ending import ending_of, weighed_reports
 from mavdem.assessment.flights import RECOVERY_SECONDS
 from mavdem.assessment.ground_contacts import flight_losses, ground_contact
+from mavdem.assessment.invalid_attitudes import MIN_INVALID_SECONDS, invalid_attitudes
 from mavdem.assessment.reported import has_sunk_after, stopped_in_air
 from mavdem.containers import Names
+from mavdem.dataset.attitude import ATTITUDE_MESSAGES
 from mavdem.dataset.axes import TILT_AXES
 from mavdem.dataset.flight_states import min_airborne_collective
 from mavdem.dataset.grounded import MAX_GROUND_HEIGHT, MAX_SETPOINT_DELAY
@@ -81,8 +83,13 @@ class ControlWatch:
         self._recent = recent
         # Attitudes and setpoints of the last seconds, by the name of their message.
         self._samples: dict[str, deque[TimedValues]] = {}
+        # The attitudes that are no numbers, as an event; None while they are numbers.
+        self._invalid_attitude: Fact | None = None
         # When the attitude was last so far from its setpoint that control may be lost, s of the boot clock.
         self._far_time = -inf
+        # Times of the latest attitude and of the latest one that was a number, s of the boot clock.
+        self._attitude_time = -inf
+        self._valid_attitude_time = -inf
         # The latest loss of attitude, as an event of the motion; None before any.
         self._attitude_loss: Fact | None = None
 
@@ -93,10 +100,29 @@ class ControlWatch:
             message: ATTITUDE, ATTITUDE_QUATERNION or ATTITUDE_TARGET.
             time: time on the boot clock, s.
         """
+        if message.name in ATTITUDE_MESSAGES:
+            self._attitude_time = time
+            if isfinite(sum(message.values[:3])):
+                self._valid_attitude_time = time
         samples = self._samples.setdefault(message.name, deque(maxlen=MAX_SAMPLES))
         samples.append(TimedValues(time, message.values))
         while samples[0].time < time - MEMORY_SECONDS:
             samples.popleft()
+
+    def invalid_attitude(self, vehicle: Telemetry) -> Fact | None:
+        """Returns the event that attitudes come which are not numbers, as of a log; None while they are numbers.
+
+        Args:
+            vehicle: identity and parameters of the vehicle, without messages.
+        """
+        if self._attitude_time - self._valid_attitude_time < MIN_INVALID_SECONDS:
+            self._invalid_attitude = None
+        elif self._invalid_attitude is None:
+            events = invalid_attitudes(self.signals(vehicle, None), self._recent.boot, (-inf, inf))
+            for event in events:
+                if event.end_time is None:
+                    self._invalid_attitude = event
+        return self._invalid_attitude
 
     def add_pose(self, pose: LatestPose) -> None:
         """Notes the time of an attitude that is far from its setpoint, since only then may control be lost.

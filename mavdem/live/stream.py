@@ -61,6 +61,9 @@ KEPT_MESSAGES = frozenset(
 )
 """Slow messages that are kept for the periodic review."""
 
+MAX_POSE_AGE = 1.0
+"""Age up to which an attitude is that of a velocity, s: as long as none is missing, it is much younger. A choice."""
+
 MAX_PORTS = 4
 """Ports of a message of motor outputs that are read, a choice that bounds the memory; PX4 has two."""
 
@@ -435,7 +438,8 @@ class LiveStream:
         is_multirotor = vehicle is not None and vehicle.vehicle_type in POSSIBLE_MULTIROTORS
         pose = self._pose.pose
         # The wings of a plane or VTOL lift it against its motion in each turn.
-        if not self.is_flying or not is_multirotor or pose is None:
+        is_recent = pose is not None and time - pose.time < MAX_POSE_AGE
+        if not self.is_flying or not is_multirotor or pose is None or not is_recent:
             return
         if all(map(isfinite, (*velocity, *pose.angles))):
             sample = drift_sample(time, pose.angles, velocity)

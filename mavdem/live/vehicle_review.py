@@ -241,6 +241,10 @@ class VehicleReview:
         Args:
             rows: builder of the vehicle's rows, which measures the rates.
         """
+        invalid_attitude = self.watchdog.control.invalid_attitude(self._vehicle_telemetry())
+        if invalid_attitude is not None:
+            # More messages would not help; the watchdog reports it.
+            return invalid_attitude
         return self._rate_check.update(
             self._vehicle.vehicle_type,
             rows.attitude_message,

@@ -85,6 +85,14 @@ PRESENT_FAULTS = (
 )
 """Faults of the moment: once one is over in flight, its light says so. Other facts state when they were."""
 
+NEEDS_ATTITUDE = (
+    WatchedQuantity.CONTROL,
+    WatchedQuantity.OSCILLATION,
+    WatchedQuantity.TRACKING,
+    WatchedQuantity.DRIFT,
+)
+"""What cannot be watched while attitudes are not numbers."""
+
 OPEN_LOSSES = (Ending.CONTROL_LOST, WatchFact.STOPPED_IN_AIR)
 """Losses in the air, of which it is not known yet how the vehicle met the ground."""
 
@@ -566,13 +574,18 @@ class Watchdog:
     def _judge_drift_and_height(
         self, review: _Review, takeoff_time: float, motion: RecentMotion | None
     ) -> None:
-        """Judges in flight whether wind carries the vehicle away, and whether its estimated height diverges.
+        """Judges in flight drift in wind, and whether the estimates of attitude and height have failed.
 
         Args:
             review: the review, whose ``facts`` are added to.
             takeoff_time: when the vehicle left the ground, s of the boot clock; minus infinity where that was not seen.
             motion: attitude and motor outputs of the last seconds; None if they do not come.
         """
+        invalid_attitude = self.control.invalid_attitude(review.vehicle)
+        if invalid_attitude is not None:
+            known = review.facts.get(WatchedQuantity.ESTIMATOR, invalid_attitude)
+            review.facts[WatchedQuantity.ESTIMATOR] = worst_fact([invalid_attitude, known])
+            review.latest_times.pop(WatchedQuantity.ESTIMATOR, None)
         found = {WatchedQuantity.DRIFT: self.drift.latest}
         if self.is_thorough:
             found[WatchedQuantity.HEIGHT] = self._height.divergence(
@@ -948,7 +961,7 @@ class Watchdog:
             review: results of this review.
             motion: the motion of the last minute; None if too little was received.
         """
-        obstacles = self._message_obstacles(review.now, motion)
+        obstacles = self._message_obstacles(review.now, review.vehicle, motion)
         if self._first_review_time is None:
             self._first_review_time = review.now
         is_new = review.now - self._first_review_time < LISTENING_SECONDS
@@ -964,7 +977,7 @@ class Watchdog:
             self.set_watched(kind, obstacle, review.now)
 
     def _message_obstacles(
-        self, now: float, motion: RecentMotion | None
+        self, now: float, vehicle: Telemetry, motion: RecentMotion | None
     ) -> Mapping[WatchedQuantity, Fact]:
         """Finds out what cannot be watched because the messages for it are missing or too slow.
 
@@ -976,6 +989,7 @@ class Watchdog:
 
         Args:
             now: present time on the boot clock, s.
+            vehicle: identity and parameters of the vehicle, without messages.
             motion: attitude and motor outputs of the last seconds; None if they do not come.
 
         Returns:
@@ -1009,6 +1023,10 @@ class Watchdog:
             obstacles[WatchedQuantity.TRACKING] = Fact(
                 WatchFact.MESSAGE_MISSING, name=SETPOINT_MESSAGE, rate=None
             )
+        invalid_attitude = self.control.invalid_attitude(vehicle)
+        if invalid_attitude is not None:
+            for kind in NEEDS_ATTITUDE:
+                obstacles[kind] = invalid_attitude
         if self._battery_obstacle is not None:
             obstacles.setdefault(WatchedQuantity.BATTERY, self._battery_obstacle)
         return obstacles

@@ -79,6 +79,7 @@ ESTIMATOR_EVENTS: set[Code] = {
     MotionEvent.HEIGHT_DIVERGED,
     MotionEvent.POSITION_LOST,
     MotionEvent.BAROMETER_DRIFTED,
+    MotionEvent.ATTITUDE_INVALID,
 }
 """Events in flight that concern the estimator: what the autopilot reports, and estimates that the motion refutes."""
 
@@ -87,8 +88,8 @@ def estimator_light(evidence: Evidence) -> Fact:
     """Judges the state estimator in flight by the worst fact about it; unknown if the log has no measurements of it.
 
     Judged are the innovations of its filter (measurements minus predictions), poor GPS fixes, a disturbed compass, an
-    accelerometer that is wrong at rest, reports of the autopilot, a height or position that was lost, and a barometer
-    that drifted. Of equally bad facts the first in this order is the light.
+    accelerometer that is wrong at rest, reports of the autopilot, an attitude that was no number, a height or position
+    that was lost, and a barometer that drifted. Of equally bad facts the first in this order is the light.
 
     Args:
         evidence: signals, events and measurements of the vehicle.
