@@ -61,9 +61,9 @@ class Tier(NamedTuple):
 def tier_of(learnability: Learnability, condition: Condition) -> Tier:
     """Returns the tier of a log: "a" for a full model, "b" for one of the slow motion, "c" for the condition only.
 
-    A log in which a full model can be learned has tier "a". Otherwise the slower one of two rates decides, that of the
-    attitude and that of the model inputs (``MIN_SLOW_MOTION_RATE``, ``MIN_CONDITION_RATE``). In tier "b" a model may
-    still be refused (:func:`mavdem.assessment.axis.analyse`).
+    A log in which a full model can be learned has tier "a". Otherwise the rate of the slower stream decides, of the
+    attitude and the model inputs. From ``MIN_SLOW_MOTION_RATE`` on it has tier "b", in which a model may still be
+    refused (:func:`mavdem.assessment.axis.analyse`), and from ``MIN_CONDITION_RATE`` on tier "c".
 
     Args:
         learnability: whether a full model can be learned, and the rates, Hz.
@@ -74,12 +74,16 @@ def tier_of(learnability: Learnability, condition: Condition) -> Tier:
     """
     reason = learnability.reason
     if learnability.learnable:
-        return Tier("a", reason, TIERS["a"], None)
+        return Tier("a", reason, TIERS["a"], next_tier=None)
     rate = slower_stream_rate(learnability.figures)
-    is_slow = rate < MIN_STREAM_RATE
+    needs_faster_streams = rate < MIN_STREAM_RATE
+    # A rate of 0 is not known.
     is_too_slow = 0 < rate < MIN_CONDITION_RATE
     if not condition.settled or not condition.lean or is_too_slow:
-        return Tier(None, reason, None, NextTier("c", reason, is_slow))
-    if rate >= MIN_SLOW_MOTION_RATE:
-        return Tier("b", reason, TIERS["b"], NextTier("a", reason, is_slow))
-    return Tier("c", reason, TIERS["c"], NextTier("b", reason, is_slow))
+        tier, next_tier = None, "c"
+    elif rate >= MIN_SLOW_MOTION_RATE:
+        tier, next_tier = "b", "a"
+    else:
+        tier, next_tier = "c", "b"
+    allows = None if tier is None else TIERS[tier]
+    return Tier(tier, reason, allows, NextTier(next_tier, reason, needs_faster_streams))

@@ -70,14 +70,14 @@ def balance_of_steady_flight(signals: Signals) -> BalanceFigures | None:
         steady = steady_intervals(signals, segment.boot)
         intervals = intersection([(segment.start, segment.end)], steady)
         seconds += total_duration(intervals)
-        steady_parts = [Segment(segment.boot, start, end) for start, end in intervals]
-        is_in_segment = in_segments(motors, *steady_parts)
-        commands = motors.scale.fraction(motors.outputs[is_in_segment])
+        steady_segments = [Segment(segment.boot, start, end) for start, end in intervals]
+        is_steady = in_segments(motors, *steady_segments)
+        time = motors.time[is_steady]
         runs.append(
             SteadyRun(
-                motors.time[is_in_segment],
-                commands,
-                _lean(signals, segment, motors.time[is_in_segment]),
+                time=time,
+                commands=motors.scale.fraction(motors.outputs[is_steady]),
+                lean=_lean(signals, segment, time),
             )
         )
     return balance_figures(runs, motor_signatures(motors.geometry), seconds)

@@ -64,14 +64,16 @@ class BalanceModel:
     ) -> RiseEstimate:
         """Estimates by how much the motors' commands rose in a change, relative to the commands before it.
 
-        The size of the change is the weighted least-squares estimate along its signature: with balance before and after
-        it b₀ and b₁, signature g and variance V, it is gᵀ V⁻¹ (b₁ − b₀) / (gᵀ V⁻¹ g).
+        A hypothesis says which motors changed, and in which ratio (``rises``), but not by how much. That is one factor,
+        the size of the change, by which all rises are multiplied. It is the weighted least-squares estimate along the
+        signature g, the change of the balance that ``rises`` themselves would make: with the balance before and after
+        the change, b₀ and b₁, and the variance V, it is gᵀ V⁻¹ (b₁ − b₀) / (gᵀ V⁻¹ g).
 
-        The signature is the change of the balance that a change of size 1, all of ``rises``, would make. The balance is
-        relative to the mean command, which itself rises by mean_rise: so the signature is less by mean_rise · b₁.
+        Torques change by ``rises`` times the signatures of the motors. The balance divides them by the mean command,
+        which itself rises by mean_rise, so that g is less than that by mean_rise · b₁.
 
         Args:
-            rises: (k,) rises of the motors' commands of the hypothesis, up to their size.
+            rises: (k,) rises of the motors' commands under the hypothesis; only their ratios matter.
             balance_before: (a,) balance before the change.
             balance_after: (a,) balance after it.
             variance: (a,) variance of the change.
@@ -83,20 +85,22 @@ class BalanceModel:
         signature = rises @ self.signatures - mean_rise * balance_after
         weighted_signature = signature / variance
         precision = weighted_signature @ signature
+        size = weighted_signature @ (balance_after - balance_before) / precision
         # Commands before the change, relative to their mean: thrust 1 and the balance.
         commands = self.allocation @ [1.0, *balance_before]
         relative_rises = rises / commands
-        size = weighted_signature @ (balance_after - balance_before) / precision
         estimates = size * relative_rises
-        # Two independent errors: that of least squares, and that of a vehicle that has not settled yet.
-        standard_errors = np.hypot(precision**-0.5 * relative_rises, SETTLING_ERROR * estimates)
+        # Two independent errors: of least squares, and of a vehicle that has not settled yet.
+        least_squares_errors = precision**-0.5 * relative_rises
+        standard_errors = np.hypot(least_squares_errors, SETTLING_ERROR * estimates)
         return RiseEstimate(estimates, coverage_factor() * standard_errors)
 
     def thrust_loss(self, motor: int, lowest_rise: float, highest_rise: float) -> Numbers:
         """Returns an interval for the fraction of its thrust that a motor lost.
 
-        Two things are uncertain: how far the command rose, and the exponent with which thrust depends on the command
-        (``THRUST_EXPONENTS``). The loss at either end is that of :func:`mavdem.motors.thrust_loss.lost_thrust`.
+        The controller raises the command of the motor to compensate the loss, so that the loss follows from the rise
+        (:func:`mavdem.motors.thrust_loss.lost_thrust`). Two things are uncertain: how far the command rose, and the
+        exponent with which thrust depends on the command (``THRUST_EXPONENTS``).
 
         Args:
             motor: Index of the motor.

@@ -154,7 +154,8 @@ class ChangeHypotheses:
 
         There are S hypotheses, each a cause with one size: nothing changed, motor i works harder by one of r rises, a
         load shifted, and others. Their probabilities by Bayes' rule are summed by cause and by motor. A motor has a
-        fault if its own command rises by ``FAULT_RISE`` or more.
+        fault if its own command rises by ``FAULT_RISE`` or more. On vehicles with more than four motors the neighbours
+        of a weak motor help it, so that its own command rises by less than it must work harder (``own_rise_ratios``).
 
         Args:
             deviation: Deviation of the flight's balance.
@@ -170,26 +171,27 @@ class ChangeHypotheses:
         # (k, r): hypotheses of the motors are sorted by motor, then by rise.
         by_motor_and_rise = posterior[self.groups["motor"]].reshape(-1, len(RISES))
         motor_probabilities = by_motor_and_rise.sum(axis=1)
-        # On vehicles with more than four motors the neighbours of a weak motor help it, so that its command rises less.
-        own_rise_ratio = self.signatures.own_rise_ratios
-        is_fault = np.outer(own_rise_ratio, RISES) >= FAULT_RISE
+        own_rise_ratios = self.signatures.own_rise_ratios
+        # (k, r): the outer product is the rise of each motor's own command.
+        is_fault = np.outer(own_rise_ratios, RISES) >= FAULT_RISE
         fault_probabilities = np.where(is_fault, by_motor_and_rise, 0.0).sum(axis=1)
 
         return ChangeProbabilities(
             group_probabilities=group_probabilities,
             motor_probabilities=motor_probabilities,
             fault_probabilities=fault_probabilities,
-            rises=_mean_and_interval_of_rises(by_motor_and_rise) * own_rise_ratio,
+            rises=_mean_and_interval_of_rises(by_motor_and_rise) * own_rise_ratios,
             posterior=posterior,
         )
 
     def _posterior(self, deviation: Deviation, previous: Array | None) -> Array:
         """Computes the posterior probabilities of the hypotheses by Bayes' rule.
 
-        A hypothesis expects a change with a spread, to which the scale of healthy flights' deviations is added in
-        quadrature. The likelihood is the product of Student's t densities on the three axes. The hypothesis of a motor
-        is ruled out if the observed change differs by more than ``MAX_MISFIT`` scales from it on any axis; otherwise
-        it might win only because the others fit even worse.
+        A hypothesis expects a change of the balance about roll, pitch and yaw, with a standard deviation (spread). The
+        scale of healthy flights' deviations is added to that in quadrature. The likelihood is the product of Student's
+        t densities on the three axes. The hypothesis that a motor is weak is ruled out if the observed change differs
+        from its expected change by more than ``MAX_MISFIT`` scales on any axis. Otherwise it might win only because the
+        others fit even worse.
 
         Args:
             deviation: Deviation of the flight's balance.
@@ -206,6 +208,7 @@ class ChangeHypotheses:
         spread = self.spread.copy()
         # If the vehicle leans, a load that shifted changes yaw too, since the drag acts off the centre of gravity.
         spread[load_rows, YAW] = spread[load_rows, ROLL] * deviation.lean
+        # (S, 3), as are the spread and the standard scores: hypotheses by axes.
         scale = np.hypot(deviation.scale, spread)
         standard_scores = (deviation.change - self.change) / scale
         log_densities = student_t_log_density(standard_scores, deviation.freedom) - np.log(scale)
@@ -231,7 +234,9 @@ class ChangeHypotheses:
             Probability that something changed, the mean over the motors, 0 to 1.
         """
         rises = DETECTABLE_RISE / self.signatures.own_rise_ratios
-        changes = self.signatures.weak_motor_balance[:, 1:] * rises[:, None]
+        # The first column of a signature is thrust, the others are roll, pitch and yaw.
+        signatures = self.signatures.weak_motor_balance[:, 1:]
+        changes = signatures * rises[:, None]
         probabilities = []
         for change in changes:
             change_probabilities = self.explain(deviation._replace(change=change))

@@ -43,11 +43,12 @@ class EffortChange(NamedTuple):
 def effort_change(
     flight: HealthFigures, healthy: HealthFlights, previous: EffortChange | None
 ) -> EffortChange | None:
-    """Estimates whether and by how much the effort of a flight differs from that of healthy flights.
+    """Estimates whether and by how much the effort of a flight differs from the effort of healthy flights.
 
-    The logarithm of the effort is normal over healthy flights, with a variance pooled from their scatter and a prior;
-    so without a change the flight's logarithm follows Student's t distribution. The prior of a change is a mixture of
-    normal distributions.
+    The effort is the mean motor output times the battery voltage. Its logarithm is normal over healthy flights, with a
+    variance pooled from their scatter and a prior. So without a change the logarithm of the flight's effort follows
+    Student's t distribution. The prior of a change is a mixture of normal distributions of s sizes, and Bayes' rule
+    gives the probability of each size and of no change.
 
     Args:
         flight: The flight.
@@ -65,12 +66,14 @@ def effort_change(
     if flight.effort is None or len(healthy_efforts) < MIN_HEALTHY_FLIGHTS:
         return None
     log_efforts = np.log(healthy_efforts)
+    count = len(log_efforts)
     centre = log_efforts.mean()
     squares = ((log_efforts - centre) ** 2).sum()
-    freedom = PRIOR_BALANCE_FREEDOM + len(log_efforts) - 1
+    # The prior counts like ``PRIOR_BALANCE_FREEDOM`` further flights.
+    freedom = PRIOR_BALANCE_FREEDOM + count - 1
     variance_between = (PRIOR_BALANCE_FREEDOM * PRIOR_EFFORT_SD**2 + squares) / freedom
     # The scatter of the flight, and the error of the mean of the healthy ones.
-    variance = variance_between * (1 + 1 / len(log_efforts))
+    variance = variance_between * (1 + 1 / count)
     log_change = np.log(flight.effort) - centre
 
     mixture = student_t_mixture(CHANGE_SCALE)

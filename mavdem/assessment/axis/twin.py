@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import replace
+from math import inf
 from typing import NamedTuple
 
 import numpy as np
@@ -50,8 +51,8 @@ class AssessedTwin(NamedTuple):
 def assessed_twin(evidence: Evidence, mass: float | None = None) -> AssessedTwin:
     """Builds the twin of a vehicle: a simulation with its identified loops, hover thrust, drag and wind.
 
-    Roll and the hover are needed. Axes without an identified loop are reported as missing. The drag is the one that the
-    wind was estimated with, otherwise that of the autopilot's parameters.
+    Roll and the hover are needed. Axes without an identified loop are reported as missing. The drag is the one with
+    which the wind was estimated, otherwise the drag in the autopilot's parameters.
 
     Args:
         evidence: signals, events and measurements of the vehicle.
@@ -63,24 +64,27 @@ def assessed_twin(evidence: Evidence, mass: float | None = None) -> AssessedTwin
     Raises:
         NotLearnable: the loop of roll, or the hover, is not known.
     """
-    missing = {axis: loop for axis, loop in evidence.loops.items() if isinstance(loop, Fact)}
+    missing_loops = {axis: loop for axis, loop in evidence.loops.items() if isinstance(loop, Fact)}
     if evidence.reasons_not_to_fly:
-        missing = {axis: fact.grounded for axis, fact in missing.items()}
-    if "roll" in missing:
-        reasons = (*evidence.reasons_not_to_fly, missing["roll"])
+        # These facts are shown without advice to fly.
+        missing_loops = {axis: fact.grounded for axis, fact in missing_loops.items()}
+    if "roll" in missing_loops:
+        reasons = (*evidence.reasons_not_to_fly, missing_loops["roll"])
         raise NotLearnable(reasons[0])
     loops = evidence.identified_loops
     signals = evidence.signals
     hover = hover_of(signals.for_axis("roll", "motors"), evidence.log.components)
+    # Mean command of all motors in the hover, as a share of their range.
     hover_share = float(np.mean(hover.trim_of_range))
     telemetry = signals.telemetry
     wind = evidence.wind.estimate
-    drag = Drag.from_parameters(telemetry.autopilot, telemetry.parameters)
     if wind is not None:
         drag = wind.drag
+    else:
+        drag = Drag.from_parameters(telemetry.autopilot, telemetry.parameters)
     is_px4 = telemetry.autopilot == "PX4"
     twin = build_twin(loops, px4=is_px4, hover=hover_share, wind=wind, drag=drag, mass=mass)
-    return AssessedTwin(twin, loops, missing)
+    return AssessedTwin(twin, loops, missing_loops)
 
 
 class TwinMotion(NamedTuple):
@@ -118,7 +122,7 @@ class GainTrial(NamedTuple):
 def try_gains(evidence: Evidence, gains: Parameters, *, in_wind: bool = True) -> GainTrial | Fact:
     """Simulates flights of the twin with the present gains and with other gains, in the same wind and noise.
 
-    Both fly the same setpoints: those of the part of the recorded flight in which they move most.
+    Both follow the same setpoints, from the seconds of the recorded flight in which the setpoints move most.
 
     Args:
         evidence: signals, events and measurements of the vehicle.
@@ -139,21 +143,22 @@ def try_gains(evidence: Evidence, gains: Parameters, *, in_wind: bool = True) ->
     replayed = dict[str, ReplaySegment]()
     hover = dict[str, ReplaySegment]()
     for axis, recorded in recorded_segments.items():
-        replayed[axis] = ReplaySegment(*(values[replayed_samples] for values in recorded))
-        outputs, setpoints = (values[hover_samples] for values in recorded)
-        hover[axis] = ReplaySegment(outputs, np.zeros_like(setpoints))
+        outputs, setpoints = recorded
+        replayed[axis] = ReplaySegment(outputs[replayed_samples], setpoints[replayed_samples])
+        hover[axis] = ReplaySegment(outputs[hover_samples], np.zeros_like(setpoints[hover_samples]))
     try:
         present_twin = assessed_twin(evidence).twin
         advised_twin = replace(present_twin, parameters={**present_twin.parameters, **gains})
         twins = (present_twin, advised_twin)
         tracking = _compared_motions(twins, loops, replayed)
-        return GainTrial(tracking, _compared_motions(twins, loops, hover) if in_wind else {})
+        motion_in_wind = _compared_motions(twins, loops, hover) if in_wind else {}
     except NotLearnable as error:
         return error.fact
+    return GainTrial(tracking, motion_in_wind)
 
 
 def samples_of_most_movement(segments: Mapping[str, ReplaySegment], dt: float) -> slice:
-    """Returns the part of a recorded flight to simulate: the window in which the setpoints of angles move most.
+    """Selects the samples of a recorded flight to simulate: the window in which the setpoints of angles move most.
 
     It has ``SETTLING_SECONDS``, in which the twin settles, and then ``REPLAY_SECONDS``. Windows that begin at each full
     second are compared by the variance of their setpoints without the settling, summed over roll and pitch.
@@ -170,14 +175,15 @@ def samples_of_most_movement(segments: Mapping[str, ReplaySegment], dt: float) -
     length = round((SETTLING_SECONDS + REPLAY_SECONDS) / dt)
     settling_length = round(SETTLING_SECONDS / dt)
     last_start = max(angle_setpoints.shape[1] - length, 0)
-
-    def movement(start: int) -> float:
-        """Returns the variance of the setpoints in the window that begins at a sample, without its settling."""
+    best_start = 0
+    largest_variance = -inf
+    for start in range(0, last_start + 1, round(1 / dt)):
         window = angle_setpoints[:, start + settling_length : start + length]
-        return float(window.var(axis=1).sum())
-
-    start = max(range(0, last_start + 1, round(1 / dt)), key=movement)
-    return slice(start, start + length)
+        variance = float(window.var(axis=1).sum())
+        if variance > largest_variance:
+            best_start = start
+            largest_variance = variance
+    return slice(best_start, best_start + length)
 
 
 def _compared_motions(

@@ -1,4 +1,4 @@
-"""What a log shows of the hardware, a fact for each part: judged where an autopilot's own documentation has a limit."""
+"""What a log shows of the hardware, a fact for each device: judged if an autopilot's own documentation has a limit."""
 
 from mavdem.assessment.evidence import Evidence
 from mavdem.assessment.hardware.calibration import calibration_fact
@@ -15,13 +15,13 @@ __all__ = ["hardware_facts"]
 
 
 def hardware_facts(evidence: Evidence, lights: NamedFacts) -> NamedFacts:
-    """Returns a fact about each part of the hardware that the log shows, by the name of the part.
+    """Returns a fact about each device or other subject of the hardware that the log shows, by its name.
 
     A fact whose level is unknown is not judged: no documentation has a limit for it.
 
     Args:
         evidence: signals, events and measurements of the vehicle.
-        lights: the lights, of which the one on power is that part's fact.
+        lights: the status lights, of which the one on power is the fact about the batteries.
     """
     facts = {
         HardwarePart.POWER: lights["power"],
@@ -33,4 +33,4 @@ def hardware_facts(evidence: Evidence, lights: NamedFacts) -> NamedFacts:
         HardwarePart.TEMPERATURES: temperatures_fact(evidence),
         HardwarePart.CALIBRATION: calibration_fact(evidence.signals.telemetry),
     }
-    return {str(part): fact for part, fact in facts.items() if fact is not None}
+    return {str(subject): fact for subject, fact in facts.items() if fact is not None}

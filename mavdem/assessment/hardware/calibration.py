@@ -15,7 +15,7 @@ BUSES = {1: "I2C", 2: "SPI", 3: "CAN", 4: "simulated", 5: "MSP", 6: "serial"}
 (src/lib/drivers/device/Device.hpp)."""
 
 BUS_BITS, BUS_NUMBER_BITS = 3, 5
-"""Bits of a device id with the kind of the bus, and above them with its number."""
+"""Bits of a device id with the type of the bus, and above them with its number."""
 
 
 class SensorParameters(NamedTuple):
@@ -93,7 +93,7 @@ def calibration_fact(telemetry: Telemetry) -> Fact | None:
 
 
 def sensors_of(telemetry: Telemetry) -> Iterator[CalibratedSensor]:
-    """Yields the sensors that the autopilot's parameters name, kind by kind.
+    """Yields the sensors that the autopilot's parameters name: accelerometers, then gyros and compasses.
 
     Args:
         telemetry: telemetry of the vehicle.
@@ -108,38 +108,53 @@ def _ardupilot_sensors(parameters: Parameters) -> Iterator[CalibratedSensor]:
     """Yields ArduPilot's accelerometers and compasses, each in the order in which its logs number them.
 
     Compasses are numbered by their priority, if parameters define one. Sensors without parameters of their offsets are
-    left out. A sensor counts as calibrated if any of its offsets is not 0.
+    left out, since a stream may have only some of the parameters.
 
     Args:
         parameters: parameters of the autopilot, by name.
     """
-    for sensor in ARDUPILOT_SENSORS:
-        is_enabled = parameters.get(sensor.enable_name, 1) > 0
-        numbers = _numbers_by_identifier(parameters, sensor.identifier_name)
-        calibrated_by_identifier = {}
-        for identifier, number in numbers.items():
-            prefix = sensor.offset_prefix.format(_number_in_name(number))
-            offset_names = [f"{prefix}{axis}" for axis in "XYZ"]
-            # A stream may have only some of the parameters.
-            if all(name in parameters for name in offset_names):
-                has_offset = any(parameters[name] for name in offset_names)
-                calibrated_by_identifier[identifier] = has_offset
-        # Logs number compasses by their priority, where parameters define one.
-        logged_numbers = numbers
-        if sensor.priority_name and parameters.get(sensor.priority_name.format(1), 0):
-            logged_numbers = _numbers_by_identifier(
-                parameters, sensor.priority_name, is_first_numbered=True
+    for sensor_type in ARDUPILOT_SENSORS:
+        are_enabled = parameters.get(sensor_type.enable_name, 1) > 0
+        calibrated_by_id = _calibrated_by_device_id(parameters, sensor_type)
+        priority_name = sensor_type.priority_name
+        if priority_name and parameters.get(priority_name.format(1), 0):
+            numbers_in_logs = _numbers_by_device_id(
+                parameters, priority_name, is_first_numbered=True
             )
-        for identifier, number in logged_numbers.items():
-            if identifier not in calibrated_by_identifier:
+        else:
+            numbers_in_logs = _numbers_by_device_id(parameters, sensor_type.identifier_name)
+        for device_id, number in numbers_in_logs.items():
+            if device_id not in calibrated_by_id:
                 continue
-            use_name = sensor.use_name.format(_number_in_name(number))
+            use_name = sensor_type.use_name.format(_number_in_name(number))
             yield CalibratedSensor(
-                f"{sensor.kind} {number}",
-                bus_name(identifier),
-                is_used=is_enabled and parameters.get(use_name, 1) > 0,
-                is_calibrated=calibrated_by_identifier[identifier],
+                f"{sensor_type.kind} {number}",
+                bus_name(device_id),
+                is_used=are_enabled and parameters.get(use_name, 1) > 0,
+                is_calibrated=calibrated_by_id[device_id],
             )
+
+
+def _calibrated_by_device_id(
+    parameters: Parameters, sensor_type: SensorParameters
+) -> dict[int, bool]:
+    """Returns whether each of ArduPilot's sensors of one type was calibrated: whether any of its offsets is not 0.
+
+    Args:
+        parameters: parameters of the autopilot, by name.
+        sensor_type: names of the parameters of these sensors.
+
+    Returns:
+        Whether it was calibrated, by the device id of the sensor; only for sensors with all three offsets.
+    """
+    calibrated_by_id = {}
+    numbers = _numbers_by_device_id(parameters, sensor_type.identifier_name)
+    for device_id, number in numbers.items():
+        prefix = sensor_type.offset_prefix.format(_number_in_name(number))
+        offset_names = [f"{prefix}{axis}" for axis in "XYZ"]
+        if all(name in parameters for name in offset_names):
+            calibrated_by_id[device_id] = any(parameters[name] for name in offset_names)
+    return calibrated_by_id
 
 
 def _number_in_name(number: int) -> str:
@@ -147,25 +162,27 @@ def _number_in_name(number: int) -> str:
     return "" if number == 1 else str(number)
 
 
-def _numbers_by_identifier(
-    parameters: Parameters, name: str, *, is_first_numbered: bool = False
+def _numbers_by_device_id(
+    parameters: Parameters, id_name: str, *, is_first_numbered: bool = False
 ) -> dict[int, int]:
-    """Reads the device ids of numbered sensors from parameters.
+    """Returns the number of each of ArduPilot's sensors of one type, by its device id.
+
+    Each sensor has a parameter with its device id, whose name contains the number, such as INS_ACC2_ID.
 
     Args:
         parameters: parameters of the autopilot.
-        name: name of the parameter with a device id; "{}" stands for the number of the sensor.
+        id_name: name of these parameters; "{}" stands for the number of the sensor.
         is_first_numbered: whether the name of the first sensor's parameter has a number too.
 
     Returns:
-        The number of the sensor, from 1, by device id; if several parameters have the same id, that of the first one.
+        The number of the sensor, from 1, by device id. If several parameters have the same id, the first one counts.
     """
     numbers: dict[int, int] = {}
     for number in range(1, MAX_SENSORS + 1):
         number_in_name = str(number) if is_first_numbered else _number_in_name(number)
-        identifier = int(parameters.get(name.format(number_in_name), 0))
-        if identifier:
-            numbers.setdefault(identifier, number)
+        device_id = int(parameters.get(id_name.format(number_in_name), 0))
+        if device_id:
+            numbers.setdefault(device_id, number)
     return numbers
 
 
@@ -175,19 +192,22 @@ def _px4_sensors(parameters: Parameters) -> Iterator[CalibratedSensor]:
     Args:
         parameters: parameters of the autopilot, by name.
     """
-    for kind, prefix in PX4_SENSORS.items():
+    for sensor_type, prefix in PX4_SENSORS.items():
+        # PX4 numbers the sensors of a type from 0, names of sensors here begin with 1.
         for index in range(MAX_SENSORS):
-            name = prefix.format(index)
-            identifier = int(parameters.get(f"{name}_ID", 0))
-            if identifier:
-                is_used = parameters.get(f"{name}_PRIO", -1) != 0
-                yield CalibratedSensor(
-                    f"{kind} {index + 1}", bus_name(identifier), is_used, is_calibrated=True
-                )
+            parameter_prefix = prefix.format(index)
+            device_id = int(parameters.get(f"{parameter_prefix}_ID", 0))
+            if not device_id:
+                continue
+            # A sensor with the priority 0 is switched off.
+            is_used = parameters.get(f"{parameter_prefix}_PRIO", -1) != 0
+            yield CalibratedSensor(
+                f"{sensor_type} {index + 1}", bus_name(device_id), is_used, is_calibrated=True
+            )
 
 
 def bus_name(identifier: int) -> str:
-    """Returns the bus of a device id with its number: "SPI 1"; empty if the kind of bus is not known."""
-    kind = BUSES.get(identifier & ((1 << BUS_BITS) - 1), "")
+    """Returns the bus of a device id with its number: "SPI 1"; empty if the type of the bus is not known."""
+    bus_type = BUSES.get(identifier & ((1 << BUS_BITS) - 1), "")
     number = identifier >> BUS_BITS & ((1 << BUS_NUMBER_BITS) - 1)
-    return f"{kind} {number}" if kind else ""
+    return f"{bus_type} {number}" if bus_type else ""

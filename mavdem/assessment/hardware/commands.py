@@ -23,7 +23,7 @@ MIN_SWITCH_CHANGE = 100.0
 
 
 def command_facts(evidence: Evidence) -> NamedFacts:
-    """Returns facts about position setpoints and pilot sticks in flight.
+    """Returns facts about what commanded the vehicle in flight: position setpoints, and the pilot's sticks.
 
     Neither is judged: how near a vehicle should keep to its position depends on gusts and on the flown course.
 
@@ -31,13 +31,13 @@ def command_facts(evidence: Evidence) -> NamedFacts:
         evidence: signals, events and measurements of the vehicle.
 
     Returns:
-        Facts by the name of the part; empty if neither was recorded in flight.
+        Facts by "targets" and "sticks"; without the one that was not recorded in flight.
     """
     facts = {
         CommandPart.TARGETS: _targets_fact(evidence),
         CommandPart.STICKS: _sticks_fact(evidence),
     }
-    return {str(part): fact for part, fact in facts.items() if fact is not None}
+    return {str(source): fact for source, fact in facts.items() if fact is not None}
 
 
 def _targets_fact(evidence: Evidence) -> Fact | None:

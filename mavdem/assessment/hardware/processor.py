@@ -43,17 +43,18 @@ def processor_fact(evidence: Evidence) -> Fact | None:
     if not len(loads):
         return None
     parameters = signals.telemetry.parameters
+    # Load and memory are in percent.
+    load = float(loads.max())
     load_limit: float | None = FULL_LOAD
     if signals.telemetry.autopilot == "PX4":
         load_limit = parameters.get(LOAD_PARAMETER)
     memory_used = evidence.values_in_flight(recorded_quantity(signals, MEMORY_USED))
     memory = float(memory_used.max()) if len(memory_used) else None
     memory_limit = parameters.get(MEMORY_PARAMETER)
-    load = float(loads.max())
-    is_busy = _exceeds(load, load_limit)
-    is_full = _exceeds(memory, memory_limit)
-    is_judged = load_limit is not None and load_limit > 0
-    level = Level.GOOD if is_judged else Level.UNKNOWN
+    is_busy = _reaches(load, load_limit)
+    is_full = _reaches(memory, memory_limit)
+    has_load_limit = load_limit is not None and load_limit > 0
+    level = Level.GOOD if has_load_limit else Level.UNKNOWN
     if is_busy or is_full:
         level = Level.WATCH
     memory_free = evidence.values_in_flight(recorded_quantity(signals, MEMORY_FREE))
@@ -70,7 +71,7 @@ def processor_fact(evidence: Evidence) -> Fact | None:
     )
 
 
-def _exceeds(value: float | None, limit: float | None) -> bool:
+def _reaches(value: float | None, limit: float | None) -> bool:
     """Returns whether a value reaches a limit that is positive; False if one of them is not known."""
     return value is not None and limit is not None and 0 < limit <= value
 
@@ -84,13 +85,14 @@ def _share_of_long_loops(evidence: Evidence) -> float | None:
     Returns:
         The share; None if they were not counted.
     """
-    for field in LOOP_COUNT_FIELDS:
-        loops = recorded_series(evidence.signals.telemetry, "PM", "NLon", field)
+    for count_field in LOOP_COUNT_FIELDS:
+        # NLon is the number of main loops that took too long, of all main loops in the other field.
+        loops = recorded_series(evidence.signals.telemetry, "PM", "NLon", count_field)
         if loops is None:
             continue
         counts = evidence.values_in_flight(loops)
-        if not len(counts) or not counts[:, 1].sum():
+        if not len(counts):
             return None
         long_count, count = counts.sum(axis=0)
-        return float(long_count / count)
+        return float(long_count / count) if count else None
     return None

@@ -48,11 +48,11 @@ def recording_fact(evidence: Evidence) -> Fact | None:
         step=float(np.median(np.concatenate(steps))),
         longest_gap=longest_gap,
         dropouts=dropouts,
-        body_rates=has_stamps_of_body_rates(evidence.signals),
+        body_rates=is_attitude_resampled(evidence.signals),
     )
 
 
-def has_stamps_of_body_rates(signals: Signals) -> bool:
+def is_attitude_resampled(signals: Signals) -> bool:
     """Returns whether the attitude that models use was resampled to the times of the body rates, logged more often.
 
     Then its angles were interpolated between the logged ones (PX4), or integrated from rates (ArduPilot's PID_TUNING).

@@ -201,16 +201,17 @@ def _unread_bytes(repair: Fact) -> int:
 
 
 def _rate_in_flight(evidence: Evidence, stream: Attitude | MotorOutputs) -> float:
-    """Returns the mean rate of a stream in flight without outages, Hz; that of the whole log without flight.
+    """Returns the mean rate of a stream in flight without outages, Hz; without flight, its rate in the whole log.
 
     Args:
         evidence: the flights of the vehicle.
         stream: samples of the vehicle.
     """
-    series = TimeSeries(stream.time, stream.boot, stream.time)
-    steps = [np.diff(flight.time) for flight in evidence.in_flight(series)]
-    rate = rate_without_gaps(np.concatenate([np.zeros(0), *steps]))
-    return rate or rate_between_outages(stream)
+    # Only the times are used, so that they are the values of the series too.
+    stamps = TimeSeries(stream.time, stream.boot, values=stream.time)
+    steps = [np.diff(flight.time) for flight in evidence.in_flight(stamps)]
+    rate_in_flight = rate_without_gaps(np.concatenate([np.zeros(0), *steps]))
+    return rate_in_flight or rate_between_outages(stream)
 
 
 def _longest_gap(evidence: Evidence, attitude: Attitude) -> float:

@@ -45,9 +45,12 @@ MIN_TOGETHER_SHARE = 0.5
 def motors_light(evidence: Evidence) -> Fact:
     """Judges the motors by the worst fact about them in a log.
 
-    Of equally bad facts the first one is returned, in this order: events that name a motor; a limit cycle that drives
-    motors to their limits; a motor at its limit in the hover or, if that was too short, for most of the flight; and an
-    uneven trim or a small headroom. If no hover was measured, a fact that says so replaces the last one.
+    Of equally bad facts the first one is returned, in this order:
+
+    1. Events that name a motor.
+    2. A limit cycle (an oscillation of the control loops) that drives motors to their limits.
+    3. An uneven trim or a small headroom or, if no hover was measured, that the motors were not seen in a hover.
+    4. A motor at its limit in the hover or, if the hover was too short, for most of the flight.
 
     Args:
         evidence: signals, events and measurements of the vehicle.
@@ -63,22 +66,32 @@ def motors_light(evidence: Evidence) -> Fact:
     if oscillation is not None and oscillation.at_limit > MIN_AT_LIMIT_SHARE:
         facts.append(Fact(MotorsLight.MOTORS_SWING, share=oscillation.at_limit))
     if hover is None:
-        # The sentence of this fact differs for outputs that were not recorded, for which there are no names.
-        names = _motor_names(evidence)
-        facts.append(
-            Fact(
-                MotorsLight.MOTORS_NOT_SEEN,
-                names=names,
-                least_duration=MIN_STEADY_SECONDS,
-                reason=None if names else _reason_outputs_are_unusable(evidence),
-            )
-        )
+        facts.append(_missing_hover(evidence))
     else:
         facts.append(_trim_or_headroom(evidence, hover))
     limited = _limited_motors_of_flight(evidence, hover)
     if limited is not None:
         facts.append(limited)
     return worst_fact(facts)
+
+
+def _missing_hover(evidence: Evidence) -> Fact:
+    """Returns the fact that the motors were not seen in a hover.
+
+    Args:
+        evidence: signals, events and measurements of the vehicle.
+
+    Returns:
+        A fact with the names of the motors. Without names their outputs were not recorded, and the fact has the reason
+        why recorded outputs do not belong to motors, if that is so.
+    """
+    names = _motor_names(evidence)
+    return Fact(
+        MotorsLight.MOTORS_NOT_SEEN,
+        names=names,
+        least_duration=MIN_STEADY_SECONDS,
+        reason=None if names else _reason_outputs_are_unusable(evidence),
+    )
 
 
 def _limited_motors_of_flight(evidence: Evidence, hover: HoverFigures | None) -> Fact | None:
@@ -97,27 +110,42 @@ def _limited_motors_of_flight(evidence: Evidence, hover: HoverFigures | None) ->
     motors = evidence.signals.motors
     if motors is None or _has_full_throttle(evidence):
         return None
-    is_settled = hover is not None and hover.seconds >= MIN_STEADY_SECONDS
-    if hover is not None and is_settled:
-        figures = hover
+    if hover is not None and hover.seconds >= MIN_STEADY_SECONDS:
+        is_settled = True
         segments = settled_segments(evidence.signals)
+        figures: HoverFigures | None = hover
     else:
+        is_settled = False
         segments = evidence.flight_segments(motors.boot)
-        seconds = total_duration(segments)
-        outputs = motors.outputs[in_segments(motors, *segments)]
-        if seconds < MIN_STEADY_SECONDS or not len(outputs):
-            return None
-        try:
-            figures = hover_figures(motors.geometry.names, motors.scale, seconds, outputs, lean={})
-        except NotLearnable:
-            # The motors were off at all samples of the flight, as where their message came only until the take-off.
-            return None
-    limited = limited_motors(figures)
-    if limited is None or (not is_settled and limited.share <= MIN_MOST_SHARE):
+        figures = _figures_of_flight(motors, segments)
+    limited = None if figures is None else limited_motors(figures)
+    if figures is None or limited is None:
         return None
-    if _is_limited_together(motors, segments, figures):
+    is_short_limit = not is_settled and limited.share <= MIN_MOST_SHARE
+    if is_short_limit or _is_limited_together(motors, segments, figures):
         return None
     return limited.fact(MotorsLight.MOTOR_LIMITED).replace(is_settled=is_settled)
+
+
+def _figures_of_flight(motors: MotorOutputs, segments: Segments) -> HoverFigures | None:
+    """Returns the same figures of the motors as in a hover, but over all of the flight.
+
+    Args:
+        motors: outputs of the motors.
+        segments: all segments of flight.
+
+    Returns:
+        The figures; None if the flight was too short, or the motors were off at all its samples, as if their message
+        came only until the take-off.
+    """
+    seconds = total_duration(segments)
+    outputs = motors.outputs[in_segments(motors, *segments)]
+    if seconds < MIN_STEADY_SECONDS or not len(outputs):
+        return None
+    try:
+        return hover_figures(motors.geometry.names, motors.scale, seconds, outputs, lean={})
+    except NotLearnable:
+        return None
 
 
 def _has_full_throttle(evidence: Evidence) -> bool:
@@ -138,10 +166,10 @@ def _has_full_throttle(evidence: Evidence) -> bool:
 
 
 def _is_limited_together(motors: MotorOutputs, segments: Segments, figures: HoverFigures) -> bool:
-    """Returns whether motors were at their limit mostly while all of them gave nearly full throttle.
+    """Returns whether limits of motors show a hard climb and no weak motor: all gave nearly full throttle then.
 
-    If the vehicle hovers well below full throttle, it only climbed hard for a moment, which is no sign of single
-    motors. If its hover is near full throttle too, it always lacks thrust: then the result is False.
+    A vehicle that hovers well below full throttle, with all motors near their limit for a moment, only climbed hard. If
+    its mean command is near full throttle too, it always lacks thrust: then the result is False.
 
     Args:
         motors: outputs of the motors.
@@ -182,11 +210,13 @@ def _reason_outputs_are_unusable(evidence: Evidence) -> Fact | None:
 
 
 def _events_of_motors(evidence: Evidence) -> list[Fact]:
-    """Returns the events that show trouble with one motor of this vehicle, the most important first.
+    """Returns the events that show a fault of one motor of this vehicle, the most important first.
 
-    The order is: the loss of the flight, if that names a motor or all thrust was used up; warnings in flight without a
-    figure of the lost thrust, such as a motor that was off; losses of thrust, the largest first, equal ones by their
-    duration; reports of the autopilot about a motor; and, if no hover was measured, the longest moment at a limit.
+    1. The loss of the flight, if that names a motor, or all thrust was used up.
+    2. Warnings in flight without a figure of the lost thrust, such as a motor that was off.
+    3. Losses of thrust, the largest first, equal ones by their duration.
+    4. Reports of the autopilot about a motor.
+    5. If no hover was measured, the motor that was longest at its limit. In a hover the share of the time is judged.
 
     Args:
         evidence: signals, events and measurements of the vehicle.
@@ -215,8 +245,7 @@ def _events_of_motors(evidence: Evidence) -> list[Fact]:
     if ending is not None and (ending.subject in names or _is_thrust_spent(ending)):
         facts.insert(0, ending)
     if evidence.condition.hover is None:
-        # In a hover the share of the time at the limit is judged. Without one, single moments at the limit are.
-        facts += _moments_at_limit(evidence, names)
+        facts += _longest_limit(evidence, names)
     return facts
 
 
@@ -226,7 +255,7 @@ def _is_thrust_spent(ending: Fact) -> bool:
     return cause is not None and cause.code is FailedFirst.THRUST_SPENT_FIRST
 
 
-def _moments_at_limit(evidence: Evidence, names: tuple[str, ...]) -> list[Fact]:
+def _longest_limit(evidence: Evidence, names: tuple[str, ...]) -> list[Fact]:
     """Returns the fact about the motor that was longest at its upper limit in flight, or about several such motors.
 
     The durations of all events of a motor are added. All motors with at least half of the longest time are named
@@ -265,7 +294,7 @@ def _trim_or_headroom(evidence: Evidence, hover: HoverFigures) -> Fact:
     """Returns the pattern of the trim, or that the headroom is small.
 
     The trim is the mean output of each motor in the hover; an uneven one shows a weak motor, a shifted load or a
-    crooked arm. The headroom is the part of a motor's range above the 99th percentile of its output. A trim that is to
+    crooked arm. The headroom is the share of a motor's range above the 99th percentile of its output. A trim that is to
     be watched is returned rather than a small headroom, since it may be the reason for that.
 
     Args:

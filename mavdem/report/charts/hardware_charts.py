@@ -9,7 +9,7 @@ import numpy as np
 from mavdem.arrays import Array
 from mavdem.assessment.evidence import Evidence
 from mavdem.assessment.hardware.commands import POSITION_MESSAGE, POSITION_TARGET_MESSAGE
-from mavdem.assessment.hardware.recording import has_stamps_of_body_rates
+from mavdem.assessment.hardware.recording import is_attitude_resampled
 from mavdem.containers import Names
 from mavdem.dataset.hardware_quantities import (
     BATTERY_CURRENT,
@@ -172,7 +172,7 @@ def _sample_interval_charts(evidence: Evidence, timeline: Timeline) -> Iterator[
     if angle is None or len(angle.time) <= MIN_SAMPLES:
         return
     intervals = TimeSeries(angle.time[1:], angle.boot[1:], 1000 * np.diff(angle.time))
-    quantity = "body rates" if has_stamps_of_body_rates(evidence.signals) else "attitudes"
+    quantity = "body rates" if is_attitude_resampled(evidence.signals) else "attitudes"
     yield over_time(f"Time between {quantity}", "ms", _lines({"step": intervals}, timeline))
 
 
