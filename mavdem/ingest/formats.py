@@ -29,10 +29,11 @@ if TYPE_CHECKING:
     from mavdem.ingest.mavlink.frame_stream import FrameStream
 
 
-MIN_BYTES_TO_RETURN = 1 << 23
+MIN_BYTES_TO_RETURN = 1 << 26
 """Size of a log from which on the memory that its reading needed is returned to the system: a choice.
 
-Of a smaller one it is some tens of megabytes, which the analysis needs again immediately.
+Of a smaller one the analysis needs it again immediately, and to return it would take up to a sixth of the time of
+reading.
 """
 
 

@@ -244,6 +244,9 @@ def is_in_uint16(values: NDArray[np.integer[Any]]) -> bool:
 
 def selected_rows(columns: Columns, rows: slice | NDArray[Any]) -> Fields:
     """Returns some rows of every column; ``rows`` is a slice, row numbers, or flags (N,)."""
+    if isinstance(rows, np.ndarray) and rows.dtype == np.bool_:
+        # Row numbers are found once; flags would be searched for each column.
+        rows = np.flatnonzero(rows)
     return {name: values[rows] for name, values in columns.items()}
 
 
