@@ -392,36 +392,36 @@ def _interpolated_outputs(main: TimeSeries, other: TimeSeries, outputs: Array) -
 
 
 def _observed_upper_stop(fractions: Array) -> float:
-    """Infers the upper stop of the outputs from how often their highest value occurs.
+    """Infers the upper limit that the autopilot sets to motor outputs, from how often their highest value occurs.
 
     An output that moves freely is seldom exactly at its maximum, while a limited one stays there. So the histogram of
     at least one motor must have far more samples in the bin of the highest value than in the bins just below it, and
     most of its other samples still further below.
 
     Args:
-        fractions: (N, k) outputs as fractions of the range.
+        fractions: (N, k) outputs of k motors as fractions of the range.
 
     Returns:
-        The stop as a fraction of the range: the highest output of all motors, or 1 where no motor shows a stop.
+        The limit as a fraction of the range: the highest output of all motors, or 1 where no motor shows a limit.
     """
     highest = float(fractions.max())
     if highest < MIN_OBSERVED_STOP:
         return 1.0
-    # Bin 0 begins at the highest value, and each further bin is below the one before. Outputs of 0 are motors that are
-    # off, and do not count.
-    for column in fractions.T:
-        running_fractions = column[column > 0]
-        bins = np.floor((highest - running_fractions) / STOP_BIN_WIDTH)
-        samples_at_stop = np.count_nonzero(bins == 0)
-        is_neighbour = (bins > 0) & (bins <= STOP_NEIGHBOUR_BINS)
-        samples_per_neighbour = np.count_nonzero(is_neighbour) / STOP_NEIGHBOUR_BINS
-        min_samples = max(
-            MIN_STOP_SHARE * len(column),
-            MIN_STOP_EXCESS * samples_per_neighbour,
+    for outputs in fractions.T:
+        # Outputs of 0 are of a motor that is off, and do not count.
+        running_outputs = outputs[outputs > 0]
+        # Bin 0 begins at the highest value, and each further bin is below the one before.
+        bins = np.floor((highest - running_outputs) / STOP_BIN_WIDTH)
+        samples_at_limit = np.count_nonzero(bins == 0)
+        is_just_below = (bins > 0) & (bins <= STOP_NEIGHBOUR_BINS)
+        samples_per_bin_just_below = np.count_nonzero(is_just_below) / STOP_NEIGHBOUR_BINS
+        min_samples_at_limit = max(
+            MIN_STOP_SHARE * len(outputs),
+            MIN_STOP_EXCESS * samples_per_bin_just_below,
             MIN_STOP_SAMPLES,
         )
         samples_far_below = np.count_nonzero(bins > STOP_NEIGHBOUR_BINS)
         is_mostly_far_below = samples_far_below > np.count_nonzero(bins > 0) / 2
-        if samples_at_stop >= min_samples and is_mostly_far_below:
+        if samples_at_limit >= min_samples_at_limit and is_mostly_far_below:
             return highest
     return 1.0

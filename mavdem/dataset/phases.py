@@ -117,7 +117,7 @@ def without_transients(
         climb_rate: Averaged vertical speed, m/s upwards, of the same boot; None if it was not recorded.
 
     Returns:
-        Start and end of the level part, s; None if nothing is left.
+        Start and end of the level flight, s; None if nothing is left.
     """
     start, end = flight_interval
     level_start = start + TRANSIENT_SECONDS
@@ -125,11 +125,13 @@ def without_transients(
     if climb_rate is not None:
         speed = climb_rate.values
         is_inside = (climb_rate.time >= level_start) & (climb_rate.time <= level_end)
-        is_sinking = speed <= -MAX_LEVEL_FLIGHT_SPEED
         is_rising = speed >= MAX_LEVEL_FLIGHT_SPEED
-        # A whole flight cannot only sink: the estimate of the height has diverged, and its rate is not used.
-        is_whole_flight = not (isinf(start) or isinf(end))
-        has_diverged = is_whole_flight and not np.any(is_inside & ~is_sinking)
+        is_sinking = speed <= -MAX_LEVEL_FLIGHT_SPEED
+        # No vehicle sinks in a whole flight, from take-off to landing. If the climb rate says so, the estimate of the
+        # height has diverged, and its rate is not used.
+        is_whole_flight = not isinf(start) and not isinf(end)
+        sinks_throughout = bool(is_sinking[is_inside].all())
+        has_diverged = is_whole_flight and sinks_throughout
         if is_inside.any() and not has_diverged:
             if not isinf(start):
                 level_times = climb_rate.time[is_inside & ~is_rising]

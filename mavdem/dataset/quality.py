@@ -214,11 +214,13 @@ class LimitFlags(NamedTuple):
 
 
 def samples_at_limits(fractions: Array, scale: OutputScale) -> LimitFlags:
-    """Returns flags of the samples in which each motor is at a limit.
+    """Returns flags of the samples in which each motor is at the upper or the lower limit that the autopilot sets.
+
+    The upper limit is ``scale.stop`` (of ArduPilot, MOT_SPIN_MAX), the lower one ``scale.lower_stop`` (MOT_SPIN_MIN).
 
     Args:
         fractions: Motor outputs as fractions of the range, of any shape.
-        scale: Their scale, with both stops.
+        scale: Their scale, with both limits as fractions of the range.
 
     Returns:
         Flags with the shape of ``fractions``, for the upper and for the lower limit. They are all false if the range of

@@ -140,7 +140,8 @@ def clean_series(columns: Columns, values: Array, rows: Flags | None = None) -> 
     boot = columns["boot"]
     table = values[:, np.newaxis] if values.ndim == 1 else values
     is_selected = np.ones(len(time), dtype=bool) if rows is None else rows
-    is_used = is_selected & np.isfinite(table).all(axis=1) & np.isfinite(time)
+    is_finite = np.isfinite(table).all(axis=1) & np.isfinite(time)
+    is_used = is_selected & is_finite
     sent_count = int(np.count_nonzero(is_selected))
     if is_used.all() and _rises_strictly(time, boot):
         return TimeSeries(time, boot, np.ascontiguousarray(values), sent_count)
@@ -148,20 +149,21 @@ def clean_series(columns: Columns, values: Array, rows: Flags | None = None) -> 
     finite_count = len(used_rows)
     used_rows = used_rows[np.lexsort((time[used_rows], boot[used_rows]))]
 
-    # A stamp that does not rise within its boot repeats the one before it.
-    repeat_rows = np.flatnonzero((np.diff(time[used_rows]) <= 0) & (np.diff(boot[used_rows]) <= 0))
-    has_other_value = (table[used_rows[repeat_rows]] != table[used_rows[repeat_rows + 1]]).any(
-        axis=1
-    )
-    used_rows = np.delete(used_rows, repeat_rows + 1)
+    # After sorting, a row repeats the stamp of the row before it if neither time nor boot rises.
+    repeats_stamp = (np.diff(time[used_rows]) <= 0) & (np.diff(boot[used_rows]) <= 0)
+    first_of_pair = np.flatnonzero(repeats_stamp)
+    second_of_pair = first_of_pair + 1
+    first_values = table[used_rows[first_of_pair]]
+    second_values = table[used_rows[second_of_pair]]
+    contradiction_count = int(np.count_nonzero((first_values != second_values).any(axis=1)))
+    used_rows = np.delete(used_rows, second_of_pair)
 
-    unused_count = sent_count - finite_count + int(np.count_nonzero(has_other_value))
     return TimeSeries(
         time[used_rows],
         boot=boot[used_rows],
         values=values[used_rows],
         sent_count=sent_count,
-        unused_count=unused_count,
+        unused_count=sent_count - finite_count + contradiction_count,
     )
 
 

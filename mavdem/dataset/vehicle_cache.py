@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Hashable
+from collections.abc import Callable, Hashable, Mapping, Sequence
 from functools import wraps
 from typing import Any, Protocol, TypeVar
 
@@ -45,35 +45,11 @@ def cached_per_vehicle(*attributes: str) -> Callable[[CachedFunction], CachedFun
 
         @wraps(function)
         def cached(signals: HasCache, *arguments: Hashable, **keywords: Hashable) -> Any:
-            """Returns the cached result, or computes and caches it.
-
-            The key consists of the function, the vehicle's telemetry, those attributes of the signals on which the
-            result depends, and the arguments. Results are made immutable, since all callers share them. The exception
-            (``NotLearnable``) is cached like a result, and raised at each call.
-
-            Args:
-                signals: signals of the vehicle, which hold the cache.
-                arguments, keywords: the further arguments of the function, all hashable.
-
-            Returns:
-                What the function returns, immutable.
-
-            Raises:
-                NotLearnable: the function raises it with these arguments.
-            """
-            key = (
-                function.__module__,
-                function.__qualname__,
-                signals.telemetry,
-                *[getattr(signals, name) for name in attributes],
-                *arguments,
-                *keywords.items(),
-            )
+            """Returns the cached result of the function for these arguments, or computes and caches it."""
+            dependencies = [getattr(signals, name) for name in attributes]
+            key = _cache_key(function, signals, dependencies, arguments, keywords)
             if key not in signals.cache:
-                try:
-                    signals.cache[key] = freeze(function(signals, *arguments, **keywords))
-                except NotLearnable as error:
-                    signals.cache[key] = NotLearnable(error.fact)
+                signals.cache[key] = _result_or_exception(function, signals, arguments, keywords)
             result = signals.cache[key]
             if isinstance(result, NotLearnable):
                 # A new exception each time, since one that is raised again accumulates tracebacks.
@@ -83,3 +59,46 @@ def cached_per_vehicle(*attributes: str) -> Callable[[CachedFunction], CachedFun
         return cached
 
     return decorator
+
+
+def _cache_key(
+    function: Callable[..., Any],
+    signals: HasCache,
+    dependencies: Sequence[Hashable],
+    arguments: tuple[Hashable, ...],
+    keywords: Mapping[str, Hashable],
+) -> Hashable:
+    """Returns the key of a result in the cache.
+
+    Args:
+        function: The function that computes the result.
+        signals: Its first argument, of which the telemetry belongs to the key.
+        dependencies: Values of those attributes of the signals on which the result depends.
+        arguments: The further positional arguments of the function.
+        keywords: Its keyword arguments.
+    """
+    name = (function.__module__, function.__qualname__)
+    return (*name, signals.telemetry, *dependencies, *arguments, *keywords.items())
+
+
+def _result_or_exception(
+    function: Callable[..., Any],
+    signals: HasCache,
+    arguments: tuple[Hashable, ...],
+    keywords: Mapping[str, Hashable],
+) -> Any:
+    """Calls a function, and returns its result, made immutable since all callers share it.
+
+    Args:
+        function: The function.
+        signals: Its first argument.
+        arguments: Its further positional arguments.
+        keywords: Its keyword arguments.
+
+    Returns:
+        The result; a ``NotLearnable`` if the function raises one.
+    """
+    try:
+        return freeze(function(signals, *arguments, **keywords))
+    except NotLearnable as error:
+        return NotLearnable(error.fact)

@@ -51,14 +51,14 @@ def _joined_instances(topics: dict[str, dict[int, Fields]]) -> Tables:
     """
     tables = {}
     for name, columns_by_instance in topics.items():
-        parts = []
+        tables_of_instances = []
         for number, columns in columns_by_instance.items():
             count = len(columns["time"])
-            part = columns | {"boot": np.zeros(count, np.int64)}
+            table = columns | {"boot": np.zeros(count, np.int64)}
             if len(columns_by_instance) > 1:
-                part[INSTANCE] = np.full(count, number)
-            parts.append(part)
-        joined_columns = concatenated_columns(parts)
+                table[INSTANCE] = np.full(count, number)
+            tables_of_instances.append(table)
+        joined_columns = concatenated_columns(tables_of_instances)
         tables[name] = selected_rows(
             joined_columns, np.argsort(joined_columns["time"], kind="stable")
         )

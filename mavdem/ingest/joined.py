@@ -210,7 +210,7 @@ def _recordings_by_time(recordings: Sequence[Recording]) -> list[Recording]:
 
 
 def _joined_pair(earlier: Recording, later: Recording) -> Log:
-    """Joins two logs of one flight, and adds a repair to the vehicle that reports it.
+    """Joins two logs of one flight, and adds a fact to the vehicle that reports the joining.
 
     Args:
         earlier, later: The recordings in the order of time.
@@ -369,7 +369,7 @@ def _joined_vehicle(earlier: Recording, later: Recording, *, has_restarted: bool
         has_restarted: Whether the autopilot restarted between them, so that the later one begins with another boot.
 
     Returns:
-        The vehicle, without the repair that reports the joining. Parameters that differ have the later log's values;
+        The vehicle, without a fact that reports the joining. Parameters that differ have the later log's values;
         identity, such as the firmware, is the earlier log's where it has one.
     """
     # The boots of the later log are numbered on from the last boot of the earlier log.

@@ -172,11 +172,6 @@ def _pulse_range(
 ) -> Interval:
     """Returns the pulse widths at no and at full throttle, µs: the first range in the parameters that fits the outputs.
 
-    PX4's range is set in its output drivers, ArduPilot's by MOT_PWM_MIN and MOT_PWM_MAX. If these are 0, and in
-    ArduCopter before 3.4, which has neither, it is the range of the radio's throttle channel. Before 3.3 that is
-    always channel 3, also if RCMAP_THROTTLE assigns the stick to another: the motors are constructed from ``g.rc_3``
-    (``ArduCopter.pde``).
-
     If no range fits, it is the autopilot's default. For pulses of PX4 above the default, it ends at the longest
     possible pulse.
 
@@ -188,18 +183,10 @@ def _pulse_range(
     Returns:
         Pulse widths at no throttle and at full throttle, µs.
     """
-    ranges = [_px4_range(drivers, parameters)]
-    if not drivers:
-        prefixes = ["MOT_PWM"]
-        if "MOT_TCRV_ENABLE" in parameters:
-            # ArduCopter 3.3 replaced this parameter.
-            prefixes.append("RC3")
-        elif "RCMAP_THROTTLE" in parameters:
-            prefixes.append(f"RC{parameters['RCMAP_THROTTLE']:.0f}")
-        for prefix in prefixes:
-            lowest = parameters.get(f"{prefix}_MIN", 0.0)
-            highest = parameters.get(f"{prefix}_MAX", 0.0)
-            ranges.append((lowest, highest))
+    if drivers:
+        ranges = [_px4_range(drivers, parameters)]
+    else:
+        ranges = _ardupilot_ranges(parameters)
     for low, high in ranges:
         is_pulse_range = low > 0 and high - low >= MIN_PULSE_RANGE
         # One microsecond above the range is rounding.
@@ -211,6 +198,31 @@ def _pulse_range(
         # The range was changed from PX4's default, and nothing shows its upper end.
         return low, MAX_PULSE_WIDTH
     return low, high
+
+
+def _ardupilot_ranges(parameters: Parameters) -> list[Interval]:
+    """Returns the ranges of pulse widths, µs, that ArduPilot's parameters may give the motors, the likeliest first.
+
+    It is set by MOT_PWM_MIN and MOT_PWM_MAX. If these are 0, and in ArduCopter before 3.4, which has neither, it is the
+    range of the radio's throttle channel. Before 3.3 that is always channel 3, also if RCMAP_THROTTLE assigns the stick
+    to another: the motors are constructed from ``g.rc_3`` (``ArduCopter.pde``).
+
+    Args:
+        parameters: The autopilot's parameters by name.
+
+    Returns:
+        Lower and upper end of each range; 0 where a parameter is missing.
+    """
+    prefixes = ["MOT_PWM"]
+    is_before_3_3 = "MOT_TCRV_ENABLE" in parameters
+    if is_before_3_3:
+        prefixes.append("RC3")
+    elif "RCMAP_THROTTLE" in parameters:
+        prefixes.append(f"RC{parameters['RCMAP_THROTTLE']:.0f}")
+    return [
+        (parameters.get(f"{prefix}_MIN", 0.0), parameters.get(f"{prefix}_MAX", 0.0))
+        for prefix in prefixes
+    ]
 
 
 def _px4_range(drivers: Sequence[OutputDriver], parameters: Parameters) -> Interval:

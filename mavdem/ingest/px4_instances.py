@@ -59,7 +59,7 @@ def battery_status(topics: Topics) -> Fields:
         Columns (N,) in the order of time: ``time``, s, ``id``, ``voltages`` (N, 1), mV, of the whole battery,
         ``cell_count``, and if logged ``current_battery``, ``battery_remaining`` and ``charge_state``.
     """
-    parts = []
+    tables_of_batteries = []
     batteries = _batteries(topics)
     has_further_battery = bool(batteries.keys() - {0})
     if not has_further_battery:
@@ -69,8 +69,8 @@ def battery_status(topics: Topics) -> Fields:
         columns["voltages"] = columns.pop("voltage_battery")[:, None]
         columns["id"] = np.full(len(battery["time"]), battery_id, np.uint8)
         columns["cell_count"] = battery.get("cell_count", np.zeros(len(battery["time"])))
-        parts.append(columns)
-    return in_time_order(parts)
+        tables_of_batteries.append(columns)
+    return in_time_order(tables_of_batteries)
 
 
 def _battery_fields(battery: Columns) -> Fields:
@@ -157,14 +157,14 @@ def estimator_status(topics: Topics) -> Fields:
         Columns (N,) of ESTIMATOR_STATUS in the order of time; ``time`` is s since boot.
     """
     instances = _estimators(topics)
-    parts: list[Columns] = []
+    tables_of_primary: list[Columns] = []
     for instance, columns in instances.items():
         is_primary = primary_estimators(topics, columns["time"]) == instance
         if is_primary.any():
-            parts.append(selected_rows(columns, is_primary))
-    if not parts and instances:
-        parts = [instances[min(instances)]]
-    return in_time_order(parts)
+            tables_of_primary.append(selected_rows(columns, is_primary))
+    if not tables_of_primary and instances:
+        tables_of_primary = [instances[min(instances)]]
+    return in_time_order(tables_of_primary)
 
 
 def estimator_instances(topics: Topics) -> Fields:
@@ -178,15 +178,15 @@ def estimator_instances(topics: Topics) -> Fields:
         1), and the test ratios by the names of ``EstimatorRatio``, NaN where the estimator does not use a sensor. Empty
         if only primary instances were logged.
     """
-    parts = []
+    tables_of_instances = []
     for instance, columns in _estimators(topics).items():
         is_primary = primary_estimators(topics, columns["time"]) == instance
         fields: Fields = {ratio: columns[field] for ratio, field in RATIO_FIELDS.items()}
         fields["time"] = columns["time"]
         fields["instance"] = np.full(len(columns["time"]), instance)
         fields["is_primary"] = is_primary.astype(np.uint8)
-        parts.append(fields)
-    instances = in_time_order(parts)
+        tables_of_instances.append(fields)
+    instances = in_time_order(tables_of_instances)
     return {} if instances.get("is_primary", np.ones(1)).all() else instances
 
 
@@ -352,15 +352,15 @@ def accelerometers(topics: Topics) -> Fields:
         Columns (N,) in the order of time: ``time``, s, the number of the IMU from 0 as ``instance``, and ``xacc``,
         ``yacc`` and ``zacc``, m/s²; empty if there is only one accelerometer.
     """
-    parts = []
+    tables_of_imus = []
     statuses = topics["vehicle_imu_status"]
     for instance, status in statuses.items():
         forces = array_field(status, "mean_accel", 3)
         fields: Fields = dict(zip(("xacc", "yacc", "zacc"), forces.T, strict=True))
         fields["time"] = status["time"]
         fields["instance"] = np.full(len(status["time"]), instance)
-        parts.append(fields)
-    return in_time_order(parts) if len(parts) > 1 else {}
+        tables_of_imus.append(fields)
+    return in_time_order(tables_of_imus) if len(tables_of_imus) > 1 else {}
 
 
 def further_sensors() -> dict[str, tuple[str, Callable[[Topics], Fields]]]:

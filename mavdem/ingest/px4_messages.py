@@ -198,22 +198,24 @@ def attitude_target_messages(topics: Topics) -> Fields:
     Returns:
         ``time`` (N,), s, quaternions, and body rates, rad/s, in the order of time.
     """
-    parts = []
+    tables_of_topics = []
     attitude = first_instance(topics, "vehicle_attitude_setpoint")
     rates = first_instance(topics, "vehicle_rates_setpoint")
     if "q_d[3]" in attitude:
         attitude = selected_rows(attitude, flag_or_true(attitude, "q_d_valid"))
-        parts.append({"time": attitude["time"], **attitude_target(array_field(attitude, "q_d", 4))})
+        tables_of_topics.append(
+            {"time": attitude["time"], **attitude_target(array_field(attitude, "q_d", 4))}
+        )
     elif all(angle in attitude for angle in BODY_ANGLE_FIELDS):
         # Logs without the quaternion have the same setpoint as Euler angles.
         roll, pitch, yaw = (np.asarray(attitude[angle], float) for angle in BODY_ANGLE_FIELDS)
         target = attitude_target(quaternion(roll, pitch, yaw))
-        parts.append({"time": attitude["time"], **target})
+        tables_of_topics.append({"time": attitude["time"], **target})
     axes = ("roll", "pitch", "yaw")
     if all(axis in rates for axis in axes):
         rate_setpoints = np.column_stack([rates[axis] for axis in axes]).astype(np.float64)
-        parts.append({"time": rates["time"], **attitude_target(rate_setpoints)})
-    return in_time_order(parts)
+        tables_of_topics.append({"time": rates["time"], **attitude_target(rate_setpoints)})
+    return in_time_order(tables_of_topics)
 
 
 def renamed_message(topics: Topics, message: str) -> Fields:

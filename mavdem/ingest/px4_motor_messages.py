@@ -155,14 +155,14 @@ def motor_speeds(topics: Topics) -> Fields:
         ``ErrorCount``, since boot, and the number of its motor from 1 as ``Motor``, 0 for none.
     """
     topic = first_instance(topics, "esc_status")
-    parts = []
+    controllers = []
     for instance in range(MAX_ESCS):
         if f"esc[{instance}].esc_rpm" not in topic:
             break
         is_online = _is_online(topic, instance)
         if is_online.any():
-            parts.append(_speed_controller(selected_rows(topic, is_online), instance))
-    return in_time_order(parts)
+            controllers.append(_speed_controller(selected_rows(topic, is_online), instance))
+    return in_time_order(controllers)
 
 
 def _is_online(topic: Columns, instance: int) -> Flags:

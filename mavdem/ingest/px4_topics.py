@@ -59,16 +59,16 @@ def last_field_values(topic: Columns, field: str, time: Array) -> NDArray[Any]:
     return last_values(time, topic["time"], topic[field])
 
 
-def in_time_order(parts: Sequence[Columns]) -> Fields:
+def in_time_order(tables: Sequence[Columns]) -> Fields:
     """Joins tables of one message into one table in the order of time.
 
     Args:
-        parts: tables with the same columns, among them ``time``, s.
+        tables: tables with the same columns, among them ``time``, s.
 
     Returns:
         Columns of all rows; only an empty ``time`` without a table.
     """
-    if not parts:
+    if not tables:
         return {"time": np.zeros(0)}
-    columns = concatenated_columns(parts)
+    columns = concatenated_columns(tables)
     return selected_rows(columns, np.argsort(columns["time"], kind="stable"))

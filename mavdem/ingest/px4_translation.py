@@ -258,7 +258,7 @@ def attitude_repairs(topics: Topics, messages: Tables) -> Facts:
         messages: The messages made of them, by name.
 
     Returns:
-        One repair with both rates, Hz; none if the attitude was not interpolated.
+        One fact with both rates, Hz; none if the attitude was not interpolated.
     """
     logged_stamps = [topic["time"] for topic in topics.get("vehicle_attitude", {}).values()]
     stamps = messages.get("ATTITUDE_QUATERNION", {"time": np.zeros(0)})["time"]

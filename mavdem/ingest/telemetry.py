@@ -250,21 +250,21 @@ def selected_rows(columns: Columns, rows: slice | NDArray[Any]) -> Fields:
     return {name: values[rows] for name, values in columns.items()}
 
 
-def concatenated_columns(parts: Sequence[Columns]) -> Fields:
+def concatenated_columns(tables: Sequence[Columns]) -> Fields:
     """Joins tables of the same message one after the other.
 
     Args:
-        parts: The tables (N_i rows each), at least one. The columns of a single one are not copied.
+        tables: The tables (N_i rows each), at least one. The columns of a single one are not copied.
 
     Returns:
         The columns that all tables have, with the rows of all.
     """
-    if len(parts) == 1:
-        return dict(parts[0])
+    if len(tables) == 1:
+        return dict(tables[0])
     joined_columns = {}
-    for name in parts[0]:
-        if all(name in part for part in parts):
-            joined_columns[name] = np.concatenate([part[name] for part in parts])
+    for name in tables[0]:
+        if all(name in table for table in tables):
+            joined_columns[name] = np.concatenate([table[name] for table in tables])
     return joined_columns
 
 

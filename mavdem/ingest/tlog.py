@@ -205,7 +205,7 @@ def _without_carriage_returns(data: Bytes) -> tuple[Bytes, Facts]:
         data: The bytes of the log.
 
     Returns:
-        The bytes as they were recorded, and the repair if there was one.
+        The bytes as they were recorded, and a fact that reports the repair if there was one.
     """
     line_feeds = 0
     for block_start in range(0, len(data), SCANNED_BYTES):

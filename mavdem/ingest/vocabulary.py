@@ -169,7 +169,7 @@ class Injection(IntEnum):
     """Added to what the rate controller demands of the mixer."""
 
 
-VERSION_KINDS = ("official", "rc", "beta", "alpha", "dev")
+VERSION_MATURITIES = ("official", "rc", "beta", "alpha", "dev")
 """Kinds of firmware version, in falling order of their numbers in MAVLink's FIRMWARE_VERSION_TYPE."""
 
 
@@ -177,19 +177,20 @@ def version_text(number: int) -> str:
     """Formats a firmware version as PX4 and ArduPilot write it, such as "1.16.1-rc".
 
     Args:
-        number: The version, 32 bits: one byte each for major, minor and patch number, and one for the kind. The kind is
-            a value of FIRMWARE_VERSION_TYPE; values up to the next one are numbers of release candidates.
+        number: The version, 32 bits: one byte each for the major, minor and patch number, and one for the maturity
+            (FIRMWARE_VERSION_TYPE): development, alpha, beta, release candidate or official.
 
     Returns:
-        Version numbers, with the kind unless the version is official.
+        Version numbers, with the maturity unless the version is official.
     """
-    major, minor, patch, kind_number = number.to_bytes(4, "big")
+    major, minor, patch, maturity_number = number.to_bytes(4, "big")
     text = f"{major}.{minor}.{patch}"
-    # Kinds are sorted by descending number; the version is of the first one whose number it reaches.
-    for kind in VERSION_KINDS:
-        if kind_number >= mavlink_constant(f"FIRMWARE_VERSION_TYPE_{kind.upper()}"):
+    # The numbers of the maturities have gaps, in which the candidates are counted: 192 is the first release candidate,
+    # 193 the second. So the maturity is the last one whose number is not larger. They are sorted by descending number.
+    for maturity in VERSION_MATURITIES:
+        if maturity_number >= mavlink_constant(f"FIRMWARE_VERSION_TYPE_{maturity.upper()}"):
             break
-    return text if kind == "official" else f"{text}-{kind}"
+    return text if maturity == "official" else f"{text}-{maturity}"
 
 
 def heartbeat_fields(vehicle_type: int, autopilot: int, armed: NDArray[Any]) -> Fields:

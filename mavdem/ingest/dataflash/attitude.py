@@ -93,8 +93,8 @@ def rate_unit(tables: Tables) -> tuple[float, Facts]:
         tables: DataFlash's messages by name.
 
     Returns:
-        RATE's units per degree/s, 1 or 100, and the repair if it is 100. It is 1 if there are too few samples in turns
-        to decide.
+        RATE's units per degree/s, 1 or 100, and a fact that reports it if it is 100. It is 1 if there are too few
+        samples in turns to decide.
     """
     rates = messages_with_fields(tables, "RATE", RATE_FIELDS)
     gyro = rows_of_instance(messages_with_fields(tables, "IMU", GYRO_FIELDS), "I", 0)
@@ -192,22 +192,24 @@ def attitude_targets(tables: Tables, units_per_degree: float) -> NamedMessage:
         Columns of ATTITUDE_TARGET (N,), body rates in rad/s and attitude as quaternions, in the order of boot and
         time; no columns if neither setpoint was logged.
     """
-    parts: list[Columns] = []
+    tables_of_setpoints: list[Columns] = []
     names = []
     rates = messages_with_fields(tables, "RATE", RATE_SETPOINT_FIELDS)
     if rates:
         rate_setpoints = np.radians(float_table(rates, RATE_SETPOINT_FIELDS)) / units_per_degree
-        parts.append(with_stamps(rates, attitude_target(rate_setpoints)))
+        tables_of_setpoints.append(with_stamps(rates, attitude_target(rate_setpoints)))
         names.append("RATE")
     angle_message = _faster_angle_message(tables, ANGLE_SETPOINT_FIELDS)
     angles = messages_with_fields(tables, angle_message, ANGLE_SETPOINT_FIELDS)
     if angles:
         roll, pitch, yaw = np.radians(float_table(angles, ANGLE_SETPOINT_FIELDS)).T
-        parts.append(with_stamps(angles, attitude_target(quaternion(roll, pitch, yaw))))
+        tables_of_setpoints.append(
+            with_stamps(angles, attitude_target(quaternion(roll, pitch, yaw)))
+        )
         names.append(angle_message)
-    if not parts:
+    if not tables_of_setpoints:
         return NamedMessage("RATE", {})
-    targets = concatenated_columns(parts)
+    targets = concatenated_columns(tables_of_setpoints)
     time_order = np.lexsort((targets["time"], targets["boot"]))
     return NamedMessage(" and ".join(names), selected_rows(targets, time_order))
 
@@ -230,15 +232,15 @@ def rate_tuning(tables: Tables, attitude_columns: Columns, units_per_degree: flo
     logged_columns = messages_with_fields(tables, "RATE", (*RATE_SETPOINT_FIELDS, *RATE_FIELDS))
     if message_count(attitude_columns) >= MIN_PREFERRED_SHARE * message_count(logged_columns):
         return {}
-    parts = []
+    tables_of_axes = []
     fields_of_axes = zip(RATE_SETPOINT_FIELDS, RATE_FIELDS, strict=True)
     for axis_number, fields in enumerate(fields_of_axes, 1):
         setpoint, rate = (float_table(logged_columns, fields) / units_per_degree).T
         axis = np.full(message_count(logged_columns), axis_number, np.uint8)
-        parts.append(
+        tables_of_axes.append(
             with_stamps(logged_columns, {"axis": axis, "desired": setpoint, "achieved": rate})
         )
-    return concatenated_columns(parts)
+    return concatenated_columns(tables_of_axes)
 
 
 RATE_CONTROLLER_MESSAGES = ("PIDR", "PIDP", "PIDY")
@@ -280,7 +282,7 @@ def controller_demands(tables: Tables) -> tuple[Columns, Facts]:
 
     Returns:
         Columns with ``controls`` (N, 8): demands on roll, pitch and yaw, -1 to 1, then thrust, 0 to 1 (NaN where RATE
-        has none), then zeros; and the repair where they were scaled.
+        has none), then zeros; and a fact that reports it if they were scaled.
     """
     logged_columns = messages_with_fields(tables, "RATE", DEMAND_FIELDS)
     if not logged_columns:

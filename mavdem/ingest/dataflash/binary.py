@@ -278,14 +278,14 @@ def _marker_count(data: Bytes) -> int:
     """Returns the number of times that the two bytes of a message's marker occur in a log.
 
     Args:
-        data: The log (B,). It is searched in parts of ``MARKER_SEARCH_BYTES``, to bound the memory.
+        data: The log (B,). It is searched in blocks of ``MARKER_SEARCH_BYTES``, to bound the memory.
     """
     first_byte, second_byte = MARKER
     count = 0
     for begin in range(0, len(data), MARKER_SEARCH_BYTES):
-        # One byte more than the part, since a marker may begin at the part's last byte.
-        part = data[begin : begin + MARKER_SEARCH_BYTES + 1]
-        is_marker = (part[:-1] == first_byte) & (part[1:] == second_byte)
+        # One byte more than the block, since a marker may begin at the block's last byte.
+        block = data[begin : begin + MARKER_SEARCH_BYTES + 1]
+        is_marker = (block[:-1] == first_byte) & (block[1:] == second_byte)
         count += int(np.count_nonzero(is_marker))
     return count
 
@@ -465,7 +465,7 @@ class _MessageScan:
         A definition (FMT) gives the id, name, length and fields of one kind of message. Messages can be read only with
         the right length, so a definition whose stated length equals that of its fields is preferred. One whose stated
         length differs is used only if there is no other with the same id; then the length of the fields is used, and
-        the repair is reported. A field of a type newer than ``FIELD_TYPES`` is no damage: the length of the fields is
+        a fact reports it. A field of a type newer than ``FIELD_TYPES`` is no damage: the length of the fields is
         unknown then (``length_by_fields`` 0), and the stated one is used.
 
         The results are stored in ``definitions``, ``sharing_definitions`` and ``repairs``.

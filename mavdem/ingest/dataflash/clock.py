@@ -106,8 +106,8 @@ def on_boot_clock(
         clock: The stamps of all of them. Impossible ones are set to 0 in place.
 
     Returns:
-        Their columns, with ``time`` (s) and ``boot``, and the repairs of the clock. Messages with impossible or
-        outlying stamps are left out.
+        Their columns, with ``time`` (s) and ``boot``, and facts that report what was repaired. Messages with impossible
+        or outlying stamps are left out.
     """
     if not clock.names:
         return {}, ()

@@ -252,18 +252,17 @@ def _error_without_flight(recording: DataflashRecording, source: str) -> Unreada
     Returns:
         The error to raise.
     """
-    if "StartTime" in recording.decode("TIME").columns:
+    is_of_px4 = "StartTime" in recording.decode("TIME").columns
+    if is_of_px4:
         return Unreadable(SourceFact.PX4_LOG_BEFORE_ULOG, path=source)
     names = sorted(recording.counts)
-    undefined_messages = recording.undefined_messages
-    # Messages without a definition count as skipped bytes. In random data the two bytes of their marker would occur
-    # once in 65536 bytes, not at least once in every ``MAX_MESSAGE_BYTES``.
-    if (
-        undefined_messages * MAX_MESSAGE_BYTES > recording.bytes_skipped
-        and undefined_messages > len(names)
-    ):
+    # Messages without a definition count as skipped bytes, and are recognised by their marker. In random data its two
+    # bytes would occur once in 65536 bytes, not at least once in every ``MAX_MESSAGE_BYTES``.
+    undefined_count = recording.undefined_messages
+    are_real_messages = undefined_count * MAX_MESSAGE_BYTES > recording.bytes_skipped
+    if are_real_messages and undefined_count > len(names):
         return Unreadable(
-            SourceFact.DATAFLASH_WITHOUT_DEFINITIONS, path=source, count=undefined_messages
+            SourceFact.DATAFLASH_WITHOUT_DEFINITIONS, path=source, count=undefined_count
         )
     code = SourceFact.DATAFLASH_WITHOUT_FLIGHT if names else SourceFact.DATAFLASH_WITHOUT_MESSAGES
     return Unreadable(code, path=source, names=names)

@@ -138,7 +138,7 @@ def further_accelerometers(tables: Tables) -> NamedMessage:
     Returns:
         Specific force on three axes, with the number of each sensor as ``instance``, in the order of time.
     """
-    parts: list[Columns] = []
+    tables_of_imus: list[Columns] = []
     for number in (1, 2):
         logged_columns = rows_of_sensor(tables, "IMU", OLD_IMU_MESSAGES, number)
         logged_columns = messages_with_fields(
@@ -149,10 +149,10 @@ def further_accelerometers(tables: Tables) -> NamedMessage:
                 name: logged_columns[field] for name, field in ACCELEROMETER_FIELDS.items()
             }
             fields["instance"] = np.full(message_count(logged_columns), number)
-            parts.append(with_stamps(logged_columns, fields))
-    if not parts:
+            tables_of_imus.append(with_stamps(logged_columns, fields))
+    if not tables_of_imus:
         return NamedMessage("IMU", {})
-    columns = concatenated_columns(parts)
+    columns = concatenated_columns(tables_of_imus)
     order = np.argsort(continuous_time(columns), kind="stable")
     return NamedMessage("IMU", selected_rows(columns, order))
 
@@ -270,7 +270,7 @@ def motor_speeds(tables: Tables) -> NamedMessage:
     logged_columns = messages_with_fields(tables, "ESC", ("RPM",))
     if logged_columns:
         return NamedMessage("ESC", logged_columns)
-    parts: list[Columns] = []
+    tables_of_controllers: list[Columns] = []
     for instance, name in enumerate(OLD_ESC_MESSAGES):
         controller = messages_with_fields(tables, name, ("RPM",))
         if controller:
@@ -279,9 +279,9 @@ def motor_speeds(tables: Tables) -> NamedMessage:
             for field in ("Curr", "Temp"):
                 if field in controller:
                     fields[field] = controller[field]
-            parts.append(with_stamps(controller, fields))
-    if not parts:
+            tables_of_controllers.append(with_stamps(controller, fields))
+    if not tables_of_controllers:
         return NamedMessage("ESC", {})
-    columns = concatenated_columns(parts)
+    columns = concatenated_columns(tables_of_controllers)
     order = np.argsort(continuous_time(columns), kind="stable")
     return NamedMessage("ESC1 to ESC8", selected_rows(columns, order))

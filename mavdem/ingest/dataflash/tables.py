@@ -110,14 +110,14 @@ def resampled(target: Columns, source: Columns, values: Array, is_angle: bool = 
     finite_values = values[is_finite][first_rows]
     if is_angle:
         finite_values = np.unwrap(finite_values, axis=0)
-    # The step of the source in which each stamp of the target lies, step_row, decides whether it is in a gap.
-    steps = np.diff(source_time)
+    # Each stamp of the target lies in a step of the source, from row ``step`` to the next row. A step much longer than
+    # usual is a gap, in which nothing is defined except at its ends.
     row_before = np.searchsorted(source_time, target_time, side="right") - 1
-    step_row = np.clip(row_before, 0, len(steps) - 1)
-    is_long_step = (steps > MAX_USUAL_STEP_RATIO * np.median(steps))[step_row]
-    is_at_start = target_time == source_time[step_row]
-    is_at_end = target_time == source_time[step_row + 1]
-    is_in_gap = is_long_step & ~is_at_start & ~is_at_end
+    step = np.clip(row_before, 0, len(source_time) - 2)
+    step_lengths = np.diff(source_time)
+    is_long = step_lengths > MAX_USUAL_STEP_RATIO * np.median(step_lengths)
+    is_at_end_of_step = (target_time == source_time[step]) | (target_time == source_time[step + 1])
+    is_in_gap = is_long[step] & ~is_at_end_of_step
     is_covered = (target_time >= source_time[0]) & (target_time <= source_time[-1])
     is_defined = is_covered & ~is_in_gap
     resampled_values = interpolated(target_time, source_time, finite_values)

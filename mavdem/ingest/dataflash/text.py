@@ -98,11 +98,11 @@ def _definition(values: bytes) -> FormatDefinition | None:
     Returns:
         The definition; None if it is damaged.
     """
-    # The fifth part has the names of the fields, with the commas between them.
-    parts = values.split(b",", 4)
-    if len(parts) < 5:
+    # The fifth value has the names of the fields, with the commas between them.
+    definition_values = values.split(b",", 4)
+    if len(definition_values) < 5:
         return None
-    message_id, length, name, characters, field_names = parts
+    message_id, length, name, characters, field_names = definition_values
     if _BYTE.fullmatch(message_id) is None or _BYTE.fullmatch(length) is None:
         return None
     fields = FormatFields(int(message_id), int(length), name, characters, field_names)
@@ -178,8 +178,8 @@ def _parsed_values(texts: list[bytes], is_numeric: list[bool]) -> list[float | b
 def _texts_with_decimal_points(values: bytes, definition: FormatDefinition) -> list[bytes]:
     """Splits a line in which a ground station wrote decimal commas, as it does in many countries: "1000, 0,5, -1,25".
 
-    If there are spaces after the commas between values, they show which comma is which. Without them, every number
-    that is no integer must have a decimal comma, or it is not known which have one.
+    If there are spaces after the commas between values, they show which comma is which. Without them ("1000,0,5") every
+    number that is no integer must have a decimal comma, or it is not known which have one.
 
     Args:
         values: The values of the line.
@@ -195,18 +195,21 @@ def _texts_with_decimal_points(values: bytes, definition: FormatDefinition) -> l
             text.replace(b",", b".") if character not in NON_NUMERIC_CHARACTERS else text
             for text, character in zip(texts, definition.characters, strict=True)
         ]
+    # Format characters of fields without a fraction: integers, texts and arrays.
     whole_characters = INTEGER_CHARACTERS + NON_NUMERIC_CHARACTERS
     fraction_count = sum(character not in whole_characters for character in definition.characters)
+    # Each comma separates two pieces, so that a number with a fraction has two.
     pieces = values.split(b",")
     if len(pieces) != field_count + fraction_count:
         return []
     texts = []
-    position = 0
+    next_piece = 0
     for character in definition.characters:
         if character in whole_characters:
-            texts.append(pieces[position])
-            position += 1
+            texts.append(pieces[next_piece])
+            next_piece += 1
         else:
-            texts.append(pieces[position].strip() + b"." + pieces[position + 1].strip())
-            position += 2
+            whole, fraction = pieces[next_piece : next_piece + 2]
+            texts.append(whole.strip() + b"." + fraction.strip())
+            next_piece += 2
     return texts

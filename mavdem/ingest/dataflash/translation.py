@@ -212,7 +212,7 @@ def mavlink_messages(
 
     Returns:
         Columns of MAVLink's messages by name; what the log calls each, also of messages that it could have; and
-        repairs where units were converted, or another core of the estimator was read.
+        facts that report where units were converted, or another core of the estimator was read.
     """
     estimates = flown_estimates(tables, parameters)
     tables = estimates.tables

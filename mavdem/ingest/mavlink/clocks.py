@@ -169,9 +169,9 @@ def boot_clock(message_types: Sequence[MessageStamps]) -> tuple[dict[str, BootTi
         message_types: The messages that the component sent, by type.
 
     Returns:
-        Times and boots of the messages of each type by its name, and the repairs. A message without a stamp has the
-        time of the last message before it; one before the first stamp has that stamp. If an outlier was ignored, the
-        message has the time of the last one of its type. Without any stamp all times are NaN.
+        Times and boots of the messages of each type by its name, and facts that report what was repaired. A message
+        without a stamp has the time of the last message before it; one before the first stamp has that stamp. If an
+        outlier was ignored, the message has the time of the last one of its type. Without any stamp all times are NaN.
     """
     boot_times = {}
     for message_type in message_types:
@@ -398,8 +398,8 @@ def _reference_readings(reference_type: MessageStamps) -> tuple[_ClockReadings, 
         reference_type: The messages of the reference type and their stamps.
 
     Returns:
-        Stream position, time, s, and boot of its messages without outliers; and the repairs: the number of outliers,
-        whether wraps were undone, and the number of reboots.
+        Stream position, time, s, and boot of its messages without outliers; and facts that report the
+        number of outliers, whether wraps were undone, and the number of reboots.
     """
     name = reference_type.message
     period = reference_type.period
@@ -538,7 +538,7 @@ def _readings_by_reference(
         stamps: Their stamps (m,), s.
 
     Returns:
-        The messages on the boot clock, without outliers, and the repairs.
+        The messages on the boot clock, without outliers, and facts that report what was repaired.
     """
     name = message_type.message
     period = message_type.period

@@ -83,7 +83,7 @@ class _ComponentRecord:
     messages: Tables
     """Its messages on its boot clock."""
     repairs: Facts
-    """Repairs of that clock, and copies that were left out."""
+    """Facts that report what was repaired of that clock, and copies that were left out."""
     has_two_senders: bool
     """Whether two vehicles send under its ids."""
 
@@ -163,10 +163,10 @@ def _telemetry(
         stream: The recording.
         record: Messages of the vehicle's component.
         records: Messages of all components, since another one may have stored the vehicle's parameters.
-        stream_repairs: Repairs of the stream, which concern all its vehicles.
+        stream_repairs: Facts on what was repaired of the stream, which concern all its vehicles.
 
     Returns:
-        Messages, parameters and repairs of the vehicle; and whether its recording ended on purpose.
+        Messages and parameters of the vehicle, facts on what was repaired; and whether its recording ended on purpose.
     """
     component = record.component
     sender = FrameSender(component.system, component.component)
@@ -187,7 +187,7 @@ def _stream_repairs(stream: FrameStream, unread: Sequence[UnreadFrames]) -> Fact
     """Reports what was repaired or left out of a stream, for all its vehicles.
 
     Args:
-        stream: The recording, with the repairs that were made when its frames were found.
+        stream: The recording, with facts on what was repaired when its frames were found.
         unread: Numbers of frames that could not be read, by message and sender, with the cause.
 
     Returns:
@@ -261,8 +261,8 @@ def _unread_frames(
 
     Args:
         frames: Frames (N,) in stream order.
-        sender_ids: Packed sender of each (N,).
-        frames_of_senders: Offsets of the frames that can be read, by packed sender and message id.
+        sender_ids: Sender (N,) of each: system id << 8 | component id.
+        frames_of_senders: Offsets of the frames that can be read, by sender and message id.
 
     Yields:
         The number of unread frames of each message and sender, with the cause.
@@ -304,12 +304,12 @@ def _component_record(
 
     Args:
         stream: The recording.
-        sender_id: Packed sender.
+        sender_id: The sender: system id << 8 | component id.
         frames_of_messages: Offsets of its readable frames by message id.
         sender_stream: Links over which its frames came, copies and losses.
 
     Returns:
-        The component, its messages by name, and the repairs.
+        The component, its messages by name, and facts that report what was repaired.
     """
     # A message that only the slower of two links delivered arrived after later messages.
     messages, clock_repairs = _messages(
@@ -428,7 +428,7 @@ def _messages(
             sorted by boot and time; messages of the same time keep their order.
 
     Returns:
-        Columns by name of the message, and repairs of the clock.
+        Columns by name of the message, and facts that report what was repaired of the clock.
     """
     definitions = definitions_by_id()
     message_stamps = [

@@ -57,7 +57,7 @@ MAX_ID = 255
 """Largest MAVLink system or component id."""
 
 MAX_REPORTED_NAMES = 5
-"""Number of unknown messages that a repair names, the most frequent first."""
+"""Number of unknown messages that a fact names, the most frequent first."""
 
 
 def read_mcap(path: PathName) -> Log:
@@ -289,7 +289,7 @@ def _frames_of_json(content: bytes, topics: Mapping[int, JsonTopic]) -> _JsonMes
         topics: The topics to read, by number of the channel.
 
     Returns:
-        The messages as frames; the number of those that cannot be read; and the repairs that state why.
+        The messages as frames; the number of those that cannot be read; and facts that state why.
     """
     recorded_frames = []
     last_sequence: dict[FrameSender, int] = {}

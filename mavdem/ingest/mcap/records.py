@@ -127,7 +127,7 @@ class McapRecording:
         """Reports each kind of damage that was found while the messages were read.
 
         Returns:
-            A repair for damaged chunks, one for skipped bytes, and one if the recording was cut; those that apply.
+            A fact on damaged chunks, one on skipped bytes, and one if the recording was cut; those that apply.
         """
         repairs = repair_facts(
             Repair.CHUNKS_DAMAGED,

@@ -184,8 +184,8 @@ def _messages(series: Mapping[str, Series]) -> Messages:
 def _json_rows(columns: Mapping[str, Array]) -> Iterator[str]:
     """Returns the rows of a table as JSON objects.
 
-    A whole column is formatted at once, which is much faster than a row at a time; the texts of a row are then put into
-    the pattern of its object.
+    Each whole column is formatted at once, as a JSON list whose items are then split; this is much faster than row by
+    row. The items of a row are put into a pattern, such as '{"x": %s, "y": %s}'.
 
     Args:
         columns: Columns (T,) by name.
@@ -193,19 +193,21 @@ def _json_rows(columns: Mapping[str, Array]) -> Iterator[str]:
     Returns:
         JSON text of each of the T rows.
     """
+    # In a pattern "%%" stands for a percent sign.
     keys = [json.dumps(name).replace("%", "%%") for name in columns]
     row_pattern = "{" + ", ".join(f"{key}: %s" for key in keys) + "}"
-    column_texts = []
+    texts_of_columns = []
     for column in columns.values():
-        # A table without rows has no objects.
         if len(column) == 0:
             return iter(())
         values = column.tolist()
         if not np.isfinite(column).all():
+            # JSON has no NaN and no infinity.
             values = json_value(values)
         list_text = json.dumps(values)
-        column_texts.append(list_text.removeprefix("[").removesuffix("]").split(", "))
-    return map(row_pattern.__mod__, zip(*column_texts, strict=True))
+        texts_of_columns.append(list_text.removeprefix("[").removesuffix("]").split(", "))
+    rows = zip(*texts_of_columns, strict=True)
+    return (row_pattern % row for row in rows)
 
 
 def _chunks(

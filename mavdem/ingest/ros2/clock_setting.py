@@ -48,7 +48,7 @@ def with_joined_clocks(
         receive_times: Reception time of each message.
 
     Returns:
-        The stamps on one clock, and the repair if there was one.
+        The stamps on one clock, and a fact that reports the setting if there was one.
     """
     names = [name for name, topic_stamps in stamps.items() if len(topic_stamps)]
     if not names:
@@ -87,6 +87,7 @@ def with_joined_clocks(
         settings_count += 1
     joined_stamps = all_stamps.copy()
     joined_stamps[stamped_rows] += shifts
-    parts = np.split(joined_stamps, np.cumsum([len(stamps[name]) for name in names])[:-1])
+    message_counts = [len(stamps[name]) for name in names]
+    stamps_of_names = np.split(joined_stamps, np.cumsum(message_counts)[:-1])
     repairs = repair_facts(Repair.CLOCK_SET, count=settings_count)
-    return dict(stamps) | dict(zip(names, parts, strict=True)), repairs
+    return dict(stamps) | dict(zip(names, stamps_of_names, strict=True)), repairs

@@ -209,7 +209,7 @@ def _telemetry(
 ) -> Telemetry | None:
     """Returns the vehicle of one namespace, from PX4's topics, or otherwise from those of MAVROS.
 
-    Both bridges may have been recorded. PX4's topics have more messages, and are preferred; a repair then reports that
+    Both bridges may have been recorded. PX4's topics have more messages, and are preferred; a fact then reports that
     those of MAVROS were not read.
 
     Args:
@@ -241,7 +241,7 @@ def with_system_ids(vehicles: Sequence[tuple[str, Telemetry]]) -> Iterator[Telem
     """Gives the vehicles of a recording distinct system ids, if they lack them.
 
     In a log, vehicles are distinguished by their system ids; in a ROS 2 recording, by their namespaces. If a vehicle
-    has no system id, or two have the same, all are numbered from 1. With several vehicles, a repair of each reports
+    has no system id, or two have the same, all are numbered from 1. With several vehicles, a fact of each reports
     that.
 
     Args:
@@ -361,13 +361,13 @@ def _on_boot_clock(
         stamp_units: Fields that together are the stamp of a message, and the unit of each, ns.
 
     Returns:
-        The topics' columns with ``time``, s, and ``boot``, without messages whose stamps are missing or wrong; and the
-        repairs.
+        The topics' columns with ``time``, s, and ``boot``, without messages whose stamps are missing or wrong; and
+        facts that report what was repaired.
     """
     stamps: dict[str, Integers] = {}
     for name, table in tables.items():
-        parts = [_nanoseconds(table.columns[field], unit) for field, unit in stamp_units.items()]
-        stamps[name] = np.sum(parts, axis=0)
+        summands = [_nanoseconds(table.columns[field], unit) for field, unit in stamp_units.items()]
+        stamps[name] = np.sum(summands, axis=0)
     # A counter that wraps looks like a clock that is set; that is undone later.
     steady_stamps = {name: values for name, values in stamps.items() if name not in WRAP_PERIODS}
     steady_positions = {name: tables[name].positions for name in steady_stamps}
@@ -417,7 +417,7 @@ def _time_origin(stamps: Integers) -> tuple[int, Facts]:
 
     Returns:
         The origin, ns: 0, the boot of the vehicle; or, for UNIX time, a second before the first stamp, which is
-        reported as a repair.
+        reported as a fact.
     """
     if not len(stamps):
         return 0, ()
