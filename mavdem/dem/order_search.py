@@ -362,13 +362,13 @@ def _fit(data: BlackBoxData, order: int) -> Iterate:
         numpy.linalg.LinAlgError: the fit breaks down.
     """
     model = data.generative_model(order)
-    prior = model.prior
-    exact_lambda = np.zeros_like(prior.lambda_precision)
+    # With a covariance of 0 the first D step treats the noise precisions as exact, as it treats θ.
+    no_uncertainty = np.zeros_like(model.prior.lambda_precision)
     start = initial_iterate(
         model,
         data.effective_statistics,
         theta=theta_from_data(data, order),
-        lambda_covariance=exact_lambda,
+        lambda_covariance=no_uncertainty,
     )
     return maximise_by_quasi_newton(start, MAX_EVALUATIONS)
 
@@ -462,14 +462,15 @@ def _regression(
     regressors: Array,
     ridge: float,
 ) -> Array:
-    """Regresses linear functions of the data on others, by least squares with a ridge.
+    """Regresses linear functions of the data, such as derivatives of outputs, on others, by least squares with a ridge.
 
-    The normal equations need only means over all samples, which follow from the second moments of the data.
+    A function is the scalar product of its coefficients with the generalized data of a sample. The normal equations
+    need only means over all samples of products of such functions, which follow from the second moments of the data.
 
     Args:
         data: the generalized data.
-        targets: coefficients of a functions to explain, one in each row (a, dim [ỹ; η̃]).
-        regressors: coefficients of b functions that explain them (b, dim [ỹ; η̃]).
+        targets: the functions to explain, a rows of coefficients (a, dim [ỹ; η̃]).
+        regressors: the functions that explain them, b rows of coefficients (b, dim [ỹ; η̃]).
         ridge: the ridge, as a fraction of each regressor's variance.
 
     Returns:

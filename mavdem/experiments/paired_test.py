@@ -102,9 +102,11 @@ def _median_ratio(log_ratios: Array) -> float:
         return nan
     with np.errstate(invalid="ignore", over="ignore"):
         median = np.median(log_ratios)
-        # The mean of two middle values of opposite infinity is NaN: each method diverged as often as the other, so that
-        # the median ratio is 1.
-        return float(np.exp(np.nan_to_num(median, posinf=np.inf, neginf=-np.inf)))
+        # Of an even number, the median is the mean of the two middle values. If they are of opposite infinity, it is
+        # NaN: each method diverged as often as the other, so that the median ratio is 1.
+        if np.isnan(median):
+            return 1.0
+        return float(np.exp(median))
 
 
 def _signed_rank_p_value(log_ratios: Array) -> float:

@@ -266,7 +266,7 @@ def reasons_for_no_gains(loop: Loop, *, for_higher_gains: bool = False) -> Facts
         for_higher_gains: whether the loop has its margins, and gains are to be raised.
 
     Returns:
-        The reasons as facts; empty if gains can be advised.
+        The reasons as facts, from each of which reports make a sentence; empty if gains can be advised.
     """
     record = loop.record
     changed_parameters = parameters_changed_in_flight(record, loop.controller)
@@ -319,7 +319,8 @@ def gain_reduction_advice(oscillation: Oscillation, parameters: Parameters) -> F
         parameters: parameters of the autopilot, by name. If they describe no known controller, no values are advised.
 
     Returns:
-        A fact with ``changes``: name, value and new value of each gain to lower.
+        The advice as a fact, from which reports make a sentence. Its figure ``changes`` has name, value and new value
+        of each gain to lower.
     """
     changes = []
     for cycle in (oscillation, *oscillation.other_axes):

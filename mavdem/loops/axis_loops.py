@@ -271,7 +271,7 @@ def identified_loops(loops: Mapping[str, object]) -> LoopsByAxis:
     """Returns the loops of the axes on which they are known.
 
     Args:
-        loops: loops by axis, or the fact that states why they are not known.
+        loops: loops by axis, or in place of a loop the reason why it is not known, a ``Fact``.
 
     Returns:
         The loops by axis; empty if none is known.
@@ -280,7 +280,9 @@ def identified_loops(loops: Mapping[str, object]) -> LoopsByAxis:
 
 
 def margin_rating(loop: Loop, target: MarginTarget = MARGIN_TARGETS["default"]) -> Fact:
-    """Returns the fact that says whether the rate loop and the attitude loop of an axis have enough stability margin.
+    """Returns a rating of whether the rate loop and the attitude loop of an axis have enough stability margin.
+
+    The rating is a fact: a code, a level such as good or bad, and figures, from which reports make a sentence.
 
     Each margin is divided by its target, and the smallest of these ratios is the score of a loop
     (:func:`margin_scores`). If it is at least 1, the loop has all margins. There is one score for the estimated plant

@@ -96,9 +96,8 @@ def _inverse_quality(notch: Notch, rate: float) -> float:
     """Returns the damping 1/Q of a notch's poles, which determines its width.
 
     ArduPilot computes it for the analog filter as bandwidth divided by centre. PX4's notch, which has infinite
-    attenuation,
-    warps the bandwidth separately: its coefficient is α = tan(π bandwidth / rate), while that of the analog filter
-    would be sin(2π centre / rate) / 2Q (``NotchFilter::setParameters``).
+    attenuation, warps the bandwidth separately: its coefficient is α = tan(π bandwidth / rate), while that of the
+    analog filter would be sin(2π centre / rate) / 2Q (``NotchFilter::setParameters``).
 
     Args:
         notch: notch filter with its centre below half of the rate.

@@ -60,7 +60,7 @@ def identified_steps(loop: Loop, time: Array, count: int) -> Array | None:
     if loop.agrees is False or not rate.is_stable:
         return None
     # Row 0 is of the estimate, the others are of draws.
-    stable_responses = rate.closed[rate.stable][: count + 1]
+    stable_responses = rate.closed_loop_response[rate.stable][: count + 1]
     steps = steps_from_frequency_responses(rate.frequency, stable_responses, time)
     # If fewer than n draws are stable, ``resize`` repeats the steps to the requested number.
     steps = np.resize(steps, (count + 1, len(time)))
@@ -69,18 +69,21 @@ def identified_steps(loop: Loop, time: Array, count: int) -> Array | None:
     return steps
 
 
-def step_from_frequency_response(frequency: Array, closed: Complex, time: Array) -> Array:
+def step_from_frequency_response(
+    frequency: Array, closed_loop_response: Complex, time: Array
+) -> Array:
     """Returns the response of one closed loop to a step of 1 of its setpoint.
 
     Args:
         frequency: frequencies (F,), Hz, ascending.
-        closed: frequency response T of the closed loop (F,).
+        closed_loop_response: frequency response T from the setpoint to the rate or angle (F,).
         time: times after the step (K,), s.
 
     Returns:
         Step response (K,).
     """
-    return np.asarray(steps_from_frequency_responses(frequency, closed[None], time)[0])
+    steps = steps_from_frequency_responses(frequency, closed_loop_response[None], time)
+    return np.asarray(steps[0])
 
 
 class PredictedStep(NamedTuple):
@@ -105,12 +108,16 @@ def predicted_step(loop: OpenLoop, duration: float) -> PredictedStep | None:
     if not loop.is_stable:
         return None
     time = np.linspace(0.0, duration, PREDICTED_POINTS)
-    steps = steps_from_frequency_responses(loop.frequency, loop.closed[loop.stable], time)
+    steps = steps_from_frequency_responses(
+        loop.frequency, loop.closed_loop_response[loop.stable], time
+    )
     overshoots = np.maximum(steps.max(axis=1) - 1, 0.0)
     return PredictedStep(with_interval(overshoots), with_interval(rise_times(time, steps)))
 
 
-def steps_from_frequency_responses(frequency: Array, closed: Complex, time: Array) -> Array:
+def steps_from_frequency_responses(
+    frequency: Array, closed_loop_responses: Complex, time: Array
+) -> Array:
     """Returns the responses of N closed loops to a step of 1 of their setpoint: 2/π ∫ Re(T) sin(ωt) / ω dω.
 
     The inverse Fourier transform of a causal, stable response needs only its real part. The integral is approximated by
@@ -118,14 +125,16 @@ def steps_from_frequency_responses(frequency: Array, closed: Complex, time: Arra
 
     Args:
         frequency: frequencies (F,), Hz, ascending.
-        closed: frequency responses T of the closed loops (N, F).
+        closed_loop_responses: frequency responses T from the setpoint to the rate or angle (N, F).
         time: times after the step (K,), s.
 
     Returns:
         Step responses (N, K).
     """
     midpoints = _midpoints(frequency[-1])
-    real_parts = np.array([np.interp(midpoints, frequency, row.real) for row in closed])
+    real_parts = np.array(
+        [np.interp(midpoints, frequency, row.real) for row in closed_loop_responses]
+    )
     kernel = _sine_kernel(frequency[-1], tuple(time.tolist()))
     return np.asarray(real_parts @ kernel * FREQUENCY_STEP * 2 / np.pi)
 
@@ -137,10 +146,11 @@ def _midpoints(highest: float) -> Array:
 
 @lru_cache(maxsize=2)
 def _sine_kernel(highest: float, time: tuple[float, ...]) -> Array:
-    """Computes the kernel sin(2πft) / f of a step response at the midpoints f of the frequencies, and times t.
+    """Computes the kernel sin(2πft) / f of the integral that gives a step response from a frequency response.
 
-    It is cached: the loops of a flight have the same frequencies and times, and computing the sines takes most of the
-    time of a response.
+    The step response at time t is 2/π ∫ Re T(f) sin(2πft) / f df with the closed loop's frequency response T. The
+    integral is a sum over frequencies f in the middle of equal steps. The kernel is cached: the loops of a flight have
+    the same frequencies and times, and computing the sines takes most of the time of a response.
 
     Args:
         highest: highest frequency, Hz.

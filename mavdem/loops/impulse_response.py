@@ -98,8 +98,9 @@ class ImpulseResponse(NamedTuple):
         Returns:
             Step responses (N, T).
         """
+        # The impulse response is a sum of hat functions, each a weighted sum of three ramps max(lag, 0) that begin at
+        # neighbouring knots (:func:`second_differences`). So its integral is a sum of the ramps' integrals.
         lags = self.sampling_rate * time[:, None] - self.knots
-        # The integrals of the ramps max(lag, 0), of which the hat functions are weighted sums.
         integrals = np.maximum(lags, 0.0) ** 2 / 2
         hat_integrals = integrals @ second_differences(self.knots)
         return np.asarray(values @ hat_integrals.T)
@@ -115,7 +116,8 @@ class ImpulseResponse(NamedTuple):
             Complex responses (N, F).
         """
         radians_per_sample = 2 * np.pi * frequency[:, None] / self.sampling_rate
-        # The Fourier transforms of the ramps: e^(−iωk) / (iω)² for the ramp that begins at knot k.
+        # The response is a weighted sum of ramps (:func:`second_differences`). The Fourier transform of the ramp that
+        # begins at knot k is e^(−iωk) / (iω)².
         transforms = -np.exp(-1j * radians_per_sample * self.knots) / radians_per_sample**2
         hat_transforms = transforms @ second_differences(self.knots)
         return np.asarray(values @ hat_transforms.T)

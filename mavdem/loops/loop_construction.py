@@ -121,7 +121,7 @@ def loop_from_plant(plant: Physical, record: Record, controller: Controller | No
             controller,
             mixer_gains,
             rate.frequency,
-            rate.closed[ESTIMATE],
+            rate.closed_loop_of_estimate,
             is_controller_identified=not plant.filtered,
             limited_share=at_limit_share(record, controller),
         )

@@ -127,7 +127,7 @@ class OpenLoop(Margins):
     """Frequencies (F,), Hz, ascending."""
     response: Complex
     """Response L of the open loop (N, F), without the minus sign of the feedback."""
-    closed: Complex
+    closed_loop_response: Complex
     """Response of the closed loop (N, F), from the setpoint to the rate or the angle."""
     disturbance: Complex
     """Response (N, F) from the wind torque, rad/s², to the rate, rad/s, or the angle, rad, in the closed loop."""
@@ -153,6 +153,11 @@ class OpenLoop(Margins):
         """Whether the closed loop of the estimated plant is stable."""
         return bool(self.stable[ESTIMATE])
 
+    @property
+    def closed_loop_of_estimate(self) -> Complex:
+        """Response of the closed loop (F,) with the estimated plant, from the setpoint to the rate or the angle."""
+        return self.closed_loop_response[ESTIMATE]
+
     @cached_property
     def figures(self) -> Mapping[str, Array]:
         """Values (N,) of each figure of :class:`Margins`, by its name.
@@ -168,7 +173,9 @@ class OpenLoop(Margins):
         phase_margin = _phase_margins(self.response, gain_crossings)
         log_gain_margin = _log_gain_margins(self.response)
         # The bandwidth is the lowest frequency at which the closed loop crosses −3 dB.
-        half_power_crossings = _ZeroCrossings.of_rows(np.abs(self.closed) - HALF_POWER_GAIN)
+        half_power_crossings = _ZeroCrossings.of_rows(
+            np.abs(self.closed_loop_response) - HALF_POWER_GAIN
+        )
         log_bandwidth = half_power_crossings.minimum_by_row(
             half_power_crossings.interpolate(log_frequency)
         )
@@ -369,7 +376,7 @@ def attitude_loop(controller: Controller, rate: OpenLoop) -> OpenLoop:
     """
     s = 2j * np.pi * rate.frequency
     filters = gyro_response(controller, rate.frequency)
-    response = controller.angle_gain / s * rate.closed / filters
+    response = controller.angle_gain / s * rate.closed_loop_response / filters
     closed_loop_response = response / (1 + response)
     disturbance = rate.disturbance / s / (1 + response)
     return OpenLoop(rate.frequency, response, closed_loop_response, disturbance)

@@ -59,7 +59,7 @@ def measured_rate_response(
     controller: Controller,
     outputs_per_demand: Array,
     frequency: Array,
-    closed: Complex,
+    predicted: Complex,
     *,
     is_controller_identified: bool = False,
     limited_share: float = 0.0,
@@ -74,7 +74,7 @@ def measured_rate_response(
         controller: controller of the axis.
         outputs_per_demand: change of each of the r inputs per unit of demand (r,).
         frequency: frequencies of the prediction (F,), Hz.
-        closed: predicted response from setpoint to rate (F,).
+        predicted: predicted response from setpoint to rate (F,).
         is_controller_identified: whether the plant was identified together with the gain of the controller, which then
             agrees with the parameters. The ratio of demands is then not compared, because aliasing and limits of the
             motors bias it. (By that ratio, 18 of 128 loops of ``tools/validation/loops.py`` at 100 Hz were in doubt,
@@ -92,7 +92,7 @@ def measured_rate_response(
         spectra = welch_spectra_of_pieces(1 / record.dt, pieces, 2 * WELCH_SECONDS)
         if spectra is not None:
             comparisons.append(
-                _comparison_with_prediction(spectra, record.dt, controller, frequency, closed)
+                _comparison_with_prediction(spectra, record.dt, controller, frequency, predicted)
             )
     best_comparison = max(comparisons, key=lambda comparison: comparison.fit, default=None)
     if best_comparison is None:
@@ -186,7 +186,7 @@ def _finite_pieces(signals: Array, record: Record) -> list[Array]:
 
 
 def _comparison_with_prediction(
-    spectra: WelchSpectra, dt: float, controller: Controller, frequency: Array, closed: Complex
+    spectra: WelchSpectra, dt: float, controller: Controller, frequency: Array, predicted: Complex
 ) -> MeasuredResponse:
     """Compares a measured response of the rate to its setpoint with the predicted one.
 
@@ -200,7 +200,7 @@ def _comparison_with_prediction(
         dt: time step of the samples, s.
         controller: controller of the axis.
         frequency: (F,) frequencies of the prediction, Hz.
-        closed: (F,) predicted response from setpoint to rate.
+        predicted: (F,) predicted response from setpoint to rate.
 
     Returns:
         Band, Hz, and fit and agreement, %, without a ``reason``: the caller judges whether they suffice.
@@ -212,7 +212,7 @@ def _comparison_with_prediction(
     is_in_band &= measured_frequency < highest
     rate_index = 1
     rate_power = spectra.power[rate_index, rate_index].real
-    predicted_response = np.interp(measured_frequency, frequency, closed)
+    predicted_response = np.interp(measured_frequency, frequency, predicted)
     prediction_error = np.abs(spectra.response - predicted_response) ** 2 * spectra.driver_power
     unexplained_power = (1 - spectra.coherence) * rate_power
     # Both are 1 minus a normalised RMS error: the root of the power of an error over the power of the rate.
@@ -264,7 +264,7 @@ def _reason_of_disagreement(
         agreement: fit of the prediction to the rate that the setpoint explains, %.
 
     Returns:
-        The first reason, as a fact; None if they agree.
+        The first reason, as a fact, from which reports make a sentence; None if they agree.
     """
     # If the gain is NaN, this comparison is false.
     if abs(np.log(controller_gain)) > MAX_LOG_GAIN_ERROR:

@@ -172,7 +172,7 @@ class StepResponse(ImmutableResult):
             **figures,
         )
 
-    def comparison(self, frequency: Array, closed: Complex) -> Fact:
+    def comparison(self, frequency: Array, predicted: Complex) -> Fact:
         """Compares a predicted closed loop with the measured one, by their gains.
 
         The two disagree at a frequency if the predicted |T| is outside the interval of the measured one. If they
@@ -182,7 +182,7 @@ class StepResponse(ImmutableResult):
 
         Args:
             frequency: frequencies of the prediction (F′,), Hz.
-            closed: predicted response of the closed loop (F′,).
+            predicted: predicted response of the closed loop (F′,).
 
         Returns:
             Which of the three holds, as a fact: they agree, the prediction is in doubt, or the measurement is. Its
@@ -190,7 +190,7 @@ class StepResponse(ImmutableResult):
             Hz.
         """
         subject = f"{self.axis} {self.loop}"
-        predicted_gain = abs(closed)
+        predicted_gain = abs(predicted)
         predicted_at_measured = np.interp(self.frequency, frequency, predicted_gain)
         # The estimate assumes |T| = 1 at 0 Hz up to this error, so that no interval is narrower.
         half_width = np.maximum(self.gain_half, STEADY_STATE_ERROR)
@@ -229,7 +229,7 @@ def rate_step_response(
             None without one.
 
     Returns:
-        The step response, or a fact with the reason why it is not known.
+        The step response, or the reason why it is not known: a fact, from which reports make a sentence.
     """
     if signals.rate_and_setpoint is None:
         return Fact(StepResponseFact.NO_SETPOINT, subject=f"{signals.axis} rate")
@@ -255,7 +255,7 @@ def attitude_step_response(signals: Signals, segments: Segments) -> StepResponse
         segments: segments of the flight to use.
 
     Returns:
-        The step response, or a fact with the reason why it is not known.
+        The step response, or the reason why it is not known: a fact, from which reports make a sentence.
     """
     if signals.angle_setpoint is None or signals.attitude is None:
         return Fact(StepResponseFact.NO_SETPOINT, subject=f"{signals.axis} attitude")
@@ -293,7 +293,8 @@ def _measured_step_response(
             not known.
 
     Returns:
-        The step response; or the fact that messages are too slow or too few, or that the setpoint hardly varies.
+        The step response; or the reason why there is none: messages are too slow or too few, or the setpoint hardly
+        varies.
     """
     subject = f"{signals.axis} {loop}"
     seconds = RESPONSE_SECONDS[loop]

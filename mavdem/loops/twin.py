@@ -375,6 +375,7 @@ def _effectiveness_note(loop: Loop) -> Fact:
     """
     estimate = loop.effectiveness[ESTIMATE]
     half_width = coverage_factor() * np.std(loop.effectiveness)
+    # The bias is the probable relative error of the effectiveness, and 0 for a plant without a known bias.
     is_biased = bool(loop.plant.bias != 0)
     return Fact(TwinFact.EFFECT_NOTE, share=half_width / estimate, is_biased=is_biased)
 

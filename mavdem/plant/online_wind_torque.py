@@ -298,6 +298,7 @@ class OnlineWindTorque:
             return NO_TORQUE
         self._sample_count += 1
         self._inputs.append(inputs)
+        # The torques for the next samples were estimated together, when the last block was complete.
         if not self._upcoming:
             return NO_TORQUE
         return self._upcoming.popleft()

@@ -332,7 +332,7 @@ def _reasons_of_earlier_flight(prior: Physical) -> dict[str, Fact | None]:
         prior: physical parameters by the earlier flight.
 
     Returns:
-        By parameter name ("effect", "damping", "lag"): the fact that it is known from an earlier flight; or, if that
+        By parameter name ("effect", "damping", "lag"): the reason that it is known from an earlier flight; or, if that
         did not identify it, the reason why.
     """
     reasons = dict[str, Fact | None]()

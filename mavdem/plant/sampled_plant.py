@@ -220,7 +220,8 @@ class SampledPlant(NamedTuple):
         Returns:
             (T − 1, n) contributions to the n states, from the second sample on.
         """
-        # The torque as one window (1, T, 1) of one input.
+        # Jumps of the commands come a fraction ``jump_advance`` of a step before the middle of their step. The torque
+        # is one window (1, T, 1) of one input.
         window = commanded_torque.reshape(1, -1, 1)
         commands = with_advanced_jumps(window, self.jump_advance)[0]
         # Commands (T − 1, 1) at the beginning and at the end of each sampling step.

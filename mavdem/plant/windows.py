@@ -174,6 +174,7 @@ def cut_windows(record: Record) -> FlightWindows:
     scaled_inputs = deviations / unit
     rate = record.outputs[samples, column]
     responses = responses_to_innovations(scaled_inputs, rate)
+    # The share of the inputs that the samples before do not predict: noise of the gyro, or jumps.
     _, input_innovations = _innovations(scaled_inputs, rate)
     unpredicted_share = float(np.mean(input_innovations**2) / np.mean(scaled_inputs**2))
     # Thinned samples have a longer time step than the record.

@@ -142,7 +142,7 @@ def test_a_response_at_limits_or_of_other_gains_contradicts_no_loop(
     if reason is not None:
         measured = MeasuredResponse((0.3, 0.5), 0.0, 0.0, 1.0, reason)
     loop = replace(made_up(), measured=measured, cautions=caution)
-    frequency, closed = loop.rate.frequency, loop.rate.closed[0]
+    frequency, closed = loop.rate.frequency, loop.rate.closed_loop_response[0]
     flown = partial_record(
         StepResponse,
         axis="roll",

@@ -516,7 +516,7 @@ def test_a_response_that_is_not_the_predicted_one_says_how(
     rng = default_rng(8)
     dt = sound.record.dt
     samples = 12000
-    predicted = sound.rate.frequency, sound.rate.closed[0]
+    predicted = sound.rate.frequency, sound.rate.closed_loop_response[0]
     response = np.interp(np.fft.rfftfreq(samples, dt), *predicted)
     setpoint = rng.normal(0, 0.3, samples)
     rate = factor * np.fft.irfft(response * np.fft.rfft(setpoint), samples)

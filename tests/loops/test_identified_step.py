@@ -33,7 +33,9 @@ def loop():
 
 def test_the_step_of_an_identified_loop_is_that_of_its_estimate_with_draws_about_it(loop):
     steps = identified_steps(loop, TIME, 50)
-    true = step_from_frequency_response(loop.rate.frequency, loop.rate.closed[0], TIME)
+    true = step_from_frequency_response(
+        loop.rate.frequency, loop.rate.closed_loop_response[0], TIME
+    )
     assert steps.shape == (51, 101)
     assert_allclose(steps[0], true)
     assert steps[1:].mean(axis=0) == approx(true, abs=0.05)

@@ -26,7 +26,7 @@ def test_the_recorded_flight_has_its_chirped_margins():
     # The setpoint's filter alone is beside the loop where D does little: ATC_RAT_PIT_FLTT of 20 Hz.
     asked = 1 / (1 + 1j * found.frequency / 20.0)
     followed = found.response[0] / (1 + found.response[0])
-    assert_allclose(found.closed[0, :10], (asked * followed)[:10], rtol=0.02)
+    assert_allclose(found.closed_loop_response[0, :10], (asked * followed)[:10], rtol=0.02)
     assert injected_loop(signals.for_axis("roll"), recorded_spans(signals)) is None
 
 

@@ -43,7 +43,7 @@ def test_an_attitude_whose_rate_is_asked_for_too_is_followed_at_once(ahead):
     """By an ideal rate loop, of which the attitude is the integral."""
     s = 2j * np.pi * FREQUENCY
     angle = 4.5
-    attitude = Mock(frequency=FREQUENCY, closed=(angle / (s + angle))[None])
+    attitude = Mock(frequency=FREQUENCY, closed_loop_of_estimate=angle / (s + angle))
     known = Mock(attitude=attitude, controller=Mock(angle_gain=angle))
     assert_allclose(
         predicted_attitude_response(known, has_feedforward=ahead),

@@ -30,7 +30,6 @@ from mavdem.loops.resonance import (
     spectral_resonance,
 )
 from mavdem.loops.step_response import StepResponse, rate_step_response
-from mavdem.plant.parameters import ESTIMATE
 
 LEAST_MARGINS = MARGIN_TARGETS["sharp"]
 """The smallest margins that are advised: a loop that surely has less is bad."""
@@ -167,7 +166,7 @@ def _contradiction(loop: Loop | Fact | None, signals: Signals, segments: Segment
         return None
     # Row ``ESTIMATE`` of the closed loop is of the estimated plant; the other rows are of sampled plants.
     comparison = response_comparison(
-        measured, loop, loop.rate.frequency, loop.rate.closed[ESTIMATE]
+        measured, loop, loop.rate.frequency, loop.rate.closed_loop_of_estimate
     )
     if comparison is None or comparison.code is not StepResponseFact.PREDICTION_DOUBTED:
         return None

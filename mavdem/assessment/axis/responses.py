@@ -20,7 +20,6 @@ from mavdem.loops.step_response import (
     attitude_step_response,
     rate_step_response,
 )
-from mavdem.plant.parameters import ESTIMATE
 
 RATE_FEEDFORWARD_PARAMETER = "ATC_RATE_FF_ENAB"
 """ArduPilot's parameter that adds the derivative of the attitude's setpoint to the setpoint of the rate."""
@@ -84,7 +83,9 @@ def responses_of(evidence: Evidence) -> Responses:
         if isinstance(loop, Loop):
             # Row ``ESTIMATE`` of a closed loop is of the estimated plant; the other rows are of sampled plants.
             attitude_prediction = predicted_attitude_response(loop, has_feedforward=has_feedforward)
-            rate_response = _compared_response(rate, loop, loop.rate, loop.rate.closed[ESTIMATE])
+            rate_response = _compared_response(
+                rate, loop, loop.rate, loop.rate.closed_loop_of_estimate
+            )
             attitude_response = _compared_response(
                 attitude, loop, loop.attitude, attitude_prediction
             )
@@ -123,7 +124,7 @@ def advised_steps(responses: Responses, advice_by_axis: AdviceByAxis) -> StepsBy
             if not isinstance(response.measured, StepResponse):
                 continue
             # Row ``ESTIMATE`` is of the estimated plant; the other rows are of sampled plants.
-            closed_loop = advised_loop.rate.closed[ESTIMATE]
+            closed_loop = advised_loop.rate.closed_loop_of_estimate
             if loop_name == "attitude":
                 closed_loop = predicted_attitude_response(
                     advised_loop, has_feedforward=response.has_feedforward
@@ -149,7 +150,7 @@ def predicted_attitude_response(loop: Loop, *, has_feedforward: bool) -> Complex
         (F,) at ``loop.attitude.frequency``.
     """
     # Row ``ESTIMATE`` is of the estimated plant; the other rows are of sampled plants.
-    closed_loop = loop.attitude.closed[ESTIMATE]
+    closed_loop = loop.attitude.closed_loop_of_estimate
     if not has_feedforward:
         return closed_loop
     feedforward = 2j * np.pi * loop.attitude.frequency / loop.controller.angle_gain

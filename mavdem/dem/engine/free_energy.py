@@ -165,10 +165,10 @@ class SampleFreeEnergy:
         )
 
     def terms(self, data: Array, states: Array | None = None) -> Array:
-        """Computes the terms of F(t) of each sample.
+        """Computes the terms of the free energy F(t) of each sample, such as the prediction error of the outputs.
 
         Args:
-            data: (T, dim [ỹ; η̃]) generalized data.
+            data: (T, dim [ỹ; η̃]) outputs ỹ and inputs η̃ with their derivatives, a row for each sample.
             states: (T, dim X) means of the states; None to estimate them from the data by the posterior.
 
         Returns:
@@ -194,11 +194,13 @@ class SampleFreeEnergy:
         Returns:
             (T, 10) terms in the order of ``Term``, nats, which sum to F(t).
         """
-        # The weights sum ε̃ᵀ Π̃ ε̃ over the entries of ε̃ that belong to each term.
-        squares = (errors @ self.error_precision * errors) @ self.error_weights
-        squares[:, SAMPLE_TERMS.index(Term.MEAN_FIELD)] += np.sum(
-            states @ self.mean_field_curvature * states, axis=1
-        )
+        # The summands of ε̃ᵀ Π̃ ε̃, one for each entry of ε̃ (T, dim ε̃), are summed by the weights to the four terms that
+        # differ between samples (T, 4).
+        summands = errors @ self.error_precision * errors
+        squares = summands @ self.error_weights
+        # The uncertainty of θ adds a square of the states to the mean-field term.
+        squares_of_states = np.sum(states @ self.mean_field_curvature * states, axis=1)
+        squares[:, SAMPLE_TERMS.index(Term.MEAN_FIELD)] += squares_of_states
         terms = np.empty((len(errors), len(self.constants)))
         terms[:] = self.constants
         terms[:, SAMPLE_TERM_COLUMNS] -= 0.5 * squares
@@ -237,10 +239,11 @@ class SampleFreeEnergy:
 
 
 def _error_weights(posterior: Posterior) -> Array:
-    """Returns the weight of each squared prediction error in each of the ``SAMPLE_TERMS``.
+    """Returns the weight of each squared prediction error in each of the four ``SAMPLE_TERMS``.
 
-    The weight is 1 in the term of outputs, inputs or states that the error belongs to. In the mean-field term it is the
-    relative increase of the expected precision of its noise by the uncertainty of λ.
+    Those terms are the errors of outputs, of inputs and of states, and the mean-field term. The weight is 1 in the term
+    that the error belongs to. The mean-field term contains what the uncertainty of λ adds to the squared errors: there
+    the weight is the relative increase of the expected precision of the error's noise.
 
     Args:
         posterior: the posterior of the training data.
@@ -352,7 +355,8 @@ def free_energy_terms(posterior: Posterior) -> Mapping[str, float]:
 def _error_rows_by_term(model: GenerativeModel) -> Mapping[Term, slice]:
     """Returns the rows of the prediction errors ε̃ whose weighted squares each term sums.
 
-    The error of a prior of x, which follows the errors of the states, belongs to the same term as these errors.
+    The rows of outputs and of inputs belong to one term each. The rows of the states and those of a prior of x, which
+    follow them, belong together to the term of the states.
 
     Args:
         model: model in generalised coordinates, with the layout of ε̃.

@@ -328,12 +328,12 @@ class KalmanFilter(NamedTuple):
             Predicted states (…, T + 1, n), the last one after the last sample, and innovations (…, T, m).
         """
         samples = measurements.shape[-2]
-        # The row of the gain of each sample.
+        # Index in ``gains`` of the gain of each sample: once the filter is steady, all later samples have the last one.
         rows = self.gain_rows(samples)
         states = np.empty((*measurements.shape[:-2], samples + 1, len(self.A)))
         states[..., 0, :] = initial_state
         # With L = A − K C the filter is x̂⁺ = L x̂ + g + K y. L is transposed, since states are rows here. There is one L
-        # for each gain; the last gain is the steady-state one, which is used for all later samples.
+        # for each gain.
         L_transposed = (self.A - self.gains @ self.C).mT
         # Letters of einsum: sample t, output m, state n.
         driving_terms = forcing + np.einsum("...tm,tnm->...tn", measurements, self.gains[rows])

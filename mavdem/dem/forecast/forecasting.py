@@ -111,7 +111,7 @@ class ForecasterBase:
         return self.rolling_forecast_unknown_inputs(steps, checked_inputs, checked_outputs).mean
 
     def forecast(self, inputs: ArrayLike, from_zero: bool = False, smooth: bool = False) -> Array:
-        """Returns the outputs (H, m) after the training data: row 0 is the first sample after it.
+        """Forecasts the outputs after the training data with known inputs; row 0 is the first sample after it.
 
         >>> errors = learned.forecast(test.inputs) - test.outputs
         >>> bool((errors**2).mean() < test.outputs.var())

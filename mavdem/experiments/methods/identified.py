@@ -54,7 +54,7 @@ class Baseline(ForecasterBase):
 
     @property
     def cautions(self) -> Facts:
-        """Limits of the model that a user of its forecasts must know, as facts; empty if there are none.
+        """What a user of the model's forecasts must know about its limits, a sentence each; empty if there is nothing.
 
         The forecasts of an unstable model grow without bound: the largest eigenvalue of its step from sample to sample
         is outside the unit circle, by the figure ``growth``. A method may also have stopped at its limit of iterations

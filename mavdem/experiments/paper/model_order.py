@@ -152,7 +152,7 @@ def run(runner: Runner) -> ExperimentResult:
         tables=_order_tables(choices, free_energies, saturation_orders),
         pictures=(_free_energy_picture(free_energies),),
         remarks=(
-            _calm_remark(calm_choices),
+            _sentence_on_calm_flights(calm_choices),
             f"The paper’s rule: an order counts as saturated when no higher one up to {ORDERS[-1]} gains more than "
             f"{percent(NEGLIGIBLE_GAIN)} of the range of F̄ over all orders. It is relative to the scale of the "
             "curve: in nats, higher orders may still gain tens of thousands. A system of order 1 has no lower order to "
@@ -202,7 +202,7 @@ def _calm_choices(runner: Runner) -> dict[int, OrderChoice]:
     return choices
 
 
-def _calm_remark(choices: Mapping[int, OrderChoice]) -> str:
+def _sentence_on_calm_flights(choices: Mapping[int, OrderChoice]) -> str:
     """Returns the sentence on orders without wind, which says where further states with wind come from.
 
     Args:
@@ -255,13 +255,14 @@ def _paper_free_energies(
 
 
 def _values_by_system(values: Mapping[str, list[Any]]) -> JsonValues:
-    """Converts lists of values, one for each of ``SYSTEMS``, to dictionaries by the name of the system.
+    """Names the values of each system, for the JSON document: lists become dictionaries by the name of the system.
 
     Args:
-        values: lists by whether the inputs are known, a key of ``SETTINGS_BY_INPUTS``.
+        values: a list with one value for each of ``SYSTEMS``, by the key of ``SETTINGS_BY_INPUTS``, which says whether
+            the inputs are known.
 
     Returns:
-        Values by whether the inputs are known, and by system.
+        Dictionaries by the same key, then by system.
     """
     names = [f"system {system}" for system in SYSTEMS]
     named_values = {}

@@ -247,6 +247,7 @@ def loop_prior(controller: LoopController, output_size: float) -> LoopPrior:
     Returns:
         Mean and standard deviation of each logarithm (k,): both are natural logarithms.
     """
+    # At the crossover the gain of the loop is 1. The plant is nearly an integrator there, effect / ω.
     median_effect = 2 * np.pi * TYPICAL_CROSSOVER / controller.p
     gain_sd = controller.log_gain_sd
     typical = {name: np.log(value) for name, value in TYPICAL_VALUES.items()}

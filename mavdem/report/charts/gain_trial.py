@@ -11,7 +11,6 @@ from mavdem.loops.advice import Advice, AdviceByAxis, advised_parameters
 from mavdem.loops.axis_loops import LoopsByAxis
 from mavdem.loops.identified_step import STEP_SECONDS, step_from_frequency_response
 from mavdem.loops.step_response import StepResponse
-from mavdem.plant.parameters import ESTIMATE
 from mavdem.report.charts.chart import TIME_AFTER_STEP, Axis, Chart, Group, Line, LineStyle
 from mavdem.report.palette import PHYSICAL, PREDICTED, TRUTH
 
@@ -124,7 +123,7 @@ def predicted_step_chart(loops: LoopsByAxis, loop_name: str) -> Chart:
     for name, loop in loops.items():
         rate_or_attitude_loop = loop.rate if loop_name == "rate" else loop.attitude
         # The first row is the response with the estimated plant; the other rows are draws of uncertain plants.
-        closed_loop_response = rate_or_attitude_loop.closed[ESTIMATE]
+        closed_loop_response = rate_or_attitude_loop.closed_loop_of_estimate
         frequency = rate_or_attitude_loop.frequency
         step = step_from_frequency_response(frequency, closed_loop_response, time)
         lines.append(Line(name, GAIN_COLOURS[name], time, step))

@@ -24,7 +24,7 @@ from mavdem.experiments.paper.estimation.roll_windows import (
     WITHOUT_WIND,
     RollWindow,
     flight_windows,
-    missing_flights_remark,
+    missing_flights_sentence,
     simulated_window,
     smooth_noise,
     wind_of_flight,
@@ -173,7 +173,7 @@ def test_windows_follow_each_other_and_still_flights_are_left_out():
     assert [window.flight for window in windows] == ["exp_1_WM_1", "exp_1_WM_1"]
     assert np.array_equal(windows[1].states[0], flight.outputs[FIRST_SAMPLE + 120])
     assert windows[0].inputs.mean(axis=0) == approx(np.zeros(4), abs=1e-12)
-    assert "None of the 1" in missing_flights_remark({"exp_2_WM_0": still})
+    assert "None of the 1" in missing_flights_sentence({"exp_2_WM_0": still})
     assert wind_of_flight("exp_2_WM_0") == WITHOUT_WIND
     assert wind_of_flight("exp_1_WM_1") == WITH_WIND
 

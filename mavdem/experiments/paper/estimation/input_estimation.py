@@ -27,7 +27,7 @@ from mavdem.experiments.paper.estimation.roll_windows import (
     WITHOUT_WIND,
     RollWindow,
     flight_windows,
-    missing_flights_remark,
+    missing_flights_sentence,
     simulated_window,
     wind_of_flight,
 )
@@ -326,7 +326,7 @@ def run(runner: Runner) -> ExperimentResult:
             checks += input_checks(errors_in_wind, "flights in wind")
         tables += recorded_table(recorded_errors)
     else:
-        remarks.append(missing_flights_remark(runner.recorded_flights))
+        remarks.append(missing_flights_sentence(runner.recorded_flights))
     checks += input_checks(simulated_errors, "simulated")
     tables += (
         Sentence("SSE of the hidden command in 10 s of each noise.", "Simulated:"),

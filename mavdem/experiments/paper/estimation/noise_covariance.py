@@ -35,7 +35,7 @@ from mavdem.experiments.paper.estimation.noisy_records import (
     flight_records,
     random_record,
 )
-from mavdem.experiments.paper.estimation.roll_windows import missing_flights_remark
+from mavdem.experiments.paper.estimation.roll_windows import missing_flights_sentence
 from mavdem.experiments.paper.runner import Runner
 from mavdem.report.blocks import Block, Sentence, Table
 from mavdem.report.numbers import rounded
@@ -241,7 +241,7 @@ def run(runner: Runner) -> ExperimentResult:
         checks = [*covariance_checks(recorded_errors, "flights with added noise"), *checks]
         tables = [*error_tables(recorded_errors, "Flights with added noise"), *tables]
     else:
-        remarks.append(missing_flights_remark(runner.recorded_flights))
+        remarks.append(missing_flights_sentence(runner.recorded_flights))
     numbers = {
         "simulated": _nested_values(simulated_errors),
         "flights with added noise": _nested_values(recorded_errors),

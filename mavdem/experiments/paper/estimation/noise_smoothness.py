@@ -198,6 +198,8 @@ def _learn_simulated(job: tuple[int, int]) -> SimulatedResult:
         learned = learn_smoothness(fit_at, [width * SIMULATED_DT for width in CANDIDATE_WIDTHS])
         uncertainty = smoothness_uncertainty(learned, fit_at, data, record.dt)
     log_ratio = float(np.log(learned.smoothness / record.smoothness))
+    # Intervals are symmetric: their upper end is this quantile. The sandwich's variance is estimated from few blocks,
+    # so that Student's t takes the place of the normal distribution.
     tail = (1 + COVERAGE) / 2
     return SimulatedResult(
         log_ratio,

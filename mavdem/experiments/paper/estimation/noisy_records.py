@@ -124,6 +124,7 @@ def random_record(seed: int, smoothness: float, variance_step: float = 1.0) -> N
         rng.standard_normal((SIMULATED_SAMPLES, STATES)), kernel_samples
     )
     noise[SIMULATED_SAMPLES // 2 :] *= np.sqrt(variance_step)
+    # The record computes the transition of the states from its matrices. So it is made first, without states.
     record = NoisyRecord(
         A,
         B,

@@ -174,6 +174,7 @@ def kalman_states(model: DiscreteModel, outputs: Array, inputs: Array) -> Array:
     predicted_states, innovations = kalman_filter.filter(
         np.zeros(n), inputs @ model.Gamma.T, outputs
     )
+    # Index of the gain of each sample among the filter's gains, of which the last one is used once it is steady.
     rows = kalman_filter.gain_rows(len(outputs))
     # The filter predicts. The gain of the correction by the sample itself is P Cᵀ F⁻¹.
     covariances = kalman_filter.covariances[: len(kalman_filter.gains)]

@@ -147,7 +147,7 @@ def flight_windows(
     return windows
 
 
-def missing_flights_remark(flights: Mapping[str, Flight]) -> str:
+def missing_flights_sentence(flights: Mapping[str, Flight]) -> str:
     """Returns the sentence on why a report has no windows of recorded flights: none are given, or none is usable."""
     if flights:
         return f"None of the {len(flights)} recorded flights has a whole window in which it moves."
@@ -163,7 +163,9 @@ def is_moving(signals: Array) -> bool:
 def roll_window(
     flight: str, states: Array, outputs: Array, motors: Array, dt: float = 1 / ARDRONE_RATE
 ) -> RollWindow:
-    """Scales the inputs of a window by the range of the motor commands, and subtracts their means.
+    """Makes a window whose inputs are the motor commands in units of their range, without their means.
+
+    The input matrix is scaled likewise, so that the model stays the same.
 
     Args:
         flight: name of the flight.
@@ -175,6 +177,7 @@ def roll_window(
     Returns:
         The window.
     """
+    # Range of all commands together, from the lowest to the highest.
     command_range = np.ptp(motors)
     inputs = motors / command_range
     acceleration_per_input = ROLL_EFFECTIVENESS * command_range * ROLL_MIXER

@@ -25,7 +25,7 @@ from mavdem.experiments.paper.estimation.roll_windows import (
     WITHOUT_WIND,
     RollWindow,
     flight_windows,
-    missing_flights_remark,
+    missing_flights_sentence,
     simulated_window,
     wind_of_flight,
 )
@@ -178,7 +178,7 @@ def run(runner: Runner) -> ExperimentResult:
     }
     window_errors_by_wind = recorded_errors(runner)
     if not window_errors_by_wind:
-        remark = missing_flights_remark(runner.recorded_flights)
+        remark = missing_flights_sentence(runner.recorded_flights)
         return ExperimentResult(tuple(checks), numbers, tables, remarks=(remark,))
     recorded = _recorded_result(window_errors_by_wind)
     return ExperimentResult(

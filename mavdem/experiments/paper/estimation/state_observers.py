@@ -119,7 +119,7 @@ def _augmented_kalman(window: RollWindow, outputs: Array, inputs: Array) -> Arra
 
 
 def _smikf(window: RollWindow, outputs: Array, inputs: Array, accumulates: bool) -> Array:
-    """Estimates the states by SMIKF, the Kalman filter with second moment information of coloured process noise.
+    """Estimates the states by SMIKF, a Kalman filter that knows the autocovariances of coloured process noise.
 
     Args:
         window: the window.
