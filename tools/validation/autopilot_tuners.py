@@ -182,7 +182,7 @@ def _rate_twitch(loop: Loop, gains: TunedGains) -> Twitch:
     if not rate.is_stable:
         return Twitch(peak=2.0, bounce=1.0)
     time = np.linspace(0.01, TWITCH_SECONDS, 50)
-    response = step_from_frequency_response(rate.frequency, rate.closed[ESTIMATE], time)
+    response = step_from_frequency_response(rate.frequency, rate.closed_loop_of_estimate, time)
     peak_row = int(response.argmax())
     peak = float(response[peak_row])
     return Twitch(peak, (peak - float(response[peak_row:].min())) / peak)
@@ -261,7 +261,7 @@ def _tuned_angle_gain(loop: Loop, gains: TunedGains) -> float:
             overshoots = not attitude.is_stable
             if not overshoots:
                 step = step_from_frequency_response(
-                    attitude.frequency, attitude.closed[ESTIMATE], time
+                    attitude.frequency, attitude.closed_loop_of_estimate, time
                 )
                 overshoots = bool(step.max() > 1 + AGGRESSIVENESS / 2)
             if is_lowered and overshoots:
