@@ -16,7 +16,6 @@ from mavdem.ingest.telemetry import Parameters
 from mavdem.loops.axis_loops import Loop
 from mavdem.loops.gain_design import ARDUPILOT_DEFAULTS, PX4_DEFAULTS
 from mavdem.loops.identified_step import step_from_frequency_response
-from mavdem.plant.parameters import ESTIMATE
 
 AGGRESSIVENESS = 0.075
 """AUTOTUNE_AGGR: bounce back, as a fraction of the largest rate, up to which D is raised."""
