@@ -534,7 +534,7 @@ def next_step_of(headline: Fact, lights: NamedFacts, model_step: Fact | None) ->
     Args:
         headline: headline of the judgement. If something is wrong, its advice is the next step.
         lights: the lights by name. If nothing is wrong, the next step is the advice of the first light that is not
-            good.
+            good. One that is not judged, for a reason that nothing helps against, is passed over.
         model_step: step that improves the model, for a vehicle without fault whose lights are all good; None without a
             model.
 
@@ -544,13 +544,23 @@ def next_step_of(headline: Fact, lights: NamedFacts, model_step: Fact | None) ->
     if headline.code is not Headline.NOTHING_WRONG:
         return _next_step_against(headline, lights)
     is_other_vehicle = False
+    is_without_advice = False
     for name in (Light.LOG, *VEHICLE_LIGHTS):
         # This light is unknown because the vehicle is no multirotor: no other log of it would change that.
         if lights[name].code is Unjudged.MULTIROTORS_ONLY:
             is_other_vehicle = True
         elif not lights[name].is_good:
-            return Fact(NextStep.DO_AS_ADVISED, reason=lights[name])
+            advice = lights[name]
+            if advice.code is Unjudged.NOT_JUDGED and advice.figures["reason"] is not None:
+                # What makes a judgement possible is advised by the reason why there is none.
+                advice = advice.figures["reason"]
+                if not advice.remedy:
+                    is_without_advice = True
+                    continue
+            return Fact(NextStep.DO_AS_ADVISED, reason=advice)
     if is_other_vehicle:
+        return Fact(NextStep.KEEP_LOG)
+    if is_without_advice and model_step is None:
         return Fact(NextStep.KEEP_LOG)
     return model_step or Fact(NextStep.KEEP_MODEL)
 

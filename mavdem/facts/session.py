@@ -57,6 +57,7 @@ class VehicleFact(Code):
     """Which vehicles are on a link, and which of them is followed."""
 
     NO_VEHICLE_YET = "no_vehicle_yet"
+    NO_MULTIROTOR_YET = "no_multirotor_yet"
     CHOOSE_VEHICLE = "choose_vehicle"
     VEHICLES_FOUND = "vehicles_found"
     FOLLOWING_VEHICLE = "following_vehicle"

@@ -27,6 +27,7 @@ from mavdem.facts.session import (
     VehicleFact,
 )
 from mavdem.ingest.mavlink.frame_reader import Frame
+from mavdem.ingest.mavlink.framing import CHECKSUM_MATCHES
 from mavdem.live import clock
 from mavdem.live.backlog import STEP_SECONDS, Backlog, LatencyMeter
 from mavdem.live.clock_speed import ClockSpeed
@@ -56,6 +57,14 @@ OBSTACLES_TO_ROWS = (
     RowsFact.LIVE_RATES_TOO_LOW,
 )
 """Obstacles without rows, and so without a model of the flight."""
+
+
+OBSTACLES_TO_FOLLOWING = (
+    VehicleFact.CHOOSE_VEHICLE,
+    VehicleFact.NO_MULTIROTOR_YET,
+    VehicleFact.TWO_VEHICLES_LIVE,
+)
+"""Obstacles with which none of the vehicles that send is followed, and so without a model."""
 
 
 class LiveSession:
@@ -183,7 +192,9 @@ class LiveSession:
             self._learning, self.stream.now, self.stream.takeoff_time
         )
         for event in self.stream.drain_events():
-            self._presentation.log(event.fact)
+            # The successor of a vehicle that is silent is reported as that.
+            if self.successor is None or event.fact.code is not VehicleFact.OTHER_VEHICLE:
+                self._presentation.log(event.fact)
         for fact in self.link.drain_events():
             self._presentation.log(fact)
         now = clock.monotonic()
@@ -289,10 +300,12 @@ class LiveSession:
         """
         vehicle = self.stream.followed_vehicle
         monitor = self._silence_monitor
-        if vehicle is None or any(vehicle.has_sent(frame) for frame in frames):
-            return monitor.note_messages(first_arrival, last_arrival)
+        if not any(frame.checksum == CHECKSUM_MATCHES for frame in frames):
+            monitor.note_noise(last_arrival)
         if not frames:
             return 0.0
+        if vehicle is None or any(vehicle.has_sent(frame) for frame in frames):
+            return monitor.note_messages(first_arrival, last_arrival)
         monitor.note_other_messages(last_arrival)
         if self._keeps_vehicle or self.successor is not None:
             return 0.0
@@ -442,6 +455,9 @@ class LiveSession:
             self._executor.suspend(False)
         if self._learning.learner is None and self._rows_obstacle is not None:
             raise NotLearnable(self._rows_obstacle)
+        vehicle_obstacle = self.stream.vehicle_obstacle
+        if vehicle_obstacle is not None and vehicle_obstacle.code in OBSTACLES_TO_FOLLOWING:
+            raise NotLearnable(vehicle_obstacle)
         try:
             return self._learning.final_model(self.stream.parameters)
         except NotLearnable as refusal:

@@ -46,9 +46,13 @@ LINK_OBSTACLES = (
     RowsFact.NOTHING_RECEIVED,
     VehicleFact.NO_VEHICLE_YET,
     VehicleFact.CHOOSE_VEHICLE,
+    VehicleFact.NO_MULTIROTOR_YET,
     VehicleFact.TWO_VEHICLES_LIVE,
 )
 """The obstacles with which no followed vehicle is received: the link is lost or silent, or none is followed on it."""
+
+SILENT_LINK = (LinkFact.CONNECTION_LOST, RowsFact.NOTHING_RECEIVED)
+"""Those of them with which the followed vehicle is silent."""
 
 MAX_ALARM_DELAY = 3.0
 """Delay of the alarms from which on a pilot must not rely on them, s: a choice; a vehicle may fall within it."""
@@ -289,8 +293,8 @@ class SessionStatus(ImmutableResult):
                 return _headed_by(bad_lights[0], lights)
             return Judgement(headline, next_step, lights)
         has_judged_light = any(name in lights_without_model for name in VEHICLE_LIGHTS)
-        # Once the session is over, no message comes any more; the lights still judge the flight that has been seen.
-        is_shown = self._is_received or self.is_over
+        # Once the flight or the session is over, no message need come any more; the lights still judge what was seen.
+        is_shown = self._is_received or self.is_over or self._is_silent_after_flight
         if self.model_judgement is None and has_judged_light and is_shown:
             headline = headline_by_lights(lights)
             if headline.warns or not self._is_received:
@@ -387,8 +391,16 @@ class SessionStatus(ImmutableResult):
         return self.obstacle is None or self.obstacle.code not in LINK_OBSTACLES
 
     @property
+    def _is_silent_after_flight(self) -> bool:
+        """Whether the flight is over, and nothing is received since then, as from a vehicle that was switched off."""
+        is_silent = self.obstacle is not None and self.obstacle.code in SILENT_LINK
+        return is_silent and not self.is_flying and bool(self.worst_lights)
+
+    @property
     def _reason_without_model(self) -> Fact:
-        """Why no model has been judged yet."""
+        """Why no model has been judged yet; after a flight, a link that is silent is no reason."""
+        if self._is_silent_after_flight:
+            return Fact(SessionFact.FLIGHT_OVER, reason=None)
         if self.obstacle is not None:
             return self.obstacle
         return Fact(SessionFact.BEING_LEARNED if self.is_flying else SessionFact.NOT_FLYING)

@@ -21,6 +21,7 @@ class SilenceMonitor:
         message_time: when a message of the followed vehicle came last, of any sender while none is followed, s of the
             monotonic clock.
         link_time: when a message of any sender came last, s of that clock.
+        noise_time: when bytes without an intact message came last, s of that clock.
         motion_time: when a sample of attitude or motors came last, s of that clock.
         attitude_time: when an attitude of any vehicle came last, followed or not, s of that clock.
     """
@@ -28,6 +29,7 @@ class SilenceMonitor:
     def __init__(self) -> None:
         self.message_time = clock.monotonic()
         self.link_time = self.message_time
+        self.noise_time = -inf
         self.motion_time = -inf
         self.attitude_time = -inf
         self._sample_count = 0
@@ -50,6 +52,14 @@ class SilenceMonitor:
         self.message_time = last_arrival
         self.link_time = last_arrival
         return silence_before
+
+    def note_noise(self, last_arrival: float) -> None:
+        """Records that bytes arrived, and no intact message among them.
+
+        Args:
+            last_arrival: when the last of them arrived, s of the monotonic clock.
+        """
+        self.noise_time = last_arrival
 
     def note_other_messages(self, last_arrival: float) -> None:
         """Records that messages arrived, and none of the followed vehicle.
@@ -125,7 +135,8 @@ class SilenceMonitor:
                 time: while the analysis is late, messages that wait for it must not count as missing.
 
         Returns:
-            The fact NOTHING_RECEIVED, with what is missing and the duration, s; None if nothing is missing.
+            The fact NOTHING_RECEIVED, with what is missing, the duration, s, and ``is_noise`` where bytes come that are
+            no intact messages; None if nothing is missing.
         """
         silent_since = now - SILENCE_SECONDS
         has_had_motion = self._sample_count > 0
@@ -136,7 +147,10 @@ class SilenceMonitor:
             missing = MissingMessages.MOTION
         if missing is None:
             return None
-        return Fact(RowsFact.NOTHING_RECEIVED, subject=missing, duration=SILENCE_SECONDS)
+        silence = Fact(RowsFact.NOTHING_RECEIVED, subject=missing, duration=SILENCE_SECONDS)
+        if missing is MissingMessages.MESSAGES and self.noise_time >= silent_since:
+            return silence.replace(is_noise=True)
+        return silence
 
     def has_others(self, now: float) -> bool:
         """Returns whether other senders than the followed vehicle were received in the last ``SILENCE_SECONDS``.

@@ -3,7 +3,7 @@
 from dataclasses import dataclass, replace
 
 from mavdem.facts import Fact
-from mavdem.facts.session import LinkFact, MissingMessages, SessionFact, TimeUse
+from mavdem.facts.session import LinkFact, MissingMessages, SessionFact, TimeUse, VehicleFact
 from mavdem.live import clock
 from mavdem.live.backlog import BEHIND_DELAY, Backlog, LatencyMeter
 from mavdem.live.clock_speed import ClockSpeed
@@ -104,12 +104,18 @@ class StatusReport:
         """Returns the silence of the link as the reason why there is no new model; None while messages come.
 
         If no vehicle is followed any more, for example because two send under one id, its motion is missing for that
-        reason. The stream knows the reason, and it is returned as long as any vehicle still sends its attitude.
+        reason. The stream knows the reason, and it is returned as long as any vehicle still sends its attitude. That
+        one of several is to be chosen is always returned while the link is open.
 
         Args:
             status: status of the stream, whose ``obstacle`` is the reason that it knows.
         """
         silence = self._silence_fact()
+        is_lost = silence is not None and silence.code is LinkFact.CONNECTION_LOST
+        obstacle = status.obstacle
+        if obstacle is not None and obstacle.code is VehicleFact.CHOOSE_VEHICLE and not is_lost:
+            # Without a choice none would be followed that came back.
+            return obstacle
         is_motion_silent = silence is not None and silence.subject == MissingMessages.MOTION
         is_unfollowed = status.vehicle is None
         if (

@@ -130,6 +130,11 @@ class LiveStream:
         """The vehicle; None before it is known."""
         return self._vehicles.followed
 
+    @property
+    def vehicle_obstacle(self) -> Fact | None:
+        """Why no vehicle is followed; None when one is."""
+        return self._vehicles.obstacle
+
     def other_vehicle_among(self, frames: Sequence[Frame]) -> Component | None:
         """Returns the first vehicle among the senders of some frames that is not the followed one.
 

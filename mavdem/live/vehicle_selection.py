@@ -110,6 +110,19 @@ class Component:
         return self.vehicle_type in POSSIBLE_MULTIROTORS and self.attitude_count >= MIN_MESSAGES
 
     @property
+    def is_other_vehicle(self) -> bool:
+        """Whether it is certain to be a vehicle, and no multirotor.
+
+        Ground stations, cameras and other components that are no autopilots call themselves by the autopilot INVALID.
+        """
+        is_autopilot = self.autopilot not in (UNNAMED, "INVALID")
+        return (
+            is_autopilot
+            and self._heartbeat_count >= MIN_MESSAGES
+            and self.vehicle_type not in POSSIBLE_MULTIROTORS
+        )
+
+    @property
     def can_be_followed(self) -> bool:
         """Whether it is certain enough that this is a multirotor to follow.
 
@@ -310,6 +323,12 @@ class VehicleSelector:
                 self._follow(sender)
             elif len(vehicles) > 1:
                 self._report_choice(vehicles)
+        elif sender.is_other_vehicle and not self.other_vehicles:
+            self.obstacle = Fact(
+                VehicleFact.NO_MULTIROTOR_YET,
+                subject=sender.name,
+                vehicle_type=sender.vehicle_type,
+            )
 
     def _refuse(self, sender: Component) -> None:
         """Reports once that two vehicles send under the same ids, and follows neither of them.

@@ -44,6 +44,7 @@ from mavdem.live.link import LinkLost, ReceivedPiece
 from mavdem.live.raw_recording import RawRecording
 from mavdem.live.session import LiveSession
 from mavdem.live.session_status import SessionStatus
+from mavdem.live.silence import SilenceMonitor
 from mavdem.report.charts.timeline import live_timeline
 from mavdem.report.numbers import plus_minus
 from mavdem.report.pages.flight_page import live_page
@@ -192,6 +193,19 @@ def test_a_silent_vehicle_is_succeeded_by_the_one_that_sends(now, keeps_vehicle)
         "Nothing came from 1:1 for 10 s: its session ends, and vehicle 4:1 (QUADROTOR, "
         "ARDUPILOTMEGA) is followed."
     )
+
+
+def test_a_successor_that_appears_late_is_not_said_to_be_found_beside_the_silent_vehicle(now):
+    gone = Flight(attitude=10.0, motors=10.0).frames(end=7.0)
+    here = Flight(attitude=10.0, motors=10.0, system=4).frames(start=18.0, end=23.0)
+    one, _, said = session_of([])
+    start = now[0]
+    for time, frame in [*gone, *here]:
+        now[0] = start + time
+        one.link.script = [[(time, frame)]]
+        one.step(0.0)
+    codes = [fact.code for fact in said]
+    assert VehicleFact.VEHICLE_SUCCEEDED in codes and VehicleFact.OTHER_VEHICLE not in codes
 
 
 @mark.slow
@@ -645,3 +659,24 @@ def test_unexpected_motion_is_one_event_while_it_lasts(monkeypatch):
     run(one)
     begins = [row for row in said if row.code is SessionFact.MOTION_UNEXPECTED]
     assert len(begins) == 1 and begins[0].level is Level.WATCH
+
+
+def test_bytes_without_a_message_are_noise_and_no_silence(now):
+    monitor = SilenceMonitor()
+    start = monitor.message_time
+    for seconds in range(6):
+        monitor.note_noise(start + seconds)
+    noise = monitor.silence(start + 6.0)
+    assert noise.advised == (
+        "Only bytes that are no intact MAVLink messages were received for 3 s and more. Check protocol and baud rate, "
+        "and what disturbs the radio."
+    )
+    assert "is_noise" not in monitor.silence(start + 20.0).figures
+
+
+def test_of_several_vehicles_one_is_to_be_chosen_still_at_the_end():
+    one, _, _ = session_of([])
+    choice = Fact(VehicleFact.CHOOSE_VEHICLE, name="1:1")
+    one.stream._vehicles.obstacle = choice
+    assert refused(one.final_model) == choice
+    assert one.status.obstacle == choice

@@ -155,3 +155,15 @@ def test_two_vehicles_under_one_id_are_refused_until_one_is_silent():
     times = [row.time for row in made.rows]
     assert not [time for time in times if 9.0 < time < 14.0 or time > 100.0]
     assert max(times) > 25.0
+
+
+def test_a_plane_is_named_as_what_it_is_and_a_ground_station_is_no_vehicle():
+    ticks = (1.0, 2.0, 3.0)
+    plane = replay([(time, heartbeat(3, 1, kind=1)) for time in ticks]).stream
+    obstacle = plane.status().obstacle
+    assert obstacle.advised == (
+        "3:1 is a fixed wing: only multirotors are followed unasked. Watch its battery, vibration and warnings with "
+        "`--vehicle 3:1`."
+    )
+    station = replay([(time, heartbeat(255, 190, kind=6, autopilot=8)) for time in ticks]).stream
+    assert station.status().obstacle.code is VehicleFact.NO_VEHICLE_YET

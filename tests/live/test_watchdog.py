@@ -526,7 +526,7 @@ def test_the_headline_counts_lights_that_need_no_model():
 )
 def test_a_lost_link_heads_the_status_unless_a_light_is_bad(obstacle):
     lights = {Light.MOTORS: Fact(MotorsLight.MOTORS_EVEN, Level.GOOD)}
-    status = SessionStatus(obstacle=obstacle, worst_lights=lights)
+    status = SessionStatus(obstacle=obstacle, worst_lights=lights, is_flying=True)
     assert status.overall_judgement.headline == obstacle
     bad = Fact(MotorsLight.MOTORS_AT_LIMIT, Level.BAD)
     status = replace(status, worst_lights={Light.MOTORS: bad})
@@ -664,3 +664,12 @@ def test_what_was_asked_for_in_vain_is_not_advised():
     asked = replace(status, absent_messages=frozenset({"VIBRATION"})).overall_judgement
     assert asked.lights["vibration"] == unknown.replace(is_asked=True)
     assert str(asked.next_step) == "Look for the vibration in the autopilot's own log."
+
+
+def test_what_a_flight_has_shown_stays_the_headline_once_the_landed_vehicle_is_silent():
+    silent = Fact(RowsFact.NOTHING_RECEIVED, subject=MissingMessages.MESSAGES, duration=3.0)
+    lights = {Light.MOTORS: Fact(MotorsLight.MOTORS_EVEN, Level.GOOD)}
+    judgement = SessionStatus(obstacle=silent, worst_lights=lights).overall_judgement
+    assert judgement.headline.code is Headline.NOTHING_WRONG
+    # Nothing helps a light that can no longer be judged, so that it is no step.
+    assert judgement.next_step.code is NextStep.KEEP_LOG
