@@ -400,9 +400,7 @@ def _with_best_setpoint(spectra: CrossSpectra, controller: KnownController) -> C
 
     A rate setpoint may be logged with or without the attitude controller's correction, and the log does not show which.
     The rate controller computes the output u from the setpoint r and the rate p: u = C_r r − C_p p. So the true
-    setpoint is the candidate with the least power of the residual u − C_r r + C_p p, below ``MAX_EXPLAINED_FREQUENCY``.
-    With the coefficients a = (C_p, 1, −C_r) of (p, u, r) and their cross-spectral density S, that power is Σ aᵀ S ā
-    over frequencies, weighted by the number of independent values in each band.
+    setpoint is the candidate with which least power of the output remains unexplained.
 
     Args:
         spectra: cross-spectra of rate, output, and a pair of setpoint and reference for each candidate.
@@ -411,27 +409,39 @@ def _with_best_setpoint(spectra: CrossSpectra, controller: KnownController) -> C
     Returns:
         Cross-spectra of rate, output, and the chosen setpoint with its reference.
     """
+    # From index SETPOINT on there are pairs of a candidate and its reference (:attr:`_LoopMessages.streams`).
+    signal_count = len(spectra.stamp_offsets)
+    assert (signal_count - Quantity.SETPOINT) % 2 == 0, "each setpoint needs its reference"
+    candidates = range(Quantity.SETPOINT, signal_count, 2)
+    setpoint = min(candidates, key=partial(_unexplained_power, spectra, controller))
+    return spectra.select((Quantity.RATE, Quantity.OUTPUT, setpoint, setpoint + 1))
+
+
+def _unexplained_power(spectra: CrossSpectra, controller: KnownController, setpoint: int) -> float:
+    """Returns the power of the output that the controller does not compute from one of the logged setpoints.
+
+    With the controller's responses C_r and C_p and the output u it is the power of u − C_r r + C_p p, the sum over
+    frequencies of aᵀ S ā, with the coefficients a = (C_p, 1, −C_r) of (p, u, r) and their cross-spectral density S.
+
+    Args:
+        spectra: cross-spectra of the rate p, the output u, and the candidates of the setpoint.
+        controller: the controller.
+        setpoint: index of the setpoint r among the quantities of the spectra.
+
+    Returns:
+        The power up to ``MAX_EXPLAINED_FREQUENCY``, each frequency weighted by its number of independent values.
+    """
     is_slow = spectra.frequency < MAX_EXPLAINED_FREQUENCY
     demand_from_setpoint, demand_from_rate = controller.transfer(spectra.frequency[is_slow])
     coefficients = np.stack(
         [demand_from_rate, np.ones(len(demand_from_rate)), -demand_from_setpoint]
     )
+    quantities = (Quantity.RATE, Quantity.OUTPUT, setpoint)
+    density = spectra.select(quantities).mean_density[is_slow]
     weights = spectra.effective_samples[is_slow]
-
-    def unexplained_power(setpoint: int) -> float:
-        """Returns the power of the residual with the setpoint of this index."""
-        # Indices: j is the frequency, a and b are the three quantities.
-        quantities = (Quantity.RATE, Quantity.OUTPUT, setpoint)
-        density = spectra.select(quantities).mean_density[is_slow]
-        power = np.einsum("j,aj,jab,bj->", weights, coefficients, density, coefficients.conj())
-        return power.real
-
-    # From index SETPOINT on there are pairs of a candidate and its reference (:attr:`_LoopMessages.streams`).
-    signal_count = len(spectra.stamp_offsets)
-    assert (signal_count - Quantity.SETPOINT) % 2 == 0, "each setpoint needs its reference"
-    candidates = range(Quantity.SETPOINT, signal_count, 2)
-    setpoint = min(candidates, key=unexplained_power)
-    return spectra.select((Quantity.RATE, Quantity.OUTPUT, setpoint, setpoint + 1))
+    # Letters of einsum: frequency j, quantities a and b.
+    power = np.einsum("j,aj,jab,bj->", weights, coefficients, density, coefficients.conj())
+    return float(power.real)
 
 
 def _coherent_share(spectra: CrossSpectra) -> float:

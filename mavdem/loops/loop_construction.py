@@ -346,7 +346,7 @@ def _draws_without_filters(plant: Physical, filter_delay: float, dt: float) -> A
     remaining_lag_and_delay = np.maximum(lag_and_delay - filter_delay, 0.0)
     if filter_delay > lag_and_delay[ESTIMATE] / 2:
         # The angular frequency of half of the cut-off of a Butterworth filter with this delay, rad/s. There, the phase
-        # of the remaining lag and delay is that of the identified lag minus that of the filter. The effect is
+        # of the remaining lag and delay is the identified lag's phase minus the filter's. The effect is
         # multiplied by the ratio of the attenuations, so that the gain does not change.
         half_cutoff = BUTTERWORTH_AT_HALF_CUTOFF.imag / filter_delay
         lag_phase = np.arctan(half_cutoff * draws[:, LAG])

@@ -140,7 +140,7 @@ def _mixer(airframe: tuple[tuple[str, float], ...]) -> dict[str, Numbers]:
         raise unknown_mixer
     # The inverse has a row for each motor, and columns for roll, pitch and yaw torque, and for total thrust.
     thrust_by_torque = np.linalg.inv(effects)[:, :3]
-    # Roll and pitch.
+    # Roll and pitch share a scale; a motor acts on an axis if its thrust for the axis is not just rounding.
     thrust_by_tilt = thrust_by_torque[:, :2]
     acts_on_tilt = np.abs(thrust_by_tilt) > MIN_RELATIVE_EFFECT * np.abs(thrust_by_torque).max()
     if not acts_on_tilt.any(axis=0).all():

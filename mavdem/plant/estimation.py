@@ -238,7 +238,9 @@ def _log_estimates(values: Array) -> Array:
 
 
 def _slopes_of_log_estimates(values: Array) -> Array:
-    """Returns the derivatives of :func:`_log_estimates`, which convert errors of parameters to relative errors.
+    """Returns the derivatives that convert errors of the parameters to relative errors of the three judged estimates.
+
+    These are the mean effect, the damping and the lag, as logarithms (:func:`_log_estimates`).
 
     Args:
         values: effects, damping, lag and delay (r + 3,).
@@ -247,9 +249,10 @@ def _slopes_of_log_estimates(values: Array) -> Array:
         Derivatives (3, r + 3) of the logarithms of mean effect, damping and lag by effects, damping, lag and delay.
     """
     effect = values[EFFECTS]
-    mean_effect, log_damping, log_lag = 0, 1, 2
+    # Rows of the result.
+    log_mean_effect, log_damping, log_lag = range(3)
     slopes = np.zeros((3, len(values)))
-    slopes[mean_effect, EFFECTS] = np.sign(effect) / abs(effect).sum()
+    slopes[log_mean_effect, EFFECTS] = np.sign(effect) / abs(effect).sum()
     slopes[log_damping, DAMPING] = 1 / values[DAMPING]
     slopes[log_lag, LAG] = 1 / values[LAG]
     return slopes

@@ -164,15 +164,16 @@ class _AngleAugmented(NamedTuple):
 def _with_angle(plant: SampledPlant, dt: float) -> _AngleAugmented:
     """Adds the angle as the first state of a sampled plant, by integrating the rate with the trapezoidal rule.
 
-    In one step the angle grows by (dt/2) (p + p⁺), with the rate p at the sample and p⁺ at the next. So an increment of
-    p⁺, by inputs or noise, adds dt/2 times that increment to the angle, as the input map states.
+    In one step the angle grows by (dt/2) (p + p⁺), with the rate p at the sample and p⁺ at the next. So whatever inputs
+    or noise add to the states of the plant at the next sample, dt/2 times what they add to p⁺ is added to the angle.
+    The input map does that: it maps such additions to the states with the angle.
 
     Args:
         plant: the sampled axis with n states, of which the rate (rad/s) is the first.
         dt: time step, s.
 
     Returns:
-        Transition (n + 1, n + 1), and map (n + 1, n) of increments of the plant's states.
+        Transition (n + 1, n + 1), and input map (n + 1, n).
     """
     n = len(plant.wind_output)
     # Row that gives dt/2 times the rate, the first of the plant's states.

@@ -415,7 +415,10 @@ class GenerativeModel:
         return np.asarray(np.bincount(noise_of_channel, squares_of_channels), float)
 
     def error_precision(self, noise_precisions: Array) -> Array:
-        """Returns the precision Π̃ = blockdiag(S⊗Πᶻ, P̃ᵛ, S⊗Πʷ) of the prediction errors ε̃.
+        """Returns the precision Π̃ = blockdiag(S⊗Πᶻ, P̃ᵛ, S⊗Πʷ) of the prediction errors ε̃ of outputs, inputs and states.
+
+        Πᶻ and Πʷ are the precisions of measurement and process noise, S the precision of smooth noise of variance 1 and
+        its derivatives, and P̃ᵛ the prior precision of the inputs.
 
         Args:
             noise_precisions: (g,) e^λ, which are the diagonals of Πᶻ and Πʷ.

@@ -494,9 +494,10 @@ def fit_simulation_error(
 def _weak_prior_precision(model: GenerativeModel, is_free: Flags, record: Record) -> Array:
     """Returns the prior precision of the simulation-error fit under the "regulated" prior.
 
-    Free parameters get the weak ``FREE_PARAMETER_PRECISION``, so that the data determine them. But combinations of
-    motors that are orthogonal to the mixer row of the axis, such as the sum of all motors, hardly turn the vehicle:
-    their effects get the higher precision ``NON_TURNING_PRECISION`` about 0.
+    That prior (``priors.regulated_prior``) fixes the kinematic parameters and leaves the others free. Free parameters
+    get the weak ``FREE_PARAMETER_PRECISION`` here, so that the data determine them. But combinations of motors that are
+    orthogonal to the mixer row of the axis, such as the sum of all motors, hardly turn the vehicle: their effects get
+    the higher precision ``NON_TURNING_PRECISION`` about 0.
 
     Args:
         model: the generative model, whose prior is used for all other parameters.

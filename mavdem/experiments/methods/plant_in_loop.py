@@ -278,6 +278,9 @@ class ClosedLoop(ForecasterBase):
     def one_step(self) -> Array:
         """Predicts each training sample from the samples before it in its segment, and from its own motors.
 
+        The filter predicts all channels from the samples before. The innovation of the motors, by which their measured
+        command differs, is correlated with the innovations of angle and rate, and corrects their predictions.
+
         Returns:
             Outputs (T, 2), in the order of the record.
         """
@@ -287,11 +290,11 @@ class ClosedLoop(ForecasterBase):
             predicted_outputs = self._predicted_states(samples)[:-1] @ C.T
             innovations = samples - predicted_outputs
             rows = self._filter.gain_rows(len(samples))
+            # Covariances (T, 3, 3) of the innovations of each sample.
             covariances = np.linalg.inv(self._filter.innovation_precisions[rows])
-            # Regression of each channel's innovation on the motors' innovation.
-            gains = (
-                covariances[:, :, MOTORS_CHANNEL] / covariances[:, [MOTORS_CHANNEL], MOTORS_CHANNEL]
-            )
+            # Regression of each channel's innovation on the motors' innovation (T, 3).
+            motors_variances = covariances[:, [MOTORS_CHANNEL], MOTORS_CHANNEL]
+            gains = covariances[:, :, MOTORS_CHANNEL] / motors_variances
             predictions.append(predicted_outputs + gains * innovations[:, [MOTORS_CHANNEL]])
         return self._output_forecast(np.concatenate(predictions), np.zeros(CHANNELS)).mean
 

@@ -153,7 +153,7 @@ def identify_axis(posterior: AxisPosterior) -> IdentifiedAxis:
 
     The posterior may have several modes, so that it is maximised from several starts, by ascents:
 
-    1. A short ascent begins from each of several typical plants. The best of these plants are used further.
+    1. A short ascent begins from each of several typical plants. The ``CONTINUED_ASCENTS`` best ones are used further.
     2. The setpoint changes in steps at some time between two logged messages. That time is a parameter,
        ``step_time_odds``, and there may be a mode near each of several values. From each plant, an ascent to
        convergence begins at each of these values.
@@ -226,9 +226,11 @@ def _initial_parameters(posterior: AxisPosterior, initial: InitialPlant) -> Arra
     Returns:
         θ (k,), logarithms of the parameters.
     """
-    _, gain = np.abs(posterior.controller.transfer(np.array([initial.crossover])))
+    crossover = np.array([initial.crossover])
+    _, demand_per_rate = posterior.controller.transfer(crossover)
+    (controller_gain,) = np.abs(demand_per_rate)
     theta = posterior.prior_mean.copy()
-    effect = 2 * np.pi * initial.crossover / gain[0]
+    effect = 2 * np.pi * initial.crossover / controller_gain
     theta[[EFFECT, LAG, DELAY]] = np.log([effect, initial.lag, initial.delay])
     return theta
 

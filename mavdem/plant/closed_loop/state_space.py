@@ -339,7 +339,9 @@ SOURCES = len(WhiteNoise)
 
 
 def continuous_loop(parameters: GenerativeParameters, controller: LoopController) -> ContinuousLoop:
-    """Builds the matrices of the closed loop's differential equation, as in the module's equations.
+    """Builds the matrices of the closed loop's differential equation dx/dt = A x + noises, and of its outputs.
+
+    Plant, controller and filters each enter the rows of their own states in A.
 
     Args:
         parameters: parameters of the loop, each a number or an array (…) for several loops at once.
@@ -356,6 +358,7 @@ def continuous_loop(parameters: GenerativeParameters, controller: LoopController
     _add_filters(A, parameters, signals)
     _add_noises(A, noise_gains, parameters)
 
+    # The channels of a record are the angle, the gyro's rate, and the command to the motors.
     output = np.zeros((*shape, CHANNELS, STATES))
     output[..., 0, State.ANGLE] = 1.0
     output[..., 1, State.GYRO] = 1.0
@@ -468,6 +471,8 @@ def _wind_torque_weights(parameters: GenerativeParameters) -> Array:
 def _add_filters(A: Array, parameters: GenerativeParameters, signals: _ControllerSignals) -> None:
     """Enters the rows of the filters of gyro, derivative and rate setpoint, and of the integral, in the system matrix.
 
+    The state TARGET is the rate setpoint after its low-pass, which the rate controller follows.
+
     Args:
         A: system matrix (…, n, n) of dx/dt = A x, whose rows are written: row i has the weights of all states in the
             derivative of state i.
@@ -490,7 +495,10 @@ def _add_filters(A: Array, parameters: GenerativeParameters, signals: _Controlle
 
 
 def _add_noises(A: Array, noise_gains: Array, parameters: GenerativeParameters) -> None:
-    """Enters the rows of setpoint, actuation and wind, which white noises drive, and of the gyro noise.
+    """Enters the rows of setpoint, actuation and wind, which white noises drive, and the gain of the gyro noise.
+
+    Each of these signals is white noise that a filter of first or higher order colours: the states of the filter are
+    states of the loop, and have the signal's correlation time. The gyro noise is white and enters before its low-pass.
 
     Args:
         A: system matrix (…, n, n) of dx/dt = A x, whose rows are written: row i has the weights of all states in the
@@ -521,7 +529,8 @@ def _add_noises(A: Array, noise_gains: Array, parameters: GenerativeParameters) 
     for state, source, time in first_order_noises:
         A[..., state, state] = FIRST_ORDER.A[0, 0] / time
         noise_gains[..., state, source] = np.sqrt(FIRST_ORDER.Q[0, 0] / time)
-    # The smooth wind torque. The intensity of its white noise is diagonal, with one entry.
+    # The smooth wind torque (gusts). Time in its noise model is in units of the gust time, and the intensity of its
+    # white noise is diagonal, with one entry.
     gust_time = parameters.gust_time[..., None, None]
     A[..., GUST_STATES, GUST_STATES] = GAUSSIAN_KERNEL.A / gust_time
     gust_gains = np.sqrt(GAUSSIAN_KERNEL.Q.diagonal() / gust_time[..., 0])

@@ -162,15 +162,20 @@ def dem_variances(record: NoisyRecord) -> RecursiveEstimates:
     statistics = SufficientStatistics.from_segments(data)
     posterior = first_posterior(generative_model(record), statistics)
     for _ in range(MAX_ITERATIONS):
-        earlier = posterior.lambda_
+        earlier_lambda = posterior.lambda_
         posterior = with_new_precisions(posterior, statistics)
-        if np.abs(posterior.lambda_ - earlier).max() < CONVERGED_CHANGE:
+        if np.abs(posterior.lambda_ - earlier_lambda).max() < CONVERGED_CHANGE:
             break
     n = len(record.A)
+    # The first n rows of the D step's map give the states, the others their derivatives and the inputs.
+    state_map = d_step(posterior)[:n]
     states = np.full_like(record.outputs, np.nan)
+    # Row i of the data belongs to sample i + center.
     center = ORDER // 2
-    states[center : center + len(data)] = data @ d_step(posterior)[:n].T
-    variances = np.tile(np.exp(-posterior.lambda_[:n]), (len(record.outputs), 1))
+    states[center : center + len(data)] = data @ state_map.T
+    # λ begins with the log precisions of the measurement noises.
+    noise_variances = np.exp(-posterior.lambda_[:n])
+    variances = np.tile(noise_variances, (len(record.outputs), 1))
     return RecursiveEstimates(variances, states)
 
 

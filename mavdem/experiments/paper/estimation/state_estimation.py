@@ -420,27 +420,31 @@ def order_table(errors_of_orders: Mapping[str, Mapping[str, float]]) -> tuple[Bl
 
 
 def recorded_table(errors_by_delay: Mapping[str, Mapping[str, Array]]) -> tuple[Block, ...]:
-    """Returns the table of the errors at each observer's own time and at its best delay, the least error first.
+    """Returns the table of the observers' errors without a delay and at the best delay, the least error first.
+
+    An estimate may fit the measured roll rate best if it is compared with a later sample: a delay of that many samples.
 
     Args:
-        errors_by_delay: (delays,) mean SSE, by wind and observer.
+        errors_by_delay: mean sum of squared errors (SSE) for delays of 0, 1, … samples (delays,), by wind and observer.
 
     Returns:
         A sentence and the table.
     """
     winds = list(errors_by_delay)
+    errors_in_first_wind = errors_by_delay[winds[0]]
     header = ["observer", "look-ahead, samples"]
     for wind in winds:
         header += [f"{wind}, SSE", "at the best delay", "delay, samples"]
     rows = []
     late_count = 0
-    for name in sorted(COMPARED_OBSERVERS, key=lambda name: errors_by_delay[winds[0]][name][0]):
+    # In the order of the errors without a delay.
+    for name in sorted(COMPARED_OBSERVERS, key=lambda name: errors_in_first_wind[name][0]):
         row = [name, str(OBSERVERS[name].look_ahead)]
         for wind in winds:
             errors = errors_by_delay[wind][name]
             best_delay = int(errors.argmin())
             row += [rounded(errors[0], 3), rounded(errors[best_delay], 3), str(best_delay)]
-        if errors_by_delay[winds[0]][name].argmin() > 0:
+        if errors_in_first_wind[name].argmin() > 0:
             late_count += 1
         rows.append(row)
     return (
