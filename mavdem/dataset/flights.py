@@ -66,7 +66,7 @@ def read_segments(
     >>> [flight.duration > 50 for flight in mavdem.read_segments("flight.tlog")]
     [True]
 
-    All have the same inputs and outputs and the same sampling step, that of the longest segment, so that
+    All have the same inputs and outputs and the same sampling step, the one of the longest segment, so that
     ``mavdem.learn`` can take them together. Each passed the checks of :func:`read_flight`. Times of different boots
     (``provenance["segment"]["boot"]``) must not be compared.
 
@@ -197,7 +197,7 @@ def _flight_with_cautions(learnability: Learnability, *log_cautions: Fact) -> Fl
 
     Args:
         learnability: Learnability of the segment.
-        log_cautions: Cautions on the whole log, which are added to those of the segment.
+        log_cautions: Cautions on the whole log, which are added to the cautions on the segment.
 
     Returns:
         A copy of the flight, with the cautions also in its provenance.

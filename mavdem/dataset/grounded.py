@@ -71,9 +71,9 @@ MIN_FOLLOWED_RATIO = 1 / 3
 
 
 def without_grounded(flights: Intervals, signals: Signals, boot: int) -> Intervals:
-    """Returns the parts of flights in which the ground does not hold the vehicle, whatever the autopilot reports.
+    """Removes the times in which the ground carries or holds the vehicle, although the autopilot reports a flight.
 
-    Three parts are excluded: flights without any vertical speed; flights in which the vehicle never rose and did not
+    Three things are removed: flights without any vertical speed; flights in which the vehicle never rose and did not
     follow its setpoints; and intervals of at least ``MIN_GROUND_SECONDS`` in which the motors show that the ground
     carries or holds it.
 

@@ -145,7 +145,7 @@ def segment_quality(
         log_figures: Figures of the whole log: its armed and airborne time and number of segments are kept.
 
     Returns:
-        The figures of the log, with those of the segment added.
+        The figures of the log, with the figures of the segment added.
     """
     attitude, inputs = signals.attitude_and_inputs
     attitude_rows = rows_of_segment(attitude, segment)

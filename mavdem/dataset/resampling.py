@@ -151,9 +151,9 @@ class ResampledStream(NamedTuple):
 def resample(grid: Array, dt: float, time: Array, values: Array) -> ResampledStream:
     """Resamples a stream to a uniform grid.
 
-    A stream whose rate is ``LOW_PASS_RATIO`` times that of the grid or more is low-passed and interpolated: otherwise a
-    vibration at 49 Hz would appear as a slow motion on a grid of 50 Hz. A stream with a sample at every grid point
-    keeps its samples. Any other is interpolated linearly.
+    A stream whose rate is ``LOW_PASS_RATIO`` times the rate of the grid or more is low-passed and interpolated:
+    otherwise a vibration at 49 Hz would appear as a slow motion on a grid of 50 Hz. A stream with a sample at every
+    grid point keeps its samples. Any other is interpolated linearly.
 
     Args:
         grid: (T,) times of the grid, s.

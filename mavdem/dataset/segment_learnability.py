@@ -350,7 +350,7 @@ class SegmentJudge:
         """Checks that new values of attitude and model inputs come at the rate that a model needs.
 
         Some autopilots and radios send the last value again under a new stamp, so that the rate of messages is higher
-        than that of the measurements.
+        than the rate of the measurements.
 
         Args:
             figures: figures of the segment: rates of messages (``attitude_rate``, ``motor_rate``) and of new values

@@ -77,7 +77,7 @@ def recorded_setpoints(telemetry: Telemetry, axis: str) -> tuple[Setpoint, ...]:
         axis: "roll", "pitch" or "yaw".
 
     Returns:
-        The setpoint of the body rate, rad/s, and that of the Euler angle, rad; only those of which a value was
+        The setpoint of the body rate, rad/s, and the setpoint of the Euler angle, rad; each only if a value was
         recorded. A setpoint of yaw that is constant in the whole log is left out: it is not used, since the autopilot
         controls the rate alone.
     """

@@ -181,7 +181,7 @@ class VehicleSignals:
     def _heartbeat_flags(self) -> TimeSeries | None:
         """Whether the vehicle is armed, and whether its flight mode lands it (N, 2), 0 or 1; None without heartbeats.
 
-        Both are bits of HEARTBEAT messages. A median over a few messages removes single wrong ones, such as those of
+        Both are bits of HEARTBEAT messages. A median over a few messages removes single wrong ones, such as in
         damaged messages.
         """
         columns = self.heartbeats

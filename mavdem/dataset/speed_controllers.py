@@ -64,8 +64,8 @@ class SpeedController:
     def motor_index(self, geometry: MotorGeometry) -> int | None:
         """Returns which of a vehicle's motors the controller drives.
 
-        If the log does not name the motor, the number of the controller is that of its output channel, as in ArduPilot,
-        and in PX4 if channels are numbered like the motors.
+        If the log does not name the motor, the number of the controller is taken for its output channel, as in
+        ArduPilot, and in PX4 if channels are numbered like the motors.
 
         Args:
             geometry: Number and output channel of each motor, in the order of the motors.

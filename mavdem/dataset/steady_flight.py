@@ -128,7 +128,7 @@ def steady_intervals(signals: Signals, boot: int) -> Intervals:
 
 
 def tracked_headings(signals: Signals, boot: int, time: Array) -> Array:
-    """Returns the heading of a vehicle at given times, as far as its attitude follows the setpoint.
+    """Returns the heading of a vehicle at given times, if its attitude follows the setpoint then.
 
     Callers compare motors only at times with a heading that is not NaN. Without a recorded attitude it is not known
     when the vehicle is far from its setpoint: then no time is excluded, and the heading is 0.

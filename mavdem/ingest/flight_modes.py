@@ -149,7 +149,7 @@ def _px4_mode_name(number: int, announced_names: Mapping[int, str]) -> str:
         return _NAME_OF_CUSTOM_MODE[number]
     if not main_mode:
         return f"mode {number}"
-    # The sub modes of AUTO are modes such as mission or landing; those of other main modes are only variants of these.
+    # The sub modes of AUTO are modes such as mission or landing; the sub modes of other main modes are only variants.
     name_of_main_mode = _NAME_OF_CUSTOM_MODE.get(main_mode << MAIN_MODE_SHIFT)
     if name_of_main_mode is not None and main_mode != AUTO_MODE:
         return name_of_main_mode

@@ -247,7 +247,7 @@ def _joined_pair(earlier: Recording, later: Recording) -> Log:
 def _separation_of_vehicles(earlier: Telemetry, later: Telemetry) -> Separation | None:
     """Returns the first reason why two logs cannot be of the same vehicle.
 
-    The MAVLink ids, the format and the kind of autopilot must agree, firmware and board as far as both logs have them,
+    The MAVLink ids, the format and the kind of autopilot must agree, firmware and board if both logs have them,
     and most parameters.
 
     Args:
@@ -334,8 +334,8 @@ def _is_same_flight(earlier: Recording, later: Recording) -> bool:
     """Returns whether two logs without UTC show by themselves that they are of one flight.
 
     The vehicle must be armed at the end of the first log and soon after the beginning of the second. In addition the
-    clock of the second log must continue that of the first, or begin so near zero that there was no time to arm the
-    vehicle on the ground: the autopilot restarted in flight.
+    clock of the second log must continue the clock of the first, or begin so near zero that there was no time to arm
+    the vehicle on the ground: the autopilot restarted in flight.
 
     Args:
         earlier, later: The recordings in the order of time.

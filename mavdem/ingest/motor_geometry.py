@@ -363,7 +363,7 @@ def _px4_wiring(parameters: Parameters, moving_channels: Sequence[int], bank_siz
         The channel of each motor, and driver and output of each channel.
     """
     wiring = _Wiring({}, ChannelSource.PX4_FUNCTIONS)
-    # Before PX4 1.13, which has no *_FUNCn, the first bank is that of the main outputs, the second of the auxiliary.
+    # Before PX4 1.13, which has no *_FUNCn, the first bank has the main outputs, the second the auxiliary ones.
     for channel in range(1, bank_size + 1):
         wiring.driver_of_channel[channel] = OutputDriver("PWM_MAIN", channel)
         wiring.driver_of_channel[bank_size + channel] = OutputDriver("PWM_AUX", channel)

@@ -201,7 +201,8 @@ def motor_parameters(autopilot: str) -> Names:
         autopilot: MAV_AUTOPILOT without its prefix ("PX4").
 
     Returns:
-        Names of parameters, with those of each of the motors 1 to 8; empty for an autopilot without such a list.
+        Names of parameters, of each of the motors 1 to 8 where a parameter is of a motor; empty for an autopilot
+        without such a list.
     """
     patterns = NAMES["motor_parameters"].get(autopilot, ())
     names: dict[str, None] = {}

@@ -161,7 +161,7 @@ class _Chain:
     """
 
     def __init__(self, run: _Run) -> None:
-        """Begins with its first run."""
+        """Starts with its first run."""
         self.runs = [run]
         self.utc_at_boot = run.utc_at_boot
 

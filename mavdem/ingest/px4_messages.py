@@ -390,7 +390,7 @@ def manual_control(topics: Topics) -> Fields:
         topics: The logged topics, by name and number of the instance.
 
     Returns:
-        ``time`` (N,), s, the throttle ``z``, 0 (closed) to 1000, and as far as logged pitch ``x``, roll ``y`` and yaw
+        ``time`` (N,), s, the throttle ``z``, 0 (closed) to 1000, and if logged pitch ``x``, roll ``y`` and yaw
         ``r``, -1000 to 1000.
     """
     sticks = first_instance(topics, "manual_control_setpoint")

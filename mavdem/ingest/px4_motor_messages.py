@@ -151,7 +151,7 @@ def motor_speeds(topics: Topics) -> Fields:
 
     Returns:
         ``time`` (N,), s, the number of the controller from 0 as ``Instance``, the size of its speed as ``RPM`` (some
-        report a sign for the direction), and as far as logged its current ``Curr``, A, temperature ``Temp``, °C,
+        report a sign for the direction), and if logged its current ``Curr``, A, temperature ``Temp``, °C,
         ``ErrorCount``, since boot, and the number of its motor from 1 as ``Motor``, 0 for none.
     """
     topic = first_instance(topics, "esc_status")

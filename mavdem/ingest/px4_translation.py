@@ -217,14 +217,14 @@ def mav_type(topics: Topics, parameters: Parameters) -> int | None:
 
 
 def _demand_topic(topics: Topics) -> str:
-    """Returns the topic with the controller's demands: that of PX4 1.14 and later, or the old one if logged alone."""
+    """Returns the topic with the controller's demands: of PX4 1.14 and later, or the old one if only it was logged."""
     if "vehicle_torque_setpoint" not in topics and "actuator_controls_0" in topics:
         return "actuator_controls_0"
     return "vehicle_torque_setpoint"
 
 
 def _attitude_topic(topics: Topics, attitude: Columns) -> str:
-    """Returns at the stamps of which topic ATTITUDE_QUATERNION was made: those of the body rates or of the attitude.
+    """Returns the topic at whose stamps ATTITUDE_QUATERNION was made: body rates or attitude.
 
     Args:
         topics: The logged topics, by name and number of the instance.

@@ -51,7 +51,7 @@ class RecordRuns:
     def __init__(
         self, content: FileContent, find_records: Callable[[int, int], PossibleRecords]
     ) -> None:
-        """Begins without any searched range.
+        """Starts with no searched range.
 
         Args:
             content: Bytes of the file.
@@ -101,7 +101,7 @@ class RecordRuns:
     def _search(self, offsets: slice) -> None:
         """Finds what looks like a record in a range of the file and, for each, the last record of its run.
 
-        The results replace those of the range that was searched before.
+        The results of the range that was searched before are replaced.
 
         Args:
             offsets: Range of offsets at which records may begin.

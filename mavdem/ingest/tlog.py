@@ -107,7 +107,7 @@ def _frames_of_log(source: str, data: Bytes) -> tuple[Frames, int]:
 
     Args:
         source: Name of the log.
-        data: Its bytes, or those of its beginning.
+        data: Its bytes, or the bytes of its beginning.
 
     Returns:
         The frames, and the number of bytes that belong neither to a frame nor to the stamp before it.

@@ -221,7 +221,7 @@ def _mavlink_id(parameters: Parameters, name: str) -> int:
 
 
 def _default_parameters(other_records: OtherRecords) -> dict[str, float]:
-    """Returns the default values of parameters: those of the chosen airframe or, without any, those of the firmware.
+    """Returns the default values of parameters: of the chosen airframe or, if the log has none, of the firmware.
 
     PX4 logs only defaults that differ from the values in use. A value that the airframe sets is no change by the user,
     so the firmware's default is not used if the log has the airframe's.

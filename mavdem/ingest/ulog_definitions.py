@@ -209,7 +209,7 @@ class RecordDefinitions:
     """
 
     def __init__(self, content: FileContent) -> None:
-        """Begins without any definition.
+        """Starts with no definitions.
 
         Args:
             content: Bytes of the file.
@@ -540,7 +540,7 @@ class RecordDefinitions:
         return field.elements * size.length if size is not None else 0
 
     def number_fields(self, name: str) -> Sequence[NumberField]:
-        """Lists the numbers in a message, those of nested messages included, without the padding at the end.
+        """Lists the numbers in a message, nested messages included, without the padding at the end.
 
         Args:
             name: Name of the message, which must have a layout.

@@ -208,7 +208,7 @@ def _latest_stamp(records: SoundRecords, data_offsets: Offsets) -> int:
 
     Args:
         records: The records of the file.
-        data_offsets: Offset (N,) of each data record in question.
+        data_offsets: Offset (N,) of each data record that is examined.
     """
     latest_stamp = 0
     topics = records.definitions.topics

@@ -102,7 +102,7 @@ class SoundRecords:
 def sound_records(content: FileContent) -> SoundRecords:
     """Finds the records of a ULog file that fit its definitions, and leaves out everything else.
 
-    Sound records that cannot be read are left out too: those of a topic without a time stamp, repeated
+    Sound records that cannot be read are left out too: data records of a topic without a time stamp, repeated
     subscriptions and definitions, and types of records that this version of the format does not have. Data that was
     appended after a crash follows the other data directly.
 
@@ -154,7 +154,7 @@ class _RecordScan:
         self.flags = FileFlags()
 
     def run(self) -> None:
-        """Finds the records of the whole file, section by section where data was appended to it.
+        """Reads the flags of the file, and finds the records of all its sections: the file, and data appended to it.
 
         Raises:
             EOFError: The file ends within its header, or within its flags record.
@@ -163,16 +163,17 @@ class _RecordScan:
         if len(self.content) < start:
             raise EOFError("the file ends within its header")
         header = self.content[start : start + HEADER.size]
-        if header == HEADER.pack(FLAGS.size, FLAG_BITS):
+        has_flags = header == HEADER.pack(FLAGS.size, FLAG_BITS)
+        if has_flags:
             flags_start = start + HEADER.size
             start = flags_start + FLAGS.size
             if len(self.content) < start:
                 raise EOFError("the file ends within its flags record")
             compatible, incompatible, *offsets = FLAGS.unpack_from(self.content, flags_start)
             self.flags = FileFlags(compatible, incompatible, tuple(offsets))
-        for end in [*self._appended_offsets(start), len(self.content)]:
-            self._scan_section(start, end)
-            start = end
+        for section_end in [*self._appended_offsets(start), len(self.content)]:
+            self._scan_section(start, section_end)
+            start = section_end
 
     def _appended_offsets(self, first_record: int) -> list[int]:
         """Returns the offsets at which data was appended to the file, if they can be right.
@@ -347,8 +348,8 @@ class _RecordScan:
 
         The data record before it may be damaged too: if bytes are missing, it contains the beginning of a later record;
         if bytes were overwritten, nothing shows it. So it is left out as well, unless only the header of the record
-        after it is wrong. Bytes up to the end of the file that were never written are no loss: a log usually ends so
-        when the power is switched off.
+        after it is wrong. The usual end of a log, when the power is switched off, is no loss: a record that is cut off,
+        or memory that was never written.
 
         Args:
             offset: Offset of the record that does not fit.
@@ -358,20 +359,20 @@ class _RecordScan:
         Returns:
             The range of offsets to leave out.
         """
-        start = offset
-        if recent and self.definitions.header(recent[-1]).record_type == DATA:
-            start = recent[-1]
+        follows_data = bool(recent) and self.definitions.header(recent[-1]).record_type == DATA
+        start = recent[-1] if follows_data else offset
         next_sound = self._next_sound_record(offset, start + 1, section_end)
-        is_cut_record = self._may_be_cut_off(offset, section_end)
-        if next_sound == section_end and is_cut_record:
+        has_sound_record_after = next_sound < section_end
+        if not has_sound_record_after and self._may_be_cut_off(offset, section_end):
             return slice(offset, section_end)
-        if next_sound == section_end and self._is_unwritten(offset, section_end):
+        if not has_sound_record_after and self._is_unwritten(offset, section_end):
             return slice(start, section_end)
         if self._has_wrong_header_only(offset, next_sound):
             start = offset
         records_before = [record for record in recent if record < start]
         records_after = self._data_offsets(next_sound, section_end)
-        self._add_loss(1, next_sound - start, self._seconds_between(records_before, records_after))
+        lost_seconds = self._seconds_between(records_before, records_after)
+        self._add_loss(1, next_sound - start, lost_seconds)
         return slice(start, next_sound)
 
     def _next_sound_record(self, damaged: int, search_start: int, section_end: int) -> int:
@@ -415,7 +416,7 @@ class _RecordScan:
         """Returns whether a damaged record ends where the next sound one begins, so that only its header is wrong.
 
         Either the length in its header leads there, and the type letter is wrong. Or the type or the length is wrong,
-        and the record is as long as those of the subscription whose number it has.
+        and the record is as long as the other records of the subscription whose number it has.
 
         Args:
             offset: Offset of the damaged record.

@@ -44,7 +44,9 @@ class ParsedRecords(NamedTuple):
 
 
 def parse_records(records: SoundRecords, *, has_all_fields: bool = False) -> ParsedRecords:
-    """Decodes the data records of a file, and reads the other ones.
+    """Decodes the data records of a file topic by topic, and reads the other records.
+
+    A data record has the number of its subscription, by which the records of one topic are collected.
 
     Args:
         records: Sound records of the file.
@@ -54,23 +56,24 @@ def parse_records(records: SoundRecords, *, has_all_fields: bool = False) -> Par
         The topics as columns, the number of data records, and the contents of the other records.
     """
     content = np.frombuffer(records.content, dtype=np.uint8)
-    is_data = bytes_at(content, records.offsets + HEADER.size - 1) == DATA
+    record_types = bytes_at(content, records.offsets + HEADER.size - 1)
+    is_data = record_types == DATA
     data_offsets = records.offsets[is_data]
     subscriptions = _integers_at(content, data_offsets + HEADER.size, np.dtype("<u2"))
-    rows = rows_by_value(subscriptions)
+    rows_of_subscription = rows_by_value(subscriptions)
     topics = []
     definitions = records.definitions
-    for number, layout in definitions.topics.items():
-        if number not in rows:
+    for subscription, layout in definitions.topics.items():
+        if subscription not in rows_of_subscription:
             continue
         columns: Columns = {}
         if has_all_fields or layout.name in TOPIC_FIELDS:
             fields = definitions.number_fields(layout.name)
             if not has_all_fields:
                 fields = _fields_to_read(layout.name, fields)
-            body_offsets = data_offsets[rows[number]] + DATA_HEADER.size
+            body_offsets = data_offsets[rows_of_subscription[subscription]] + DATA_HEADER.size
             columns = _columns(content, body_offsets, layout, fields)
-        topics.append(LoggedTopic(layout.name, definitions.instances[number], columns))
+        topics.append(LoggedTopic(layout.name, definitions.instances[subscription], columns))
     other = read_other_records(records, records.offsets[~is_data], data_offsets)
     return ParsedRecords(topics, len(data_offsets), other)
 

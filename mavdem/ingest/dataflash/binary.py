@@ -244,8 +244,8 @@ def read_binary(content: FileContent) -> DataflashRecording:
         content: The bytes of the file.
 
     Returns:
-        The recording, with the number of messages by name, the function that decodes those of one name, the number of
-        bytes that belong to no message, what was repaired, and the number of messages without a definition.
+        The recording, with the number of messages by name, the function that decodes the messages of one name, the
+        number of bytes that belong to no message, what was repaired, and the number of messages without a definition.
     """
     scan = _MessageScan(content)
     scan.run()
@@ -463,9 +463,9 @@ class _MessageScan:
         """Finds the first definition of each id anywhere in the log, since messages may precede their FMT.
 
         A definition (FMT) gives the id, name, length and fields of one kind of message. Messages can be read only with
-        the right length, so a definition whose stated length equals that of its fields is preferred. One whose stated
-        length differs is used only if there is no other with the same id; then the length of the fields is used, and
-        a fact reports it. A field of a type newer than ``FIELD_TYPES`` is no damage: the length of the fields is
+        the right length, so a definition whose stated length equals the length of its fields is preferred. One whose
+        stated length differs is used only if there is no other with the same id; then the length of the fields is used,
+        and a fact reports it. A field of a type newer than ``FIELD_TYPES`` is no damage: the length of the fields is
         unknown then (``length_by_fields`` 0), and the stated one is used.
 
         The results are stored in ``definitions``, ``sharing_definitions`` and ``repairs``.

@@ -96,7 +96,7 @@ def stamps_of_table(table: MessageTable) -> Array | None:
 def on_boot_clock(
     logged_tables: Mapping[str, MessageTable], clock: LogClock
 ) -> tuple[Tables, Facts]:
-    """Puts the messages that have stamps, and those of ``UNSTAMPED_MESSAGES``, on the boot clock.
+    """Puts the messages that have stamps, and the ``UNSTAMPED_MESSAGES``, on the boot clock.
 
     The stamps of all messages, in the order of the log, give one clock with boots counted and outliers found. Each
     message then looks up its own stamp there. Messages without a stamp are placed between their neighbours.
@@ -111,7 +111,7 @@ def on_boot_clock(
     """
     if not clock.names:
         return {}, ()
-    # All messages have one clock: their stamps, in the order of the log, are read as those of one message.
+    # All messages have one clock: their stamps, in the order of the log, are read like the stamps of one message.
     positions = clock.positions
     seconds = clock.seconds
     # As a float, or in text, a damaged stamp may be anything.
@@ -149,7 +149,7 @@ def _boots_of_rows(boot: Rows, rows: NDArray[np.signedinteger]) -> Rows:
 
     Args:
         boot: Number of the boot (n,), from 0, of each message of the log.
-        rows: Rows (N,) of the messages in question.
+        rows: Rows (N,) of the messages whose boots are wanted.
 
     Returns:
         Numbers of their boots (N,). If the log has only one boot, they are a view of a single 0, which saves memory.
@@ -194,7 +194,7 @@ def _placed_by_neighbours(
         stamps = np.where(ends_gap, np.inf, -np.inf)
     earliest = time[row_before]
     if name == "MSG":
-        # A text from before the beginning of the log, such as that of arming, keeps the time at which it was sent.
+        # A text from before the beginning of the log, such as "Arming motors", keeps the time at which it was sent.
         earliest = np.where((next_rows == 0) & (stamps > 0), 0.0, earliest)
     latest = np.maximum(time[row_after], earliest)
     return {

@@ -44,7 +44,7 @@ def core_message_names() -> tuple[str, ...]:
     """Returns the names of the messages of all filters and cores that may be in a log.
 
     In new versions of ArduPilot all cores share a message, such as XKF1. In old versions each core has a message of its
-    own, whose number is ``OLD_CORE_STEP`` higher than that of the core before: XKF1, XKF6, XKF11.
+    own, whose number is ``OLD_CORE_STEP`` higher than for the core before: XKF1, XKF6, XKF11.
     """
     names = []
     for prefix in FILTERS.values():
@@ -80,7 +80,7 @@ class FlownEstimates(NamedTuple):
     """Beginning of the names of the messages of the filter that flies by the parameter; empty where that is unknown."""
 
     def preferred_names(self, names: Sequence[str]) -> list[str]:
-        """Returns the names of messages of several filters, those of the filter that flies first."""
+        """Returns the names of messages of several filters, the filter in use first."""
         names_of_preferred_filter = [name for name in names if self._is_of_preferred_filter(name)]
         return names_of_preferred_filter + [
             name for name in names if name not in names_of_preferred_filter
@@ -94,15 +94,15 @@ class FlownEstimates(NamedTuple):
 def flown_estimates(tables: Tables, parameters: Parameters) -> FlownEstimates:
     """Selects, at each time, the messages of the estimator core whose estimates the autopilot used to fly.
 
-    ArduPilot runs several instances (cores) of its Kalman filter, one per IMU, and uses those of the primary core. If
-    the log has no row of the primary core, the core with most rows replaces it.
+    ArduPilot runs several instances (cores) of its Kalman filter, one per IMU, and uses the estimates of the primary
+    core. If the log has no row of the primary core, the core with most rows replaces it.
 
     Args:
         tables: DataFlash's messages by name, with ``time`` and ``boot``.
         parameters: The autopilot's parameters by name.
 
     Returns:
-        All messages, those of filters (EKF) only of the core that was used; and separately the messages of all cores.
+        All messages, of filters (EKF) only of the core that was used; and separately the messages of all cores.
     """
     used_messages: dict[str, Columns] = dict(tables)
     all_cores: dict[str, Columns] = {}

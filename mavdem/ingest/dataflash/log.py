@@ -162,7 +162,7 @@ def _last_and_changed_first_values(
     Returns:
         Both by name.
     """
-    # A dictionary keeps the last of several values under one name: that of the reversed list is the first.
+    # Of several values under one name a dictionary keeps the last: for the reversed list, this is the first value.
     last_values = dict(settings)
     first_values = dict(reversed(settings))
     changed_first_values = {

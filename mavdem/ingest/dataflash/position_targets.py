@@ -48,7 +48,7 @@ def position_targets(tables: Tables) -> NamedMessage:
         tables: DataFlash's messages by name.
 
     Returns:
-        Columns x, y, z, vx, vy and vz (n,) as far as they were logged, with the name of the messages in the log.
+        Columns x, y, z, vx, vy and vz (n,) if they were logged, with the name of the messages in the log.
     """
     columns: Fields = {}
     first_logged_axis = None

@@ -106,8 +106,8 @@ def _instance_by_stage(
 ) -> dict[str, int]:
     """Returns the instance numbers under which the log has the first sensor's samples before and after the filters.
 
-    ArduPilot numbers the sensors from 0. If it logs both stages, filtered samples have the numbers after those of all
-    sensors: with 3 gyros, instance 3 is the first gyro after its filters.
+    ArduPilot numbers the sensors from 0. If it logs both stages, filtered samples have the numbers after the numbers of
+    all sensors: with 3 gyros, instance 3 is the first gyro after its filters.
 
     Args:
         option: The parameter that decides which stages are logged.
@@ -135,8 +135,8 @@ def _single_samples(tables: Tables, message: str, fields: Names, instance: int) 
         instance: Number of the sensor.
 
     Returns:
-        ``time``, s, ``boot``, ``x``, ``y`` and ``z`` (N,), rad/s or m/s²; empty if there are none. Times are those of
-        the samples (SampleUS) where they are logged, otherwise those of the messages.
+        ``time``, s, ``boot``, ``x``, ``y`` and ``z`` (N,), rad/s or m/s²; empty if there are none. The times
+        are SampleUS, when the sample was taken, if it was logged; otherwise the times of the messages.
     """
     logged_columns = rows_of_instance(messages_with_fields(tables, message, fields), "I", instance)
     if not logged_columns:

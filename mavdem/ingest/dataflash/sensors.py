@@ -176,7 +176,7 @@ def _name_in_log(logged_columns: Columns, name: str, old_names: Sequence[str], n
     Args:
         logged_columns: The messages of this sensor.
         name: Name of the first sensor's messages, "BARO".
-        old_names: Names of those of the second, third, … where they have no field with the number of the sensor.
+        old_names: Names of the messages of the second sensor and so on in old versions, "BAR2".
         number: Number of the sensor, from 0.
 
     Returns:
@@ -259,7 +259,7 @@ def _last_values_at(
 def motor_speeds(tables: Tables) -> NamedMessage:
     """Makes ESC: the speed of each motor, RPM, with the number of its controller, from 0, as ``Instance``.
 
-    As far as logged there are also the current ``Curr``, A, the temperature ``Temp``, °C, and the errors.
+    If logged, there are also the current ``Curr``, A, the temperature ``Temp``, °C, and the errors.
 
     Args:
         tables: DataFlash's messages by name.

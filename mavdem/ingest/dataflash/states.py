@@ -102,7 +102,7 @@ class StateMessages(NamedTuple):
 def states_of(tables: Tables, vehicle_type: int) -> StateMessages:
     """Makes HEARTBEAT and EXTENDED_SYS_STATE from the events of a log.
 
-    The armed state is that of EV or of ARM, whichever has more changes.
+    The armed state is read from EV or from ARM: from the message that has more changes.
 
     Args:
         tables: DataFlash's messages by name.

@@ -48,7 +48,7 @@ class _Line(NamedTuple):
 
 
 def read_text(content: bytes) -> DataflashRecording:
-    """Finds the messages of a text log; those of a name are decoded on request.
+    """Finds the messages of a text log; the messages of a name are decoded on request.
 
     A line is a message if a line above it defines its name, and it has at least as many values as the definition.
 

@@ -274,10 +274,10 @@ def _renamed_message(estimates: FlownEstimates, message: str) -> NamedMessage:
     """Translates a message of which only names and units change, by its rule in ``translation.toml``.
 
     A rule lists the DataFlash messages that different versions of ArduPilot write. The first that was logged with all
-    required fields is used; messages of the filter in use precede those of other filters.
+    required fields is used; messages of the filter in use precede messages of other filters.
 
     Args:
-        estimates: DataFlash's messages, those of filters of the core that flew.
+        estimates: DataFlash's messages; of the filters, only messages of the core that was used.
         message: Name of MAVLink's message, the key of the rule.
 
     Returns:
@@ -346,8 +346,8 @@ SHARED_STATUS_FLAGS = mavlink_constant("EKF_UNINITIALIZED") - 1
 def _estimator_status(status: NamedMessage) -> NamedMessage:
     """Makes EKF_STATUS_REPORT, the health of the state estimator.
 
-    DataFlash has the filter's own status word. Its lower bits are those of EKF_STATUS_REPORT.flags; the bit for a
-    glitch of GPS is at another place in the two, and is moved.
+    DataFlash has the filter's own status word. Its lower bits mean the same as in EKF_STATUS_REPORT.flags; the bit for
+    a glitch of GPS is at another place in the two, and is moved.
 
     Args:
         status: The message with the filter's own status word as ``flags``.

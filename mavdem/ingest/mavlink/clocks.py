@@ -435,7 +435,7 @@ def _reboot_rows(time: Times) -> Rows:
     A message that arrives late has a low stamp too, but those after it are high again. So a restart needs
     ``MIN_RESET_STAMPS`` stamps in a row that are all below the highest one since the last restart. If the clock fell by
     less than ``MAX_LATE_SECONDS``, or reads more than ``MAX_RESTART_TIME``, messages of a second link or of another
-    time may be mixed with those of the first. There the former clock must not return for as long as
+    time may be mixed with messages of the first. There the former clock must not return for as long as
     ``MAX_LATE_SECONDS`` last. An autopilot that restarts seconds after its start may reach the former clock in this
     time, but step by step.
 
@@ -523,18 +523,18 @@ def _readings_by_reference(
     """Puts another message type on the boot clock, by the reference's messages before and after each of its own.
 
     The boot clock is the time since the autopilot started, with the number of the start. One message type, the
-    reference, is on it by its own stamps already. The stamp of another type should lie between those of the reference
+    reference, is on it by its own stamps already. The stamp of another type should lie between the reference's stamps
     before and after it in the stream; its offset is how far it lies outside of this interval, s. The steps:
 
     1. Compare each stamp with the reference's, which also gives its boot and undoes wraps of the counter.
-    2. If the median offset is large, the type counts from another epoch, such as that of UNIX time. The median offset
+    2. If the median offset is large, the type counts from another epoch, such as 1970 (UNIX time). The median offset
        of each boot is subtracted.
     3. Drop stamps whose offset is far from all others.
 
     Args:
         reference: The reference type on the boot clock.
         message_type: The other type; after ``period`` seconds its counter begins again (wraps).
-        positions: Positions (m,) of those of its messages that have a stamp.
+        positions: Positions (m,) of its messages that have a stamp.
         stamps: Their stamps (m,), s.
 
     Returns:

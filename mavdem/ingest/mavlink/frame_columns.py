@@ -36,7 +36,7 @@ class DecodedColumns:
     """
 
     def __init__(self, data: Bytes) -> None:
-        """Begins without a column.
+        """Starts with no columns.
 
         Args:
             data: The recording (B,).
@@ -158,7 +158,7 @@ class FrameColumns(Mapping[str, NDArray[Any]]):
         return name in self._names
 
     def __iter__(self) -> Iterator[str]:
-        """Yields the names of the columns, those of the message first."""
+        """Yields the names of the columns, the fields of the message first."""
         return iter(self._names)
 
     def __len__(self) -> int:

@@ -59,7 +59,7 @@ class FrameStream:
         stamps = self.stamps
         rows = np.arange(len(stamps))
         last_stamped_row = np.maximum.accumulate(np.where(stamps > 0, rows, 0))
-        # NumPy's view of the memory, whose slices are cheaper than those of the array.
+        # NumPy's view of the memory: slicing it is cheaper than slicing the array.
         content = self.data.data
         for stamp, start, end in zip(
             stamps[last_stamped_row].tolist(),
@@ -147,7 +147,7 @@ def merged_channels(channels: Sequence[ChannelFrames]) -> ChannelFrames:
     channel_of_frame = np.repeat(np.arange(len(channels)), frame_counts)
     order = np.argsort(message_numbers, kind="stable")
     frames = frames[order]
-    # NumPy's views of the memory, whose slices are cheaper than those of arrays.
+    # NumPy's views of the memory: slicing them is cheaper than slicing arrays.
     contents = [channel.data.data for channel in channels]
     merged_data = bytearray()
     for channel_number, start, end in zip(

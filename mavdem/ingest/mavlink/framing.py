@@ -124,7 +124,7 @@ def frame_content(data: Bytes, frames: Frames, row: int) -> bytes:
         Its bytes, from the marker to the last byte.
     """
     start = int(frames.start[row])
-    # NumPy's view of the memory, whose slices are cheaper than those of the array.
+    # NumPy's view of the memory: slicing it is cheaper than slicing the array.
     return bytes(data.data[start : start + int(frames.size[row])])
 
 
@@ -144,7 +144,7 @@ class _FrameColumns:
     """Collects tables of frames into one: column by column, so that no frame is held twice."""
 
     def __init__(self) -> None:
-        """Begins without a frame."""
+        """Starts with no frames."""
         self._columns = {name: bytearray() for name in COLUMN_TYPES}
 
     def add(self, frames: Frames) -> None:
@@ -178,7 +178,7 @@ def concatenated_frames(tables: Sequence[Frames]) -> Frames:
 
 
 def find_frames(data: Bytes, crc_extras: CrcExtras, gap: int = 0) -> Frames:
-    """Finds every frame in a stream, also those of unknown messages and with failed checksums.
+    """Finds every frame in a stream, also of unknown messages and with failed checksums.
 
     The stream is scanned block by block. A linked frame has a matching checksum, and after it comes the marker of
     another, or the stream ends, which is hardly ever chance; an isolated one has a matching checksum only. In each
@@ -245,10 +245,10 @@ class _FrameBlock:
     def __init__(
         self, data: Bytes, block_start: int, block_end: int, gap: int, crc_extras: CrcExtras
     ) -> None:
-        """Finds the candidates, and which of them are linked: where the next frame should begin, there is a marker.
+        """Finds the possible frames of a block, and which of them are linked: a marker is where the next should begin.
 
-        A block is copied with some bytes after it, so that the frame of its last candidate, and the marker after that,
-        can be read without regard to the end of the block or of the stream.
+        A block is copied with some bytes after it, so that its last possible frame, and the marker after that, can be
+        read without regard to the end of the block or of the stream.
 
         Args:
             data: The whole stream (B,).
@@ -260,7 +260,7 @@ class _FrameBlock:
         self._block_start = block_start
         self._size = len(data)
         self._crc_extras = crc_extras
-        # The block, the bytes that its last candidate covers, and the next frame's marker; zeros after the stream.
+        # The block, the bytes of a frame that begins at its end, and the next frame's marker; zeros after the stream.
         self._bytes = np.zeros(block_end - block_start + MAX_FRAME_BYTES + gap + 2, dtype=np.uint8)
         available = data[block_start : block_start + len(self._bytes)]
         self._bytes[: len(available)] = available
@@ -272,10 +272,11 @@ class _FrameBlock:
         self._headers = headers[has_known_flags]
         self.start = markers[has_known_flags] + block_start
         self.end = self.start + _frame_lengths(self._headers)
-        # Ends count from the start of the stream, ``_bytes`` from that of the block.
-        next_byte = self._bytes[self.end + (gap - block_start)]
+        next_start = self.end + gap
+        next_byte = self._bytes[next_start - block_start]
         next_is_marker = (next_byte == MARKER_V1) | (next_byte == MARKER_V2)
-        self._is_linked = (self.end + gap >= self._size) | next_is_marker
+        is_last_of_stream = next_start >= self._size
+        self._is_linked = is_last_of_stream | next_is_marker
         self._checksums = BlockChecksums(self._bytes)
 
     def linked_frames(self) -> Frames:
@@ -359,20 +360,23 @@ def frames_at(data: Bytes, start: Offsets) -> Frames:
 
 
 def _frames_of_headers(start: Offsets, headers: Bytes) -> Frames:
-    """Reads the fields of headers, in the layout of the version that each one's marker indicates.
+    """Reads the fields of headers: in the layout of MAVLink 1 or 2, by the marker with which each header begins.
 
     Args:
         start: Offset (N,) of each frame's marker.
-        headers: First bytes (N, ``HEADER_BYTES_V2``) of each frame; those of MAVLink 1 are followed by payload.
+        headers: First bytes (N, ``HEADER_BYTES_V2``) of each frame. A header of MAVLink 1 is shorter; there the last
+            bytes belong to the payload.
 
     Returns:
         The frames, all with the checksum ``CHECKSUM_MATCHES``, which is not computed.
     """
-    # The id of MAVLink 2 has three bytes: the first three of a number of four.
+    # First all headers are read as headers of MAVLink 2, whose message id has three bytes. With a fourth byte, 0, they
+    # are read as a 32-bit number.
     id_bytes = np.zeros((len(headers), np.int32().itemsize), dtype=np.uint8)
     id_bytes[:, :MESSAGE_ID_BYTES_V2] = headers[:, MESSAGE_ID_BYTE_V2:]
     message_id = id_bytes.view("<i4")[:, 0]
     sequence, system, component = headers[:, SENDER_BYTES_V2].T
+    # Then the fields of MAVLink 1 are put in their place.
     version_1_rows = np.flatnonzero(headers[:, 0] == MARKER_V1)
     if len(version_1_rows):
         sender = headers[:, SENDER_BYTES_V2].copy()
@@ -429,7 +433,7 @@ def _frames_between_linked(
         linked: The L linked frames, in stream order.
         space_start: Offset at which the first space begins.
         space_end: Offset at which the last one ends: the end of the last linked frame, or of the stream.
-        gap: Number of bytes between one frame and the next: those of a time stamp in a telemetry log, otherwise 0.
+        gap: Number of bytes between one frame and the next: 8 for the time stamps of a telemetry log, otherwise 0.
         crc_extras: CRC_EXTRA by message id, -1 for none.
 
     Returns:
@@ -441,7 +445,7 @@ def _frames_between_linked(
     # goes on, that space is left to the next block, and the offset 0 makes it empty.
     is_end_of_stream = space_end == len(data)
     next_starts = np.append(linked.start, len(data) + gap if is_end_of_stream else 0)
-    # NumPy's view of the memory, whose slices are cheaper than those of the array.
+    # NumPy's view of the memory: slicing it is cheaper than slicing the array.
     content = data.data
     frame_starts = array("q")
     for space in np.flatnonzero(next_starts > first_starts).tolist():

@@ -129,7 +129,7 @@ def _bytes_of_payloads(
     Args:
         data: Bytes (B,) of the stream.
         start: Offset (N,) of each frame's marker.
-        field_bytes: First byte of the field in the payload, and the byte after its last; or those of the whole payload.
+        field_bytes: First byte of the field in the payload, and the byte after its last; or of the whole payload.
         payloads: Offset of each payload in its frame, and number of its bytes that were sent.
 
     Returns:

@@ -103,7 +103,7 @@ class SenderLinks:
     """
 
     def __init__(self) -> None:
-        """Begins without a frame."""
+        """Starts with no frames."""
         self.missing = 0
         self.copies = 0
         self.longest_delay = 0.0

@@ -153,7 +153,7 @@ def _indices_with_boot_clock(all_frames: Frames, rows: Rows) -> NDArray[np.int32
 
 
 def _has_boot_clock(message_ids: Offsets) -> Flags:
-    """Flags the messages with a boot clock that the autopilot itself sets, those of ``READING_LAYOUTS``.
+    """Flags the messages with a boot clock that the autopilot itself sets: their ids are in ``READING_LAYOUTS``.
 
     Args:
         message_ids: (n,) ids of messages.
@@ -236,7 +236,7 @@ def _single_frames(data: Bytes, frames: Frames, first: int) -> Iterator[_SingleF
     Yields:
         Content, message and sequence number of each frame.
     """
-    # NumPy's view of the memory, whose slices are cheaper than those of the array.
+    # NumPy's view of the memory: slicing it is cheaper than slicing the array.
     content = data.data
     # Columns are converted to lists block by block, which is much faster than element by element.
     for begin in range(first, len(frames), FRAMES_AT_ONCE):

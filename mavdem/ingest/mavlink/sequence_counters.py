@@ -106,7 +106,7 @@ class SequenceCounters:
     """
 
     def __init__(self) -> None:
-        """Begins without a frame."""
+        """Starts with no frames."""
         self.latest = 0
         # The latest number of each counter; None before its first frame.
         self._numbers: list[int | None] = [None, None]
@@ -201,7 +201,7 @@ class AttitudeComparison:
     """
 
     def __init__(self) -> None:
-        """Begins without an attitude."""
+        """Starts with no attitudes."""
         self.has_found_two = False
         # Each counter has the latest attitude in each interval of ``MAX_COMPARED_SECONDS``, the oldest interval first.
         self._attitudes: list[OrderedDict[int, AttitudeReading]] = [OrderedDict(), OrderedDict()]

@@ -186,9 +186,9 @@ class VehicleTracks:
     """
 
     def __init__(self) -> None:
-        """Begins without a reading."""
+        """Starts with no readings."""
         self.has_found_two = False
-        # The latest readings with a heading and with a position, of whichever vehicle.
+        # The latest readings with a heading and with a position, of any vehicle.
         self._latest_heading: Reading | None = None
         self._latest_position: Reading | None = None
         # The track of the latest reading is the first.
@@ -264,9 +264,9 @@ class VehicleTracks:
     def _add_consistent(self, readings: ReadingColumns) -> None:
         """Adds readings none of which contradicts the latest clock, heading and position before it.
 
-        They belong to the first track, as the latest reading does. But if its latest heading or position is older than
-        that of another track, they may contradict the first track all the same. Until it has both, readings are
-        compared with every track, one by one.
+        They belong to the first track, as the latest reading does. But if another track has a later heading or
+        position, they may contradict the first track all the same. Until it has both, readings are compared with every
+        track, one by one.
 
         Args:
             readings: The readings (n,), which may be none.

@@ -100,7 +100,7 @@ def assemble(stream: FrameStream) -> Log:
         stream: The frames of a recording.
 
     Returns:
-        The log: every component, and those of them that are vehicles with their messages.
+        The log: all components, and the vehicles among them with their messages.
 
     Raises:
         Unreadable: The only vehicles are two with the same ids.

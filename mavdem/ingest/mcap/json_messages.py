@@ -123,9 +123,9 @@ def _field_value(value: Any, field_type: np.dtype[Any], default: Any) -> Any:
     """Converts a field's value from JSON to what NumPy writes into the payload of the message.
 
     Args:
-        value: The value in JSON: a text, a number, or an array, which may be shorter than that of the field.
+        value: The value in JSON: a text, a number, or an array, which may be shorter than the array of the field.
         field_type: Type of the field in the payload.
-        default: Value of the field where none was sent; of an array, a list with that of each element.
+        default: Value of the field where none was sent; of an array, a list with the value of each element.
 
     Returns:
         Bytes for a text, a number, or a list of numbers that is filled up to the length of the array.

@@ -94,7 +94,7 @@ def write_series(
 ) -> None:
     """Writes columns over time as JSON, one message per row; a value that is not finite becomes null.
 
-    ``tests/ingest/test_mcap_series.py`` compares the file with that of the library's writer.
+    ``tests/ingest/test_mcap_series.py`` compares the file with the one that the library writes.
 
     Args:
         file: Open file to write to.

@@ -106,8 +106,8 @@ def read_ros2(recording: McapRecording, source: str) -> Log:
     """Reads the vehicles in a ROS 2 recording; of each, PX4's own topics or, where there are none, MAVROS's.
 
     Messages are decoded one by one, and kept by their number in the recording. Each topic is then turned into columns,
-    topics are grouped by vehicle, and those of a vehicle are translated together. What cannot be decoded is counted and
-    reported.
+    topics are grouped by vehicle, and the topics of a vehicle are translated together. What cannot be decoded is
+    counted and reported.
 
     Args:
         recording: The recording, which was read once, so that its channels and schemas are known; it is read again.
@@ -207,10 +207,10 @@ def _tables_by_vehicle(
 def _telemetry(
     topics: Mapping[RosTopic, TopicColumns], receive_times: ReceiveTimes, source: str
 ) -> Telemetry | None:
-    """Returns the vehicle of one namespace, from PX4's topics, or otherwise from those of MAVROS.
+    """Returns the vehicle of one namespace, from PX4's topics, or otherwise from MAVROS's topics.
 
     Both bridges may have been recorded. PX4's topics have more messages, and are preferred; a fact then reports that
-    those of MAVROS were not read.
+    MAVROS's topics were not read.
 
     Args:
         topics: The vehicle's topics of both bridges.

@@ -62,7 +62,7 @@ TopicNumbers = Mapping[str, Array]
 def mavros_autopilot(mode_counts: Counter[str]) -> int:
     """Recognises the autopilot by the names of its flight modes, since MAVROS's topics do not name it.
 
-    Modes of PX4 and ArduPilot have different names ("POSCTL", "LOITER"); those of the flight are counted for each.
+    Modes of PX4 and ArduPilot have different names ("POSCTL", "LOITER"); the modes of the flight are counted for each.
 
     Args:
         mode_counts: Number of occurrences of each flight mode, by its name (``lib/uas_stringify.cpp``).
@@ -112,14 +112,14 @@ def mavros_message(topic: str, numbers: TopicNumbers, autopilot: int) -> dict[st
 
 
 def _mavlink_quaternion(numbers: TopicNumbers) -> Array:
-    """Converts attitudes of ROS to those of MAVLink, from forward-right-down in the body to north-east-down.
+    """Converts ROS's attitudes to MAVLink's, from forward-right-down in the body to north-east-down.
 
     MAVROS's attitude is q_ENU,FLU = q_n q_NED,FRD q_b with two rotations by 180°: q_n = (i + j)/√2 swaps north and east
     and reverses down, q_b = i reverses right and down. Each is its own inverse except for the sign, and q and −q are
     the same attitude. So q_NED,FRD = q_n q_ENU,FLU q_b, which is multiplied out here.
 
     Args:
-        numbers: Columns (N,) with the field ``orientation``.
+        numbers: Columns (N,) of the field ``orientation``: "orientation.w", "orientation.x" and so on.
 
     Returns:
         Unit quaternions (4, N): w, x, y, z.
