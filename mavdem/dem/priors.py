@@ -122,7 +122,7 @@ def regulated_prior(
     - If output j is the derivative of output i, row i of the model is the kinematic relation ẋᵢ = xⱼ, and row j is that
       of a damped oscillator with ``NATURAL_FREQUENCY``.
     - Each hidden state is a first-order lag with ``ACTUATOR_RATE`` that acts on the rate of the state before it. The
-      first one acts on that of the last output, like the torque of motors with a lag.
+      first one acts on the state of the last output, like the torque of motors with a lag.
     - C = [I 0].
 
     Args:

@@ -166,7 +166,7 @@ def _wind_share(plant: Physical, values: LoopParameters, spectra: CrossSpectra) 
 
 
 class _LogErrors(NamedTuple):
-    """Standard deviations of five independent errors that the model's simplifications cause, as natural logarithms."""
+    """Standard deviations of five independent errors by the model's simplifications, of natural logarithms."""
 
     effect: float
     """Error of the control effectiveness."""

@@ -117,10 +117,10 @@ class Margins(ImmutableResult):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class OpenLoop(Margins):
-    """Frequency responses of a rate or attitude loop, opened at its controller.
+    """Frequency responses of a rate or attitude loop with N plants: the estimated one, then draws from its posterior.
 
-    There are N responses at F frequencies: of the estimated plant in row ``ESTIMATE``, then of draws from
-    its posterior.
+    The loop is opened at its controller. The responses are at F frequencies; row ``ESTIMATE`` is of the estimated
+    plant.
     """
 
     frequency: Array

@@ -80,8 +80,8 @@ def controller_if_known(signals: Signals) -> Controller | None:
         signals: signals of the vehicle, for the axis.
 
     Returns:
-        The controller, whose output is the demand; None if the log lacks its parameters, or they are not those of a
-        known autopilot.
+        The controller, whose output is the demand; None if the log lacks its parameters, or no known autopilot has
+        such parameters.
     """
     no_mixer = (1.0,)
     try:
@@ -147,8 +147,8 @@ def _steered_rows(spectra: WelchSpectra, frequency: Array, angle_gain: float) ->
     The attitude controller computes the rate setpoint r = x − K p / s from the command x of pilot or navigation, and
     from the angle p / s. So r also changes with the wind, which rotates the vehicle. The power of x = r + K p / s
     relative to the power of r is the share of r that was commanded. With the response T from r to the rate p, what of
-    p follows r contributes |1 + K T / s|² to this ratio. The rest of p contributes |K / s|² times its power relative
-    to that of r.
+    p follows r contributes |1 + K T / s|² to this ratio. The rest of p contributes |K / s|² times the ratio of
+    its power to the power of r.
 
     Args:
         spectra: cross-spectra of the setpoint r (index 0) and the rate p (index 1).

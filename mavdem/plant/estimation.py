@@ -83,8 +83,8 @@ def physical(train: TrainingData, prior: Physical | None = None) -> Physical | N
         train: a ``Flight``, or segments of one. Its rate, in rad/s, is the output that is the derivative of another, or
             the only output.
         prior: physical parameters by an earlier flight of the vehicle. A parameter that this flight does not identify
-            is then that of the earlier flight, with a variance for changes between flights. A prior of other inputs, or
-            one that the flight contradicts, is ignored.
+            is then taken from the earlier flight, with a variance for changes between flights. A prior of other inputs,
+            or one that the flight contradicts, is ignored.
 
     Returns:
         The parameters, each with its status; or the reason why there are none: wrong units, no output is the rate of

@@ -82,7 +82,7 @@ class PhysicalInterval(NamedTuple):
 
 
 class Physical(NamedTuple):
-    """Physical parameters of one axis.
+    """Physical parameters of one axis: motors' effects, rate damping, motor lag and delay, with their covariance.
 
     Attributes:
         effect: (r,) control effectiveness of each motor: angular acceleration in steady state, rad/s² per unit of

@@ -355,7 +355,7 @@ def free_energy_terms(posterior: Posterior) -> Mapping[str, float]:
 def _error_rows_by_term(model: GenerativeModel) -> Mapping[Term, slice]:
     """Returns the rows of the prediction errors ε̃ whose weighted squares each term sums.
 
-    The rows of outputs and of inputs belong to one term each. The rows of the states and those of a prior of x, which
+    The rows of outputs and of inputs belong to one term each. The rows of the states and of a prior of x, which
     follow them, belong together to the term of the states.
 
     Args:

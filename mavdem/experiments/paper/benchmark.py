@@ -152,7 +152,7 @@ def _figure_forecasts(runner: Runner) -> dict[str, Array]:
 def _recorded_error_ratios(runner: Runner) -> ErrorsByMethod:
     """Returns the error ratios of the methods on all windows of the recorded flights.
 
-    The ratio of a window is the squared error of the forecast from the data over that of the constant mean, with each
+    The ratio of a window is the squared error of the forecast from the data over the constant mean's error, with each
     output in units of its variance in training.
 
     Args:

@@ -227,9 +227,9 @@ class DensityModel:
         """Sets the phase by which aliases of two quantities differ, because their messages have different time stamps.
 
         If a quantity is sampled t seconds later than another, its content at f + k f_s gets a phase that is larger by
-        2π k f_s t than that of the content at f. As t varies, the phase factor exp(2πj k f_s t) between two quantities
-        is the mean over all messages. If t varies much, the magnitude of the mean is small, and the alias adds little
-        to the coherence.
+        2π k f_s t than the phase of the content at f. As t varies, the phase factor exp(2πj k f_s t) between two
+        quantities is the mean over all messages. If t varies much, the magnitude of the mean is small, and the alias
+        adds little to the coherence.
 
         Args:
             stamp_offsets: stamps (C, N) of N messages of each quantity, s, relative to the stamps of the first one.

@@ -42,7 +42,7 @@ MOTORS_CHANNEL = CHANNELS - 1
 
 
 class FilteredSegment(NamedTuple):
-    """The innovations of one segment with everything that its free energy needs."""
+    """One segment after the Kalman filter (innovations, gains) and the disturbance smoother (vectors r)."""
 
     innovations: Array
     """(T, 3) innovations e."""

@@ -149,7 +149,7 @@ def _errors(record: NoisyRecord, variances: Array, states: Array) -> RecordError
 
     Returns:
         Mean absolute logarithm of the ratio of the variances; and the squared error of the states in the second half of
-        the record, where recursive estimators have converged, relative to that of the measurement. The latter is NaN
+        the record, where recursive estimators have converged, relative to the measurement's. The latter is NaN
         without estimates of the states.
     """
     log_error = np.abs(np.log(variances / record.noise_variances)).mean()
