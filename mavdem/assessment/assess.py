@@ -358,11 +358,12 @@ def alarms_before_loss(alarms: Sequence[MotorAlarm], ending: Fact | None) -> lis
 def with_wind(assessment: Assessment, wind: WindEvidence) -> Assessment:
     """Returns an assessment with another estimate of its wind, such as one with the drag of an earlier flight.
 
-    The light of the wind, the headline and the next step are judged anew; the other lights are kept.
+    The light of the wind, the headline and the next step are judged anew; the other lights are kept. The next step does
+    not depend on the grades of the model then.
 
     Args:
         assessment: assessment of a vehicle, which must have been judged.
-        wind: the other estimate, and that of the autopilot.
+        wind: the other estimate, and the estimate of the autopilot.
 
     Returns:
         A copy of the assessment.
@@ -372,14 +373,15 @@ def with_wind(assessment: Assessment, wind: WindEvidence) -> Assessment:
     other_lights = {
         name: fact for name, fact in assessment.judgement.lights.items() if name != Light.WIND
     }
-    return replace(assessment, judgement=judge(evidence, (), **other_lights), evidence=evidence)
+    judgement = judge(evidence, purposes=(), **other_lights)
+    return replace(assessment, judgement=judgement, evidence=evidence)
 
 
 def without_flight_advice(wind: WindEvidence) -> WindEvidence:
     """Removes advice to fly from the facts about the wind, for a vehicle that must not fly as it is.
 
-    A fact that says why a part of the wind is not known usually advises to fly legs in several directions. After a
-    crash, or with an oscillation, that advice would be dangerous.
+    A fact that says why a quantity of the wind, such as its direction, is not known usually advises to fly legs in
+    several directions. After a crash, or with an oscillation, that advice would be dangerous.
 
     Args:
         wind: the wind in m/s, or the reason why it is not known.

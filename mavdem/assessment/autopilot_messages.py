@@ -153,16 +153,20 @@ def _with_battery_levels(facts: Sequence[Fact]) -> list[Fact]:
         The same facts in the same order. A failsafe of a low battery has the code ``BATTERY_WARNED`` instead of
         ``BATTERY_ALARMED``, and the level of that code.
     """
-    warnings = [fact for fact in facts if fact.code is ReportedEvent.BATTERY_WARNED]
+    low_battery_texts = [fact for fact in facts if fact.code is ReportedEvent.BATTERY_WARNED]
     corrected = []
     for fact in facts:
-        is_failsafe = fact.code is ReportedEvent.BATTERY_ALARMED and (
-            "error_code" in fact.figures or "failsafe" in fact.figures["text"].lower()
-        )
-        if is_failsafe and any(_is_close(fact, text) for text in warnings):
+        is_failsafe = fact.code is ReportedEvent.BATTERY_ALARMED and reports_failsafe(fact)
+        if is_failsafe and any(_is_close(fact, text) for text in low_battery_texts):
             fact = fact.with_code(ReportedEvent.BATTERY_WARNED)
         corrected.append(fact)
     return corrected
+
+
+def reports_failsafe(alarm: Fact) -> bool:
+    """Returns whether an alarm of the battery is an act of the autopilot: a failsafe, by an error code or in words."""
+    text = alarm.figures.get("text") or ""
+    return "error_code" in alarm.figures or "failsafe" in text.lower()
 
 
 def _is_close(first: Fact, second: Fact) -> bool:

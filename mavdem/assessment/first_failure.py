@@ -133,7 +133,7 @@ def _context_of_impact(events: Sequence[Fact], boot: int, impact: float) -> Loss
     Args:
         events: events of the flight.
         boot: number of the boot.
-        impact: time when the loss began, s since boot.
+        impact: time of the impact or, if the attitude was lost just before, of that, s since boot.
 
     Returns:
         The interval from the first sign of a failure to the impact, s since boot, and the names of those motors.
@@ -170,16 +170,18 @@ def _context_of_attitude_loss(error: AttitudeError, onset: float) -> LossContext
 
 
 def _standing_motor(events: Sequence[Fact], boot: int, onset: float) -> Fact | None:
-    """Returns the first motor that stood still as a loss began.
+    """Returns the first motor that stood still when a loss began, if a second sensor confirms it.
+
+    The speed controllers may report the standstill up to ``MAX_SETPOINT_DELAY`` later. An event that no second sensor
+    confirms is not bad, and is skipped.
 
     Args:
         events: events of the flight.
         boot: number of the boot.
-        onset: time when the loss began, s since boot. Telemetry of controllers may be ``MAX_SETPOINT_DELAY`` later.
+        onset: time when the loss began, s since boot.
 
     Returns:
-        The event of the motor; None if none stood still. An event that no second sensor confirms is not bad, and is
-        skipped.
+        The event of the motor; None if none stood still.
     """
     for event in _events_at(events, MotionEvent.MOTOR_STOOD_STILL, boot, onset, MAX_SETPOINT_DELAY):
         if event.is_bad:

@@ -105,14 +105,15 @@ def identity_of(signals: Signals, receive_time: float = float("nan")) -> Identit
         receive_time: time when the first message of the log was received, UNIX time in s; NaN if it is not known.
 
     Returns:
-        The identity.
+        The identity. Its ``basis`` says what the name was made from, such as the serial number of the board, and
+        ``date_basis`` which clock the date comes from.
     """
     telemetry = signals.telemetry
-    name, basis = _name_of(telemetry)
+    name, name_basis = _name_of(telemetry)
     date, date_basis = _date(signals, receive_time)
     return Identity(
         name,
-        basis,
+        name_basis,
         telemetry.system,
         telemetry.autopilot,
         telemetry.vehicle,
@@ -147,9 +148,9 @@ def _name_of(telemetry: Telemetry) -> _NameWithBasis:
     )
     if board_number:
         return _NameWithBasis(board_number, Basis.BOARD)
-    for sensor, parameter_groups in CALIBRATION_PARAMETERS.items():
-        for group in parameter_groups:
-            calibration = _calibration(telemetry.parameters, group)
+    for sensor, name_formats in CALIBRATION_PARAMETERS.items():
+        for formats_of_sensor in name_formats:
+            calibration = _calibration(telemetry.parameters, formats_of_sensor)
             if calibration:
                 text = " ".join(f"{value:.{CALIBRATION_DIGITS}g}" for value in calibration)
                 digest = hashlib.sha256(text.encode()).hexdigest()[:NAME_DIGITS]
@@ -157,18 +158,18 @@ def _name_of(telemetry: Telemetry) -> _NameWithBasis:
     return _NameWithBasis(f"{telemetry.autopilot}-{telemetry.system}".lower(), Basis.SYSTEM_ID)
 
 
-def _calibration(parameters: Parameters, group: str) -> list[float]:
+def _calibration(parameters: Parameters, name_formats: str) -> list[float]:
     """Returns the calibration of a sensor: offsets along X, Y and Z, and then scale factors.
 
     Args:
         parameters: parameters of the autopilot by name.
-        group: formats of the names of its parameters, separated by blanks: the offset first, then scale factors. Each
-            has a replacement field for the axis.
+        name_formats: names of the sensor's parameters with "{}" for the axis, separated by blanks: the offset first,
+            then scale factors, such as "INS_ACCOFFS_{} INS_ACCSCAL_{}".
 
     Returns:
         The values; empty if one is missing, or the sensor was never calibrated, or is a simulator's.
     """
-    names = [name.format(axis) for name in group.split() for axis in "XYZ"]
+    names = [name.format(axis) for name in name_formats.split() for axis in "XYZ"]
     if not all(name in parameters for name in names):
         return []
     values = [parameters[name] for name in names]
@@ -292,7 +293,10 @@ def _date(signals: Signals, receive_time: float) -> _DateWithBasis:
 
 
 def _time_by_autopilot(telemetry: Telemetry, flight: Segment | None) -> float | None:
-    """Returns when a flight began, by the messages SYSTEM_TIME; the first time that they have if that is not known.
+    """Returns when a flight began, by the messages SYSTEM_TIME, which have UNIX time and time since boot.
+
+    The first message of the flight's boot whose UNIX time is set converts the start of the flight. If that is not
+    possible, the first UNIX time of any message is returned.
 
     Args:
         telemetry: messages of the vehicle.
@@ -304,14 +308,16 @@ def _time_by_autopilot(telemetry: Telemetry, flight: Segment | None) -> float | 
     columns = telemetry.messages.get("SYSTEM_TIME", {})
     if "time_unix_usec" not in columns:
         return None
-    unix_time = float_column(columns, "time_unix_usec") / MICROSECONDS
-    is_set = unix_time > MIN_UNIX_TIME
+    unix_times = float_column(columns, "time_unix_usec") / MICROSECONDS
+    # Before the first GPS fix the UNIX time is about 0.
+    is_set = unix_times > MIN_UNIX_TIME
     if flight is not None:
         is_set_in_boot = is_set & (columns["boot"] == flight.boot)
         if is_set_in_boot.any():
+            unix_time = unix_times[is_set_in_boot][0]
             boot_time = columns["time"][is_set_in_boot][0]
-            return float(unix_time[is_set_in_boot][0] + flight.start - boot_time)
-    return float(unix_time[is_set][0]) if is_set.any() else None
+            return float(unix_time + flight.start - boot_time)
+    return float(unix_times[is_set][0]) if is_set.any() else None
 
 
 def _time_by_log_name(telemetry: Telemetry, flight: Segment | None) -> float | None:

@@ -153,16 +153,16 @@ def _component_values(component: Component, missing_share: float | None) -> Json
 
 
 def _vehicle_values(vehicle: VehicleContents) -> JsonValues:
-    """Returns the contents of a log on one vehicle, as values of a document.
+    """Returns what a log contains of one vehicle, as values of a JSON document.
 
     Args:
         vehicle: telemetry, learnability, condition and identity of the vehicle.
 
     Returns:
-        Who it is (MAVLink ids, type, autopilot, identity); how much there is: number of ``parameters``, ``messages`` by
-        name with ``count`` and ``rate`` in Hz (``names`` has their names in another log format, such as DataFlash),
-        number of ``boots``, ``segments``; ``repairs`` of the data; and what it is good for: ``verdict``, tier and
-        condition; with the autopilot's warnings.
+        Who the vehicle is: MAVLink ids, type, autopilot, identity. How much there is: number of ``parameters``,
+        ``messages`` by name with ``count`` and ``rate`` in Hz (``names`` has their names in the log's own format, such
+        as DataFlash), number of ``boots``, ``segments``, and ``repairs`` of the data. What the log is good for: whether
+        a model can be learned (the key ``verdict``), the tier and the condition. And the autopilot's warnings.
     """
     telemetry, learnability, condition, identity = vehicle
     messages = dict(sorted(telemetry.messages.items()))

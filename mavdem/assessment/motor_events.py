@@ -158,7 +158,7 @@ def _lasting_events(
                 boot=boot,
             )
             if event.code is MotionEvent.MOTOR_AT_ITS_STOP:
-                event = _rated_by_throttle(signals, boot, recorded, event)
+                event = _with_full_throttle_marked(signals, boot, recorded, event)
             yield event
 
 
@@ -240,11 +240,13 @@ def _constant_runs(commands: Array) -> Iterator[tuple[int, int]]:
             yield first, end
 
 
-def _rated_by_throttle(signals: Signals, boot: int, interval: TimeInterval, limit: Fact) -> Fact:
+def _with_full_throttle_marked(
+    signals: Signals, boot: int, interval: TimeInterval, limit: Fact
+) -> Fact:
     """Marks the event of a motor at its limit if the pilot gave full throttle for most of its time.
 
-    With all thrust in use, some motor is always at its limit: the one that the attitude needs most. That is good if the
-    vehicle climbs.
+    With all thrust in use, some motor is always at its limit: the one that the attitude needs most. That is no fault,
+    so that the event is good if the vehicle climbs.
 
     Args:
         signals: signals of the vehicle.

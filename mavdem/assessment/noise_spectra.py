@@ -49,17 +49,20 @@ class MeasuredNoise(NamedTuple):
     def facts(self) -> Facts:
         """The facts about the noise of the gyro, or the one fact that there is no spectrum of it.
 
-        They are on the spectrum, its lines, the share of each motor line that the filters remove, and the notch filter
-        to set. The spectrum before the filters is preferred, since it shows all lines. The removed shares are known
-        only if the gyro was logged both before and after the filters.
+        They are the spectrum, its lines, the share of each motor line that the gyro's filters remove, and the notch
+        filter to set. The spectrum before the filters is preferred, since it shows all lines. The removed shares are
+        known only if the gyro was logged both before and after the filters.
         """
         filtered = self.spectra.get(GYRO)
-        spectrum = self.spectra.get(UNFILTERED_GYRO, filtered)
+        unfiltered = self.spectra.get(UNFILTERED_GYRO)
+        spectrum = filtered if unfiltered is None else unfiltered
         if spectrum is None:
             return (Fact(NoiseFact.NO_SPECTRUM),)
-        facts = [_spectrum_fact(spectrum), *map(_line_fact, self.lines)]
-        if spectrum.name == UNFILTERED_GYRO and filtered is not None:
-            facts += self._filter_facts(spectrum, filtered)
+        facts = [_spectrum_fact(spectrum)]
+        for line in self.lines:
+            facts.append(_line_fact(line))
+        if unfiltered is not None and filtered is not None:
+            facts += self._filter_facts(unfiltered, filtered)
         if self.notch is not None:
             facts.append(self.notch)
         return tuple(facts)
@@ -67,8 +70,8 @@ class MeasuredNoise(NamedTuple):
     def _filter_facts(self, unfiltered: Spectrum, filtered: Spectrum) -> Iterator[Fact]:
         """Yields a fact for each motor line with the ``share`` of its power that the gyro's filters remove, 0 to 1.
 
-        The power is that in the band about the frequency of the line (``LINE_BAND``). Lines above the Nyquist frequency
-        of the filtered gyro cannot be compared, and are skipped.
+        The power is the mean in a band about the frequency of the line (``LINE_BAND``). Lines above the Nyquist
+        frequency of the filtered gyro cannot be compared, and are skipped.
 
         Args:
             unfiltered: spectrum of the gyro before its filters.

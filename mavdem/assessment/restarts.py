@@ -93,7 +93,7 @@ def restarts(signals: Signals, recorded_span: Segment) -> Iterator[Fact]:
         # There is no other sign of a flight. Only a fall from a greater height, and a tumble, soon after the boot are.
         has_fallen_far = descent >= MIN_UNREPORTED_FALL_HEIGHT
         is_early = recorded_span.start <= MAX_BOOT_CLOCK
-        is_in_flight = is_early and has_fallen_far and _tumbles(signals, recorded_span)
+        is_in_flight = is_early and has_fallen_far and _tilts_far_at_start(signals, recorded_span)
     attitude_name = telemetry.name_in_source("ATTITUDE")
     if not is_in_flight:
         # The first boot of a log is no restart.
@@ -184,7 +184,8 @@ class FallAtStart(NamedTuple):
 def _fall_at_start(signals: Signals, recorded_span: Segment) -> FallAtStart | None:
     """Returns the fall of the vehicle at the beginning of a boot, if height and vertical speed agree on it.
 
-    It hit the ground if a fast fall ends within ``MAX_STOP_SECONDS``, and the height is constant from then on.
+    A vehicle whose autopilot restarts in the air falls. It hit the ground if it was fast until ``MAX_STOP_SECONDS``
+    before the end of the fall, and the height is constant from then on.
 
     Args:
         signals: signals of the vehicle.
@@ -207,11 +208,10 @@ def _fall_at_start(signals: Signals, recorded_span: Segment) -> FallAtStart | No
     # How far the vehicle is below the highest point so far, at each sample.
     drops = np.maximum.accumulate(heights) - heights
     descent = float(drops.max())
-    # The fall ended at the first sample near the lowest point. That was an impact if the vehicle was fast just before,
-    # and rests afterwards.
-    first_low_row = int(np.argmax(drops >= descent - MAX_HEIGHT_AT_REST))
-    fall_end = float(time[first_low_row])
-    heights_after = heights[first_low_row:]
+    # The fall ended at the first sample near the lowest point.
+    last_row_of_fall = int(np.argmax(drops >= descent - MAX_HEIGHT_AT_REST))
+    fall_end = float(time[last_row_of_fall])
+    heights_after = heights[last_row_of_fall:]
     seconds_after = time[-1] - fall_end
     rests = np.ptp(heights_after) <= MAX_HEIGHT_AT_REST and seconds_after >= MIN_REST_SECONDS
     is_just_before = in_intervals(climb_rate.time, [(fall_end - MAX_STOP_SECONDS, fall_end)])
@@ -219,8 +219,8 @@ def _fall_at_start(signals: Signals, recorded_span: Segment) -> FallAtStart | No
     return FallAtStart(descent, impact=fall_end if rests and was_fast else None)
 
 
-def _tumbles(signals: Signals, recorded_span: Segment) -> bool:
-    """Returns whether roll or pitch exceeds ``MIN_FALL_TILT`` in the first ``FALL_SECONDS`` of a boot.
+def _tilts_far_at_start(signals: Signals, recorded_span: Segment) -> bool:
+    """Returns whether roll or pitch exceeds ``MIN_FALL_TILT`` in the first ``FALL_SECONDS`` of a boot, as in a tumble.
 
     Args:
         signals: signals of the vehicle.

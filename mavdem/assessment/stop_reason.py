@@ -4,6 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from mavdem.assessment.autopilot_messages import reports_failsafe
 from mavdem.assessment.battery_levels import cell_count, voltage_levels
 from mavdem.assessment.flights import RECOVERY_SECONDS
 from mavdem.dataset.intervals import TimeInterval, in_intervals
@@ -93,7 +94,7 @@ def _is_confirmed_report(signals: Signals, boot: int, stop_time: float, report: 
         stop_time: time when the motors stopped, s since boot.
         report: the report.
     """
-    is_mere_alarm = report.code in BATTERY_ALARMS and not _reports_failsafe(report)
+    is_mere_alarm = report.code in BATTERY_ALARMS and not reports_failsafe(report)
     return not is_mere_alarm or _battery_was_low(signals, boot, stop_time)
 
 
@@ -111,12 +112,6 @@ def _is_reported_in(event: Fact, interval: TimeInterval) -> bool:
     start = event.start_time
     end = event.latest_time if event.code is ReportedEvent.RADIO_LOST else start
     return start <= latest and end >= earliest
-
-
-def _reports_failsafe(alarm: Fact) -> bool:
-    """Returns whether an alarm of the battery is an act of the autopilot: a failsafe, by an error code or in words."""
-    text = alarm.figures.get("text") or ""
-    return "error_code" in alarm.figures or "failsafe" in text.lower()
 
 
 def _battery_was_low(signals: Signals, boot: int, time: float) -> bool:

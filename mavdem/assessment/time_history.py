@@ -266,7 +266,9 @@ def _axis_history(signals: Signals, segment: Segment) -> AxisHistory | None:
 def _followed_setpoint(
     signal: TimeSeries, setpoint: TimeSeries | None, unit: str, segment: Segment
 ) -> FollowedSetpoint | None:
-    """Returns a signal with its setpoint at the same times.
+    """Returns a signal within a segment, with its setpoint at the same times.
+
+    A setpoint applies until the next one, so that the latest one at each sample of the signal is used.
 
     Args:
         signal: measured quantity.
@@ -275,25 +277,26 @@ def _followed_setpoint(
         segment: boot and time that are shown.
 
     Returns:
-        The signal within the segment; None with less than two samples there.
+        The signal with its setpoint, None if that was not recorded in the segment. The result is None with less than
+        two samples of the signal there.
     """
     measured = _within(signal, segment)
     if measured is None:
         return None
-    held = None
+    latest_setpoint = None
     if setpoint is not None:
         recorded = Setpoint(name="", unit=unit, message="", signal=setpoint)
-        held = held_setpoint(recorded, segment.boot, measured.time)
-        if not np.isfinite(held).any():
-            held = None
-    return FollowedSetpoint(measured, held, unit)
+        setpoint_at_samples = held_setpoint(recorded, segment.boot, measured.time)
+        if np.isfinite(setpoint_at_samples).any():
+            latest_setpoint = setpoint_at_samples
+    return FollowedSetpoint(measured, latest_setpoint, unit)
 
 
 def wind_history(evidence: WindEvidence, segment: Segment) -> WindHistory | None:
     """Returns the estimated wind, with the autopilot's own estimate as speed (m/s) and direction (degrees).
 
     Args:
-        evidence: evidence of the wind.
+        evidence: the wind as it was estimated here, and as the autopilot estimates it.
         segment: boot and time that are shown.
 
     Returns:
@@ -305,8 +308,8 @@ def wind_history(evidence: WindEvidence, segment: Segment) -> WindHistory | None
     autopilot = evidence.autopilot_estimate
     if autopilot is None:
         return WindHistory(wind, None, None)
-    # The autopilot does not say how uncertain its estimate is.
-    polar = wind.as_polar(autopilot.values, band=0 * autopilot.values)
+    # The autopilot does not say how uncertain its estimate is, so that its band has the width 0.
+    polar = wind.as_polar(autopilot.values, band=np.zeros_like(autopilot.values))
     speed = TimeSeries(autopilot.time, autopilot.boot, polar.speed)
     direction = TimeSeries(autopilot.time, autopilot.boot, polar.direction)
     return WindHistory(wind, _within(speed, segment), _within(direction, segment))

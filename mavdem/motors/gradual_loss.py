@@ -164,6 +164,8 @@ def _block_means(time: Array, commands: Array, block_seconds: float) -> _BlockMe
 def _best_ramp(balances: Array, min_blocks_before: int) -> Ramp:
     """Fits ramps of several lengths and beginnings to the balance, and returns the one of the highest likelihood.
 
+    A ramp is constant, then changes linearly, then is constant again, at the same times on all axes. For each length
+    and beginning, its change is the least-squares slope of the balance on the ramp's course, which rises from 0 to 1.
     With independent normal noise of unknown variance on each axis, the log likelihood of the best fit is
     −B/2 Σ log(residual sum of squares) over the axes.
 
@@ -183,20 +185,24 @@ def _best_ramp(balances: Array, min_blocks_before: int) -> Ramp:
     best: Ramp | None = None
     least_misfit = np.inf
     for share in RAMP_SHARES:
+        # (s,) numbers of blocks of the ramps with s beginnings.
         lengths = np.clip(round(share * count), 1, count - 1 - starts)
-        # (s, B) courses of the ramps with s beginnings.
+        # (s, B) courses of these ramps.
         courses = np.clip((numbers - starts[:, None]) / lengths[:, None], 0.0, 1.0)
         centred_courses = courses - courses.mean(axis=1, keepdims=True)
         course_squares = (centred_courses**2).sum(axis=1)
+        # (s, a) least-squares slopes, and the squares that remain.
         changes = (centred_courses @ centred_balances) / course_squares[:, None]
         residual_squares = total_squares - changes**2 * course_squares[:, None]
         # The variance of the slow wander is added, since a balance that never changes has residuals of 0.
         misfits = np.log(residual_squares / count + WANDER_SD**2).sum(axis=1)
-        row = int(np.argmin(misfits))
-        if misfits[row] < least_misfit:
-            least_misfit = misfits[row]
-            before = balances.mean(axis=0) - changes[row] * courses[row].mean()
-            best = Ramp(int(starts[row]), courses[row], before, changes[row])
+        best_row = int(np.argmin(misfits))
+        if misfits[best_row] < least_misfit:
+            least_misfit = misfits[best_row]
+            course = courses[best_row]
+            change = changes[best_row]
+            before = balances.mean(axis=0) - change * course.mean()
+            best = Ramp(int(starts[best_row]), course, before, change)
     assert best is not None
     return best
 

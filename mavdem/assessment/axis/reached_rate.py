@@ -62,17 +62,19 @@ class _Turn(NamedTuple):
 
 
 def reached_rate(signals: Signals, segments: Segments) -> ReachedRate | None:
-    """Returns the share of its setpoint that the rate reaches in turns about the axis of ``signals``.
+    """Returns the rate and its setpoint in the turn that is typical of a flight, and whether motors were at a limit.
 
-    A turn is a time of at least ``MIN_TURN_SECONDS`` in which the setpoint has one sign and exceeds half of the largest
-    setpoint of the flight.
+    A turn about the axis of ``signals`` is a time of at least ``MIN_TURN_SECONDS`` in which the setpoint has one sign
+    and exceeds half of the largest setpoint of the flight. Turns are ordered by the share of the setpoint that the rate
+    reaches, and the one in the middle is typical.
 
     Args:
         signals: signals of the vehicle and axis.
         segments: segments of the flight that are judged.
 
     Returns:
-        The rates of the turn with the median share; None without turns, or if messages are too slow.
+        The largest rate and setpoint of that turn, with the share of the time of all turns in which a motor was at a
+        limit; None without turns, or if messages are too slow.
     """
     if signals.rate_and_setpoint is None:
         return None
@@ -83,9 +85,9 @@ def reached_rate(signals: Signals, segments: Segments) -> ReachedRate | None:
     if not turns:
         return None
     turns.sort(key=lambda turn: turn.rates.share)
-    median_rates = turns[len(turns) // 2].rates
-    turn_segments = [turn.segment for turn in turns]
-    return median_rates._replace(at_limit_share=_at_limit_share(signals, turn_segments))
+    typical_turn = turns[len(turns) // 2]
+    at_limit_share = _at_limit_share(signals, [turn.segment for turn in turns])
+    return typical_turn.rates._replace(at_limit_share=at_limit_share)
 
 
 def _turns(rate: TimeSeries, setpoint: TimeSeries, segments: Segments) -> list[_Turn]:

@@ -130,8 +130,9 @@ def lagged_correlation(earlier: Array, later: Array, max_lag: int) -> Array:
 def input_directions(learned: Learned) -> Array:
     """Returns how strongly, and in which direction, each input of a model turns the vehicle, relative to the others.
 
-    They are the weights of the mixer if it is known, otherwise the estimated effects, and all 1 if these are 0. The
-    inputs with such weights make the one command with which the residuals are correlated (:func:`command_weights`).
+    By these the inputs are combined to the one command with which the residuals are correlated
+    (:func:`command_weights`). They are the row of the mixer if it is known, otherwise the estimated effects of the
+    inputs. If all of these are 0, every input counts alike.
 
     Args:
         learned: the model, with r inputs.
@@ -145,15 +146,19 @@ def input_directions(learned: Learned) -> Array:
     if record.inputs.shape[1] == 1:
         # The one input is the controller's demand.
         return np.ones(1)
-    effects = learned.model.B[-1] if learned.physical is None else learned.physical.effect
+    if learned.physical is not None:
+        effects = learned.physical.effect
+    else:
+        # The last output is the body rate.
+        effects = learned.model.B[-1]
     return effects if effects.any() else np.ones(len(effects))
 
 
 def command_weights(directions: Array) -> Array:
     """Returns the weights with which the inputs sum to the command of an axis.
 
-    The command is the weighted mean of the inputs that turn the vehicle in the positive direction, minus that of the
-    inputs that turn it in the negative one. So its unit is that of the inputs, however many there are.
+    The command is the weighted mean of the inputs that turn the vehicle in the positive direction, minus the weighted
+    mean of the inputs that turn it in the negative one. So it has the unit of the inputs, however many there are.
 
     Args:
         directions: (r,) how each of r inputs turns the vehicle, positive or negative, in any unit.

@@ -287,11 +287,12 @@ def _tracking_rating(
 def _response_peak_without_position_control(
     signals: Signals, segments: Segments
 ) -> ResponsePeak | None:
-    """Returns the largest response of the angle to its setpoint where no position controller makes the setpoint.
+    """Returns the largest response of the angle to its setpoint in modes in which no position controller sets it.
 
-    A controller of the position counters how wind has moved the vehicle. Where it makes the setpoint, the ratio of
-    angle and setpoint is that of this controller, inverted, unless something else moves the setpoint more
-    (L. Ljung, System Identification, sec. 13.4, on the spectral estimate in closed loop).
+    A position controller computes the setpoint of the angle from the motion of the vehicle, by which it counters wind.
+    Then setpoint and angle form a closed loop, and their measured ratio is the inverse of that controller and not the
+    response of the angle, unless something else moves the setpoint more (L. Ljung, System Identification, sec. 13.4, on
+    the spectral estimate in closed loop).
 
     Args:
         signals: signals of the vehicle for roll or pitch, with the setpoint of the angle and the attitude.

@@ -47,7 +47,7 @@ def train_and_test(
 
     There are three ways. If a length of the training data is given, the model is trained on this length of the longest
     segment and tested once on what follows. Otherwise it is trained on all flights and judged by cross-validation, with
-    models that are each trained without one part of the flights. For a model of the slow motion the cross-validation
+    models that are each trained without one fold of the flights. For a model of the slow motion the cross-validation
     comes first, and the model is learned only if it predicts well enough.
 
     Args:
@@ -94,15 +94,16 @@ def train_and_test(
 
 @contextmanager
 def _learning_step(progress: ShowStep) -> Iterator[None]:
-    """Returns a context in which a model is learned: it shows the step, and converts errors of learning.
+    """Shows the step "Learning" while the code in this context learns a model, and converts errors of learning.
 
     Args:
         progress: shows the name of a step while it runs.
 
     Raises:
-        NotLearnable: the body of the context raised a ``ValueError``, which becomes its reason.
+        NotLearnable: the code raised a ``ValueError``, which becomes its reason.
     """
     try:
+        # The step is shown without the share that is done, since learning does not report it.
         with progress("Learning", measured=False):
             yield
     except ValueError as error:

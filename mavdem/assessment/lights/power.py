@@ -62,10 +62,11 @@ POWER_REPORTS = {*BATTERY_REPORTS, ReportedEvent.BOARD_VOLTAGE_LOW}
 
 
 def power_light(evidence: Evidence) -> Fact:
-    """Returns the worst of batteries, their charge, and board voltage in flight; unknown if none of them was measured.
+    """Judges the power in flight by the worst fact about it; unknown if no voltage and no charge was measured.
 
-    If several batteries were measured, the fact names the one that it is about, and has the voltages of the others as
-    the figure ``batteries``: a tuple of facts, the worst first.
+    Judged are the voltages of the batteries, their charge, the supply voltage of the board, and the autopilot's reports
+    on them. If several batteries were measured, the fact names the one that it is about, and has the voltages of the
+    others as the figure ``batteries``: a tuple of facts, the worst first.
 
     Args:
         evidence: signals, events and measurements of the vehicle.
