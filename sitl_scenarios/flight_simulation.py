@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 
 from sitl_scenarios.controller import ControlOutput
 from sitl_scenarios.damage import Damage, damage_history
-from sitl_scenarios.dynamics import AirState, Body, State, disturbance_of_states, physics_steps
+from sitl_scenarios.dynamics import AirState, Body, State, disturbance_of_states
 from sitl_scenarios.gains import control_parameters
-from sitl_scenarios.gyro import NO_ROTATION
+from sitl_scenarios.gyro import NO_ROTATION, gyro_samples
 from sitl_scenarios.motion import Arrays, Motion
 from sitl_scenarios.parameter_controller import check_parameters, controller_for, gyro_for
 from sitl_scenarios.plan import (
@@ -72,13 +72,12 @@ class Simulation:
         """Prepares the first flight, with the whole weather; raises ValueError if its duration is too short."""
         self.scenario = scenario
         self.cycle = scenario.cycle
-        self._steps = physics_steps(self.cycle)
-        self._body = Body(scenario.vehicle, self.cycle / self._steps)
+        self._body = Body(scenario.vehicle, self.cycle)
         self._airframe = airframe(scenario.vehicle)
         self._plan = FlightPlan(scenario)
         self._controller = controller_for(scenario)
         self._gyro = gyro_for(self._controller)
-        self._vibration = GyroVibration(scenario, self.cycle / self._steps)
+        self._vibration = GyroVibration(scenario, self.cycle / gyro_samples(self.cycle))
         self._estimator = StateEstimator(scenario)
         # Durations in cycles: from boot to arming, from arming to the planned disarming, and to the flight's end.
         self._boot_cycles = round(BOOT_SECONDS / self.cycle)
@@ -423,9 +422,7 @@ class Simulation:
         if self._on_ground:
             self._spin_on_ground(settled_speeds)
             return
-        state = self._gyro.advance(
-            self._body, self._state, settled_speeds, air, self._steps, self._vibration
-        )
+        state = self._gyro.advance(self._body, self._state, settled_speeds, air, self._vibration)
         if tumbles(state):
             raise ValueError(
                 f"the vehicle is out of control {self._current_cycle * self.cycle:.1f} s after boot, "
@@ -458,7 +455,7 @@ class Simulation:
         Args:
             settled_speeds: Speeds (n,) that the rotors tend to with their lag, rad/s.
         """
-        rotors = self._body.spun_up(self._state.rotors, settled_speeds, self._steps)
+        rotors = self._body.spun_up(self._state.rotors, settled_speeds)
         self._state = self._state._replace(rotors=rotors)
         # Damaged propellers give a fraction of their thrust.
         thrust_fractions = self._body.condition.thrust

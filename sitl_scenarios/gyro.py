@@ -16,10 +16,13 @@ from mavdem.loops.autopilot_parameters import Notch
 from mavdem.loops.controllers import Controller
 from mavdem.loops.filters import MAX_NOTCH_FREQUENCY_RATIO
 from mavdem.loops.margins import Complex
-from sitl_scenarios.dynamics import AirState, Body, State
+from sitl_scenarios.dynamics import AirState, Body, State, steps_in
 from sitl_scenarios.motion import Array
 from sitl_scenarios.sensors import GyroVibration
 from sitl_scenarios.vectors import Vector3, Vector4
+
+MAX_SAMPLING_PERIOD = 1e-3
+"""Longest period of the gyro's samples, s: autopilots sample theirs at 1 kHz and more."""
 
 NO_ROTATION = (0.0, 0.0, 0.0)
 """Body rates of a vehicle that does not rotate, rad/s."""
@@ -35,13 +38,16 @@ class Gyro:
     both in rad/s.
     """
 
-    def __init__(self, filters: Controller | None, step: float) -> None:
+    def __init__(self, filters: Controller | None, cycle: float) -> None:
         """Designs the low-pass and notch filters as second-order sections, one after another.
 
         Args:
-            filters: Controller whose gyro filters are used; None: the gyro has no filters.
-            step: Sampling period, s: the step of the physics. Filters whose frequency is too high for it are left out.
+            filters: Controller whose gyro filters are used; None: the gyro has no filters. Those whose frequency is too
+                high for the sampling period are left out.
+            cycle: Period of the autopilot's loop, s.
         """
+        self._samples = gyro_samples(cycle)
+        step = cycle / self._samples
         self.raw_rates: Vector3 = NO_ROTATION
         self.filtered_rates: Vector3 = NO_ROTATION
         sections = [IDENTITY_SECTION]
@@ -80,20 +86,19 @@ class Gyro:
         state: State,
         settled_speeds: Vector4,
         air: AirState,
-        steps: int,
         vibration: GyroVibration | None = None,
     ) -> State:
-        """Moves the body by some steps of the physics, and measures its rates after each.
+        """Moves the body by one cycle of the autopilot, and measures its rates.
 
-        The filters of an autopilot run at the sampling rate of the gyro, which is above that of the control loop: so
-        they are stepped with the physics. Afterwards ``raw_rates`` and ``filtered_rates`` belong to the last step.
+        The filters of an autopilot run at the sampling rate of the gyro, which is above that of the control loop: with
+        them, or with vibration, a step of the physics is a sample of the gyro. Afterwards ``raw_rates`` and
+        ``filtered_rates`` belong to the end of the cycle.
 
         Args:
-            body: Body that moves, with the same step as the gyro.
+            body: Body that moves, with the same cycle as the gyro.
             state: State at the beginning.
             settled_speeds: Speeds (n,) that the rotors tend to, rad/s.
-            air: The air during the steps.
-            steps: Number of steps.
+            air: The air during the cycle.
             vibration: Vibration that is added to the rates; None for none.
 
         Returns:
@@ -102,11 +107,11 @@ class Gyro:
         felt_vibration = vibration if vibration is not None and vibration.is_felt else None
         if felt_vibration is None and not self._filters:
             # Nothing depends on the rates between: they need not be measured after each step.
-            state = body.advanced(state, settled_speeds, air, steps)
+            state = body.advanced(state, settled_speeds, air)
             self.raw_rates = self.filtered_rates = state.rates
             return state
         measure = partial(self.measure, vibration=felt_vibration)
-        return body.advanced(state, settled_speeds, air, steps, measure)
+        return body.advanced(state, settled_speeds, air, self._samples, measure)
 
     def measure(
         self, rates: Vector3, rotors: Sequence[float], vibration: GyroVibration | None = None
@@ -152,6 +157,11 @@ class Gyro:
             )
             p, q, r = filtered_p, filtered_q, filtered_r
         return p, q, r
+
+
+def gyro_samples(cycle: float) -> int:
+    """Returns the number of samples of the gyro in a cycle of the autopilot, s."""
+    return steps_in(cycle, MAX_SAMPLING_PERIOD)
 
 
 def _low_pass_section(cutoff: float, step: float) -> list[float]:

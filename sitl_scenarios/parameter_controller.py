@@ -19,7 +19,6 @@ from mavdem.loops.controllers import Controller as AxisController
 from mavdem.loops.controllers import controller_from_parameters
 from sitl_scenarios import mixers
 from sitl_scenarios.controller import FlightController
-from sitl_scenarios.dynamics import physics_steps
 from sitl_scenarios.gains import PX4_MOMENT_RATIO, control_parameters, reciprocal_frequency
 from sitl_scenarios.gyro import Gyro
 from sitl_scenarios.motion import Pair
@@ -103,8 +102,7 @@ def gyro_for(controller: FlightController) -> Gyro:
     """Makes a gyro at rest, with the low-pass and notch filters of a controller's parameters.
 
     Args:
-        controller: The controller; the simulation's own has no gyro filters. The gyro is sampled once per step of the
-            physics.
+        controller: The controller; the simulation's own has no gyro filters.
 
     Returns:
         The gyro.
@@ -113,7 +111,7 @@ def gyro_for(controller: FlightController) -> Gyro:
     if isinstance(controller, ParameterController):
         # The filters of the gyro are the same for all axes.
         filters = controller.axis_controllers[0]
-    return Gyro(filters, controller.cycle / physics_steps(controller.cycle))
+    return Gyro(filters, controller.cycle)
 
 
 class ParameterController(FlightController):

@@ -8,7 +8,7 @@ from math import cos
 
 import numpy as np
 
-from sitl_scenarios.dynamics import AirState, Body, State, physics_steps
+from sitl_scenarios.dynamics import AirState, Body, State
 from sitl_scenarios.flight_simulation import tumbles
 from sitl_scenarios.motion import Array
 from sitl_scenarios.parameter_controller import controller_for, gyro_for
@@ -58,8 +58,7 @@ def replay_setpoints(
     """
     cycle = scenario.cycle
     airframe_body = airframe(scenario.vehicle)
-    steps = physics_steps(cycle)
-    body = Body(scenario.vehicle, cycle / steps)
+    body = Body(scenario.vehicle, cycle)
     controller = controller_for(scenario)
     gyro = gyro_for(controller)
     estimator = StateEstimator(scenario)
@@ -91,7 +90,7 @@ def replay_setpoints(
         )
         air = AirState(roll=roll_moment, pitch=pitch_moment, yaw=yaw_moment)
         settled_speeds = body.settled_speeds(control.outputs, 1.0)
-        state = gyro.advance(body, state, settled_speeds, air, steps)
+        state = gyro.advance(body, state, settled_speeds, air)
         if tumbles(state):
             raise ValueError("the vehicle is out of control: it needs other gains")
     # Each sample gets the motion at the cycle that begins at it or next; the tolerance keeps rounding out.

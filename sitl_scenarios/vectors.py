@@ -1,6 +1,6 @@
 """Vectors and attitude quaternions as tuples of floats, with the few operations that the simulation needs.
 
-The physics take a thousand steps per simulated second with vectors of three and four elements. Plain floats are about
+The physics take hundreds of steps per simulated second with vectors of three and four elements. Plain floats are about
 ten times as fast there as NumPy arrays. Quaternions are (w, x, y, z), of unit length, from body axes (forward, right,
 down) to north-east-down (NED).
 """

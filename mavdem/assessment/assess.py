@@ -1,9 +1,9 @@
-"""Assessing a log: computes models, loops, events and lights of a vehicle, each from those before it."""
+"""Assessing a log: computes events, models, control loops and status lights of a vehicle, each from the ones before."""
 
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
-from functools import cache
+from functools import cached_property, partial
 from math import inf
 from typing import NamedTuple
 
@@ -156,7 +156,7 @@ def assess_signals(
     # The models of the axes, and the control loops, which need their physical parameters. Pitch and yaw do not depend
     # on roll, so that a second core computes them.
     loop_signals = signals.for_axis(AXES[0], options.inputs)
-    with _other_axes(log, loop_signals, axis, options, analysis) as other_axes:
+    with _results_of_other_axes(log, loop_signals, axis, options, analysis) as other_axes:
         analysis = analyse(
             log,
             signals,
@@ -187,8 +187,8 @@ def assess_signals(
     return Assessment(log, judgement, evidence, analyses)
 
 
-class _OtherAxes:
-    """Estimates and loops of pitch and yaw that another process computes; empty if there is no such process."""
+class _ResultsOfOtherAxes:
+    """Estimates and loops of pitch and yaw that a second process computes; empty if there is no such process."""
 
     def __init__(self, wait_for_results: Callable[[], dict[str, AxisResults] | None]) -> None:
         """Does not wait yet; the first access to the results does.
@@ -196,24 +196,30 @@ class _OtherAxes:
         Args:
             wait_for_results: waits for the process, and returns its results by axis; None if there is none.
         """
-        self._results = cache(lambda: freeze(wait_for_results() or {}))
+        self._wait_for_results = wait_for_results
+
+    @cached_property
+    def _results(self) -> dict[str, AxisResults]:
+        """The results by axis, once the process has computed them."""
+        return freeze(self._wait_for_results() or {})
 
     def estimates(self) -> dict[str, AxisEstimates]:
         """Returns the estimates by axis, once the process has computed them."""
-        return {axis: results.estimates for axis, results in self._results().items()}
+        return {axis: results.estimates for axis, results in self._results.items()}
 
     def loops(self) -> dict[str, Loop | Fact]:
         """Returns the loops by axis, or the facts about why they are not known, once the process has computed them."""
-        return {axis: results.loop for axis, results in self._results().items()}
+        return {axis: results.loop for axis, results in self._results.items()}
 
 
 @contextmanager
-def _other_axes(
+def _results_of_other_axes(
     log: Log, signals: Signals, axis: str, options: Options, analysis: LogAnalysis
-) -> Iterator[_OtherAxes]:
-    """Estimates physical parameters and loops of pitch and yaw in a second process while the caller analyses roll.
+) -> Iterator[_ResultsOfOtherAxes]:
+    """Estimates physical parameters and loops of pitch and yaw in a second process, while the caller analyses roll.
 
-    The process is started only if it saves time: if all axes are analysed with models, and a second core is there.
+    The process runs during the block of the ``with`` statement. It is started only if it saves time: if all axes are
+    analysed with models, and there is a second core.
 
     Args:
         log: the log.
@@ -225,19 +231,28 @@ def _other_axes(
     Yields:
         The results, empty without a second process. The first access to them waits for the process.
     """
-    if axis != ALL_AXES or not (options.with_model and analysis.learnability.learnable):
-        yield _OtherAxes(lambda: None)
+    learns_model = options.with_model and analysis.learnability.learnable
+    if axis != ALL_AXES or not learns_model:
+        yield _ResultsOfOtherAxes(_no_results)
         return
+    compute_results = partial(_results_by_axis, log, signals, analysis.alarms, options.start)
+    with in_second_process(compute_results) as wait_for_results:
+        yield _ResultsOfOtherAxes(wait_for_results)
 
-    def results_by_axis() -> dict[str, AxisResults]:
-        """Returns estimates and loops of pitch and yaw, in the second process."""
-        return {
-            name: results_of_axis(name, log, signals, analysis.alarms, options.start)
-            for name in AXES[1:]
-        }
 
-    with in_second_process(results_by_axis) as wait_for_results:
-        yield _OtherAxes(wait_for_results)
+def _no_results() -> None:
+    """Takes the place of the function that waits for a second process, if there is none."""
+
+
+def _results_by_axis(
+    log: Log, signals: Signals, alarms: Sequence[MotorAlarm], start: float
+) -> dict[str, AxisResults]:
+    """Returns estimates and loops of pitch and yaw, by axis.
+
+    Args:
+        log, signals, alarms, start: as for :func:`mavdem.assessment.axis.loops.results_of_axis`.
+    """
+    return {axis: results_of_axis(axis, log, signals, alarms, start) for axis in AXES[1:]}
 
 
 def _evidence_without_loops(
@@ -254,31 +269,33 @@ def _evidence_without_loops(
     Returns:
         The evidence, to which the loops are added later.
     """
-    # Each step needs the results of those before.
+    # Each step needs the results of the steps before.
     # 1. Reports of the autopilot, and events in the motion. A reported crash counts only if sensors confirm it.
     reports = reported_events(signals)
     events = _events_without_motors(signals, reports)
-    # 2. The ending, if the flight was lost.
+    # 2. The event with which the flight was lost, if it was (the ending).
     ending = ending_of(signals, events, analysis.condition.collective)
-    # 3. Losses of motor thrust until then, one of which may have caused the loss of the flight.
+    # 3. Losses of motor thrust until then.
     changes = _motor_changes(analysis, _first_loss(events, ending))
     events += with_motor_witnesses(signals, changes, reports)
-    saturated = saturation_losses(signals, events, ending)
-    saturated = with_motor_witnesses(signals, saturated, reports)
-    events += saturated
-    ending = with_saturated_motor(ending, saturated, events)
+    saturation = saturation_losses(signals, events, ending)
+    saturation = with_motor_witnesses(signals, saturation, reports)
+    events += saturation
+    # 4. The motor whose loss of thrust caused the ending, or the motors that were at their limit before it.
+    ending = with_saturated_motor(ending, saturation, events)
     ending = with_motors_limited_before(ending, events)
     if ending is not None:
         events.append(ending)
     evidence = Evidence(
         log,
         signals,
-        analysis.learnability,
-        analysis.condition,
-        wind,
-        tuple(in_time_order(events)),
-        ending,
+        learnability=analysis.learnability,
+        condition=analysis.condition,
+        wind=wind,
+        events=tuple(in_time_order(events)),
+        ending=ending,
     )
+    # 5. What is changed because of the flights, which follow from the ending.
     evidence = replace(evidence, events=with_batteries_on_ground(evidence))
     if evidence.reasons_not_to_fly:
         evidence = replace(evidence, wind=without_flight_advice(wind))
@@ -292,19 +309,21 @@ def _events_without_motors(signals: Signals, reports: Facts) -> list[Fact]:
 
 @np.errstate(all="ignore")
 def loss_of_flight(signals: Signals) -> Fact | None:
-    """Returns how a flight was lost, without the cause: only the whole assessment shows what failed first.
+    """Returns the event with which a flight was lost, without its cause: only an assessment shows what failed first.
 
     Args:
         signals: signals of the vehicle.
 
     Returns:
-        The event with which the assessment says that the flight was lost too, without its cause; None if no flight was
-        lost.
+        The same event as that of the assessment, but without the figures that name what failed first: ``cause``,
+        ``word`` (what the autopilot reported of a motor) and the subject. None if no flight was lost.
     """
-    ending = ending_of(signals, _events_without_motors(signals, reported_events(signals)))
+    reports = reported_events(signals)
+    ending = ending_of(signals, _events_without_motors(signals, reports))
     if ending is None or ending.code is Ending.LOSS_REPORTED:
+        # A loss that only the autopilot reports has no cause in the motion.
         return ending
-    # These figures name what failed first, which the changes of the motors may still correct.
+    # In an assessment the lost thrust of a motor, which is not computed here, may still correct these figures.
     return ending.replace(subject="", cause=None, word=None)
 
 
@@ -332,7 +351,7 @@ def _first_loss(events: Sequence[Fact], ending: Fact | None) -> Fact | None:
 
 
 def _motor_changes(analysis: LogAnalysis, ending: Fact | None) -> list[Fact]:
-    """Returns the thrust that motors lost, and other lasting changes of their balance, before control was lost.
+    """Returns the facts about thrust that motors lost, and about other lasting changes of their balance, before a loss.
 
     Args:
         analysis: analysis with the alarms on motors that a live session would have raised.

@@ -125,8 +125,8 @@ def _commands_at(motors: MotorOutputs, boot: int, motor: int, time: Array) -> Ti
     Returns:
         Commands (N,), as shares of the range.
     """
-    commands = motors.range_fractions(boot)
-    values = np.interp(time, commands.time, commands.values[:, motor])
+    commands = motors.motor_fractions(boot, motor)
+    values = np.interp(time, commands.time, commands.values)
     return TimeSeries(time, np.full(len(time), boot), values)
 
 
@@ -196,8 +196,7 @@ def _standstill(
     start, interval_end = interval
     end = min(interval_end, sensors.record_end)
     recorded = (start, end)
-    commands = motors.range_fractions(sensors.boot)
-    command = TimeSeries(commands.time, commands.boot, commands.values[:, motor])
+    command = motors.motor_fractions(sensors.boot, motor)
     is_in_interval = in_intervals(command.time, [recorded])
     share = float(command.values[is_in_interval].mean()) if is_in_interval.any() else 0.0
     no_rotation = supporting_fact(
@@ -481,6 +480,6 @@ def _command_fell(motors: MotorOutputs, boot: int, motor: int, interval: TimeInt
         motor: index of the motor.
         interval: start and end of the loss, s since boot.
     """
-    commands = motors.range_fractions(boot)
-    change = command_change(commands.time, commands.values[:, motor], interval, later_quantile=0.5)
+    commands = motors.motor_fractions(boot, motor)
+    change = command_change(commands.time, commands.values, interval, later_quantile=0.5)
     return change is not None and change.later < (1 - MIN_SPEED_CHANGE) * change.before

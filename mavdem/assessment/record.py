@@ -1,4 +1,4 @@
-"""The assessment of one vehicle of a log: every part of it computed once, as all surfaces show it."""
+"""The assessment of one vehicle of a log: all results, computed once, that the screen, pages and documents show."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ class NoLoop(NamedTuple):
 
 
 def analysed_contents(signals: Signals, analysis: LogAnalysis) -> VehicleContents:
-    """Returns what a log contains of one vehicle, for an inventory of the log, from an analysis that was made before.
+    """Returns what a log contains of one vehicle, as the inventory of a log lists it, from an analysis made before.
 
     Args:
         signals: signals of the vehicle.
@@ -67,11 +67,11 @@ def analysed_contents(signals: Signals, analysis: LogAnalysis) -> VehicleContent
 
 @dataclass(frozen=True, eq=False)
 class Assessment:
-    """What happened in a log, what its vehicle is, and what the figures are good for; ``str`` is the screen.
+    """What happened in a log, the state of its vehicle, its models and control loops; ``str`` is the screen's text.
 
-    The parts are computed in the order of ``mavdem.assessment.assess.assess_signals``. Only what takes seconds and few
-    callers need is computed when it is first read: the measured responses, the noise spectra, the advised gains, the
-    time history and the contents of the log.
+    Its results are computed in the order of ``mavdem.assessment.assess.assess_signals``. Only what takes seconds and
+    few callers need is computed when it is first read: the measured responses, the noise spectra, the advised gains,
+    the time history and the contents of the log.
     """
 
     log: Log
@@ -107,8 +107,8 @@ class Assessment:
     def loops(self) -> Mapping[str, Loop | NoLoop]:
         """The identified control loops by axis, "roll", "pitch" and "yaw".
 
-        Each is a ``Loop``, or a ``NoLoop`` whose ``refusal`` says why it is not known. If no vehicle was judged, the
-        headline is the refusal of all three.
+        Each is a ``Loop``, or a ``NoLoop`` whose ``refusal`` is the fact that says why the loop is not known. If no
+        vehicle was judged, that is the headline for all three.
         """
         if self.evidence is None:
             return ReadOnlyDict({axis: NoLoop(self.headline) for axis in AXES})
@@ -124,7 +124,7 @@ class Assessment:
 
     @property
     def axes_with_doubtful_loop(self) -> frozenset[str]:
-        """The axes whose identified loop a measured response speaks against."""
+        """The axes whose identified loop a measured response contradicts."""
         return frozenset() if self.evidence is None else self.evidence.axes_with_doubtful_loop
 
     @property
@@ -134,7 +134,7 @@ class Assessment:
 
     @property
     def loop_decisions(self) -> DecisionsByAxis:
-        """What is wrong with the loops of each axis, and what to change, as all surfaces show it."""
+        """What is wrong with the loops of each axis, and what to change."""
         return self.judgement.loop_decisions
 
     @property
@@ -164,27 +164,31 @@ class Assessment:
 
     @cached_property
     def advised_gains(self) -> AdviceByAxis:
-        """The gains to set by axis, as ``mavdem tune`` advises them, or why an axis has none.
+        """The advice on gains by axis, as ``mavdem tune`` gives it, or the fact that says why an axis has none.
 
-        Empty if no loop is identified, or, for a vehicle that must not fly, the reason under "all axes".
+        If no loop is identified, the mapping is empty; for a vehicle that must not fly, it has the reason under the key
+        "all axes".
         """
-        # Imported here: the tuning is of an assessment.
+        # Imported here, since that module imports this one.
         from mavdem.assessment.axis.tuning import tuned
 
         if self.evidence is None:
             return {}
         try:
             return tuned(self, AXES, is_written=False).axes
-        except NotLearnable as error:
-            return {"all axes": error.fact} if self.evidence.reasons_not_to_fly else {}
+        except NotLearnable as no_loop:
+            if self.evidence.reasons_not_to_fly:
+                return {"all axes": no_loop.fact}
+            return {}
 
     @cached_property
     def gain_trial(self) -> GainTrial | Fact | None:
-        """The flights of the twin on the recorded setpoints with the present and the advised gains.
+        """The simulated flights of the vehicle's twin with the present and with the advised gains.
 
-        A fact says why the twin cannot fly. None if no gains are to be changed.
+        Both follow the recorded setpoints. If the twin cannot be simulated, a fact says why. None if no gains are to be
+        changed.
         """
-        # Imported here: the twin is a simulator, which a log without advice does not need.
+        # Imported here, since the simulator takes time to import, and a log without advice does not need it.
         from mavdem.assessment.axis.twin import try_gains
 
         gains = advised_parameters(self.advised_gains)
@@ -193,21 +197,28 @@ class Assessment:
         return try_gains(self.evidence, gains, in_wind=False)
 
     def compute_for_page(self) -> None:
-        """Computes and caches what a page shows beyond the judgement, in two processes if there are two cores.
+        """Computes the cached properties that a page shows, in two processes at a time if there are two cores.
 
-        A second process computes the advice on gains and its trial, which take about as long as the measured responses
-        and spectra that this process computes. Without a loop there is no advice, and too little to compute for that.
+        A second process computes the advised gains and their trial, which takes about as long as the measured responses
+        and spectra, which this process computes. Without an identified loop there is no advice, and too little to
+        compute for a second process: then the properties are computed when the page reads them.
         """
         if not self.identified_loops:
             return
-        with in_second_process(lambda: (self.advised_gains, self.gain_trial)) as result:
+        with in_second_process(self._advised_gains_and_trial) as wait_for_result:
             # Access to these cached properties computes them.
             _ = self.responses, self.noise
-            computed = result()
-        if computed is not None:
-            # Cached properties store their values in the instance, where those of the second process are entered.
-            advised_gains, gain_trial = freeze(computed)
-            vars(self).update(advised_gains=advised_gains, gain_trial=gain_trial)
+            result = wait_for_result()
+        if result is not None:
+            # A ``cached_property`` stores its value in the instance's dictionary under its own name. The results of the
+            # second process are stored there too, so that they are not computed again.
+            advised_gains, gain_trial = freeze(result)
+            self.__dict__["advised_gains"] = advised_gains
+            self.__dict__["gain_trial"] = gain_trial
+
+    def _advised_gains_and_trial(self) -> tuple[AdviceByAxis, GainTrial | Fact | None]:
+        """Returns the advised gains, and the simulated flights with them."""
+        return self.advised_gains, self.gain_trial
 
     @property
     def spectra(self) -> Mapping[str, Spectrum]:
@@ -247,7 +258,7 @@ class Assessment:
 
     @cached_property
     def wind_of_model(self) -> WindVelocity | None:
-        """The wind, if it is of the same boot, and so on the same clock, as the training data of the model."""
+        """The wind velocity, if it was estimated in the boot of the model's training data: both share a clock then."""
         if self.wind is None or self.analysis is None or not self.analysis.flights:
             return None
         boot = boot_number(self.analysis.flights[0])
@@ -255,23 +266,25 @@ class Assessment:
 
     @cached_property
     def wind_share_of_torque(self) -> Fact | None:
-        """How much of the wind torque on the axis the wind velocity explains, as a fact.
+        """The share of the wind torque's variance that the wind velocity explains, as a fact.
 
-        It connects the two estimates of the wind: the torque (rad/s²) by the model of the axis, and the velocity (m/s)
-        by the vehicle's drag. The share is of the torque's variance at the samples that the model was trained on. None
+        The torque on the axis (rad/s²) is estimated with the learned model, the velocity (m/s) by the vehicle's drag:
+        two independent estimates of the same wind. They are compared at the samples that the model was trained on. None
         if one of the two is not known, they are of different boots, or the torque is smaller than its errors.
         """
-        if self.analysis is None or self.model is None or self.wind_of_model is None:
+        velocity = self.wind_of_model
+        if self.analysis is None or self.model is None or velocity is None:
             return None
-        torque = self.model.resolved_wind_torque
-        if torque is None:
+        # This is None if the torque is smaller than its errors.
+        wind_torque = self.model.resolved_wind_torque
+        if wind_torque is None:
             return None
-        time = np.concatenate([flight.time for flight in self.analysis.flights])
-        return torque_share_of_wind(self.wind_of_model, time, torque.torque)
+        training_time = np.concatenate([flight.time for flight in self.analysis.flights])
+        return torque_share_of_wind(velocity, training_time, wind_torque.torque)
 
     @property
     def contents(self) -> VehicleContents:
-        """The contents of the log about the vehicle, which an inventory of the log reports too.
+        """What the log contains of the vehicle, as ``mavdem info`` lists it: telemetry, condition, identity.
 
         It must only be used if a vehicle was judged, since there is no evidence otherwise.
         """

@@ -10,11 +10,13 @@ from collections.abc import Sequence
 from math import ceil
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from typing import Any
 
 import numpy as np
-from mcp.server.mcpserver import MCPServer
+from mcp.server.mcpserver import Context, MCPServer
 from mcp.server.mcpserver.exceptions import ToolError
-from mcp.types import ToolAnnotations
+from mcp.types import CallToolResult, InputRequiredResult, ToolAnnotations
+from pydantic import ValidationError
 
 from mavdem import __version__
 from mavdem.cli.exit_codes import EXIT_DONE, EXIT_UNSUPPORTED
@@ -24,6 +26,7 @@ from mavdem.errors import NotLearnable, Unreadable
 from mavdem.export.fields import FieldSamples, message_names, messages_of, samples_of
 from mavdem.ingest import Telemetry, read_log
 from mavdem.ingest.all_messages import with_all_messages
+from mavdem.report.numbers import listed
 
 INSTRUCTIONS = """\
 mavdem says what a multirotor's flight log shows: what happened, which of eight lights is bad, stability margins and \
@@ -49,9 +52,54 @@ READ_ONLY = ToolAnnotations(read_only_hint=True, open_world_hint=False)
 """What every tool is: it changes nothing, and reaches nothing but the files it is given."""
 
 
+class AssistantServer(MCPServer):  # type: ignore[misc]
+    """A server of tools that says in sentences which arguments a call lacks, or which do not fit."""
+
+    async def call_tool(
+        self, name: str, arguments: dict[str, Any], context: Context[Any, Any] | None = None
+    ) -> CallToolResult | InputRequiredResult:
+        """Calls a tool.
+
+        Args:
+            name: Name of the tool.
+            arguments: Its arguments by name.
+            context: Context of the request, as the server gives it.
+
+        Returns:
+            The tool's result.
+
+        Raises:
+            ToolError: The tool is not known or refuses, or its arguments do not fit.
+        """
+        try:
+            return await super().call_tool(name, arguments, context)
+        except ToolError as error:
+            if isinstance(error.__cause__, ValidationError):
+                raise ToolError(_argument_error(name, error.__cause__)) from error
+            raise
+
+
+def _argument_error(tool: str, error: ValidationError) -> str:
+    """Returns sentences on the arguments of a tool that are missing, and on those that do not fit."""
+    missing = []
+    sentences = []
+    for problem in error.errors():
+        argument = ".".join(map(str, problem["loc"]))
+        if problem["type"] == "missing":
+            missing.append(argument)
+        else:
+            message = problem["msg"].removeprefix("Input ")
+            sentences.append(f"{argument} {message}.")
+    if missing:
+        sentences.insert(0, f"{tool} needs {listed(missing)}.")
+    return " ".join(sentences)
+
+
 def make_server() -> MCPServer:
     """Returns a server with all tools, which serves standard input and output by its ``run()``."""
-    server = MCPServer("mavdem", instructions=INSTRUCTIONS, version=__version__, log_level="ERROR")
+    server = AssistantServer(
+        "mavdem", instructions=INSTRUCTIONS, version=__version__, log_level="ERROR"
+    )
     for tool in (review, tune, wind, diff, messages, samples):
         server.tool(annotations=READ_ONLY, structured_output=False)(tool)
     return server

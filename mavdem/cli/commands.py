@@ -111,7 +111,8 @@ class LazyCommandGroup(click.Group):
             completions.
         """
         if args[0] not in self.commands and looks_like_log_name(args[0]):
-            args = ["review", *args]
+            # What begins with a hyphen stood behind "--", which the group has taken.
+            args = ["review", *(["--"] if args[0].startswith("-") else []), *args]
         name, command, command_args = super().resolve_command(ctx, args)
         if command is None:
             return name, command, command_args

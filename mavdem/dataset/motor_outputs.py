@@ -105,6 +105,17 @@ class MotorOutputs:
         fractions = self.scale.fraction(self.outputs[rows])
         return TimeSeries(self.time[rows], self.boot[rows], fractions)
 
+    def motor_fractions(self, boot: int, motor: int) -> TimeSeries:
+        """Returns the outputs (N,) of one motor in one boot as fractions of the range.
+
+        Args:
+            boot: Number of the boot.
+            motor: Index of the motor.
+        """
+        rows = rows_of_boot(self.boot, boot)
+        fractions = self.scale.fraction(self.outputs[rows, motor])
+        return TimeSeries(self.time[rows], self.boot[rows], fractions)
+
 
 def motor_outputs_or_reason(telemetry: Telemetry) -> MotorOutputs | Fact:
     """Returns the motor outputs of a vehicle, or why a log has none.

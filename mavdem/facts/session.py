@@ -43,6 +43,7 @@ class LinkFact(Code):
     NOT_A_LINK = "not_a_link"
     LINK_PORT_TOO_HIGH = "link_port_too_high"
     FILE_IS_NO_LINK = "file_is_no_link"
+    FOLDER_IS_NO_LINK = "folder_is_no_link"
     CONNECTION_LOST = "connection_lost"
     LINK_OPEN_AGAIN = "link_open_again"
     TWO_ADDRESSES = "two_addresses"

@@ -611,7 +611,7 @@ def _parse_name(name: str) -> _LinkAddress:
         Kind, host and port; empty host and port 0 of a serial port.
 
     Raises:
-        Unreadable: it is neither, it is a file such as a log, or its port number is too high.
+        Unreadable: it is neither, it is a file such as a log, or a folder, or its port number is too high.
     """
     network_name = _NETWORK_NAME.fullmatch(name)
     if network_name is not None:
@@ -626,6 +626,8 @@ def _parse_name(name: str) -> _LinkAddress:
             return _LinkAddress(kind, host.strip("[]") or LOOPBACK, port)
     if os.path.isfile(name):
         raise Unreadable(LinkFact.FILE_IS_NO_LINK, name=name)
+    if os.path.isdir(name):
+        raise Unreadable(LinkFact.FOLDER_IS_NO_LINK, name=name)
     if not os.path.isabs(name) and not _WINDOWS_PORT.fullmatch(name):
         raise Unreadable(LinkFact.NOT_A_LINK, name=name)
     return _LinkAddress(LinkKind.SERIAL, "", 0)

@@ -64,17 +64,19 @@ MAX_FILE_NAME_BYTES = 150
 def stored_file_name(name: str) -> str:
     """Returns the name under which a log is stored: its name without characters that could form a path.
 
+    Spaces stay, so that what a review says to do with the log names it as the user does.
+
     Names of more than ``MAX_FILE_NAME_BYTES`` lose their beginning, so that the extension remains. A name that Windows
-    reserves for a device, with any extension, gets an underscore before it, and dots at the end are removed, since a
-    folder of logs may be moved to Windows.
+    reserves for a device, with any extension, gets an underscore before it, and dots and spaces at the end are removed,
+    since a folder of logs may be moved to Windows.
 
     Args:
         name: name of the uploaded file, of any characters.
     """
-    plain_name = re.sub(r"[^\w.()-]", "_", name).lstrip(".")
+    plain_name = re.sub(r"[^\w.() -]", "_", name).strip().lstrip(".")
     # Cutting bytes may leave a part of a character at the beginning, which is dropped.
-    short_name = plain_name.encode()[-MAX_FILE_NAME_BYTES:].decode(errors="ignore").lstrip(".")
-    short_name = short_name.rstrip(".")
+    short_name = plain_name.encode()[-MAX_FILE_NAME_BYTES:].decode(errors="ignore").lstrip(". ")
+    short_name = short_name.rstrip(". ")
     if RESERVED_NAME.match(short_name):
         return f"_{short_name}"
     return short_name or "log"

@@ -9,7 +9,7 @@ from recorded_flights import recorded
 from refusals import refused
 
 from mavdem.assessment.axis import loops
-from mavdem.assessment.axis.gains import autotune_fact, parts_with_one_gain_set
+from mavdem.assessment.axis.gains import autotune_fact, sections_with_one_gain_set
 from mavdem.dataset.alignment import aligned_flight
 from mavdem.dataset.segments import settled_segments
 from mavdem.dataset.signals import Signals
@@ -37,7 +37,7 @@ def flown(values, modes=()):
     signals = Signals(telemetry)
     flights = tuple(aligned_flight(signals, segment) for segment in settled_segments(signals))
     assert (round(flights[0].time[0]), round(flights[0].time[-1])) == (12, 51)
-    return parts_with_one_gain_set(signals, flights)
+    return sections_with_one_gain_set(signals, flights)
 
 
 def test_the_longest_part_with_one_set_of_gains_has_these():

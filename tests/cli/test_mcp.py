@@ -39,6 +39,8 @@ def answers(tmp_path_factory):
         "dropped blocks": ("samples", {"log": dataflash, "message": "DSF", "field": "Dp"}),
         "translated": ("samples", {"log": dataflash, "message": "ATTITUDE", "field": "roll"}),
         "no message": ("samples", {"log": dataflash, "message": "LIFT", "field": "roll"}),
+        "no arguments": ("samples", {}),
+        "no number": ("samples", {"log": log, "message": "A", "field": "b", "start": "soon"}),
         "no log": ("tune", {"log": "nothing.tlog"}),
         "lights": ("review", {"log": log, "parts": ["lights"]}),
     }
@@ -92,6 +94,9 @@ def test_errors_are_sentences(answers):
     assert results["no field"].is_error and results["no log"].is_error
     assert "ATTITUDE has no field lift" in results["no field"].content[0].text
     assert "nothing.tlog does not exist." in results["no log"].content[0].text
+    assert results["no arguments"].content[0].text == "samples needs log, message and field."
+    said = results["no number"].content[0].text
+    assert said.startswith("start should be a valid number") and "pydantic" not in said
 
 
 def test_a_log_of_many_messages_is_described_as_far_as_it_is_listed(monkeypatch):

@@ -6,6 +6,7 @@ import socket
 import termios
 import time
 from contextlib import closing, contextmanager
+from pathlib import Path
 
 from command_line import free_port
 from mavlink_streams import message
@@ -230,6 +231,7 @@ def test_a_serial_port_is_read_raw_silent_and_its_loss_is_reported():
         "udpin:a:b:c": LinkFact.NOT_A_LINK,
         "udpin:127.0.0.1:99999": LinkFact.LINK_PORT_TOO_HIGH,
         __file__: LinkFact.FILE_IS_NO_LINK,
+        str(Path(__file__).parent): LinkFact.FOLDER_IS_NO_LINK,
         "tcp:no.such.host.invalid:5760": LinkError.NO_HOST,
         "udpin:192.0.2.1:14550": LinkError.NOT_LOCAL,
         "/dev/no_such_port": LinkError.NO_PORT,

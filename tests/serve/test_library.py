@@ -395,8 +395,8 @@ def test_names_of_logs_lead_nowhere():
         plain = stored_file_name(name)
         assert plain not in ("", ".", "..") and not set(plain) & set("/\\\0")
         assert len(plain.encode()) <= 150
-    assert stored_file_name("Flug über (2).ulg") == "Flug_über_(2).ulg"
-    assert stored_file_name("C:\\logs\\a b.tlog") == "C__logs_a_b.tlog"
+    assert stored_file_name("Flug über (2).ulg") == "Flug über (2).ulg"
+    assert stored_file_name("C:\\logs\\a b.tlog") == "C__logs_a b.tlog"
     assert [
         stored_file_name(name) for name in ("NUL", "aux.tlog", "Com1.bin.", "auxiliary.bin")
     ] == [

@@ -143,20 +143,27 @@ def analyse(
 def analyse_without_model(
     log: Log, signals: Signals, axis: str = ALL_AXES, options: Options | None = None
 ) -> LogAnalysis:
-    """Returns the part of the analysis of one vehicle's log that needs no model, which takes little time.
+    """Analyses one vehicle's log without learning a model, which takes little time.
+
+    A caller that wants the model too passes the result to :func:`analyse` as ``other_axis``, so that nothing is
+    computed twice.
 
     Args:
-        log, signals, axis, options: as for :func:`analyse`, which completes the result if it is given as its
-            ``other_axis``.
+        log: the log.
+        signals: signals of the vehicle.
+        axis: "roll", "pitch", "yaw", or ``ALL_AXES``, which stands for roll here.
+        options: choices of the user; None for the defaults.
 
     Returns:
-        The analysis, with what the log allows and the condition of the vehicle; its ``learned`` is None.
+        The analysis: what the log allows, the condition and identity of the vehicle, and the changes of its motors. Its
+        ``learned`` is None.
     """
     options = options or Options()
-    signals = signals.for_axis(AXES[0] if axis == ALL_AXES else axis, options.inputs)
-    _, learnability = usable_segments(signals, log.components)
+    first_axis = AXES[0] if axis == ALL_AXES else axis
+    axis_signals = signals.for_axis(first_axis, options.inputs)
+    _, learnability = usable_segments(axis_signals, log.components)
     return _analysis_without_model(
-        log, signals, learnability, other_axis=None, with_motors=options.with_motors
+        log, axis_signals, learnability, other_axis=None, with_motors=options.with_motors
     )
 
 
@@ -336,7 +343,8 @@ def _with_other_axes(
         log: the log.
         signals: signals of the vehicle, with the inputs to use.
         progress: shows the share of the axes that are done.
-        estimates_of_other_axes: returns the estimates that need not be computed here.
+        estimates_of_other_axes: a function that returns estimates by axis which a second process has computed; axes
+            that are missing in them are computed here.
 
     Returns:
         A copy of the analysis with all three axes.
@@ -361,8 +369,8 @@ def motor_alarms(signals: Signals) -> tuple[MotorAlarm, ...]:
 
     The samples of settled flight are passed one by one to the detector that live sessions use. A live session detects
     the end of the climb-out half a second late, and a landing only after it, so that its times differ by the same
-    amount. An interval of settled flight without such an alarm is also searched as a whole for a motor that lost thrust
-    slowly.
+    amount. An interval of settled flight in which no motor changed suddenly is also searched as a whole for a motor
+    that lost thrust slowly.
 
     Args:
         signals: signals of the vehicle.
@@ -417,9 +425,10 @@ def _gradual_losses(
     Returns:
         At most one alarm for each interval, in the order of the intervals.
     """
+    times_of_sudden_changes = [change.time for change in changes if change.motor is not None]
     losses = []
     for start, end in settled:
-        if any(start <= change.time <= end and change.motor is not None for change in changes):
+        if any(start <= time <= end for time in times_of_sudden_changes):
             continue
         is_in_interval = in_intervals(commands.time, [(start, end)])
         loss = gradual_loss(

@@ -14,7 +14,7 @@ import numpy as np
 
 from mavdem.arrays import Array, Flags
 from mavdem.assessment.axis.findings import Findings, findings_of
-from mavdem.assessment.axis.gains import parts_with_one_gain_set
+from mavdem.assessment.axis.gains import sections_with_one_gain_set
 from mavdem.assessment.condition import Condition
 from mavdem.assessment.identity import Identity
 from mavdem.assessment.tier import Tier
@@ -115,7 +115,8 @@ def _weak_motor_intervals(alarms: Sequence[MotorAlarm]) -> list[TimeInterval]:
         alarms: alarms of one boot.
 
     Returns:
-        Start and end of each interval, s since boot; the end is infinite without a recovery. Intervals may overlap.
+        Start and end of each interval, s since boot; the end is infinite without a recovery. Each is extended by
+        ``MAX_ONSET_ERROR``, by which the times of alarms may be wrong, so that intervals may overlap.
     """
     intervals = []
     for loss in alarms:
@@ -163,16 +164,19 @@ class LogAnalysis:
 
     @property
     def estimates_by_axis(self) -> Mapping[str, AxisEstimates]:
-        """Physical parameters by axis, for the axes of which they were estimated.
+        """Physical parameters and wind torque by axis, for the axes of which they were estimated.
 
-        These are roll, pitch and yaw if all axes were analysed, and otherwise only the axis of the model. The mapping
-        is empty without a model.
+        These are roll, pitch and yaw if all axes were analysed (``axes``), and otherwise only the axis of the model.
+        The mapping is empty without a model.
         """
-        if self.axes or self.learned is None:
-            return self.axes
         learned = self.learned
+        if self.axes or learned is None:
+            return self.axes
         estimates = AxisEstimates(
-            self.flights, learned.physical, learned.wind_torque, learned.physical_reason
+            self.flights,
+            physical=learned.physical,
+            wind=learned.wind_torque,
+            reason=learned.physical_reason,
         )
         return {self.learnability.axis: estimates}
 
@@ -185,16 +189,22 @@ class LogAnalysis:
 
     @cached_property
     def findings(self) -> Findings:
-        """What makes the flight doubtful, and the grade of its model for each purpose.
+        """Faults that make the flight doubtful, such as a weak motor, and the grade of its model for each purpose.
 
-        One of the doubts is that the recorded rates may not be the derivative of the recorded angles (the consistency
-        of both). Only the fast streams of a full model show that.
+        One of the faults is that the recorded body rates do not match the recorded angles, of which they should be the
+        derivative. Slow streams do not show that, so that it is tested only if the log allows a full model.
         """
-        consistency = None
-        if self.model == "full":
-            consistency = self.learnability.figures.consistency
+        # Share of the angle's changes that the recorded rates explain, 0 to 1.
+        rate_consistency = None
+        if self.learnability.learnable:
+            rate_consistency = self.learnability.figures.consistency
         return findings_of(
-            self.learned, self.held_out, self.condition, self.alarms, consistency, self.trim
+            self.learned,
+            self.held_out,
+            self.condition,
+            self.alarms,
+            consistency=rate_consistency,
+            trim=self.trim,
         )
 
     @property
@@ -293,27 +303,32 @@ def model_figures(flights: Flights, learned: Learned, held_out: HeldOut) -> Json
 
 
 def _simulation_fit_figures(learned: Learned) -> JsonValues | None:
-    """Returns figures of the simulation-error fit of a model, by the keys of ``report.json``.
+    """Returns figures of the simulation-error (output-error) fit of a model, by the keys of ``report.json``.
+
+    Such a fit minimises the errors of simulations that begin at each sample and last for a fixed number of samples.
 
     Args:
-        learned: the learned model.
+        learned: the learned model, with r inputs.
 
     Returns:
-        A dictionary: ``samples`` is how many samples ahead the fit simulates, ``converged`` whether it converged,
-        ``numbers`` the effective number of residuals, ``parameters`` the number of free parameters, ``turning`` the
-        weights of the inputs in the command of the axis, and ``terms`` has the terms of the objective at the last
-        iteration. None for a model without such a fit.
+        A dictionary: ``samples`` is how many samples each simulation lasts, ``converged`` whether the fit converged,
+        ``numbers`` the effective sample size, ``parameters`` the number of free parameters, ``turning`` the weights
+        (r,) with which the inputs sum to the command of the axis, and ``terms`` has the terms of the objective at the
+        last iteration. None for a model without such a fit.
     """
     fit = learned.simulation_fit
     if fit is None:
         return None
+    # The first column of the mixer is the command of the axis.
+    axis_weights = learned.joint.mixer[:, 0]
+    last_terms = {name: values[-1] for name, values in fit.terms.items()}
     return {
         "samples": fit.horizon,
         "converged": fit.converged,
         "numbers": fit.effective_samples,
         "parameters": len(fit.free),
-        "turning": learned.joint.mixer[:, 0],
-        "terms": {name: term[-1] for name, term in fit.terms.items()},
+        "turning": axis_weights,
+        "terms": last_terms,
     }
 
 
@@ -365,7 +380,7 @@ def physical_parameters(signals: Signals, flights: Flights) -> Physical | NotIde
     is_reliable = isinstance(open_loop, Physical) and open_loop.identifiable and not open_loop.bias
     try:
         # The controller is known only while its gains do not change.
-        flights_of_gains, _ = parts_with_one_gain_set(signals, flights)
+        flights_of_gains, _ = sections_with_one_gain_set(signals, flights)
         closed_loop = identify_plant_in_loop(signals, flights_of_gains)
     except NotLearnable as error:
         return open_loop if is_reliable else open_loop._replace(refusal=error.fact)
@@ -400,9 +415,12 @@ def estimates_of_axis(
     parameters = physical_parameters(signals, flights)
     if isinstance(parameters, NotIdentifiable):
         return AxisEstimates(flights, None, None, parameters.reason)
+    changes = motor_changes(alarms, flights)
     try:
-        wind_torque = estimate_wind_torque(parameters, record, *motor_changes(alarms, flights))
+        wind_torque = estimate_wind_torque(
+            parameters, record, changes.samples, changes.has_weak_motor
+        )
     except ValueError:
         # NumPy's LinAlgError is a ValueError.
         wind_torque = None
-    return AxisEstimates(flights, parameters, wind_torque, None)
+    return AxisEstimates(flights, parameters, wind_torque, reason=None)

@@ -1,4 +1,4 @@
-"""Changes of the controller's gains in a log: parts of a flight with one set of gains, and what AutoTune changed."""
+"""Changes of the controller's gains in a log: sections of flight with constant gains, and what AutoTune changed."""
 
 import re
 from collections import defaultdict
@@ -59,76 +59,81 @@ class BootTime(NamedTuple):
     """Time on the boot clock, s."""
 
 
-class OneGainSetParts(NamedTuple):
-    """The parts of some flights with one set of gains."""
+class OneGainSetSections(NamedTuple):
+    """The sections of some flights that were flown with one set of gains."""
 
     flights: Flights
-    """The parts; their provenance has these gains as parameters."""
+    """The sections; their provenance has these gains as parameters."""
     caution: Fact | None
-    """That other parts, with other gains, were left out; None if there are none."""
+    """That other sections, with other gains, were left out; None if there are none."""
 
 
 @cached_per_vehicle("axis", "inputs")
-def parts_with_one_gain_set(signals: Signals, flights: Flights) -> OneGainSetParts:
-    """Selects the parts of flights with the one set of gains of the axis that was flown longest.
+def sections_with_one_gain_set(signals: Signals, flights: Flights) -> OneGainSetSections:
+    """Selects the sections of flights with the one set of gains of the axis that was flown longest.
 
     A control loop can be identified only while its gains do not change. So each flight is cut at each change of the
-    gains of the axis, the parts are grouped by their gains, and the group with the most samples is selected. Parts in
-    ArduPilot's AutoTune are left out, since the gains that it tries are not logged as parameters. Parts that are too
-    short to learn from are left out as well.
+    gains of the axis, the sections are grouped by their gains, and the group with the most samples is selected.
+    Sections in ArduPilot's AutoTune are left out, since the gains that it tries are not logged as parameters. Sections
+    that are too short to learn from are left out as well.
 
     Args:
         signals: signals of the vehicle and axis, with the parameters of the log.
         flights: settled flight of the axis.
 
     Returns:
-        The parts, and a caution if anything was left out. Its figure ``parts`` contains the duration, s, of each other
-        set of gains that was flown, and the gains that differ, the longest first. Its ``ratings`` are empty until
+        The sections, and a caution if anything was left out. Its figure ``parts`` contains the duration, s, of each
+        other set of gains that was flown, and the gains that differ, the longest first. Its ``ratings`` are empty until
         :func:`mavdem.assessment.axis.loops.loop_of_axis` adds the margins with those gains.
 
     Raises:
-        NotLearnable: no part is left.
+        NotLearnable: no section is left.
     """
-    parts_by_gains = _parts_by_gains(signals, flights)
-    if not parts_by_gains:
+    sections_by_gains = _sections_by_gains(signals, flights)
+    if not sections_by_gains:
         raise NotLearnable(LoopFact.GAINS_OF_AUTOTUNE)
-    sample_counts = {gains: sum(map(len, parts)) for gains, parts in parts_by_gains.items()}
+    sample_counts = {
+        gains: sum(map(len, sections)) for gains, sections in sections_by_gains.items()
+    }
     longest_flown_gains = max(sample_counts, key=lambda gains: sample_counts[gains])
-    parts_of_longest = parts_by_gains.pop(longest_flown_gains)
-    parts_with_gains = tuple(_with_gains(part, longest_flown_gains) for part in parts_of_longest)
+    sections_of_longest = sections_by_gains.pop(longest_flown_gains)
+    sections_with_gains = tuple(
+        _with_gains(section, longest_flown_gains) for section in sections_of_longest
+    )
     # No caution is needed if nothing was left out.
     if sample_counts[longest_flown_gains] == sum(map(len, flights)):
-        return OneGainSetParts(parts_with_gains, caution=None)
+        return OneGainSetSections(sections_with_gains, caution=None)
     # Each entry is the duration for which another set of gains was flown, and the gains that differ.
     other_sets = []
     changed_names = set[str]()
-    for gains, parts in parts_by_gains.items():
+    for gains, sections in sections_by_gains.items():
         changes = sorted(set(gains) - set(longest_flown_gains))
-        other_sets.append((sum(part.duration for part in parts), changes))
+        other_sets.append((sum(section.duration for section in sections), changes))
         changed_names.update(name for name, _ in changes)
     caution = Fact(
         LoopFact.GAINS_OF_PART,
         names=sorted(changed_names),
         parts=sorted(other_sets, reverse=True),
         ratings=(),
-        duration=sum(part.duration for part in parts_with_gains),
+        duration=sum(section.duration for section in sections_with_gains),
         settled=sum(flight.duration for flight in flights),
     )
-    return OneGainSetParts(parts_with_gains, caution)
+    return OneGainSetSections(sections_with_gains, caution)
 
 
-def _parts_by_gains(signals: Signals, flights: Flights) -> dict[GainValues, list[Flight]]:
-    """Cuts flights at each change of the gains of the axis, and groups the parts by their gains.
+def _sections_by_gains(signals: Signals, flights: Flights) -> dict[GainValues, list[Flight]]:
+    """Cuts flights at each change of the gains of the axis, and groups the sections by their gains.
 
     Args:
         signals: signals of the vehicle and axis.
-        flights: settled flight of the axis.
+        flights: samples of the axis in settled flight.
 
     Returns:
-        Parts of at least ``MIN_SAMPLES`` by their gains, without those in AutoTune.
+        By a set of gains, the sections of flight with these gains: at least ``MIN_SAMPLES`` samples each, and without
+        sections in which AutoTune tried gains.
     """
     history = gain_history(signals)
-    parts_by_gains = defaultdict[GainValues, list[Flight]](list)
+    sections_by_gains = defaultdict[GainValues, list[Flight]](list)
     for flight in flights:
         boot = boot_number(flight)
         autotune = mode_intervals(signals, boot, AUTOTUNE_MODES)
@@ -137,12 +142,12 @@ def _parts_by_gains(signals: Signals, flights: Flights) -> dict[GainValues, list
             is_autotuned = any(start <= start_time < stop for start, stop in autotune)
             if end - first >= MIN_SAMPLES and not is_autotuned:
                 gains = _gains_at(history, BootTime(boot, start_time))
-                parts_by_gains[gains].append(flight[first:end])
-    return parts_by_gains
+                sections_by_gains[gains].append(flight[first:end])
+    return sections_by_gains
 
 
 def _rows_of_changes(flight: Flight, history: Sequence[GainSet], autotune: Intervals) -> list[int]:
-    """Returns the rows at which a flight must be cut so that the gains are constant in each part.
+    """Returns the rows at which a flight must be cut so that the gains are constant in each section.
 
     Args:
         flight: samples of one boot.
@@ -150,7 +155,8 @@ def _rows_of_changes(flight: Flight, history: Sequence[GainSet], autotune: Inter
         autotune: start and end of the intervals in which AutoTune changed gains, s since boot.
 
     Returns:
-        Ascending rows. The first is 0 and the last the number of samples, so that each pair of neighbours is one part.
+        Ascending rows. The first is 0 and the last the number of samples, so that each pair of neighbours bounds one
+        section.
     """
     boot = boot_number(flight)
     change_times = [gain_set.time for gain_set in history if gain_set.boot == boot]
@@ -251,8 +257,8 @@ def _is_gain_of_axis(name: str, axis: str) -> bool:
 def changed_gains_at_end(signals: Signals, controller: Controller) -> Fact | None:
     """Returns the fact that a log ends with other gains of an axis than a control loop was identified with.
 
-    A pilot, or AutoTune, may have changed them after the part of the flight that the loop is identified from. The gains
-    at the end of the log are those that the vehicle still has.
+    A pilot, or AutoTune, may have changed them after the flight that the loop is identified from. The gains at the end
+    of the log are those that the vehicle still has.
 
     Args:
         signals: signals of the vehicle, for the axis.
@@ -277,16 +283,17 @@ def loop_at_end_of_log(loop: Loop) -> Loop:
     Advice on gains starts from these.
 
     Args:
-        loop: an identified loop, among whose cautions is the fact of
-            :func:`changed_gains_at_end`, if there are such gains.
+        loop: an identified loop. If gains were changed after the flight that it was identified from, the fact of
+            :func:`changed_gains_at_end` is among its cautions.
 
     Returns:
-        The loop of the same plant with these gains.
+        The loop of the same plant with these gains; the loop itself if no gain was changed, or the gains make no
+        complete controller.
     """
     for caution in loop.cautions:
         if caution.code is LoopFact.GAINS_SINCE:
-            gains = {name: value for name, _, value in caution.figures["changes"]}
-            # Gains that make no complete controller are no starting point: the loop then keeps its own.
+            # A change is the name of a gain, its value in the loop, and its value at the end of the log.
+            gains = {name: last_value for name, _, last_value in caution.figures["changes"]}
             with suppress(NotLearnable):
                 return loop.with_parameters(gains)
     return loop
@@ -427,7 +434,7 @@ def margin_ratings(loop: Loop, gain_sets: Iterable[Parameters]) -> Facts:
         gain_sets: parameters to change, by the autopilot's names.
 
     Returns:
-        A rating for each set; empty if any of the sets makes no complete controller.
+        The margin rating (a fact) of each set; empty if any of the sets makes no complete controller.
     """
     try:
         return tuple(margin_rating(loop.with_parameters(gains)) for gains in gain_sets)

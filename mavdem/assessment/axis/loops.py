@@ -10,7 +10,7 @@ from mavdem.assessment.axis.gains import (
     autotune_fact,
     changed_gains_at_end,
     margin_ratings,
-    parts_with_one_gain_set,
+    sections_with_one_gain_set,
 )
 from mavdem.assessment.axis.training import flights_after_start
 from mavdem.dataset.axes import AXES
@@ -69,16 +69,26 @@ def loops_of_axes(
         else:
             loop = identified_loop_or_reason(axis_signals, log, start, estimates.get(axis))
         loops[axis] = loop
-        if isinstance(loop, Loop):
-            # The identification of a loop has added the fact about AutoTune to its cautions.
-            for caution in loop.cautions:
-                if caution.code is LoopFact.AUTOTUNED:
-                    autotune_facts.append(caution)
-        else:
-            autotune_without_loop = autotune_fact(axis_signals, loop)
-            if autotune_without_loop is not None:
-                autotune_facts.append(autotune_without_loop)
+        autotune = _fact_about_autotune(axis_signals, loop)
+        if autotune is not None:
+            autotune_facts.append(autotune)
     return LogLoops(loops, autotune_facts)
+
+
+def _fact_about_autotune(signals: Signals, loop: Loop | Fact) -> Fact | None:
+    """Returns the fact that AutoTune changed the gains of an axis; None if it did not.
+
+    Args:
+        signals: signals of the vehicle, for the axis.
+        loop: the identified loop of the axis, or why it is not known.
+    """
+    if not isinstance(loop, Loop):
+        return autotune_fact(signals, loop)
+    # The identification of the loop has computed this fact already, and added it to the cautions.
+    for caution in loop.cautions:
+        if caution.code is LoopFact.AUTOTUNED:
+            return caution
+    return None
 
 
 class AxisResults(NamedTuple):
@@ -93,7 +103,9 @@ class AxisResults(NamedTuple):
 def results_of_axis(
     axis: str, log: Log, signals: Signals, alarms: Sequence[MotorAlarm], start: float
 ) -> AxisResults:
-    """Returns physical parameters, wind torque and control loops of one axis, as a second process computes them.
+    """Estimates physical parameters, wind torque and control loops of one axis without learning a model.
+
+    A second process calls this for pitch and yaw, while the first one learns the model of roll.
 
     Args:
         axis: "roll", "pitch" or "yaw".
@@ -139,7 +151,9 @@ def loop_of_axis(
         estimates: physical parameters of the axis, if they were estimated before.
 
     Returns:
-        The loops. They are identified from the parts of the flight with the gains that were flown longest.
+        The loops. They are identified from the sections of flight with the gains that were flown longest. A caution
+        (a fact that limits what the loops may be used for) says which other gains were flown, whether AutoTune changed
+        gains, and whether the log ends with other gains.
 
     Raises:
         NotLearnable: the loops cannot be identified; the error says why.
@@ -150,18 +164,20 @@ def loop_of_axis(
         segments, learnability = usable_segments(signals, log.components, MIN_SLOW_MOTION_RATE)
     if not segments:
         raise NotLearnable(learnability.reason)
-    flights, gains_changed = parts_with_one_gain_set(signals, flights_after_start(segments, start))
-    # The estimates are of all flights: they are those of these parts only if no gains changed.
-    fitted = None
-    if estimates is not None and gains_changed is None:
-        fitted = estimates.physical
-    loop = loop_from_plant(_plant(signals, flights, fitted), Record.from_flights(flights))
-    if gains_changed is not None:
-        # The parts of the flight with other gains are rated as the identified plant would fly with those.
-        other_gains = (dict(changes) for _, changes in gains_changed.figures["parts"])
-        gains_changed = gains_changed.replace(ratings=margin_ratings(loop, other_gains))
+    all_flights = flights_after_start(segments, start)
+    flights, other_gains_caution = sections_with_one_gain_set(signals, all_flights)
+    # The earlier estimates are of all flights, which are the selected sections only if no gains changed.
+    gray_box_fit = None
+    if estimates is not None and other_gains_caution is None:
+        gray_box_fit = estimates.physical
+    loop = loop_from_plant(_plant(signals, flights, gray_box_fit), Record.from_flights(flights))
+    if other_gains_caution is not None:
+        # Sections with other gains are rated by the margins that the identified plant would have with those gains.
+        other_gain_sets = (dict(changes) for _, changes in other_gains_caution.figures["parts"])
+        ratings = margin_ratings(loop, other_gain_sets)
+        other_gains_caution = other_gains_caution.replace(ratings=ratings)
     cautions_on_gains = (
-        gains_changed,
+        other_gains_caution,
         autotune_fact(signals, loop),
         changed_gains_at_end(signals, loop.controller),
     )
@@ -177,12 +193,11 @@ Inputs and outputs alone show the plant worse, so that the fit by these does not
 
 
 def _plant(signals: Signals, flights: Flights, gray_box_fit: Physical | None) -> Physical:
-    """Identifies the plant of an axis, in its closed loop if possible.
+    """Identifies the plant of an axis, in its closed loop if possible, otherwise by the gray-box fit.
 
     Identification in the closed loop uses the logged controller and setpoints. If these are not known, the plant is
-    that of the gray-box fit, which uses inputs and outputs alone. Its ``refusal`` then says why the closed loop could
-    not be used. If the closed loop was identified, but too poorly for margins, there is no result: margins by the
-    gray-box fit would be even worse.
+    that of the gray-box fit, which uses inputs and outputs alone. If the closed loop was identified, but too poorly for
+    margins, there is no result: margins by the gray-box fit would be even worse.
 
     Args:
         signals: signals of the vehicle, for the axis.
@@ -190,7 +205,8 @@ def _plant(signals: Signals, flights: Flights, gray_box_fit: Physical | None) ->
         gray_box_fit: result of the gray-box fit; None if it must still be computed.
 
     Returns:
-        The plant: angular acceleration of the axis per command of the motors.
+        The plant: angular acceleration of the axis per command of the motors. The ``refusal`` of a gray-box fit says
+        why the closed loop could not be used.
 
     Raises:
         NotLearnable: the plant is not identifiable in either way.
@@ -198,24 +214,24 @@ def _plant(signals: Signals, flights: Flights, gray_box_fit: Physical | None) ->
     try:
         return identify_plant_in_loop(signals, flights)
     except NotLearnable as error:
-        if error.fact.code in MARGIN_REFUSALS:
+        closed_loop_reason = error.fact
+        if closed_loop_reason.code in MARGIN_REFUSALS:
             raise
-        plant = (gray_box_fit or physical(flights))._replace(refusal=error.fact)
-    if isinstance(plant, Physical) and plant.identifiable:
-        return plant
-    assert plant.refusal is not None
-    unidentified = plant.caution if isinstance(plant, Physical) else plant.reason
-    if plant.refusal.code is LoopFact.NO_RATE_SETPOINT and unidentified is not None:
+    fit = gray_box_fit or physical(flights)
+    if isinstance(fit, Physical) and fit.identifiable:
+        return fit._replace(refusal=closed_loop_reason)
+    gray_box_reason = fit.caution if isinstance(fit, Physical) else fit.reason
+    if closed_loop_reason.code is LoopFact.NO_RATE_SETPOINT and gray_box_reason is not None:
         # Both reasons are reported. The missing setpoint alone would mislead: on other axes of the same log, without it
         # too, inputs and outputs may suffice.
-        raise NotLearnable(LoopFact.NO_LOOP, reasons=(plant.refusal, unidentified))
-    raise NotLearnable(plant.refusal)
+        raise NotLearnable(LoopFact.NO_LOOP, reasons=(closed_loop_reason, gray_box_reason))
+    raise NotLearnable(closed_loop_reason)
 
 
 def loop_of_parameters_or_reason(estimates: AxisEstimates, record: Record | None) -> Loop | Fact:
     """Returns the control loops of an axis that follow from its physical parameters, or why they are not known.
 
-    It serves live sessions: there the closed loop is not identified, since that needs a whole log.
+    Live sessions use it. They do not identify the closed loop, since that needs a whole log.
 
     Args:
         estimates: estimates of the axis, with its physical parameters or the reason why there are none.

@@ -52,7 +52,7 @@ class AxisMargins:
 
     axis: str
     loop: Loop | Fact | None
-    """The identified loop, unless a measurement refutes it; otherwise why it is not known."""
+    """The identified loop, unless a measured response contradicts it; otherwise why it is not known."""
     response: Resonance | None
     """The largest response of the rate to its setpoint; None if it was not measured."""
     peak: Resonance | None
@@ -65,16 +65,19 @@ class AxisMargins:
 
     @property
     def is_loop_doubtful(self) -> bool:
-        """Whether a measured response speaks against the identified loop, so that its margins must not be trusted."""
+        """Whether a measured response contradicts the identified loop, so that its margins must not be trusted."""
         return not isinstance(self.loop, Loop) or self.contradiction is not None
 
     @cached_property
     def facts(self) -> Facts:
         """What is known of the stability margins: at most two facts, each good, to be watched or bad.
 
-        The first fact is of the best source that the log has: the measurement by an injected signal, otherwise the
-        identified loop, otherwise a peak of the spectrum. The response of the rate to its setpoint is a second,
-        independent one. A fact of the level "unknown", whose interval contains the limit, is left out.
+        1. A fact about the margins themselves, from the best source that the log has: the loop measured by an injected
+           signal, otherwise the identified loop, otherwise a peak in the spectrum of the rate, which may be an
+           oscillation of the loop.
+        2. Independently, whether the measured response of the rate to its setpoint has a resonance.
+
+        A fact of the level "unknown", whose interval contains the limit, is left out.
         """
         facts = []
         if self.injected is not None:
@@ -82,14 +85,24 @@ class AxisMargins:
         elif isinstance(self.loop, Loop):
             facts.append(_loop_fact(self.loop, self.contradiction))
         elif self.peak is not None:
-            fact = _peak_fact(MarginsLight.RATE_STANDS_OUT, None, self.peak)
-            if isinstance(self.loop, Fact) and self.loop.code in SETPOINT_WAS_LOGGED:
-                # The usual advice, to log the setpoint, would not help: the reason why there is no loop is added.
-                fact = fact.replace(reason=self.loop)
-            facts.append(fact)
+            facts.append(self._spectral_peak_fact(self.peak))
         if self.response is not None:
             facts.append(resonance_fact(self.response))
         return tuple(fact for fact in facts if fact.level is not Level.UNKNOWN)
+
+    def _spectral_peak_fact(self, peak: Resonance) -> Fact:
+        """Returns the fact that the spectrum of the rate has a peak, for an axis whose loop is not known.
+
+        Its usual advice is to log the setpoint, by which the loop can be identified. If that was logged already, the
+        fact has the reason why the loop is not known instead.
+
+        Args:
+            peak: the peak.
+        """
+        fact = _peak_fact(MarginsLight.RATE_STANDS_OUT, None, peak)
+        if isinstance(self.loop, Fact) and self.loop.code in SETPOINT_WAS_LOGGED:
+            return fact.replace(reason=self.loop)
+        return fact
 
 
 def margins_of(
@@ -116,10 +129,10 @@ def margins_of(
             AxisMargins(
                 axis,
                 loop,
-                setpoint_resonance(axis_signals, segments),
-                spectral_resonance(axis_signals, segments),
-                injected_loop(axis_signals, recorded_spans(axis_signals)),
-                _contradiction(loop, axis_signals, segments),
+                response=setpoint_resonance(axis_signals, segments),
+                peak=spectral_resonance(axis_signals, segments),
+                injected=injected_loop(axis_signals, recorded_spans(axis_signals)),
+                contradiction=_contradicting_response(loop, axis_signals, segments),
             )
         )
     return tuple(margins)
@@ -145,10 +158,13 @@ def axes_with_doubtful_loop(
     )
 
 
-def _contradiction(loop: Loop | Fact | None, signals: Signals, segments: Segments) -> Fact | None:
-    """Returns the fact that the measured response of the rate differs from the one that a loop predicts.
+def _contradicting_response(
+    loop: Loop | Fact | None, signals: Signals, segments: Segments
+) -> Fact | None:
+    """Returns the fact that the measured response of the rate to its setpoint contradicts a loop's prediction.
 
-    The two are compared here only if the comparison over all frequencies (:attr:`Loop.agrees`) was undecided.
+    The two are compared here only if the comparison of the identification, over all frequencies (:attr:`Loop.agrees`),
+    did not decide whether they agree.
 
     Args:
         loop: the identified loop of the axis, or why it is not known.
@@ -164,7 +180,6 @@ def _contradiction(loop: Loop | Fact | None, signals: Signals, segments: Segment
     measured = rate_step_response(signals, segments, loop)
     if isinstance(measured, Fact):
         return None
-    # Row ``ESTIMATE`` of the closed loop is of the estimated plant; the other rows are of sampled plants.
     comparison = response_comparison(
         measured, loop, loop.rate.frequency, loop.rate.closed_loop_of_estimate
     )
@@ -178,11 +193,13 @@ def response_comparison(
 ) -> Fact | None:
     """Returns the fact that a measured and a predicted response agree, or which of the two is doubtful.
 
-    This comparison, of the gain |T| at some frequencies, is left out if it contradicts the comparison over all
-    frequencies (:attr:`Loop.agrees`), so that no report calls the same loop right in one place and wrong in another.
+    The gains |T| of both are compared at some frequencies. The identification of the loop has compared the response at
+    all frequencies already (:attr:`Loop.agrees`). If the two comparisons contradict each other, this one is left out,
+    so that no report calls the same loop right in one place and wrong in another.
 
-    A difference does not cast doubt on the loop in two cases: if a motor was at a limit too often, since the response
-    is not linear then, and if gains changed in flight, since the measured response then mixes two loops.
+    If the first comparison did not decide, a difference does not cast doubt on the loop in two cases: if a motor was at
+    a limit too often, since the response is not linear then, and if gains changed in flight, since the measured
+    response then mixes two loops.
 
     Args:
         measured: the measured response.
@@ -191,26 +208,27 @@ def response_comparison(
         closed_loop: (F,) predicted frequency response of the closed loop.
 
     Returns:
-        The fact; None if it contains nothing about the loop.
+        The fact; None if the comparison is left out, or a difference casts no doubt on the loop.
     """
     comparison = measured.comparison(frequency, closed_loop)
     if loop.agrees is not None:
-        return comparison if comparison.is_good == loop.agrees else None
+        confirms_identification = comparison.is_good == loop.agrees
+        return comparison if confirms_identification else None
     if comparison.is_good:
         return comparison
     reason = loop.measured.reason if loop.measured is not None else None
-    is_limited = reason is not None and reason.code is ResponseFact.RESPONSE_LIMITED
-    has_changed = any(caution.code is LoopFact.PARAMETERS_CHANGED for caution in loop.cautions)
-    return None if is_limited or has_changed else comparison
+    were_motors_limited = reason is not None and reason.code is ResponseFact.RESPONSE_LIMITED
+    gains_changed = any(caution.code is LoopFact.PARAMETERS_CHANGED for caution in loop.cautions)
+    return None if were_motors_limited or gains_changed else comparison
 
 
 def _confirmed_loop(axis: str, loops: Mapping[str, Loop | Fact]) -> Loop | Fact | None:
     """Returns the identified loop of an axis, unless the measured response contradicts it.
 
     Each loop predicts the response of the rate to its setpoint, which is measured in flight too. If the two differ, the
-    loop is rejected. If too little was measured to compare them, the other axes decide: if the response of one of them
-    has less than half of the required fit, the vehicle did not fly with the gains or the mixer that its parameters
-    state, and every loop computed from them is rejected.
+    loop is rejected, for the reason ``Loop.disagreement``. If too little was measured to compare them, the other axes
+    decide: if the response of one of them has less than half of the required fit, the vehicle did not fly with the
+    gains or the mixer that its parameters state, and every loop computed from them is rejected.
 
     Args:
         axis: "roll", "pitch" or "yaw".

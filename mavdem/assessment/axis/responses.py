@@ -1,4 +1,4 @@
-"""Measured closed-loop responses of rate and attitude of each axis, compared with those that the loops predict."""
+"""Measured closed-loop responses of rate and attitude of each axis, and their predictions by the identified loops."""
 
 from collections.abc import Mapping
 from types import MappingProxyType
@@ -81,11 +81,9 @@ def responses_of(evidence: Evidence) -> Responses:
         rate = rate_step_response(signals, segments, loop if isinstance(loop, Loop) else None)
         attitude = attitude_step_response(signals, segments)
         if isinstance(loop, Loop):
-            # Row ``ESTIMATE`` of a closed loop is of the estimated plant; the other rows are of sampled plants.
+            rate_prediction = loop.rate.closed_loop_of_estimate
+            rate_response = _compared_response(rate, loop, loop.rate, rate_prediction)
             attitude_prediction = predicted_attitude_response(loop, has_feedforward=has_feedforward)
-            rate_response = _compared_response(
-                rate, loop, loop.rate, loop.rate.closed_loop_of_estimate
-            )
             attitude_response = _compared_response(
                 attitude, loop, loop.attitude, attitude_prediction
             )
@@ -100,37 +98,38 @@ def responses_of(evidence: Evidence) -> Responses:
 
 
 def advised_steps(responses: Responses, advice_by_axis: AdviceByAxis) -> StepsByLoop:
-    """Predicts the step responses with the advised gains, at the times of the measured responses.
+    """Predicts the step responses with the advised gains, at the times of the measured step responses.
 
-    They are plotted together with the measured ones, so that they contain the feedforward of the attitude's setpoint
-    too, where the autopilot adds one.
+    They are plotted together with the measured ones. So the prediction for the attitude contains the feedforward of the
+    setpoint's derivative if the autopilot adds it.
 
     Args:
         responses: the measured responses of the rate and attitude loop of each axis.
-        advice_by_axis: advice on each axis, or why there is none; its ``after`` are the loops with the advised gains.
+        advice_by_axis: advice on the gains of each axis, or why there is none.
 
     Returns:
-        By axis and loop, the response to a step of 1 at the times of the measured one; only where gains change, and a
-        response was measured.
+        By axis and then by loop ("rate" or "attitude"), the response (N,) to a unit step of the setpoint, at the N
+        times of the measured one. Axes whose gains do not change, and loops without a measured response, are left out.
     """
     steps = dict[str, dict[str, Array]]()
-    for axis, loops in responses.items():
+    for axis, response_by_loop in responses.items():
         advice = advice_by_axis.get(axis)
         if not isinstance(advice, Advice) or not advice.parameters:
+            # No gain of this axis changes.
             continue
-        advised_loop = advice.after
+        loop_with_advised_gains = advice.after
         steps[axis] = {}
-        for loop_name, response in loops.items():
+        for loop_name, response in response_by_loop.items():
             if not isinstance(response.measured, StepResponse):
                 continue
-            # Row ``ESTIMATE`` is of the estimated plant; the other rows are of sampled plants.
-            closed_loop = advised_loop.rate.closed_loop_of_estimate
-            if loop_name == "attitude":
+            if loop_name == "rate":
+                closed_loop = loop_with_advised_gains.rate.closed_loop_of_estimate
+            else:
                 closed_loop = predicted_attitude_response(
-                    advised_loop, has_feedforward=response.has_feedforward
+                    loop_with_advised_gains, has_feedforward=response.has_feedforward
                 )
             steps[axis][loop_name] = step_from_frequency_response(
-                advised_loop.rate.frequency, closed_loop, response.measured.time
+                loop_with_advised_gains.rate.frequency, closed_loop, response.measured.time
             )
     return steps
 
@@ -149,7 +148,6 @@ def predicted_attitude_response(loop: Loop, *, has_feedforward: bool) -> Complex
     Returns:
         (F,) at ``loop.attitude.frequency``.
     """
-    # Row ``ESTIMATE`` is of the estimated plant; the other rows are of sampled plants.
     closed_loop = loop.attitude.closed_loop_of_estimate
     if not has_feedforward:
         return closed_loop

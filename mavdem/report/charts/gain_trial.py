@@ -122,7 +122,6 @@ def predicted_step_chart(loops: LoopsByAxis, loop_name: str) -> Chart:
     lines = []
     for name, loop in loops.items():
         rate_or_attitude_loop = loop.rate if loop_name == "rate" else loop.attitude
-        # The first row is the response with the estimated plant; the other rows are draws of uncertain plants.
         closed_loop_response = rate_or_attitude_loop.closed_loop_of_estimate
         frequency = rate_or_attitude_loop.frequency
         step = step_from_frequency_response(frequency, closed_loop_response, time)
