@@ -78,6 +78,12 @@ def fleet_blocks(
             named_count += 1
             if summary.vehicle.health == UNKNOWN:
                 unjudged_count += 1
+    latest_bad = [
+        f"{name}: {as_clause(vehicles[name].texts.latest_flight)}"
+        for name in sorted(several)
+        if vehicles[name].last.badge_level is Level.BAD
+    ]
+    bad_count = _count_bad_unnamed_flights(summaries, vehicles_of_headline)
     blocks = render_section(
         "fleet",
         health=_health_summary(vehicles_of_headline, names),
@@ -89,14 +95,10 @@ def fleet_blocks(
         duplicate_logs=sum(summary.flown.duplicates for summary in summaries),
         unjudged=unjudged_count,
         unnamed_flights=unnamed_flights,
-        bad_unnamed_flights=_count_bad_unnamed_flights(summaries, vehicles_of_headline),
-        bad_names=abbreviated_list(
-            [
-                f"{name}: {as_clause(vehicles[name].texts.latest_flight)}"
-                for name in sorted(several)
-                if vehicles[name].last.badge_level is Level.BAD
-            ]
-        ),
+        bad_unnamed_flights=bad_count,
+        # Of each shared name the latest flight alone is described.
+        bad_names=abbreviated_list(latest_bad),
+        are_all_described=len(latest_bad) == bad_count,
     )
     unused = [row for summary in summaries for row in summary.unused if row.is_first]
     return [*blocks, *_unused_blocks(unused)]

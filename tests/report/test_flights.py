@@ -146,6 +146,9 @@ def test_flights_by_a_system_id_are_no_vehicle_until_they_are_judged_as_one():
     fell = replace(rows[1], headline="It fell.", headline_level="bad")
     text = plain_text(fleet_blocks([rows[0], fell, flight_row("quad", 0)]))
     assert text.startswith("1 bad flight whose vehicle is not known needs a look: px4-1: it fell.")
+    both = [replace(row, headline="It fell.", headline_level="bad") for row in rows]
+    text = plain_text(fleet_blocks(both))
+    assert text.startswith("2 bad flights whose vehicle is not known need a look: among them px4-")
     judged = [replace(row, health="fault") for row in rows]
     text = plain_text(fleet_blocks([*judged, flight_row("quad", 0)]))
     assert "1 needs a look: px4-1 (fault)" in text and "2 flights whose logs" in text

@@ -22,6 +22,7 @@ from mavdem.report.charts.vehicle_charts import vehicle_group
 from mavdem.report.fleet import (
     MAX_URGENT_RANK,
     NOT_USED,
+    TROUBLED_HEALTHS,
     is_serial,
     short_name,
     vehicle_label,
@@ -384,18 +385,18 @@ class UnnamedFlight(NamedTuple):
 def _bad_unnamed_flights(summaries: Sequence[VehicleSummary]) -> list[UnnamedFlight]:
     """Returns the bad flights under names that several vehicles may share, such as system ids, the newest first.
 
-    If the page has a section on the flights under such a name, their latest flight is left out here, because the
-    section shows it.
+    If motors under such a name are in trouble, the headline counts it as a vehicle, and the latest flight is left out
+    here, because the section on that vehicle shows it.
 
     Args:
         summaries: summary of the flights under each name, with the line of each flight in the table of all flights.
     """
-    names_with_section = vehicles_with_section(summaries)
+    vehicles = vehicles_with_section(summaries)
     summaries_of_shared_names = [summary for summary in summaries if summary.has_shared_name]
     lines_in_sections = [
         _latest_line(summary)
         for summary in summaries_of_shared_names
-        if summary.name in names_with_section
+        if summary.name in vehicles and vehicles[summary.name].health in TROUBLED_HEALTHS
     ]
     flights = []
     for line in _newest_first(summaries_of_shared_names):
