@@ -63,6 +63,12 @@ class OutputPaths:
     page: Path | None
     """Page on what happened."""
 
+    @property
+    def any_exists(self) -> bool:
+        """Whether one of the files exists already."""
+        paths = (self.rrd, self.record, self.model, self.page)
+        return any(path is not None and path.exists() for path in paths)
+
 
 @dataclass(frozen=True)
 class LiveOptions:
@@ -268,7 +274,7 @@ def live_command(
             try:
                 flight = _follow_vehicle(
                     options,
-                    _output_paths(*_numbered_paths(named_paths, number)),
+                    _paths_of_number(named_paths, number),
                     opened_link,
                     executor,
                     flight.next_vehicle,
@@ -336,6 +342,9 @@ def _follow_vehicle(
             try:
                 first_pieces = former_flight.move_frames_of_next_vehicle(recording)
             except OSError as error:
+                recording.close()
+                assert record is not None
+                record.unlink()
                 raise Unreadable(
                     LinkFact.STREAM_FILE_FAILED, path=record, error=error_message(error)
                 ) from None
@@ -459,14 +468,21 @@ def _document_of_flights(flights: Sequence[FollowedFlight]) -> LiveDocument:
 def _unused_number(paths: Sequence[Path | None], first_number: int) -> int:
     """Returns the first number for the files of a further vehicle with which none of them exists yet.
 
+    Model and page count too, which are written beside the others without being named.
+
     Args:
         paths: Paths of the files for the flight of the first vehicle; None for a file that is not named.
         first_number: First number that is tried.
     """
     number = first_number
-    while any(path is not None and path.exists() for path in _numbered_paths(paths, number)):
+    while _paths_of_number(paths, number).any_exists:
         number += 1
     return number
+
+
+def _paths_of_number(paths: Sequence[Path | None], number: int) -> OutputPaths:
+    """Returns all files of a further vehicle, named or not; the arguments are those of :func:`_numbered_paths`."""
+    return _output_paths(*_numbered_paths(paths, number))
 
 
 def _numbered_paths(paths: Sequence[Path | None], number: int) -> list[Path | None]:

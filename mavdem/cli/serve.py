@@ -4,7 +4,7 @@ from pathlib import Path
 
 import click
 
-from mavdem.cli.options import NumberRange, jobs_option
+from mavdem.cli.options import NumberRange, jobs_option, vehicle_option
 from mavdem.cli.streams import print_to_stderr
 from mavdem.dem.parallel import available_workers
 from mavdem.extras import require_extra
@@ -71,6 +71,7 @@ a process is replaced after a few logs, since Rerun leaves 20 MB and four thread
     metavar="HZ",
     help="Ask the vehicle of --link for rates and parameters, as `mavdem live` does; without it nothing is sent.",
 )
+@vehicle_option
 @click.option("--no-browser", is_flag=True, help="Open no browser.")
 def serve_command(
     folder: Path,
@@ -83,6 +84,7 @@ def serve_command(
     scheduler: str | None,
     link: str | None,
     request_rate: float | None,
+    vehicle: str | None,
     no_browser: bool,
 ) -> None:
     """Shows dropped logs in a browser, and the library of flights.
@@ -105,6 +107,10 @@ def serve_command(
         raise click.UsageError(
             "--request-rate asks the vehicle of --link: give --link LINK too, or leave --request-rate out."
         )
+    if vehicle is not None and link is None:
+        raise click.UsageError(
+            "--vehicle chooses among those of --link: give --link LINK too, or leave --vehicle out."
+        )
     require_extra("serve", "`mavdem serve`")
     # The web framework takes a second to import, live sessions as long, and `mavdem serve --help` does not need them.
     from mavdem.cli.live_status import print_event
@@ -123,6 +129,7 @@ def serve_command(
         sample_log=SAMPLE_LOG,
         link=link,
         request_rate=request_rate,
+        vehicle=vehicle,
     )
 
     def report_address(address: str) -> None:

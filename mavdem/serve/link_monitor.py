@@ -24,6 +24,7 @@ from mavdem.live.raw_recording import RawRecording
 from mavdem.live.session import LiveSession
 from mavdem.live.session_loop import run_session
 from mavdem.live.session_status import SessionStatus
+from mavdem.live.vehicle_selection import Component
 from mavdem.report.pages.flight_page import live_page
 from mavdem.report.pages.page import PageLink
 from mavdem.report.templates import Medium, sentences_for
@@ -98,6 +99,7 @@ class LinkMonitor:
         report_event: Callable[[Event], None],
         request_rate: float | None = None,
         server_address: str = "",
+        vehicle: str | None = None,
     ) -> None:
         """Opens the link; sessions begin with :meth:`start`.
 
@@ -110,6 +112,7 @@ class LinkMonitor:
                 flight is saved.
             request_rate: rate that each vehicle is asked for, Hz; None to send nothing at all.
             server_address: URL of the server, with which the address of a saved flight begins.
+            vehicle: "system" or "system:component" of the only vehicle to follow; None for any that sends.
 
         Raises:
             Unreadable: the link cannot be opened.
@@ -127,6 +130,7 @@ class LinkMonitor:
         self._report_event = report_event
         self._server_address = server_address
         self._request_rate = request_rate
+        self._chosen_vehicle = vehicle
         # Name of the vehicle that the next session is to follow; None for the only one on the link.
         self._next_vehicle: str | None = None
         # The recording of that session, where it has messages of that vehicle already.
@@ -194,7 +198,9 @@ class LinkMonitor:
         session = LiveSession(
             self._link,
             LiveStream(
-                MODEL_AXIS, self._next_vehicle, rates_requested=self._request_rate is not None
+                MODEL_AXIS,
+                self._next_vehicle or self._chosen_vehicle,
+                rates_requested=self._request_rate is not None,
             ),
             Settings(),
             _ignore,
@@ -205,6 +211,7 @@ class LinkMonitor:
             self._request_rate,
             # An empty name: the user finds the recording in the library when the session has ended.
             recording_name="",
+            keeps_vehicle=self._chosen_vehicle is not None,
             first_pieces=first_pieces,
         )
         self._silent_pages = 0
@@ -232,11 +239,7 @@ class LinkMonitor:
                 session.end()
             vehicle = session.stream.followed_vehicle
             if successor is not None and vehicle is not None:
-                next_recording = self._new_recording()
-                pieces = recording.move_after(
-                    vehicle.system, vehicle.component, next_recording.recording
-                )
-                self._next_recording = next_recording._replace(first_pieces=pieces)
+                self._next_recording = self._recording_of_successor(recording, vehicle)
         finally:
             newly_lost = self._link.dropped_datagrams - self._lost_datagrams
             self._lost_datagrams += newly_lost
@@ -260,6 +263,29 @@ class LinkMonitor:
         """Creates the recording of a session, among the incoming files of the library."""
         path = self._library.new_incoming_path(_recording_name(datetime.now(UTC)))
         return _IncomingRecording(RawRecording(path), path)
+
+    def _recording_of_successor(
+        self, recording: RawRecording, vehicle: Component
+    ) -> _IncomingRecording:
+        """Creates the recording of the next session, and moves what came of its vehicle already to it.
+
+        Args:
+            recording: recording of the session that ends.
+            vehicle: vehicle of that session.
+
+        Raises:
+            OSError: the frames cannot be moved. Then there is no recording of the next session.
+        """
+        next_recording = self._new_recording()
+        try:
+            pieces = recording.move_after(
+                vehicle.system, vehicle.component, next_recording.recording
+            )
+        except OSError:
+            next_recording.recording.close()
+            next_recording.path.unlink()
+            raise
+        return next_recording._replace(first_pieces=pieces)
 
     def _take_event(self, event: Event) -> None:
         """Passes on an event of a session that the server's terminal prints: a warning, or one of ``REPORTED_CODES``.

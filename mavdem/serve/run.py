@@ -75,6 +75,8 @@ class ServerOptions:
     """Address of a MAVLink link to monitor."""
     request_rate: float | None = None
     """Rate that its vehicle is asked for, Hz; None to send nothing to it."""
+    vehicle: str | None = None
+    """The only vehicle of that link to follow, "system" or "system:component"; None for any."""
 
 
 def serve(
@@ -116,6 +118,7 @@ def serve(
             report_event,
             options.request_rate,
             server_address=url,
+            vehicle=options.vehicle,
         )
     viewer = RecordingViewer()
     # The viewer opens on this machine only, so it is offered only where all visitors sit at this machine.

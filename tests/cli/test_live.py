@@ -104,7 +104,8 @@ def test_the_vehicle_that_sends_after_the_followed_one_has_files_of_its_own(
         assert is_end_requested() == (len(wanted) == 1)
 
     monkeypatch.setattr("mavdem.cli.live.run_session", fly)
-    (here / "f-2.html").touch()
+    # A file that is not named, but written beside the recording.
+    (here / "f-2.model.json").touch()
     words = f"udpin:127.0.0.1:{free_port()} --record f.tlog --html f.html --json"
     assert run("live", *words.split()) == 1
     _, second = wanted

@@ -259,7 +259,18 @@ def test_the_flight_of_a_silent_vehicle_is_saved_and_the_one_that_sends_is_follo
     assert found == 1
 
 
-@mark.parametrize("end", ["in the session", "after the session", "no file"])
+def test_only_the_vehicle_that_was_chosen_is_followed(idle, monkeypatch):
+    live, _ = idle
+    live._chosen_vehicle = "4:1"
+    sessions = []
+    monkeypatch.setattr(link_monitor, "live_page", Mock(return_value=""))
+    monkeypatch.setattr(link_monitor, "run_session", lambda session, *_: sessions.append(session))
+    live._run_one_session(None)
+    [session] = sessions
+    assert session.stream.status().obstacle.subject == "4:1" and session._keeps_vehicle
+
+
+@mark.parametrize("end", ["in the session", "after the session", "no file", "no move"])
 def test_no_recorded_frame_of_the_next_vehicle_is_lost_when_the_server_ends(idle, monkeypatch, end):
     """Nor where the next recording cannot be created."""
     live, _ = idle
@@ -272,6 +283,8 @@ def test_no_recorded_frame_of_the_next_vehicle_is_lost_when_the_server_ends(idle
             live._is_stopping.set()
         elif end == "no file":
             monkeypatch.setattr(link_monitor, "RawRecording", Mock(side_effect=OSError))
+        elif end == "no move":
+            monkeypatch.setattr(RawRecording, "move_after", Mock(side_effect=OSError))
 
     monkeypatch.setattr(link_monitor, "live_page", Mock(return_value=""))
     monkeypatch.setattr(link_monitor, "run_session", fly)
@@ -283,3 +296,4 @@ def test_no_recorded_frame_of_the_next_vehicle_is_lost_when_the_server_ends(idle
     entries, _ = live._library.find("1", [], 10)
     systems = [systems_in(live._library.log_path(entry)) for entry in entries]
     assert sorted(map(sorted, systems)) == ([[1], [2]] if end == "after the session" else [[1, 2]])
+    assert not [*live._library.new_incoming_path("f.tlog").parent.iterdir()]
