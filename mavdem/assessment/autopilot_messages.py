@@ -203,7 +203,7 @@ def _problem_of_text(message: StatusText, *, warns: bool) -> Fact | None:
 
     Args:
         message: the text.
-        warns: whether its severity is that of a warning or worse. Such a text is quoted if no pattern fits.
+        warns: whether its severity is a warning or worse. Such a text is quoted if no pattern fits.
 
     Returns:
         The fact; None for a text that reports no problem, or the end of one.
@@ -400,7 +400,7 @@ def _merged_pair(first: Fact, repetition: Fact) -> Fact:
 
     Returns:
         A fact with the time of the first one, the later end, the worse level, the messages of both, a subject if either
-        has one, and a count that is one higher. All other figures are those of the first fact.
+        has one, and a count that is one higher. All other figures are taken from the first fact.
     """
     last_time = max(_last_time(first), _last_time(repetition))
     # A dictionary keeps each name once, in order.

@@ -75,7 +75,7 @@ def voltage_levels(parameters: Parameters, number: int, cells: int) -> Limits:
 def cell_count(parameters: Parameters, battery: Battery) -> int | None:
     """Returns the number of cells that a battery has in series.
 
-    The number is that of a PX4 parameter or of the battery's messages. If neither has it, each of the usual
+    The number comes from a PX4 parameter or from the battery's messages. If neither has it, each of the usual
     ``CELL_COUNTS`` is tried: the voltage of the full battery divided by the count must be a possible voltage of a full
     cell (``FULL_CELL_VOLTAGES``). The number is known if exactly one count fits.
 

@@ -111,7 +111,7 @@ def condition_of(signals: Signals, *, with_oscillation: bool = True) -> Conditio
 
     Args:
         signals: signals of the vehicle. They may have been prepared for a model whose inputs are not the motors'
-            outputs but, for example, torque setpoints; the figures of the motors are always those of the outputs.
+            outputs but, for example, torque setpoints; the figures of the motors are always made of the outputs.
         with_oscillation: whether the flight is searched for a limit cycle, which takes most of the time.
 
     Returns:
@@ -286,7 +286,7 @@ def _vibration_figures(signals: Signals, settled: Segments) -> VibrationFigures 
     is_in_segment = in_segments(vibration.levels, *settled, slack=0)
     if not is_in_segment.any():
         return None
-    # Columns are the axes of the first IMU, then those of the others.
+    # Columns are the axes of the first IMU, then the axes of the others.
     levels_of_first_imu = vibration.levels.values[is_in_segment, : len(vibration.axes)]
     clips = vibration.most_clips(is_in_segment)
     return VibrationFigures(tuple(levels_of_first_imu.mean(axis=0)), clips)
@@ -335,7 +335,7 @@ def _battery_figures(battery: Battery, segments: Segments) -> BatteryFigures | N
     current_mean, current_max = None, None
     if battery.current is not None:
         amperes = battery.current.values[in_segments(battery.current, *segments, slack=0)]
-        # A negative current means "not measured". A current of 0 in flight is that of a sensor that is missing or not
+        # A negative current means "not measured". A current of 0 in flight means a sensor that is missing or not
         # calibrated.
         if len(amperes) and amperes.min() > 0:
             current_mean, current_max = amperes.mean(), amperes.max()

@@ -146,7 +146,7 @@ class ContactSearch:
     def _largest_contact_knock(self, start: float, end: float) -> Fact | None:
         """Returns the largest knock of an interval that can be a contact with the ground.
 
-        A knock high in the air, such as that of a propeller that breaks, is none: then the search continues after it.
+        A knock high in the air, such as a propeller makes that breaks, is none: then the search continues after it.
 
         Args:
             start: beginning of the interval, s since boot.

@@ -181,7 +181,7 @@ def _commands_around(signals: Signals, boot: int, interval: TimeInterval) -> _Lo
 def _all_off(commands: _LossCommands) -> Fact | None:
     """Returns the fact that all motors were switched off before the vehicle was lost, with the time; None if not.
 
-    A motor is off below ``OFF_RATIO`` of its usual command. The time is that of the first sample at which all are.
+    A motor is off below ``OFF_RATIO`` of its usual command. The time is when all are off at one sample first.
 
     Args:
         commands: commands of the motors while the vehicle was lost, just before, and as usual in the flight.
@@ -232,7 +232,7 @@ def _thrust_spent(commands: _LossCommands, loss_context: LossContext) -> Fact | 
 def _failure_of_motor(
     commands: _LossCommands, loss_context: LossContext, weak: WeakMotor
 ) -> Fact | None:
-    """Returns the fact that one motor failed, by its command and that of the motor across from it.
+    """Returns the fact that one motor failed, by its command and the command of the motor across from it.
 
     If a motor gives too little thrust, the controller drives it to its upper limit, and throttles the opposite motor to
     idle, to level the vehicle. A vehicle that only swings to and fro commands the same for a moment. So there is no
@@ -408,7 +408,7 @@ def weak_motor(
     """Finds the one motor to whose side the vehicle fell and which the commands try to lift.
 
     The sum of the motors' positions, weighted with the changes of their commands, points to the side that the commands
-    lift. There must be exactly one motor with which both this direction and that of the fall are aligned.
+    lift. There must be exactly one motor with which both this direction and the fall are aligned.
 
     Args:
         motors: k motors.

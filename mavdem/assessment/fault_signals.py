@@ -177,7 +177,7 @@ def _detected_failures(telemetry: Telemetry) -> Iterator[FaultSignal]:
         yield FaultSignal(message, is_detected, fault.code, fault.subject)
     failed_motors = _column(telemetry, message, "motor_failure_mask").astype(np.int64)
     for motor in range(MAX_MOTORS):
-        # Bit i of the mask is that of motor i + 1.
+        # Bit i of the mask belongs to motor i + 1.
         has_failed = failed_motors >> motor & 1 > 0
         if has_failed.any():
             yield FaultSignal(message, has_failed, ReportedEvent.MOTOR_FAILED, f"motor {motor + 1}")

@@ -53,7 +53,7 @@ HOVER_ESTIMATE_PARAMETER = "MPC_USE_HTE"
 until then (``MulticopterLandDetector.cpp``)."""
 
 DEFAULT_MINIMUM_SHARE = 0.12 / 0.5
-"""Minimum thrust over that of the hover: the defaults of MPC_THR_MIN and MPC_THR_HOVER."""
+"""Minimum thrust over the thrust in the hover: the defaults of MPC_THR_MIN and MPC_THR_HOVER."""
 
 LEAST_MINIMUM_THRUST = 0.05
 """Smallest value that PX4 allows for MPC_THR_MIN."""

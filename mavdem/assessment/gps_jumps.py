@@ -134,7 +134,7 @@ def _jumps_in_boot(positions: TimeSeries, boot: int) -> Array:
     unusual_speeds = np.linalg.norm(velocities - usual_velocities, axis=1)
     distances = unusual_speeds * intervals
     # After a delayed fix the next one comes early, with the motion of a usual interval in a shorter one. So at least
-    # that of a usual interval is allowed.
+    # the motion of a usual interval is allowed.
     allowed_intervals = np.maximum(intervals, np.median(intervals))
     usual_distances = np.linalg.norm(usual_velocities, axis=1) * allowed_intervals
     is_jump = (distances > MIN_JUMP + usual_distances) & (intervals <= MAX_FIX_STEP)

@@ -267,7 +267,7 @@ class _Contact:
         return self.sensors.rest_after(earliest, latest=earliest + 3 * SEARCH_SECONDS)
 
     def _flight_end(self) -> float:
-        """Returns the end of the flight, s; that of the record if it continues until then."""
+        """Returns the end of the flight, s; the end of the record if it continues until then."""
         _, flight_end = self.flight_interval
         return float(min(flight_end, self.error.time[-1]))
 

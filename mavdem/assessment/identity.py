@@ -132,7 +132,7 @@ def _name_of(telemetry: Telemetry) -> _NameWithBasis:
 
     1. the serial number of the autopilot's board, which is unique;
     2. a hash of the calibration of a sensor, since no two sensors have the same, unless its values are defaults or
-       those of a simulator;
+       belong to a simulator;
     3. the name of the autopilot and the MAVLink system id, which many vehicles share.
 
     Args:
@@ -268,7 +268,7 @@ def _date(signals: Signals, receive_time: float) -> _DateWithBasis:
 
     1. Messages SYSTEM_TIME, which have UNIX time and time since boot, so that the beginning of the flight can be
        converted. Before the first GPS fix their UNIX time is not set; such messages are skipped. For logs of the
-       autopilot these messages are made from those of the GPS receiver.
+       autopilot these messages are made from messages of the GPS receiver.
     2. The clock of the computer that received the messages.
     3. The name that PX4 gave its log, by a clock that was set by an earlier fix.
 

@@ -481,7 +481,7 @@ def _accelerometers_by_imu(evidence: Evidence) -> dict[int, _AccelerometerOfBoot
 def _vibrations_by_imu(evidence: Evidence) -> dict[int, Array]:
     """Returns the vibration of each IMU in flight.
 
-    The reported levels have a column for each axis of the first IMU, then those of the second, and so on.
+    The reported levels have a column for each axis of the first IMU, then for each axis of the second, and so on.
 
     Args:
         evidence: signals, events and measurements of the vehicle.
@@ -555,7 +555,7 @@ def _name_with_motor(evidence: Evidence, controller: SpeedController) -> str:
 def _outputs(evidence: Evidence) -> Iterator[Instance]:
     """Yields the outputs of the autopilot that drive motors, each with its range of commands and its motor.
 
-    For a vehicle that is not a multirotor they are the outputs that change, such as those of control surfaces. The
+    For a vehicle that is not a multirotor they are the outputs that change, such as outputs to control surfaces. The
     commands are in the unit of the log, such as µs of a pulse; "1" means no unit. The autopilot uses all of these
     outputs all the time, so that their share of use is 1.
 

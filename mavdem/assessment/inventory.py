@@ -198,7 +198,7 @@ def _message_rate(columns: Columns) -> float | None:
 
     It is the rate between gaps, since an outage of the link does not change how often a message is sent. The mean rate
     of a message that comes in bursts is less than ``MIN_MEAN_RATE_SHARE`` of that; then it is returned instead. If
-    several instances send the message, each on its port or in its group, the rate is that of the most frequent one.
+    several instances send the message, each on its port or in its group, the rate of the most frequent one is returned.
 
     Args:
         columns: the message, with (N,) times in s, boots and other fields.

@@ -470,7 +470,7 @@ def headline_by_lights(lights: NamedFacts) -> Fact:
     """Returns the headline of a flight without a fault, by its lights alone.
 
     Args:
-        lights: the lights by name; none of those of the vehicle is bad.
+        lights: the status lights by name; no light of the vehicle is bad.
 
     Returns:
         The first light of the vehicle that is to be watched or, without one, that nothing is wrong with those that were
@@ -484,7 +484,7 @@ def _first_to_watch(facts: Iterable[Fact], lights: NamedFacts) -> Fact:
 
     Args:
         facts: facts of which none is bad, the most important first.
-        lights: the lights by name; none of those of the vehicle is bad.
+        lights: the status lights by name; no light of the vehicle is bad.
     """
     for fact in facts:
         if fact.level is Level.WATCH:
@@ -496,7 +496,7 @@ def _nothing_wrong(lights: NamedFacts) -> Fact:
     """Returns the fact that nothing is wrong as far as it was checked, or the reason why nothing could be checked.
 
     Args:
-        lights: the lights by name; none of those of the vehicle is bad or to be watched.
+        lights: the status lights by name; no light of the vehicle is bad or to be watched.
 
     Returns:
         A fact with the lights that are good and those that are unknown. It is good only if the motors and at least

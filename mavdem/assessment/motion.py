@@ -54,7 +54,7 @@ def motion_events(signals: Signals, reports: Sequence[Fact] = ()) -> Facts:
 
     Args:
         signals: signals of the vehicle.
-        reports: events that the autopilot reports, which support or contradict those of the motion.
+        reports: events that the autopilot reports, which support or contradict the events of the motion.
 
     Returns:
         The events; empty if the attitude was not recorded.

@@ -200,7 +200,7 @@ def _frozen_outputs(
 
 
 def frozen_motor(motors: MotorOutputs, commands: Array, lowest: float) -> int | None:
-    """Returns the index of the one motor whose output is frozen: its command is constant while those of others change.
+    """Returns the index of the one motor whose output is frozen: its command is constant while other commands change.
 
     The others change if the range of the commands, averaged over the motors, is at least ``MIN_COMMAND_RANGE``. As a
     mixer may hold outputs at their limits, not all of which are known, the constant command must be above the idle and
@@ -213,7 +213,7 @@ def frozen_motor(motors: MotorOutputs, commands: Array, lowest: float) -> int | 
         lowest: lowest command of all motors that occurred around that time, as share of the range.
 
     Returns:
-        The index; None if no output is frozen, or those of several motors seem to be.
+        The index; None if no output is frozen, or several seem to be.
     """
     if motors.geometry.channels_assumed:
         return None

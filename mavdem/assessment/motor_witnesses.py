@@ -78,7 +78,7 @@ def _rise_of_command(signals: Signals, loss: Fact, interval: TimeInterval) -> Fa
     """Returns the fact by how much the command of a motor rose, which supports that the motor lost thrust.
 
     The controller raises the command to make up for the lost thrust. If the loss was detected by the excess of the
-    command over those of the other motors, that excess is stated instead.
+    command over the other motors' commands, the fact has that excess instead.
 
     Args:
         signals: signals of the vehicle.

@@ -34,7 +34,7 @@ class MeasuredNoise(NamedTuple):
     """Spectra of the sensors in flight, and what follows from them."""
 
     spectra: Mapping[str, Spectrum]
-    """Spectra by name: ``GYRO``, ``UNFILTERED_GYRO`` and those of other sensors."""
+    """Spectra by name: ``GYRO``, ``UNFILTERED_GYRO`` and the spectra of other sensors."""
     peaks: Mapping[str, tuple[SpectralLine, ...]]
     """Lines of each spectrum, by its name, the strongest first."""
     notch: Fact | None = None

@@ -458,7 +458,7 @@ def has_sunk_after(height: TimeSeries, end: float) -> bool:
 def _mode_changes(signals: Signals, recorded_span: Segment) -> Iterator[Fact]:
     """Yields changes of the flight mode in one boot, with ArduPilot's reason if the log contains it.
 
-    The level of an event is that of its reason: a mode that the pilot chose is good, one of a failsafe is to be
+    The level of an event is the level of its reason: a mode that the pilot chose is good, one of a failsafe is to be
     watched. Reasons are in the field ``Rsn`` of DataFlash's messages MODE, which are translated to CURRENT_MODE.
 
     Args:

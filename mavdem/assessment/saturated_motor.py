@@ -194,7 +194,7 @@ def _was_other_motor_limited(loss: Fact, events: Sequence[Fact]) -> bool:
 
     Args:
         loss: the loss, with the motor as subject.
-        events: events of the log, with those of motors at their limit.
+        events: events of the log, among them the events of motors at their limit.
     """
     assert loss.time is not None
     for event in events:
@@ -216,7 +216,7 @@ def _saturation_loss(
 
     - The motor is at its limit to the end of the record, to the loss of the vehicle, or for ``RECOVERY_SECONDS``.
     - The vehicle is off the ground, since the ground could make it lean.
-    - The motor's command was close to those of the others before, and is far from them at the limit.
+    - The motor's command was close to the others' commands before, and is far from them at the limit.
     - The vehicle leans towards the motor, or sinks.
 
     Args:

@@ -20,7 +20,7 @@ TIERS = {
 
 
 class NextTier(NamedTuple):
-    """The tier above that of a log."""
+    """The tier above the tier of a log, which the log does not reach."""
 
     tier: str
     """"a", "b" or "c"."""

@@ -122,7 +122,7 @@ def time_history(
 
     Args:
         signals: signals of the vehicle.
-        settled: segments of settled flight; the boot is that of the first one or, without any, the one with the most
+        settled: segments of settled flight. The boot is the first one's or, without any segment, the boot with the most
             samples of the attitude.
         wind: evidence of the wind.
         events: events in the order of boot and time.
@@ -155,7 +155,7 @@ def _segment_of_flight(signals: Signals, settled: Segments) -> Segment | None:
 
     Args:
         signals: signals of the vehicle.
-        settled: segments of settled flight; the boot is that of the first one or, without any, the one with the most
+        settled: segments of settled flight. The boot is the first one's or, without any segment, the boot with the most
             samples of the attitude.
 
     Returns:
@@ -300,7 +300,7 @@ def wind_history(evidence: WindEvidence, segment: Segment) -> WindHistory | None
         segment: boot and time that are shown.
 
     Returns:
-        The wind; None if it is not known, or was estimated in another boot than that of the ``segment``.
+        The wind; None if it is not known, or was estimated in another boot than the ``segment`` is of.
     """
     wind = evidence.estimate
     if wind is None or wind.boot != segment.boot:

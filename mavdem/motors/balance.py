@@ -196,7 +196,7 @@ def _block_means(run: SteadyRun, signatures: MotorSignatures) -> list[Array]:
 
 
 def _variance_inflation(residuals: Array) -> float:
-    """Estimates the factor by which the variance of a mean exceeds that of independent blocks.
+    """Estimates the factor by which the variance of a mean exceeds the variance with independent blocks.
 
     Neighbouring blocks are correlated, since gusts last longer than a block, so that their mean is less precise than
     that of as many independent blocks. They are modelled as a first-order autoregression whose coefficient ρ is the

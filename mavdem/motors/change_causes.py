@@ -161,7 +161,7 @@ def can_reach_threshold(
     """Returns whether any cause could explain the changes of the balance well enough for an alarm.
 
     This is a quick test before all causes are computed. An alarm needs a large sum of Bayes factors: densities of the
-    change under the causes, over its density if nothing changed. No density is higher than that of a cause that expects
+    change under the causes, over its density if nothing changed. No density is higher than under a cause that expects
     exactly the observed change. This largest factor, times the number of terms of the sum, bounds the sum. Most changes
     in flight are so small that even the bound is below the threshold.
 

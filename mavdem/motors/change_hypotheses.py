@@ -104,8 +104,8 @@ class ChangeHypotheses:
         change: (S, 3) expected change in roll, pitch and yaw, relative to the mean command.
         spread: (S, 3) standard deviation of the change about that.
         prior: (S,) prior probabilities, with the sum 1.
-        groups: Hypotheses of each name in ``PRIOR_PROBABILITIES``; those of the motors are sorted by motor, then by
-            ``RISES``.
+        groups: Hypotheses of each name in ``PRIOR_PROBABILITIES``; the hypotheses of the motors are sorted by motor,
+            then by ``RISES``.
     """
 
     def __init__(

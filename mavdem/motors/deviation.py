@@ -62,7 +62,7 @@ class Deviation(NamedTuple):
 
     @property
     def is_unusual(self) -> bool:
-        """Whether the deviation on some axis is larger than that of 999 healthy flights in 1000."""
+        """Whether the deviation on some axis is larger than the deviations of 999 healthy flights in 1000."""
         half_widths = coverage_factor(BEYOND_LEVEL, self.freedom) * self.scale
         return (abs(self.change) > half_widths).any()
 

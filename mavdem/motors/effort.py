@@ -30,7 +30,7 @@ CHANGE_SCALE = 0.1
 
 
 class EffortChange(NamedTuple):
-    """Change of a flight's effort from that of healthy flights."""
+    """Change of a flight's effort from the effort of healthy flights."""
 
     relative_change: float
     """Change as a fraction of the healthy flights' effort."""

@@ -104,8 +104,8 @@ class HealthFigures:
     def overlaps(self, other: HealthFigures) -> bool:
         """Returns whether two records are of one flight, logged twice: one begins before the other has ended.
 
-        The duration of the earlier flight is taken to be that of its steady part, since only this is known; it is 0
-        without a balance.
+        The duration of the earlier flight is taken to be the duration of its steady flight, since only this is known;
+        it is 0 without a balance.
 
         Args:
             other: The other record, of the same vehicle.

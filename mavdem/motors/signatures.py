@@ -30,7 +30,7 @@ class MotorSignatures:
     mixer_rows: Array
     """(a, k) contribution of each motor's command to each axis.
 
-    Thrust is the mean of all commands; the other rows are those of ``MotorGeometry.mixer_row``, on an X quadrotor
+    Thrust is the mean of all commands; the other rows come from ``MotorGeometry.mixer_row``, on an X quadrotor
     (left - right) / 4 for roll.
     """
 
@@ -61,8 +61,8 @@ class MotorSignatures:
 
         Since the size of a loss is not known, motors differ only in the directions of their signatures in roll, pitch
         and yaw. Two directions are too similar if their cosine is ``MAX_SIGNATURE_COSINE`` or more, as for two motors
-        above each other that turn the same way. Without the spins of the motors, each signature equals that of a load
-        that shifted towards the motor.
+        above each other that turn the same way. Without the spins of the motors, each signature equals the signature of
+        a load that shifted towards the motor.
         """
         # The first column is thrust, the last one yaw.
         signatures = self.weak_motor_balance[:, 1:]

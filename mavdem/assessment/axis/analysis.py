@@ -244,7 +244,7 @@ def _with_reason_of_no_slow_model(analysis: LogAnalysis, slow_model_reason: Fact
     Args:
         analysis: the analysis, whose ``reason`` says why there is no full model. If it has none, the analysis is
             returned unchanged.
-        slow_model_reason: reason why there is no model of the slow motion. If it equals that of the full model,
+        slow_model_reason: reason why there is no model of the slow motion. If it equals the reason for the full model,
             nothing is added.
 
     Returns:

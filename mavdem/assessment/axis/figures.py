@@ -335,13 +335,13 @@ def _simulation_fit_figures(learned: Learned) -> JsonValues | None:
 def _ranked_errors(errors: Mapping[StrEnum, Array], variance: Array) -> dict[StrEnum, JsonValues]:
     """Ranks forecasting methods by their errors.
 
-    The methods are ranked by the key ``relative``: the error over that of the constant mean, 1 for a method that is no
+    The methods are ranked by the key ``relative``: the error over the constant mean's error, 1 for a method that is no
     better. The keys ``per_output`` and ``total`` are the errors themselves, in squared units of the outputs.
 
     Args:
         errors: mean squared errors (m,) of m outputs, by method.
-        variance: (m,) variances of the outputs. An error over the variance has no unit, so that those of angle and rate
-            can be added.
+        variance: (m,) variances of the outputs. An error over the variance has no unit, so that errors of angle and
+            rate can be added.
 
     Returns:
         The keys ``relative``, ``per_output`` and ``total`` for each method, the most accurate method first.

@@ -356,7 +356,7 @@ def _prediction_finding(held_out: HeldOut) -> Finding:
     """Judges how well a model predicts, by its forecasts of windows of the flight that it was not trained on.
 
     They are compared with two baselines, which forecast the constant mean, or hold the last sample. The grade is GOOD
-    within all of the ``PREDICTION_LIMITS``, and NOT IDENTIFIABLE if the squared error is no less than that of the
+    within all of the ``PREDICTION_LIMITS``, and NOT IDENTIFIABLE if the squared error is no less than the error of the
     better baseline. Otherwise it is LIMITED.
 
     Args:

@@ -409,7 +409,7 @@ def _reported_gains(texts: Sequence[StatusText], axis: str) -> dict[str, float]:
 
     Args:
         texts: texts of AutoTune on the axis, such as "AutoTune: Roll Rate: P:0.116, I:0.116, D:0.0006". A text with the
-            word "Angle" has a gain of the attitude loop, the others those of the rate loop.
+            word "Angle" has gains of the attitude loop, every other text has gains of the rate loop.
         axis: "roll", "pitch" or "yaw".
 
     Returns:

@@ -68,7 +68,7 @@ class LoopDecision:
         """The decision as a fact, which lights, pages and documents show.
 
         Its sentence states the observation behind the diagnosis, such as low margins, and its remedy the action. Its
-        level, good to bad, is that of this observation.
+        level, good to bad, is the level of this observation.
         """
         return Fact(
             LoopAction.LOOPS_JUDGED,
@@ -449,7 +449,7 @@ def _advice_to_lower_gains(observations: LoopObservations, loop_name: str) -> Fa
     changes = []
     # If the controller is not known, ``changes`` stays empty, and the sentence says "P and D" instead of names.
     with suppress(NotLearnable):
-        # Only the names of the gains are used, so the mixer has no effect, and that of a single motor is given.
+        # Only the names of the gains are used, so the mixer has no effect: the mixer of a single motor is given.
         controller = controller_from_parameters(observations.parameters, axis, (1.0,))
         for field in CONTROLLER_GAINS[loop_name]:
             name = controller.parameter_names[field]
@@ -460,7 +460,7 @@ def _advice_to_lower_gains(observations: LoopObservations, loop_name: str) -> Fa
 
 
 def common_action(actions: Sequence[Fact | None]) -> Fact | None:
-    """Returns the one action for several axes, which a status light advises: that of the first axis that needs one.
+    """Returns the one action that a status light advises for several axes: the action of the first that needs one.
 
     A flight after it shows what the other axes still need. But gains that are to be lowered by a third are lowered on
     all axes at once, before that flight: their changes are joined in one action.

@@ -327,7 +327,7 @@ def resonance_fact(resonance: Resonance) -> Fact:
 
     A loop with small margins amplifies some frequencies. Ms is the peak of its sensitivity |1/(1 + L)|, and follows
     from the peak of the response with an interval. The loop resonates if all of the interval is above the Ms of the
-    usual margins, and is bad if it is above that of the least ones. It is good if all of it is below the usual Ms. An
+    usual margins, and is bad if it is above the Ms of the least ones. It is good if all of it is below the usual Ms. An
     interval that contains the limit decides nothing, and the level is "unknown".
 
     Args:
@@ -355,7 +355,7 @@ def _peak_fact(code: MarginsLight, level: Level | None, resonance: Resonance) ->
 
     Args:
         code: code of the fact.
-        level: its level; None for that of the code.
+        level: its level; None for the usual level of the code.
         resonance: peak of a measured response or spectrum.
 
     Returns:

@@ -72,7 +72,7 @@ def residuals(learned: Learned, output: int = -1) -> Residuals:
     """Returns the residuals of an output of the training data, with their correlations.
 
     Residuals of a model without missing dynamics are white: they do not correlate with each other, nor with past
-    commands. The test of both is that of L. Ljung, System Identification, 2nd ed., sec. 16.6.
+    commands. Both are tested as in L. Ljung, System Identification, 2nd ed., sec. 16.6.
 
     Args:
         learned: the learned model.

@@ -98,7 +98,7 @@ class ResponsePeak(NamedTuple):
     """The largest response of an angle to its setpoint, over all frequencies at which the two are coherent."""
 
     ratio: float
-    """Amplitude of the angle over that of the setpoint."""
+    """Amplitude of the angle over the amplitude of the setpoint."""
     frequency: float
     """Its frequency, Hz."""
     coherence: float
@@ -142,8 +142,8 @@ def _axis_tracking(signals: Signals, segments: Segments) -> Fact:
     """Judges how one axis follows the setpoint of its angle.
 
     A vehicle that follows well still follows with a delay. So the angle is compared with the setpoint at each of the
-    ``DELAYS`` before. The delay with the smallest RMS difference is that of the vehicle, and this difference is its
-    error. Even if the error is small, the level is "watch" if the response is doubtful (:func:`_tracking_rating`).
+    ``DELAYS`` before. The delay with the smallest RMS difference is the delay of the vehicle, and this difference is
+    its error. Even if the error is small, the level is "watch" if the response is doubtful (:func:`_tracking_rating`).
 
     Args:
         signals: signals of the vehicle, for the axis to judge.
@@ -435,7 +435,7 @@ def _response_peak(
     """Returns the largest response of the angle to its setpoint by frequency, from Welch spectra.
 
     Only frequencies are used at which the setpoint has at least ``MIN_PEAK_DRIVER_SHARE`` of its largest power, and the
-    angle is coherent with it (``MIN_COMPARED_COHERENCE``). At others the ratio is that of wind and noise.
+    angle is coherent with it (``MIN_COMPARED_COHERENCE``). At others the ratio is determined by wind and noise.
 
     Args:
         setpoint: setpoint of the angle, rad.

@@ -115,11 +115,11 @@ def slow_motion_refusal(held_out: HeldOut) -> Fact | None:
 
     A stream too slow to show rotation still shows slow motion, but a model of that may be no better than a trivial
     forecast. Two conditions must hold for each of two baselines, the mean of the training data and the last sample. The
-    model's error on held-out windows is at most ``MAX_SLOW_ERROR_RATIO`` times that of the baseline. And a paired test
+    model's error on held-out windows is at most ``MAX_SLOW_ERROR_RATIO`` times the baseline's. And a paired test
     over the windows shows that the model's error is significantly lower.
 
     Args:
-        held_out: forecasts of windows that the model was not trained on, with those of the baselines.
+        held_out: forecasts of windows that the model was not trained on, and the baselines' forecasts.
 
     Returns:
         The fact with the first baseline that fails: with the p-value and its limit if only the test failed, otherwise
@@ -127,7 +127,7 @@ def slow_motion_refusal(held_out: HeldOut) -> Fact | None:
     """
     for baseline in BASELINES:
         error_ratio = held_out.error_ratio() / held_out.error_ratio(baseline)
-        # The ratios of the windows are compared with 1, which is that of a forecast as good as the baseline.
+        # The ratios of the windows are compared with 1: such a forecast is as good as the baseline.
         significance_test = paired(held_out.error_ratios(baseline), np.ones(len(held_out)))
         # The ratio may be NaN, which is no improvement.
         is_better = error_ratio <= MAX_SLOW_ERROR_RATIO

@@ -61,8 +61,8 @@ class Tuning(NamedTuple):
     def files(self, vehicle: Telemetry) -> dict[str, str]:
         """Returns the parameter files for ground stations, a pair for each stage of tuning.
 
-        The gains of a stage are loaded and flown before those of the next. A notch filter is in the first file, or in
-        a separate one if the gains are kept.
+        The gains of a stage are loaded and flown before the gains of the next stage. A notch filter is in the first
+        file, or in a separate one if the gains are kept.
 
         Args:
             vehicle: vehicle that they are for.
@@ -481,8 +481,8 @@ def _each_reason_once(reason_by_axis: Mapping[str, Fact]) -> list[Fact]:
         reason_by_axis: the reason of each axis, at least one.
 
     Returns:
-        One fact for each reason, that of the first axis which has it, with the ``names`` of all axes that share it. It
-        has no names if all axes share it.
+        One fact for each reason, the fact of the first axis which has it, with the ``names`` of all axes that share it.
+        It has no names if all axes share it.
     """
     axes_by_advice = group_by(reason_by_axis, lambda axis: reason_by_axis[axis].advised)
     reasons = []

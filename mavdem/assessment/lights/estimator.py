@@ -221,7 +221,7 @@ def _instance_in_flight(telemetry: Telemetry, flight: TimeSeries) -> str:
     """
     instances = telemetry.messages[INSTANCES_MESSAGE]
     is_primary = instances["is_primary"] > 0
-    # The logged ratios are those of the primary instance. Only a log that never has it has the ratios of spare ones.
+    # The logged ratios are of the primary instance. Only a log that never has it has ratios of spare ones.
     has_logged_ratios = is_primary if is_primary.any() else ~is_primary
     is_in_flight = (instances["time"] >= flight.time[0]) & (instances["time"] <= flight.time[-1])
     is_selected = has_logged_ratios & (instances["boot"] == flight.boot[0]) & is_in_flight

@@ -143,7 +143,7 @@ def _recorded_attitude_rate(evidence: Evidence, attitude: Attitude) -> float:
         if repair.code is Repair.ATTITUDE_INTERPOLATED:
             logged_rate = repair.figures["attitude_rate"]
             rates.append(logged_rate)
-    # Angles are computed only in addition to the logged ones, so that the lowest rate is that of the logged ones.
+    # Angles are computed only in addition to the logged ones, so that the lowest rate is the rate of the logged ones.
     return min(rates)
 
 

@@ -17,7 +17,7 @@ def margins_light(evidence: Evidence) -> Fact:
 
     1. In a limit cycle there is no margin: the light is that fact.
     2. The worst fact about any axis warns: the light is that fact.
-    3. The margins of roll or pitch are good, and so is the light; those of yaw alone do not suffice.
+    3. The margins of roll or pitch are good, and so is the light; good margins of yaw alone do not suffice.
     4. The margins are unknown.
 
     Args:
@@ -53,7 +53,7 @@ def _facts_by_margin(evidence: Evidence) -> list[Fact]:
     """Collects the facts about the margins of all axes, the smallest margin first.
 
     In this order the light names the axis with the smallest margin if several facts have the same level. The figure
-    ``share`` of a fact is the margin over the required one; a fact without it, such as that of a resonance, comes last.
+    ``share`` of a fact is the margin over the required one; a fact without it, such as a resonance, comes last.
 
     Args:
         evidence: signals, events and measurements of the vehicle.

@@ -107,8 +107,9 @@ def _unmeasured_power(evidence: Evidence) -> Fact:
         evidence: signals, events and measurements of the vehicle.
 
     Returns:
-        A fact with the largest ``voltage`` of a battery, V, and whether all are constant, as those of sensors that are
-        not connected; the constant voltage of the board, V; and the largest ``current``, A, if one changes.
+        A fact with the largest ``voltage`` of a battery, V, and whether all are constant, since
+        their sensors are not connected; the constant voltage of the board, V; and the largest ``current``, A, if one
+        changes.
     """
     voltages = [battery.voltage.values for battery in evidence.signals.batteries]
     unmeasured = Fact(

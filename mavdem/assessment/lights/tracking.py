@@ -20,7 +20,7 @@ def tracking_light(evidence: Evidence) -> Fact:
 
     Returns:
         A fact whose level is the colour of the light: good, watch, bad or unknown. If roll and pitch are unknown, it is
-        that of roll, which says what to log.
+        the fact of roll, which says what to log.
     """
     if evidence.other_vehicle is not None:
         return evidence.other_vehicle

@@ -33,14 +33,14 @@ def vibration_limits(telemetry: Telemetry) -> Limits:
 def vibration_light(evidence: Evidence) -> Fact:
     """Judges the vibration that the autopilot itself measured; unknown if it was not recorded.
 
-    Two figures are compared with limits, and the worse level is that of the light. One is the largest mean level of all
-    IMUs and axes, m/s², with the limits of the autopilot (:func:`vibration_limits`). The other is the largest number of
-    clips of an IMU, which are samples outside its range. Both are of settled flight or, if there is none, of all free
-    flight. A flight ends when the vehicle was lost, since an impact clips every accelerometer.
+    Two figures are compared with limits, and the worse level is the level of the light. One is the largest mean level
+    of all IMUs and axes, m/s², with the limits of the autopilot (:func:`vibration_limits`). The other is the largest
+    number of clips of an IMU, which are samples outside its range. Both are of settled flight or, if there is none, of
+    all free flight. A flight ends when the vehicle was lost, since an impact clips every accelerometer.
 
     Landings and fast manoeuvres cause a few clips outside settled flight. If there are more than the limit, for example
     by a loose propeller, the clips of all free flight are used instead, and the fact has the figure
-    ``has_clipped_unsettled``. The vibration level is still that of settled flight.
+    ``has_clipped_unsettled``. The vibration level is still the one of settled flight.
 
     Args:
         evidence: signals, events and measurements of the vehicle.
@@ -61,7 +61,7 @@ def vibration_light(evidence: Evidence) -> Fact:
     if not is_in_segment.any():
         return unknown_vibration
     limits = vibration_limits(telemetry)
-    # The columns are the axes of the first IMU, then those of the second.
+    # The columns are the axes of the first IMU, then the axes of the second.
     mean_levels = levels.values[is_in_segment].mean(axis=0)
     largest_level = mean_levels.max()
     imu, axis = divmod(mean_levels.argmax(), len(vibration.axes))

@@ -84,7 +84,7 @@ def _velocity_message_of_spare_core(telemetry: Telemetry) -> str | None:
         telemetry: messages of the vehicle, and the repairs that were made as the log was read.
 
     Returns:
-        Name of the message in the log; None if the velocity is that of the primary core.
+        Name of the message in the log; None if the velocity is of the primary core.
     """
     name = telemetry.name_in_source("LOCAL_POSITION_NED")
     for repair in telemetry.repairs:
