@@ -169,7 +169,7 @@ class LiveHistory:
         self.boot = 0
         self.boot_start = nan
         # By battery: time, s of the timeline, and voltage, V, the latest ``MAX_ROWS`` of them.
-        self._voltages: dict[str, deque[tuple[float, float]]] = {}
+        self._voltages: dict[int, deque[tuple[float, float]]] = {}
         # Columns as ``table`` lists them. Of all rows that were added, every ``_stride``-th one is kept.
         self._rows: list[array[float]] = []
         self._stride = 1
@@ -200,23 +200,23 @@ class LiveHistory:
         if not has_passed:
             self.now = time + self.timeline_offset
 
-    def add_voltages(self, voltages: Mapping[str, float]) -> None:
+    def add_voltages(self, voltages: Mapping[int, float]) -> None:
         """Adds the voltage of each battery at the present time of the timeline; the same time once only.
 
         Args:
-            voltages: voltages, V, by name of the battery.
+            voltages: voltages, V, by number of the battery, from 1.
         """
         if not isfinite(self.now):
             return
-        for name, voltage in voltages.items():
-            samples = self._voltages.setdefault(name, deque(maxlen=MAX_ROWS))
+        for number, voltage in voltages.items():
+            samples = self._voltages.setdefault(number, deque(maxlen=MAX_ROWS))
             if not samples or samples[-1][0] != self.now:
                 samples.append((self.now, voltage))
 
     @property
-    def voltages(self) -> dict[str, Array]:
-        """(N, 2) Times of the timeline, s, and voltages then, V, by name of the battery."""
-        return {name: np.array(samples) for name, samples in self._voltages.items()}
+    def voltages(self) -> dict[int, Array]:
+        """(N, 2) Times of the timeline, s, and voltages then, V, by number of the battery, from 1."""
+        return {number: np.array(samples) for number, samples in self._voltages.items()}
 
     def add_row(
         self,

@@ -5,7 +5,7 @@ from dataclasses import replace
 from types import MappingProxyType
 from typing import NamedTuple
 
-from mavdem.dataset.batteries import BATTERY_MESSAGES, battery_name
+from mavdem.dataset.batteries import BATTERY_MESSAGES
 from mavdem.dataset.signals import Signals
 from mavdem.ingest.telemetry import Telemetry
 from mavdem.live.recent_messages import RecentMessages
@@ -29,8 +29,8 @@ class VehicleState(NamedTuple):
     charge: float | None = None
     """Remaining charge of that battery, percent; None where it is not known."""
 
-    voltages: Mapping[str, float] = MappingProxyType({})
-    """Voltage of each battery, V, by its name."""
+    voltages: Mapping[int, float] = MappingProxyType({})
+    """Voltage of each battery, V, by its number from 1."""
 
 
 def vehicle_state(recent: RecentMessages, vehicle: Telemetry, now: float) -> VehicleState:
@@ -51,9 +51,7 @@ def vehicle_state(recent: RecentMessages, vehicle: Telemetry, now: float) -> Veh
     voltages = {}
     for battery in signals.batteries:
         battery_voltage = float(battery.voltage.values[-1])
-        # As in a log, the number is shown only where there are several batteries.
-        name = battery_name(battery.number) if len(signals.batteries) > 1 else "battery"
-        voltages[name] = battery_voltage
+        voltages[battery.number] = battery_voltage
         battery_charge = None
         # An autopilot that does not know the charge sends −1.
         if battery.charge is not None and battery.charge.values[-1] >= 0:

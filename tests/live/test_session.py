@@ -154,7 +154,7 @@ def test_motion_motors_and_battery_are_plotted_though_messages_are_too_slow_for_
     assert session.stream.row_format is None and history.learned_intervals == []
     for seconds, voltage in ((0.0, 12.1), (0.0, 12.1), (1.0, 12.0)):
         history.advance(history.now + seconds, history.boot)
-        history.add_voltages({"battery 1": voltage, "battery 2": 11.0})
+        history.add_voltages({1: voltage, 2: 11.0})
     charts = {chart.title: chart for chart in live_timeline(history, "roll").flight_charts}
     assert {"Roll", "Pitch", "Height", "Motors", "Battery"} <= charts.keys()
     assert len(charts["Motors"].lines) == 4

@@ -20,6 +20,7 @@ from mavdem.assessment.time_history import (
 )
 from mavdem.containers import Names, Numbers
 from mavdem.dataset.axes import AXES, TILT_AXES
+from mavdem.dataset.batteries import battery_name
 from mavdem.dataset.intervals import TimeInterval
 from mavdem.dataset.time_series import TimeSeries
 from mavdem.facts.ending import Ending
@@ -501,8 +502,10 @@ def live_timeline(history: LiveHistory, axis: str) -> Timeline | None:
         if lines:
             drawn_charts.append(chart._replace(lines=lines))
     voltage_lines = []
-    for (name, samples), colour in zip(history.voltages.items(), cycle(DISTINCT), strict=False):
+    for (number, samples), colour in zip(history.voltages.items(), cycle(DISTINCT), strict=False):
         if len(samples) > 1:
+            # As in a log, the number is shown only where there are several batteries.
+            name = battery_name(number) if len(history.voltages) > 1 else "battery"
             voltage_time, voltage = samples.T
             voltage_lines.append(Line(name, colour, voltage_time, voltage))
     if voltage_lines:

@@ -27,6 +27,7 @@ from mavdem.facts.session import VehicleFact
 from mavdem.facts.vibration import VibrationLight
 from mavdem.ingest import read_log
 from mavdem.live.history import LiveHistory
+from mavdem.report.blocks import headline_sentence
 from mavdem.report.charts.timeline import live_timeline, timeline_of
 from mavdem.report.pages.flight_page import flight_page, log_page, opened_where_not_good
 from mavdem.report.pages.page import Chapter, Head, PageEvent, Section, render_document
@@ -344,6 +345,14 @@ def test_a_session_that_goes_on_lists_each_event_once_and_offers_no_fields_of_a_
     page = live_document
     assert [page.count(f"moment {time} s<") for time in range(12)] == [1] * 12
     assert "Earlier events" in page and "Plot any field" not in page
+
+
+def test_the_light_of_a_live_pages_headline_does_not_say_it_again():
+    fact = Fact(VehicleFact.NO_VEHICLE_YET)
+    lights = {Light.POWER: fact, Light.WIND: Fact(Unjudged.NOT_JUDGED, reason=None)}
+    head = Head(Level.BAD, lights, has_log=False)
+    page = render_document("Live", "", [headline_sentence(fact)], head=head)
+    assert page.count(str(fact)) == page.count("As above.</dd>") == 1 and "Not judged." in page
 
 
 def test_of_chapters_to_be_watched_two_are_open_first_that_of_the_headline():
