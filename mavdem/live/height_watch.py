@@ -17,7 +17,7 @@ from mavdem.live.live_signals import RecentMotion
 from mavdem.live.recent_messages import RecentMessages
 from mavdem.witnesses.accelerometer import rest_intervals
 from mavdem.witnesses.boot_sensors import BootSensors
-from mavdem.witnesses.height import height_comparison
+from mavdem.witnesses.height import GRID_RATE, height_comparison
 from mavdem.witnesses.sensors import BAROMETERS
 
 BAROMETER_MESSAGE = BAROMETERS[0]
@@ -42,6 +42,8 @@ class HeightWatch:
         # The latest rest on the ground and that before the latest flight, s of the boot clock; None before any.
         self._latest_rest: TimeInterval | None = None
         self._rest_before_flight: TimeInterval | None = None
+        # The latest divergence of the estimated height; None before any.
+        self._divergence: Fact | None = None
 
     def divergence(
         self, now: float, vehicle: Telemetry, take_off: float, motion: RecentMotion | None
@@ -65,7 +67,18 @@ class HeightWatch:
         signals = self._control.signals(vehicle, motion, (BAROMETER_MESSAGE, "VIBRATION"), start)
         sensors = BootSensors(signals, self._recent.boot, take_off)
         divergences = list(height_divergences(sensors, (max(take_off, start), now)))
-        return divergences[-1] if divergences else None
+        if not divergences:
+            return None
+        latest = divergences[-1]
+        known = self._divergence
+        if known is not None:
+            # While a divergence leaves the memory, its later part looks like one of its own. Both climbs are compared
+            # on a grid that begins with the memory, so that the same divergence may begin a step later too.
+            earliest = known.start_time + 1.0 / GRID_RATE
+            if earliest < latest.start_time < known.latest_time:
+                latest = known.replace(end_time=latest.end_time)
+        self._divergence = latest
+        return latest
 
     def add_rest(self, vehicle: Telemetry, motion: RecentMotion | None) -> None:
         """Notes when the vehicle on the ground last rested.

@@ -24,7 +24,7 @@ from mavdem.dem import Estimate
 from mavdem.facts import Fact, Facts, NamedFacts
 from mavdem.facts.assessment import Headline as HeadlineCode
 from mavdem.facts.assessment import NextStep
-from mavdem.facts.ending import Ending
+from mavdem.facts.ending import Ending, MotionEvent
 from mavdem.facts.events import ReportedEvent
 from mavdem.facts.lights import Light, Unjudged
 from mavdem.facts.power import PowerLight
@@ -263,7 +263,7 @@ class SessionStatus(ImmutableResult):
 
         A light is the judgement of one part of the vehicle. The headline is decided by the first rule that applies:
 
-        1. If a light is bad, it becomes the headline, unless the headline of the model is bad already.
+        1. If a light is bad, it becomes the headline, an event first, unless the headline of the model is bad already.
         2. Before a model is judged, the headline sums up the lights that need none, while the vehicle is received or
            when the session is over.
         3. If the headline of the model is no fault, and a light was replaced, the headline sums up all lights.
@@ -287,7 +287,9 @@ class SessionStatus(ImmutableResult):
             if next_step.figures.get("reason") == vibration:
                 next_step = next_step_of(headline, lights, None)
 
+        # As in a log, an event comes before what lasts: a height that diverges before the vibration that causes it.
         bad_lights = [fact for fact in lights.values() if fact.is_bad]
+        bad_lights.sort(key=_is_event, reverse=True)
         if bad_lights:
             if not headline.is_bad:
                 return _headed_by(bad_lights[0], lights)
@@ -313,7 +315,7 @@ class SessionStatus(ImmutableResult):
         """Returns a judgement with a next step for a vehicle that flies, the first of these that applies.
 
         1. To land now, or what the alarm asks for, if the headline is bad or an alarm is active. The worst active alarm
-           becomes the headline, unless the headline is bad already.
+           becomes the headline, unless the headline is bad already; a bad event becomes it unless it is one already.
         2. What the reason advises for which the vehicle is not received; that reason becomes the headline, unless the
            power warned before, which then explains more than a radio does.
         3. To land soon, if the battery is getting empty.
@@ -326,9 +328,12 @@ class SessionStatus(ImmutableResult):
             judgement: the judgement so far.
         """
         headline = judgement.headline
-        if not headline.is_bad and self.active_alarms:
+        bad_events = [fact for fact in self.active_alarms if fact.is_bad and _is_event(fact)]
+        if bad_events and not _is_event(headline):
+            headline = bad_events[0]
+        elif not headline.is_bad and self.active_alarms:
             headline = worst_fact(self.active_alarms)
-            judgement = replace(judgement, headline=headline)
+        judgement = replace(judgement, headline=headline)
         if headline.is_bad or headline in self.active_alarms:
             return replace(judgement, next_step=Fact(NextStep.LAND_NOW, reason=headline))
         if not self._is_received and self.obstacle is not None:
@@ -441,6 +446,14 @@ class SessionStatus(ImmutableResult):
             error_ratio = estimate.ahead_ratio[longest_useful].mean()
             useful_horizon = UsefulHorizon(horizons[longest_useful], error_ratio)
         return replace(self, prediction_band=angle_band, useful_horizon=useful_horizon)
+
+
+def _is_event(fact: Fact) -> bool:
+    """Returns whether a fact, or what it says is over, is an event: a loss, or what motion or autopilot report."""
+    if fact.code is WatchFact.ALARM_OVER:
+        fact = fact.figures["reason"]
+    is_fall = fact.code in (WatchFact.FALLS_AT_IDLE, WatchFact.STOPPED_IN_AIR)
+    return is_fall or isinstance(fact.code, (Ending, MotionEvent, ReportedEvent))
 
 
 def _headed_by(headline: Fact, lights: NamedFacts) -> Judgement:

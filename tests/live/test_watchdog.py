@@ -20,6 +20,7 @@ from mavdem.cli.live_status import StatusLines
 from mavdem.dataset.segment_learnability import slow_streams
 from mavdem.facts import Fact, Level
 from mavdem.facts.assessment import Headline, NextStep
+from mavdem.facts.ending import MotionEvent
 from mavdem.facts.estimator import EstimatorLight
 from mavdem.facts.events import ReportedEvent
 from mavdem.facts.lights import Light
@@ -487,7 +488,9 @@ def test_the_status_stands_in_its_place_on_a_terminal():
     assert "\x1b[1;31m" in last
     # A sentence that is longer than a line wraps, so that none is cut.
     words = re.sub(r"\x1b\[[^m]*m|\s+", " ", last).split()
-    assert f"{weak} {other}" in " ".join(words) and "…" not in last
+    # The alarm in the headline is not said twice.
+    text = " ".join(words)
+    assert text.count(str(weak)) == text.count(str(other)) == 1 and "…" not in last
 
 
 def test_a_flying_vehicle_without_a_judgement_is_not_called_grounded():
@@ -673,3 +676,15 @@ def test_what_a_flight_has_shown_stays_the_headline_once_the_landed_vehicle_is_s
     assert judgement.headline.code is Headline.NOTHING_WRONG
     # Nothing helps a light that can no longer be judged, so that it is no step.
     assert judgement.next_step.code is NextStep.KEEP_LOG
+
+
+@mark.parametrize("is_flying", [True, False])
+def test_a_bad_event_heads_the_status_before_the_vibration_that_caused_it(is_flying):
+    vibration = Fact(VibrationLight.VIBRATION_MEASURED, Level.BAD)
+    diverged = Fact(MotionEvent.HEIGHT_DIVERGED, time=20.0)
+    status = SessionStatus(
+        is_flying=is_flying,
+        worst_lights={Light.VIBRATION: vibration, Light.ESTIMATOR: diverged},
+        active_alarms=(vibration, diverged) if is_flying else (),
+    )
+    assert status.overall_judgement.headline == diverged
