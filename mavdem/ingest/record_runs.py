@@ -112,9 +112,8 @@ class RecordRuns:
         is_last_of_run = np.ones(len(self._starts), dtype=np.bool_)
         is_last_of_run[:-1] = self._starts[1:] != self._ends[:-1]
         last_rows = np.flatnonzero(is_last_of_run)
-        # For each record: the first of these rows that does not precede it.
-        rows = np.arange(len(self._starts))
-        self._last_row_of_run = last_rows[np.searchsorted(last_rows, rows)]
+        records_of_runs = np.diff(last_rows, prepend=-1)
+        self._last_row_of_run = np.repeat(last_rows, records_of_runs)
         # The pages of a mapped file remain in memory until they are released.
         self._resident_bytes += offsets.stop - offsets.start
         if self._resident_bytes >= RESIDENT_BYTES:
