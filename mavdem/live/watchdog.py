@@ -1007,11 +1007,14 @@ class Watchdog:
             if len(motion.motors.time) < MIN_LIMIT_SAMPLES:
                 obstacles[WatchedQuantity.MOTOR_LIMITS] = obstacles[WatchedQuantity.OSCILLATION]
         received = self._recent.names_since(now - MEMORY_SECONDS)
-        # One of these messages is enough; the first is named where all are missing.
+        # One of these messages is enough; the first is named where all are missing: that of the autopilot.
+        estimator_messages = tuple(ESTIMATOR_FLAG_MESSAGES)
+        if vehicle.autopilot == "PX4":
+            estimator_messages = estimator_messages[::-1]
         needed_messages = {
             WatchedQuantity.VIBRATION: ("VIBRATION",),
             WatchedQuantity.BATTERY: BATTERY_MESSAGES,
-            WatchedQuantity.ESTIMATOR: tuple(ESTIMATOR_FLAG_MESSAGES),
+            WatchedQuantity.ESTIMATOR: estimator_messages,
             WatchedQuantity.WARNINGS: ("HEARTBEAT",),
             WatchedQuantity.DRIFT: ("LOCAL_POSITION_NED",),
             WatchedQuantity.HEIGHT: (BAROMETER_MESSAGE,),

@@ -688,3 +688,14 @@ def test_a_bad_event_heads_the_status_before_the_vibration_that_caused_it(is_fly
         active_alarms=(vibration, diverged) if is_flying else (),
     )
     assert status.overall_judgement.headline == diverged
+
+
+@mark.parametrize(
+    "autopilot, name",
+    [("PX4", "ESTIMATOR_STATUS"), ("ARDUPILOTMEGA", "EKF_STATUS_REPORT")],
+)
+def test_the_message_that_is_missing_is_that_of_the_autopilot(autopilot, name):
+    vehicle = Telemetry(1, 1, "QUADROTOR", autopilot, {}, {})
+    watchdog = Watchdog(RecentMessages())
+    obstacles = watchdog._message_obstacles(5.0, vehicle, None)
+    assert obstacles[WatchedQuantity.ESTIMATOR].figures["name"] == name
