@@ -37,7 +37,12 @@ class MotorAlarms:
         self._obstacle: Fact | None = None
 
     def restart(self) -> None:
-        """Forgets what is active, at a reboot, after which the clock begins again; the latest changes stay."""
+        """Forgets what is active, at a reboot, after which the clock begins again; the latest changes stay.
+
+        The test and its reference are forgotten too: their times are of another clock.
+        """
+        self._watch = None
+        self._obstacle = None
         self.active = ()
         self.change_time = nan
 

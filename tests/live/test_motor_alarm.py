@@ -132,6 +132,8 @@ def test_an_alarm_is_of_its_flight_and_of_its_boot():
     rebooted = hovering(rise=150.0, start=2.9)
     replay(rebooted[:200], made.stream)
     assert made.stream.status().active_alarms == ()
+    # The reference of the former boot, which has another clock, is none of this one.
+    assert made.stream.motor_alarms.reason_not_watched(5.0, is_flying=True) is not None
     status = replay(rebooted[200:], made.stream).stream.status()
     assert [one.boot for one in status.motor_alarms] == [0, 1] and status.active_alarms != alarm
     assert status.active_alarms[0].figures["reason"].figures["boot"] == 1
