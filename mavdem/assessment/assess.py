@@ -100,10 +100,10 @@ def assess(
     Args:
         log: the log.
         vehicle: "system" or "system:component". Without it, a log with several vehicles is not judged.
-        show_findings: receives what is known before models and loops are computed.
         axis: axis to model, or ``ALL_AXES``.
         options: choices of the user; None for the defaults.
         progress: shows the name of a step while it runs.
+        show_findings: is called with what is known before models and loops are computed, which takes most of the time.
 
     Returns:
         The assessment. A log without a vehicle that can be judged has one whose headline is the reason.

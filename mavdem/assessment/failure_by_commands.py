@@ -75,7 +75,7 @@ class WeakMotor(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class _LossCommands:
-    """The commands of k motors, as shares of their range, while the vehicle was lost, just before, and as usual."""
+    """The commands of k motors, as shares of their range, in the time in which a vehicle was lost and before it."""
 
     motors: MotorOutputs
     """The motors."""
@@ -99,8 +99,8 @@ class _LossCommands:
 def failure_by_commands(signals: Signals, boot: int, loss_context: LossContext) -> Fact | None:
     """Returns the fact about what failed first, by the commands of the motors; None if they show no failure.
 
-    The commands in the time before the loss are compared with the usual ones before. The first of these failures that
-    they show is returned:
+    The commands in the time of the loss are compared with the commands before. The first of these failures that they
+    show is returned:
 
     1. All motors were switched off.
     2. The mean command of all motors was near the highest, so that all thrust was in use.
@@ -145,7 +145,7 @@ def failure_by_commands(signals: Signals, boot: int, loss_context: LossContext) 
 
 
 def _commands_around(signals: Signals, boot: int, interval: TimeInterval) -> _LossCommands | None:
-    """Selects the commands of the motors in the time before the loss, just before it, and in the flight before that.
+    """Selects the commands of the motors in the time in which a vehicle was lost, just before it, and some time before.
 
     Args:
         signals: signals of the vehicle.
@@ -354,22 +354,25 @@ def _commands_between(commands: TimeSeries, start: float, end: float) -> Array:
 def _frozen_output(signals: Signals, commands: _LossCommands) -> Fact | None:
     """Returns the fact that one motor's output was constant while the controller moved the others.
 
+    The constant command must be above the lowest command of all motors from ``RECOVERY_SECONDS`` before on, since a
+    mixer may hold an output at its lower limit, which is not always known.
+
     Args:
         signals: signals of the vehicle.
-        commands: commands of the motors while the vehicle was lost, of which there must be at least
-            ``MIN_FROZEN_SAMPLES``, just before, and as usual in the flight.
+        commands: commands of the motors in the time in which the vehicle was lost, and before it.
 
     Returns:
         The fact, with the name of the motor and, as ``settings``, parameters that were changed so that its output no
-        longer drives it; None if no output froze.
+        longer drives it; None if no output froze, or there are less than ``MIN_FROZEN_SAMPLES``.
     """
     motors = commands.motors
     if len(commands.during) < MIN_FROZEN_SAMPLES:
         return None
     recorded = commands.recorded
-    start, end = commands.time[0], commands.time[-1]
-    is_around = in_intervals(recorded.time, [(start - RECOVERY_SECONDS, end)])
-    motor = frozen_motor(motors, commands.during, lowest=recorded.values[is_around].min())
+    loss_start, loss_end = commands.time[0], commands.time[-1]
+    is_around = in_intervals(recorded.time, [(loss_start - RECOVERY_SECONDS, loss_end)])
+    lowest_command = recorded.values[is_around].min()
+    motor = frozen_motor(motors, commands.during, lowest=lowest_command)
     if motor is None:
         return None
     name = motors.geometry.names[motor]

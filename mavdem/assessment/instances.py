@@ -510,20 +510,22 @@ def _speed_controllers(evidence: Evidence) -> Iterator[Instance]:
     Args:
         evidence: signals, events and measurements of the vehicle.
     """
+    # The event that the motor of a controller stood still, by the name of the controller.
     standstills = {}
     for event in evidence.warnings_in_flight([MotionEvent.MOTOR_STOOD_STILL]):
         standstills[event.figures["name"]] = event
     for controller in speed_controllers(evidence.signals):
         speeds = _values_in_flight(evidence, controller.speed)
-        state = _measured_state(speeds)
-        errors = _errors_in_flight(evidence, controller)
+        error_count = _errors_in_flight(evidence, controller)
         if controller.name in standstills:
             standstill = standstills[controller.name]
             state = Fact(InstanceState.STOOD_STILL, standstill.level, time=standstill.time)
-        elif errors:
+        elif error_count:
             seconds = sum(np.ptp(flight.time) for flight in evidence.in_flight(controller.speed))
-            level = Level.WATCH if errors > MAX_ERROR_RATE * seconds else None
-            state = Fact(InstanceState.COUNTED_ERRORS, level, count=errors)
+            level = Level.WATCH if error_count > MAX_ERROR_RATE * seconds else None
+            state = Fact(InstanceState.COUNTED_ERRORS, level, count=error_count)
+        else:
+            state = _measured_state(speeds)
         yield Instance(
             kind="speed controller",
             name=_name_with_motor(evidence, controller),

@@ -515,22 +515,19 @@ def _lasting_faults(
     Args:
         signals: signals of the vehicle.
         recorded_span: recorded time of one boot.
-        fault_states: messages that report a fault for as long as it lasts, of all boots.
+        fault_states: for each fault, the samples of its message and whether each reports the fault, of all boots.
 
     Yields:
         A fact with start and end for each interval; a fault that is still there when the record ends has no end.
     """
-    armed = intersection(
-        armed_intervals(signals, recorded_span.boot), [(recorded_span.start, recorded_span.end)]
-    )
+    recorded_interval = [(recorded_span.start, recorded_span.end)]
+    armed = intersection(armed_intervals(signals, recorded_span.boot), recorded_interval)
     for fault in fault_states:
         if not len(fault.is_faulty):
             continue
         columns = fault.columns_of(signals)
-        is_selected = columns["boot"] == recorded_span.boot
-        faulty_intervals = true_intervals(
-            columns["time"][is_selected], fault.is_faulty[is_selected]
-        )
+        is_in_boot = columns["boot"] == recorded_span.boot
+        faulty_intervals = true_intervals(columns["time"][is_in_boot], fault.is_faulty[is_in_boot])
         for start, end in intersection(faulty_intervals, armed):
             yield _reported_event(
                 signals,

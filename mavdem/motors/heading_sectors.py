@@ -37,8 +37,8 @@ def is_independent_of_heading(
     1. If the vehicle flew in some sectors both before and after the change, each of them must show the change.
     2. Otherwise all sectors after the change, at least two, must show it, and no sector before it.
 
-    How much of the change a block shows is measured by the projection of its balance on the change, by weighted least
-    squares. This progress is about −1 before the change, and about 0 after it.
+    How far a block is in the change is its progress: the projection of its balance, relative to the mean after the
+    change, on the change, by weighted least squares. It is about −1 before the change, and about 0 after it.
 
     Args:
         blocks: (N, a) balance about a axes in N successive blocks of flight, the latest last.

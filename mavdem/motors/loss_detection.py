@@ -227,7 +227,7 @@ class MotorLossDetector:
         return self.alarms[alarm_count:]
 
     def _restart(self, time: float, heading: float) -> None:
-        """Discards the flight before a gap, with its reference, noise and weak motors.
+        """Discards the flight before a gap, with its reference, its weak motors, and what it showed of the noise.
 
         Args:
             time: Time of the next sample, s.
@@ -237,6 +237,7 @@ class MotorLossDetector:
         self._sample_rate.restart(time)
         self._blocks.clear()
         self._unconfirmed_loss = None
+        # The long-run variance of a block has its first prior again.
         self._noise = np.full(len(self._model.torque_rows), PRIOR_BLOCK_SD**2)
         self._freedom = PRIOR_FREEDOM
         self.reference_time = None

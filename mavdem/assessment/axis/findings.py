@@ -41,14 +41,6 @@ identify.
 """
 
 
-DECIDING_PURPOSES = (
-    Purpose.CONTROL_EFFECTIVENESS,
-    Purpose.DAMPING_AND_TIME_CONSTANT,
-    Purpose.PREDICTION,
-)
-"""Purposes that decide the next step, the most important first."""
-
-
 class PredictionLimits(NamedTuple):
     """Limits of a GOOD prediction, from docs/report.md; a test holds each at its edge."""
 
@@ -451,18 +443,19 @@ def model_warnings(learned: Learned, held_out: HeldOut | None) -> Iterator[Fact]
 def next_step_for_model(purposes: Sequence[Finding]) -> Fact:
     """Returns the next step towards a better model, as a fact.
 
+    Parameters that the flight did not excite come first: they need movements. Then come wide intervals, which more data
+    narrow, and last bad forecasts, with which only the physical parameters are of use.
+
     Args:
-        purposes: graded. The first of the ``DECIDING_PURPOSES`` that is not served decides; one that was not judged
-            counts as served.
+        purposes: the grade of the model for each purpose. A purpose that was not judged counts as good.
 
     Returns:
         To fly movements that excite the axis, to fly longer, or to keep the physical parameters or the whole model.
     """
     grades = {finding.purpose: finding.grade for finding in purposes}
-    # Parameters that the flight did not excite come first, then intervals that more data narrow, then the forecasts.
-    effectiveness, damping, prediction = (
-        grades.get(purpose, Grade.GOOD) for purpose in DECIDING_PURPOSES
-    )
+    effectiveness = grades.get(Purpose.CONTROL_EFFECTIVENESS, Grade.GOOD)
+    damping = grades.get(Purpose.DAMPING_AND_TIME_CONSTANT, Grade.GOOD)
+    prediction = grades.get(Purpose.PREDICTION, Grade.GOOD)
     if effectiveness is not Grade.GOOD or damping is Grade.NOT_IDENTIFIABLE:
         return Fact(NextStep.FLY_MOVEMENTS)
     if damping is not Grade.GOOD:
