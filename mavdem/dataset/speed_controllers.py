@@ -83,7 +83,7 @@ class SpeedController:
 def speed_controllers(signals: Signals) -> tuple[SpeedController, ...]:
     """Returns the speed controllers that report the speed of a motor, by number.
 
-    The first kind of message with any speed is used: DataFlash's ESC, ESC_STATUS, or ESC_TELEMETRY.
+    The first message type with any speed is used: DataFlash's ESC, ESC_STATUS, or ESC_TELEMETRY.
 
     Args:
         signals: signals of the vehicle.

@@ -87,7 +87,7 @@ def float_column(columns: Columns, field: str) -> Array:
     """Converts a field of a message to floating-point numbers.
 
     Args:
-        columns: Fields of one kind of message, N rows each.
+        columns: Fields of one message type, N rows each.
         field: Name of a field; (N,) numbers or, of an array field, (N, k).
 
     Returns:
@@ -104,7 +104,7 @@ def float_columns(columns: Columns, fields: Iterable[str]) -> Array:
     """Converts several scalar fields of a message to one array of floating-point numbers.
 
     Args:
-        columns: Fields of one kind of message, N rows each.
+        columns: Fields of one message type, N rows each.
         fields: Names of k fields, at least one.
 
     Returns:

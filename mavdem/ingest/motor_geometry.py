@@ -249,7 +249,7 @@ OLD_FRAME_CLASSES = {"QUADROTOR": 1, "HEXAROTOR": 2, "OCTOROTOR": 3}
 def _ardupilot_rotors(vehicle: str, parameters: Parameters, motors: Sequence[int]) -> _Rotors:
     """Looks up the rotors of the frame that ArduPilot's parameters name.
 
-    FRAME_CLASS is the kind of frame (quadrotor, hexarotor, …), FRAME_TYPE its arrangement (plus, X, …). Before
+    FRAME_CLASS is the class of the frame (quadrotor, hexarotor, …), FRAME_TYPE its arrangement (plus, X, …). Before
     ArduCopter 3.5 the class was compiled in and follows from the vehicle's MAV_TYPE, and FRAME was the type. Logs of
     these versions may lack the MAV_TYPE too; then a vehicle with exactly the motors 1 to 4 is a quadrotor.
 
@@ -280,7 +280,7 @@ def _frame_rotors(frame_class: int, frame_type: int) -> _Rotors:
     for each motor, "+" for counterclockwise rotation and "-" for clockwise.
 
     Args:
-        frame_class: Number of the kind of frame, FRAME_CLASS.
+        frame_class: ArduPilot's FRAME_CLASS: quadrotor, hexarotor and so on.
         frame_type: Number of its arrangement, FRAME_TYPE.
 
     Returns:

@@ -227,7 +227,7 @@ def _sampled_ratios(topics: Topics, instance: int, ratio: EstimatorRatio, time: 
     Args:
         topics: The logged topics, by name and number of the instance.
         instance: Number of the estimator instance.
-        ratio: The kind of innovation.
+        ratio: Which innovation: of velocity, position, height or heading.
         time: Times (T,) of estimator_status, s, ascending.
 
     Returns:

@@ -239,7 +239,7 @@ def _default_parameters(other_records: OtherRecords) -> dict[str, float]:
 def _topics(logged_topics: Sequence[LoggedTopic], start: float) -> tuple[Topics, int]:
     """Returns the topics that mavdem reads, sorted by time and without messages whose stamps are far from all others.
 
-    A topic is a kind of message of PX4, such as ``vehicle_attitude``. It has several instances if, for example, a
+    A topic is a type of message of PX4, such as ``vehicle_attitude``. It has several instances if, for example, a
     vehicle has two batteries. The first message of each topic is a special case: when logging starts, PX4 logs the
     topic's latest message, whose stamp may be long past. It is kept, since it is valid at the start, and its time is
     moved to the start of the log.

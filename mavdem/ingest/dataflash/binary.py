@@ -218,7 +218,8 @@ def usable_fields(table: MessageTable) -> MessageTable:
     """Leaves out the fields of a table that no reader can use.
 
     A usable field has one number per message, or is one of ``NON_NUMERIC_FIELDS``, the texts and arrays that are read.
-    A damaged definition may turn any field into a text or an array, and an integer code into a float.
+    A damaged definition may turn any field into a text or an array, and a code, such as the number of an event, into a
+    float.
 
     Args:
         table: The decoded messages of one name.
@@ -462,7 +463,7 @@ class _MessageScan:
     def _learn_definitions(self) -> None:
         """Finds the first definition of each id anywhere in the log, since messages may precede their FMT.
 
-        A definition (FMT) gives the id, name, length and fields of one kind of message. Messages can be read only with
+        A definition (FMT) gives the id, name, length and fields of one message type. Messages can be read only with
         the right length, so a definition whose stated length equals the length of its fields is preferred. One whose
         stated length differs is used only if there is no other with the same id; then the length of the fields is used,
         and a fact reports it. A field of a type newer than ``FIELD_TYPES`` is no damage: the length of the fields is
@@ -561,10 +562,12 @@ class _MessageScan:
             Offset of the next header, or the end of the log.
         """
         next_header = self._next_header(offset)
-        if self.starts and next_header < len(self.content) and self._end_of_messages() == offset:
-            previous = self.starts.pop()
-            self.message_bytes -= offset - previous
-            return self._next_header(previous + 1)
+        has_header_after = next_header < len(self.content)
+        follows_message = bool(self.starts) and self._end_of_messages() == offset
+        if has_header_after and follows_message:
+            message_before = self.starts.pop()
+            self.message_bytes -= offset - message_before
+            return self._next_header(message_before + 1)
         return next_header
 
     def _next_header(self, offset: int) -> int:

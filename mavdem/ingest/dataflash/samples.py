@@ -112,7 +112,7 @@ def _instance_by_stage(
     Args:
         option: The parameter that decides which stages are logged.
         parameters: The autopilot's parameters by name.
-        sensor_count: Number of sensors of this kind.
+        sensor_count: Number of gyros, or of accelerometers.
 
     Returns:
         The instance by stage, "BEFORE" and "AFTER"; only stages that the parameter switches on.

@@ -78,7 +78,7 @@ INSTANCE_FIELD = "I"
 
 
 def rows_of_sensor(tables: Tables, name: str, old_names: tuple[str, ...], number: int) -> Columns:
-    """Returns the messages of one of several sensors of a kind.
+    """Returns the messages of one of several equal sensors, such as barometers.
 
     New versions of ArduPilot log all of them in one message, with the number of the sensor in a field. In old versions
     each sensor has a message of its own, such as BARO, BAR2 and BAR3.

@@ -73,10 +73,10 @@ def firmware_text(texts: Sequence[str]) -> str:
 
 
 def mav_type(texts: Sequence[str], parameters: Parameters) -> str:
-    """Finds out the kind of vehicle, which a DataFlash log does not state as such.
+    """Finds out the MAV_TYPE of the vehicle, which a DataFlash log does not state as such.
 
-    The name of the firmware shows whether it is a copter, a plane or another kind. Without the name, a copter is
-    recognised by parameters that only copters have.
+    The name of the firmware shows whether it is a copter, a plane or another vehicle. Without the name, a copter is
+    recognised by parameters that only copters have. The frame of a copter follows from its parameters and texts.
 
     Args:
         texts: The texts of MSG, which name firmware and frame.
@@ -84,18 +84,18 @@ def mav_type(texts: Sequence[str], parameters: Parameters) -> str:
 
     Returns:
         MAV_TYPE without its prefix, such as "QUADROTOR". It is GENERIC_MULTIROTOR for a copter whose frame is not
-        known, and GENERIC if not even the kind of vehicle is known.
+        known, and GENERIC if it is not even known whether it is a copter.
     """
-    kind = "GENERIC"
+    is_copter = False
+    vehicle_type = "GENERIC"
     firmware = _FIRMWARE.match(firmware_text(texts))
     if firmware is not None:
-        kind = FIRMWARES[firmware[1].lower()]
+        vehicle_type = FIRMWARES[firmware[1].lower()]
+        is_copter = vehicle_type == FIRMWARES["copter"]
     elif "FRAME_CLASS" in parameters and "ATC_RAT_RLL_P" in parameters:
         # Only copters have both parameters.
-        kind = FIRMWARES["copter"]
-    if kind != FIRMWARES["copter"]:
-        return kind
-    return _copter_type(texts, parameters)
+        is_copter = True
+    return _copter_type(texts, parameters) if is_copter else vehicle_type
 
 
 def _copter_type(texts: Sequence[str], parameters: Parameters) -> str:

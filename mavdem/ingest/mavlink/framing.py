@@ -394,29 +394,31 @@ def _frames_of_headers(start: Offsets, headers: Bytes) -> Frames:
     )
 
 
-def _without_overlaps(frames: Frames, free_start: int) -> Frames:
+def _without_overlaps(frames: Frames, first_offset: int) -> Frames:
     """Leaves out frames that begin before an offset or inside an earlier frame.
 
     Of frames that overlap, the one that begins first is kept.
 
     Args:
         frames: Frames in stream order.
-        free_start: Offset before which no frame may begin.
+        first_offset: Offset before which no frame may begin.
 
     Returns:
         The kept frames, in stream order.
     """
-    if len(frames) and frames.start[0] < free_start:
-        frames = frames[frames.start >= free_start]
-    if (frames.start[1:] >= frames.end[:-1]).all():
+    if len(frames) and frames.start[0] < first_offset:
+        frames = frames[frames.start >= first_offset]
+    has_overlap = (frames.start[1:] < frames.end[:-1]).any()
+    if not has_overlap:
         return frames
-    is_accepted = np.zeros(len(frames), dtype=np.bool_)
+    is_kept = np.zeros(len(frames), dtype=np.bool_)
+    end_of_kept = first_offset
     bounds = zip(frames.start.tolist(), frames.end.tolist(), strict=True)
     for row, (start, end) in enumerate(bounds):
-        if start >= free_start:
-            is_accepted[row] = True
-            free_start = end
-    return frames[is_accepted]
+        if start >= end_of_kept:
+            is_kept[row] = True
+            end_of_kept = end
+    return frames[is_kept]
 
 
 def _frames_between_linked(

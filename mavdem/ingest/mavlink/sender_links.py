@@ -120,6 +120,9 @@ class SenderLinks:
         # The latest boot clock, s, and the sequence number of the latest frame that was not late.
         self._latest_clock = 0.0
         self._latest_sequence = 0
+        # The sequence number of the latest frame with a boot clock, and how many frames were received since.
+        self._sequence_at_latest_reading = 0
+        self._received_since_reading = 0
         # The sequence number of the latest frame of the slower link, and how many frames had been received up to the
         # latest copy of a reading. The initial value is so far in the past that it never counts as recent.
         self._latest_slow_sequence = 0

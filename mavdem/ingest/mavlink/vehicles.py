@@ -300,7 +300,8 @@ def _component_record(
 ) -> _ComponentRecord:
     """Decodes all messages of one component, and finds out what it is and how many messages were lost.
 
-    Its kind is that in its HEARTBEATs. A component that sent only the messages that telemetry radios insert is a radio.
+    What it is follows from its HEARTBEATs. A component that sent only the messages that telemetry radios insert is a
+    radio.
 
     Args:
         stream: The recording.
@@ -315,16 +316,16 @@ def _component_record(
     messages, clock_repairs = _messages(
         stream, frames_of_messages, is_in_order=not sender_stream.copies
     )
-    kind, autopilot = UNNAMED, UNNAMED
+    vehicle_type, autopilot = UNNAMED, UNNAMED
     if "HEARTBEAT" in messages:
-        kind, autopilot = vehicle_identity(messages["HEARTBEAT"])
+        vehicle_type, autopilot = vehicle_identity(messages["HEARTBEAT"])
     counts = {name: len(columns["time"]) for name, columns in messages.items()}
     if counts and RADIO_MESSAGES.issuperset(counts):
-        kind = RADIO
+        vehicle_type = RADIO
     component = Component(
         sender_id >> COMPONENT_BITS,
         sender_id & COMPONENT_MASK,
-        kind,
+        vehicle_type,
         autopilot,
         messages=counts,
         lost=sender_stream.lost,
@@ -346,7 +347,7 @@ def _is_vehicle(component: Component) -> bool:
     One that sent nothing but HEARTBEATs is no vehicle here: nothing of its motion can be read.
 
     Args:
-        component: The component, with its kind by its HEARTBEAT and its messages.
+        component: The component, with its type by its HEARTBEATs and its messages.
     """
     if component.kind == UNNAMED:
         return not VEHICLE_MESSAGES.isdisjoint(component.messages)

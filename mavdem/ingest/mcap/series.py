@@ -306,7 +306,7 @@ def _summary(groups: Mapping[Opcode, Sequence[McapRecord]], offset: int) -> byte
     """Returns the summary of a file: groups of records, where each group is, and the footer with the checksum.
 
     Args:
-        groups: Records by their kind.
+        groups: Records by their opcode, the number of their type.
         offset: Offset of the summary in the file.
 
     Returns:

@@ -62,13 +62,14 @@ TopicNumbers = Mapping[str, Array]
 def mavros_autopilot(mode_counts: Counter[str]) -> int:
     """Recognises the autopilot by the names of its flight modes, since MAVROS's topics do not name it.
 
-    Modes of PX4 and ArduPilot have different names ("POSCTL", "LOITER"); the modes of the flight are counted for each.
+    Modes of PX4 and ArduPilot have different names ("POSCTL", "LOITER"). The autopilot is the one whose mode names
+    occur more often in the flight.
 
     Args:
         mode_counts: Number of occurrences of each flight mode, by its name (``lib/uas_stringify.cpp``).
 
     Returns:
-        MAV_AUTOPILOT; GENERIC where as many are PX4's as ArduPilot's.
+        MAV_AUTOPILOT; GENERIC if as many occurrences are of PX4's modes as of ArduPilot's.
     """
     px4_count = sum(mode_counts[mode] for mode in NAMES["mavros_modes"]["PX4"])
     px4_count += sum(count for mode, count in mode_counts.items() if mode.startswith("AUTO."))
