@@ -46,6 +46,9 @@ MAX_SAMPLE_GAP = 0.6
 The samples of ``DRIFT_SECONDS`` may span so much less than that at each end. Gaps between them are not judged.
 """
 
+MAX_POSE_AGE = 1.0
+"""Age up to which an attitude is that of a velocity, s: as long as none is missing, it is much younger. A choice."""
+
 DRIFT_SECONDS = 5.0
 """Time over which lean and speed against the thrust are averaged until wind is said to carry the vehicle away, s.
 
@@ -163,6 +166,9 @@ class WindDriftDetector:
         samples = self._samples
         if samples and sample.time < samples[-1].time + SAMPLE_PERIOD:
             return
+        if samples and sample.time > samples[-1].time + DRIFT_SECONDS:
+            # What the vehicle did in a long gap is not known.
+            self.end(samples[-1].time)
         samples.append(sample)
         while samples[0].time < sample.time - DRIFT_SECONDS:
             samples.popleft()
@@ -225,11 +231,14 @@ def wind_drifts(sensors: BootSensors, flight_interval: TimeInterval) -> Iterator
         return
     velocity = velocity.within(flight_interval)
     columns = []
+    has_recent_attitude = np.ones(len(velocity.time), dtype=bool)
     for attitude in signals.attitudes:
         angle = series_of_boot(attitude.angle_series, boot)
         if angle is not None:
-            # As live, an attitude holds until the next one.
+            # As live, an attitude holds until the next one, but not for long.
             columns.append(last_values(velocity.time, angle.time, angle.values))
+            attitude_time = last_values(velocity.time, angle.time, angle.time)
+            has_recent_attitude &= velocity.time - attitude_time < MAX_POSE_AGE
     if len(columns) < len(AXES):
         return
     # Only times around a lean near the limit can show a drift. Most flights have none, and are not searched.
@@ -241,7 +250,7 @@ def wind_drifts(sensors: BootSensors, flight_interval: TimeInterval) -> Iterator
         (start - DRIFT_SECONDS, end + DRIFT_SECONDS)
         for start, end in merge_close(moments, 2 * DRIFT_SECONDS)
     ]
-    rows = np.flatnonzero(in_intervals(velocity.time, around_lean))
+    rows = np.flatnonzero(has_recent_attitude & in_intervals(velocity.time, around_lean))
     times = velocity.time[rows].tolist()
     angles = np.column_stack(columns)[rows].tolist()
     velocities = velocity.values[rows].tolist()

@@ -6,7 +6,7 @@ from math import isfinite, isnan
 
 import numpy as np
 
-from mavdem.assessment.wind_drifts import drift_sample
+from mavdem.assessment.wind_drifts import MAX_POSE_AGE, drift_sample
 from mavdem.containers import Numbers
 from mavdem.dataset.attitude import ATTITUDE_MESSAGES
 from mavdem.dataset.axes import TILT_AXES
@@ -60,9 +60,6 @@ KEPT_MESSAGES = frozenset(
     )
 )
 """Slow messages that are kept for the periodic review."""
-
-MAX_POSE_AGE = 1.0
-"""Age up to which an attitude is that of a velocity, s: as long as none is missing, it is much younger. A choice."""
 
 MAX_PORTS = 4
 """Ports of a message of motor outputs that are read, a choice that bounds the memory; PX4 has two."""

@@ -1,5 +1,7 @@
 """What needs no multirotor is judged of every vehicle; motors, margins, tracking and wind name its type."""
 
+from dataclasses import replace
+
 import numpy as np
 from hover import Hover, changed, columns, disarmed, log_of
 from pytest import approx, fixture, mark
@@ -8,13 +10,15 @@ from mavdem.assessment.assess import assess
 from mavdem.assessment.innovations import INNOVATION_FIELDS
 from mavdem.dataset.flight_states import airborne_intervals
 from mavdem.dataset.signals import Signals
+from mavdem.facts import Fact, Level
 from mavdem.facts.assessment import Headline, NextStep
 from mavdem.facts.ending import MotionEvent
 from mavdem.facts.events import ReportedEvent
 from mavdem.facts.learnability import NotLearnableReason
-from mavdem.facts.lights import Unjudged
+from mavdem.facts.lights import Light, Unjudged
 from mavdem.facts.log import LogLight
 from mavdem.facts.power import PowerLight
+from mavdem.facts.sources import Flaw, Repair
 from mavdem.facts.trust import TrustCheck
 from mavdem.facts.vibration import VibrationLight
 from mavdem.ingest.vocabulary import IN_AIR, ON_GROUND
@@ -137,3 +141,11 @@ def test_of_other_vehicles_the_sensors_are_checked_and_no_flight(vehicle):
         TrustCheck.POSITION,
         TrustCheck.STICK,
     ]
+
+
+def test_a_damaged_log_of_a_plane_has_a_light_to_be_watched():
+    damage = Fact(Repair.FRAMES_LEFT_OUT, count=150, flaw=Flaw.DAMAGE)
+    log = replace(log_of(replace(telemetry("FIXED_WING"), repairs=(damage,))), frames=1000)
+    light = assess(log).lights[Light.LOG]
+    assert light.code is LogLight.RECORDED_WITH_DAMAGE and light.level is Level.WATCH
+    assert str(light).endswith("What is left has attitude at 10 Hz.")

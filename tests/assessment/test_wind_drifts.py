@@ -54,6 +54,14 @@ def test_what_is_not_carried_away(roll, east, yaw, parameters):
     assert drift_of(roll, east, yaw, **parameters) is None
 
 
+def test_a_drift_ends_before_a_long_gap():
+    detector = WindDriftDetector()
+    for time in (*np.arange(100.0, 110.0, 0.25).tolist(), 300.0):
+        detector.add_sample(drift_sample(time, (radians(45.0), 0.0, 0.0), (0.0, -2.0)), {})
+    assert detector.latest.end_time == 109.75
+    assert detector.latest.figures["distance"] == approx(19.5)
+
+
 def test_a_limit_that_is_known_counts():
     assert drift_of(25.0, -2.0, ATC_ANGLE_MAX=25.0) is not None
 
@@ -91,3 +99,20 @@ def test_a_log_and_a_live_flight_are_judged_the_same():
     [event] = [fact for fact in judged.evidence.events if fact.code is MotionEvent.CARRIED_AWAY]
     assert event.end_time == drift.end_time and event.figures == approx(drift.figures)
     assert judged.lights[Light.WIND] == event and judged.judgement.headline == event
+
+
+@dataclass(frozen=True)
+class BlownWithoutAttitude(BlownFlight):
+    """The same flight, whose attitude does not come from 15 s to 40 s."""
+
+    def _attitude(self, start, end):
+        for time, name, values in super()._attitude(start, end):
+            if not 15.0 <= time < 40.0:
+                yield time, name, values
+
+
+def test_an_attitude_that_no_longer_comes_shows_no_drift():
+    frames = BlownWithoutAttitude(Hover(hovering=30.0), attitude=20.0, motors=20.0).frames(end=64.0)
+    judged = assess(read(tlog(content for _, content in frames)))
+    codes = [fact.code for fact in judged.evidence.events]
+    assert MotionEvent.CARRIED_AWAY not in codes

@@ -234,7 +234,7 @@ def _log_of_other_vehicle(evidence: Evidence) -> Fact:
     """Judges how well the log recorded a vehicle that is not a multirotor, and of which no model is learned.
 
     Without a model no rate is too slow, and the outputs of the motors do not matter. Only gaps of the attitude in
-    operation, and messages that the logger lost ("dropouts"), count.
+    operation, messages that the logger lost ("dropouts"), and damage count.
 
     Args:
         evidence: the signals of the vehicle, and when it operated.
@@ -247,13 +247,18 @@ def _log_of_other_vehicle(evidence: Evidence) -> Fact:
     if attitude is None:
         return Fact(LogLight.ATTITUDE_NOT_RECORDED)
     longest_gap = _longest_gap(evidence, attitude)
-    has_gaps = longest_gap > MAX_GAP or dropouts
+    damage = _damage(evidence.log, evidence.signals.telemetry)
+    code = LogLight.RECORDED_OTHER_VEHICLE
+    if longest_gap > MAX_GAP or dropouts:
+        code = LogLight.RECORDED_WITH_GAPS
+    elif damage is not None and _is_large(damage):
+        code = LogLight.RECORDED_WITH_DAMAGE
     return Fact(
-        LogLight.RECORDED_WITH_GAPS if has_gaps else LogLight.RECORDED_OTHER_VEHICLE,
+        code,
         attitude_rate=rate_between_outages(attitude),
         longest_gap=longest_gap,
         dropouts=dropouts,
-        damage=_damage(evidence.log, evidence.signals.telemetry),
+        damage=damage,
         is_received=not evidence.signals.telemetry.translated_from,
     )
 
