@@ -139,8 +139,8 @@ def writable_target(path: PathName) -> Path:
         mode = target.stat().st_mode
         # Replacing a device such as /dev/null by a file would break the system.
         if not stat.S_ISREG(mode):
-            obstacle = "it is a folder" if stat.S_ISDIR(mode) else "it is there and no plain file"
-            raise FileExistsError(None, obstacle, str(path))
+            reason = "it is a folder" if stat.S_ISDIR(mode) else "it is there and no plain file"
+            raise FileExistsError(None, reason, str(path))
     for folder in (Path(path).parent, target.parent):
         if not folder.is_dir():
             raise FileNotFoundError(None, f"there is no folder {folder}", str(path))

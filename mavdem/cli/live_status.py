@@ -114,7 +114,7 @@ class StatusLines:
             self._print_new(status, texts)
             return
         # The problems state why nothing is learned: it is not repeated as the reason for not watching.
-        watched = watched_quantities_text(status.watch_facts, stated_reason=status.obstacle)
+        watched = watched_quantities_text(status.watch_facts, stated_reason=status.no_model_reason)
         style = _style(*status.active_alarms)
         lines = Group(
             texts.vehicle,
@@ -160,7 +160,7 @@ class StatusLines:
         """
         state = PrintedState(
             status.vehicle,
-            status.obstacle is not None,
+            status.no_model_reason is not None,
             any(fact.is_bad for fact in status.active_alarms),
             status.delay_fact is not None,
         )
@@ -177,7 +177,7 @@ class StatusLines:
         else:
             # The reason why nothing is learned was reported when it began: it is not repeated.
             reported_texts = set()
-            reason = status.obstacle
+            reason = status.no_model_reason
             if reason is not None:
                 reported_texts.add(escape_unprintable(reason.sentence))
                 reported_texts.add(escape_unprintable(reason.advised))
@@ -190,7 +190,7 @@ def _status_texts(status: SessionStatus) -> StatusTexts:
     """Returns the status of a session in sentences, none of which repeats the headline or the next step.
 
     Args:
-        status: The status. Its ``obstacle`` is the fact that says why no model is learned now; None while one is.
+        status: The status. Its ``no_model_reason`` is the fact that says why no model is learned now, if none is.
     """
     judgement = status.overall_judgement
     judgement_text = escape_unprintable(" ".join(headline_and_next_step(judgement)))
@@ -198,7 +198,7 @@ def _status_texts(status: SessionStatus) -> StatusTexts:
         escape_unprintable(sentence.text)
         for sentence in render_section("live_status", status=status)
     ]
-    reason = status.obstacle
+    reason = status.no_model_reason
     if reason is not None:
         # The section ends with the reason why nothing is learned and its remedy. The headline may be the same fact, and
         # the next step may be the same remedy.

@@ -224,7 +224,7 @@ def live_document(
         latency=dict(zip(("median", "p99", "max"), status.latency, strict=True)),
         ahead=dict(zip(("seconds", "half_width_rad"), status.prediction_band, strict=True)),
         useful=dict(zip(("seconds", "error_ratio"), status.useful_horizon, strict=True)),
-        obstacle=status.obstacle,
+        obstacle=status.no_model_reason,
         gains=None if session.gain_adviser is None else session.gain_adviser.facts,
         wind=wind,
         events=[event.fact for event in session.history.events],

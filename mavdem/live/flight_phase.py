@@ -72,7 +72,7 @@ class FlightPhase:
         self._landing_time: float | None = None
 
     @property
-    def obstacle(self) -> Fact | None:
+    def not_flying_reason(self) -> Fact | None:
         """Why the vehicle is not flying; None if it is."""
         if self.is_flying:
             return None

@@ -19,7 +19,7 @@ def lights_before_model(
     reason: Fact,
     rates: Mapping[str, float],
     watch_facts: Mapping[str, Fact],
-    wind_obstacle: Fact | None,
+    no_wind_reason: Fact | None,
 ) -> dict[str, Fact]:
     """Returns the fact of each light before a model is judged.
 
@@ -30,7 +30,7 @@ def lights_before_model(
         reason: why there is no judgement of a model.
         rates: rates of attitude and motor messages, Hz, by message name.
         watch_facts: for each thing that is watched on the followed vehicle, by its name: since when, or why it is not.
-        wind_obstacle: why there is no estimate of the wind although the vehicle flies; None if nothing prevents it.
+        no_wind_reason: why there is no estimate of the wind although the vehicle flies; None if nothing prevents it.
 
     Returns:
         A fact for each light, by name, in the order in which they are shown.
@@ -75,10 +75,10 @@ def lights_before_model(
         else:
             reason_for_rest = reason
         lights[str(light)] = Fact(code, reason=reason_for_rest)
-    if watch_facts and wind_obstacle is None:
-        wind_obstacle = Fact(WatchFact.WIND_AWAITED)
-    if wind_obstacle is not None:
-        lights[str(Light.WIND)] = Fact(Unjudged.NOT_JUDGED, reason=wind_obstacle)
+    if watch_facts and no_wind_reason is None:
+        no_wind_reason = Fact(WatchFact.WIND_AWAITED)
+    if no_wind_reason is not None:
+        lights[str(Light.WIND)] = Fact(Unjudged.NOT_JUDGED, reason=no_wind_reason)
     log_light = _log_light(rates)
     if reason.code is RowsFact.LIVE_RATES_TOO_LOW:
         # As of a log, rates that are too low for a model are to be watched.

@@ -46,7 +46,7 @@ class Milestones:
         self._boot = 0
         # Whether the vehicle has flown since a flight was reported last, and why there was no wind in that flight.
         self._has_flown = False
-        self._wind_obstacle: Fact | None = None
+        self._no_wind_reason: Fact | None = None
         # Whether the vehicle flew at the latest update; when the flight ended that is not reported yet, s of the boot
         # clock; how many rows had been learned from at the last report of a flight; and the mean wind of the flight.
         self._was_flying = False
@@ -102,7 +102,7 @@ class Milestones:
         if status.is_flying:
             self._unreported_end = None
             self._has_flown = True
-            self._wind_obstacle = status.wind_obstacle
+            self._no_wind_reason = status.no_wind_reason
             # The mean wind is stored, since a restart of the autopilot after the landing resets that of the status.
             self._mean_wind = status.mean_wind
         elif self._was_flying:
@@ -166,7 +166,7 @@ class Milestones:
                 **_margin_figures(margins),
                 reason=() if wind is None else wind.facts,
                 shortfall=None if physical is not None else status.shortfall,
-                wind_obstacle=None if wind is not None else self._wind_obstacle,
+                wind_obstacle=None if wind is not None else self._no_wind_reason,
                 delay=delay if isfinite(delay) else None,
                 **_parameter_figures(learning, physical),
             )

@@ -34,7 +34,7 @@ class MotorAlarms:
         # Boot, mixer geometry and range of the outputs that the present watch is for.
         self._watched_motors: object = None
         # Why the test cannot find anything, as of the latest sample.
-        self._obstacle: Fact | None = None
+        self._undetectable_reason: Fact | None = None
 
     def restart(self) -> None:
         """Forgets what is active, at a reboot, after which the clock begins again; the latest changes stay.
@@ -42,7 +42,7 @@ class MotorAlarms:
         The test and its reference are forgotten too: their times are of another clock.
         """
         self._watch = None
-        self._obstacle = None
+        self._undetectable_reason = None
         self.active = ()
         self.change_time = nan
 
@@ -61,8 +61,8 @@ class MotorAlarms:
         """
         if not is_flying:
             return Fact(WatchFact.ON_GROUND_NOW)
-        if self._obstacle is not None:
-            return self._obstacle
+        if self._undetectable_reason is not None:
+            return self._undetectable_reason
         if self._watch is None or now - self._watch.latest_time > MAX_GAP:
             return Fact(SessionFact.NOT_SETTLED)
         if self._watch.reference_time is None:
@@ -111,5 +111,5 @@ class MotorAlarms:
                 weak_motors = list(self._watch.weak_motors.values()) or [change]
                 self.active = tuple(alarm.event for alarm in weak_motors)
             facts.append(change.event)
-        self._obstacle = self._watch.undetectable_reason
+        self._undetectable_reason = self._watch.undetectable_reason
         return tuple(facts)

@@ -50,7 +50,7 @@ from mavdem.live.time_account import TimeAccount
 from mavdem.live.vehicle_selection import Component
 from mavdem.plant.online_wind_torque import FIRST_FIT_SECONDS
 
-OBSTACLES_TO_ROWS = (
+NO_ROWS_CODES = (
     RowsFact.NO_LIVE_ATTITUDE,
     RowsFact.ATTITUDE_ASKED,
     RowsFact.NO_LIVE_MOTORS,
@@ -59,7 +59,7 @@ OBSTACLES_TO_ROWS = (
 """Obstacles without rows, and so without a model of the flight."""
 
 
-OBSTACLES_TO_FOLLOWING = (
+NOT_FOLLOWED_CODES = (
     VehicleFact.CHOOSE_VEHICLE,
     VehicleFact.NO_MULTIROTOR_YET,
     VehicleFact.TWO_VEHICLES_LIVE,
@@ -156,13 +156,13 @@ class LiveSession:
             rates=self._rates,
             time_account=TimeAccount(),
         )
-        # When the status was reported last, s of the monotonic clock, and the obstacle that was reported last.
+        # When the status was reported last, s of the monotonic clock, and its ``no_model_reason`` then.
         self._status_time = 0.0
-        self._obstacle: Fact | None = None
+        self._reported_reason: Fact | None = None
         # Time of the latest sample that was added to the history without a row, s of the boot clock.
         self._sample_time = -inf
         # Why there were no rows in flight when that was last so; None before.
-        self._rows_obstacle: Fact | None = None
+        self._no_rows_reason: Fact | None = None
         # Number of rows of free flight that this computer had no time to learn from.
         self._postponed_rows = 0
 
@@ -391,9 +391,9 @@ class LiveSession:
     def _update_status(self, now: float) -> SessionStatus:
         """Reports the status, once in ``STATUS_PERIOD``, and when a reason for learning no model appears or disappears.
 
-        That reason is the ``obstacle`` of the status. In flight the latest sample is displayed too if there are no rows
-        yet: a display must not stay empty while messages come too slowly for rows. The status is not reported while the
-        computer is so late that even estimates are postponed.
+        That reason is the ``no_model_reason`` of the status. In flight the latest sample is displayed too if there are
+        no rows yet: a display must not stay empty while messages come too slowly for rows. The status is not reported
+        while the computer is so late that even estimates are postponed.
 
         Args:
             now: present time, s of the monotonic clock.
@@ -407,20 +407,20 @@ class LiveSession:
         if DelayedWork.ESTIMATES not in self.backlog.postponed:
             self._report_status(status)
         if status.is_flying:
-            if status.obstacle is not None and status.obstacle.code in OBSTACLES_TO_ROWS:
-                self._rows_obstacle = status.obstacle
+            if status.no_model_reason is not None and status.no_model_reason.code in NO_ROWS_CODES:
+                self._no_rows_reason = status.no_model_reason
             self._presentation.preview(
                 self.stream.latest_row(), self.stream.pose, self._learning.row_format
             )
         else:
             self._learning.is_free = False
         # The same reason with other figures, such as rates that vary, is not reported again.
-        if _meaning(status.obstacle) != _meaning(self._obstacle):
+        if _meaning(status.no_model_reason) != _meaning(self._reported_reason):
             # That there is a first model was reported when it came.
-            was_first_fit = self._obstacle == FIRST_FIT_RUNNING
-            self._obstacle = status.obstacle
-            if status.obstacle is not None or not was_first_fit:
-                news = status.obstacle or Fact(SessionFact.BEING_LEARNED, Level.GOOD)
+            was_first_fit = self._reported_reason == FIRST_FIT_RUNNING
+            self._reported_reason = status.no_model_reason
+            if status.no_model_reason is not None or not was_first_fit:
+                news = status.no_model_reason or Fact(SessionFact.BEING_LEARNED, Level.GOOD)
                 # During an alarm, the report must not advise the pilot to fly on: ``grounded`` removes such advice.
                 is_alarmed = any(alarm.is_bad for alarm in status.active_alarms)
                 # While a vehicle is out of control in the air, nothing about learning is reported.
@@ -453,11 +453,11 @@ class LiveSession:
         """
         if isinstance(self._executor, LearningProcess):
             self._executor.suspend(False)
-        if self._learning.learner is None and self._rows_obstacle is not None:
-            raise NotLearnable(self._rows_obstacle)
-        vehicle_obstacle = self.stream.vehicle_obstacle
-        if vehicle_obstacle is not None and vehicle_obstacle.code in OBSTACLES_TO_FOLLOWING:
-            raise NotLearnable(vehicle_obstacle)
+        if self._learning.learner is None and self._no_rows_reason is not None:
+            raise NotLearnable(self._no_rows_reason)
+        not_followed_reason = self.stream.not_followed_reason
+        if not_followed_reason is not None and not_followed_reason.code in NOT_FOLLOWED_CODES:
+            raise NotLearnable(not_followed_reason)
         try:
             return self._learning.final_model(self.stream.parameters)
         except NotLearnable as refusal:
@@ -487,7 +487,7 @@ class LiveSession:
         """
         learning = self._learning
         if learning.learner is None:
-            return self._rows_obstacle
+            return self._no_rows_reason
         if learning.estimate is not None and learning.estimate.physical is not None:
             return None
         if self._is_computer_too_slow:
@@ -558,6 +558,6 @@ class LiveSession:
         self.intake.end_recording()
 
 
-def _meaning(obstacle: Fact | None) -> Hashable:
-    """Returns the content of an obstacle to learning without its measurements; None without one."""
-    return None if obstacle is None else obstacle.without_measurements
+def _meaning(reason: Fact | None) -> Hashable:
+    """Returns the content of a reason for learning no model without its measurements; None without one."""
+    return None if reason is None else reason.without_measurements

@@ -41,7 +41,7 @@ from mavdem.motors.motor_changes import MotorAlarm
 STATUS_PERIOD = 1.0
 """Time between two reports of a status, s: a choice."""
 
-LINK_OBSTACLES = (
+NOT_RECEIVED_CODES = (
     LinkFact.CONNECTION_LOST,
     RowsFact.NOTHING_RECEIVED,
     VehicleFact.NO_VEHICLE_YET,
@@ -49,7 +49,7 @@ LINK_OBSTACLES = (
     VehicleFact.NO_MULTIROTOR_YET,
     VehicleFact.TWO_VEHICLES_LIVE,
 )
-"""The obstacles with which no followed vehicle is received: the link is lost or silent, or none is followed on it."""
+"""Reasons with which no followed vehicle is received: the link is lost or silent, or no vehicle on it is followed."""
 
 SILENT_LINK = (LinkFact.CONNECTION_LOST, RowsFact.NOTHING_RECEIVED)
 """Those of them with which the followed vehicle is silent."""
@@ -115,7 +115,7 @@ class SessionStatus(ImmutableResult):
     vehicle: str | None = None
     """The followed vehicle, "system:component"; None before one is chosen."""
 
-    obstacle: Fact | None = None
+    no_model_reason: Fact | None = None
     """Why there are no rows or no new model; None while all is well."""
 
     rates: Mapping[str, float] = field(default_factory=dict)
@@ -193,7 +193,7 @@ class SessionStatus(ImmutableResult):
     wind: WindEstimate | None = None
     """Latest estimate of the wind, m/s; None before one."""
 
-    wind_obstacle: Fact | None = None
+    no_wind_reason: Fact | None = None
     """Why there is no wind estimate although the vehicle flies."""
 
     mean_wind: WindEstimate | None = None
@@ -245,7 +245,7 @@ class SessionStatus(ImmutableResult):
         """
         reason = self._reason_without_model
         lights_by_watch = lights_before_model(
-            reason, self.rates, self._followed_watch_facts, self.wind_obstacle
+            reason, self.rates, self._followed_watch_facts, self.no_wind_reason
         )
         if self.model_judgement is not None:
             lights = dict(self.model_judgement.lights)
@@ -336,11 +336,11 @@ class SessionStatus(ImmutableResult):
         judgement = replace(judgement, headline=headline)
         if headline.is_bad or headline in self.active_alarms:
             return replace(judgement, next_step=Fact(NextStep.LAND_NOW, reason=headline))
-        if not self._is_received and self.obstacle is not None:
+        if not self._is_received and self.no_model_reason is not None:
             # Whether the vehicle still flies, and how, is not known.
-            next_step = Fact(NextStep.DO_AS_ADVISED, reason=self.obstacle)
+            next_step = Fact(NextStep.DO_AS_ADVISED, reason=self.no_model_reason)
             power = judgement.lights[Light.POWER]
-            headline = power if power.warns else self.obstacle
+            headline = power if power.warns else self.no_model_reason
             return replace(judgement, headline=headline, next_step=next_step)
         if judgement.lights[Light.POWER].code in EMPTYING_BATTERY:
             return replace(judgement, next_step=Fact(NextStep.LAND_SOON))
@@ -388,17 +388,17 @@ class SessionStatus(ImmutableResult):
 
     @property
     def _is_received(self) -> bool:
-        """Whether the followed vehicle is received now.
+        """Whether messages of the followed vehicle come now, so that the lights that need no model are up to date.
 
-        It is, if the obstacle is none of ``LINK_OBSTACLES`` but one of the kind of vehicle, of rates, of the phase of
-        flight or of learning: the lights that need no model are then up to date.
+        ``no_model_reason`` shows it: with any of ``NOT_RECEIVED_CODES`` they do not come. All other reasons, such as
+        too low rates or a vehicle on the ground, follow from messages that come.
         """
-        return self.obstacle is None or self.obstacle.code not in LINK_OBSTACLES
+        return self.no_model_reason is None or self.no_model_reason.code not in NOT_RECEIVED_CODES
 
     @property
     def _is_silent_after_flight(self) -> bool:
         """Whether the flight is over, and nothing is received since then, as from a vehicle that was switched off."""
-        is_silent = self.obstacle is not None and self.obstacle.code in SILENT_LINK
+        is_silent = self.no_model_reason is not None and self.no_model_reason.code in SILENT_LINK
         return is_silent and not self.is_flying and bool(self.worst_lights)
 
     @property
@@ -406,8 +406,8 @@ class SessionStatus(ImmutableResult):
         """Why no model has been judged yet; after a flight, a link that is silent is no reason."""
         if self._is_silent_after_flight:
             return Fact(SessionFact.FLIGHT_OVER, reason=None)
-        if self.obstacle is not None:
-            return self.obstacle
+        if self.no_model_reason is not None:
+            return self.no_model_reason
         return Fact(SessionFact.BEING_LEARNED if self.is_flying else SessionFact.NOT_FLYING)
 
     @property

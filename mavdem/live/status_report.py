@@ -60,11 +60,11 @@ class StatusReport:
         with its messages only and does not notice when none come. On a silent link its last rates are therefore
         replaced by 0, and each watchdog is reported as not watching.
 
-        ``obstacle`` is the first reason why there is no new model: the link is silent, no rows can be made of the
-        messages, or the flight does not allow learning.
+        ``no_model_reason`` is the first reason why there is no new model: the link is silent, no rows
+        can be made of the messages, or the flight does not allow learning.
         """
         status = self.stream.status()
-        silence = self._silence_obstacle(status)
+        silence = self._silence_as_reason(status)
         rates = status.rates
         watch_facts = status.watch_facts
         if silence is not None:
@@ -78,9 +78,9 @@ class StatusReport:
             learned_rows=self.learning.learned_rows,
             unlearned_rows=self.learning.unlearned_rows,
             latency=self.latencies.latency,
-            obstacle=silence
-            or status.obstacle
-            or self._learning_obstacle(is_flying=status.is_flying),
+            no_model_reason=silence
+            or status.no_model_reason
+            or self._no_learning_reason(is_flying=status.is_flying),
             state=self.stream.vehicle_state(),
             message_age=self._message_age(),
             rates=rates,
@@ -100,30 +100,29 @@ class StatusReport:
             return max(now - latest_arrival, 0.0)
         return self.silence.message_age(now)
 
-    def _silence_obstacle(self, status: SessionStatus) -> Fact | None:
-        """Returns the silence of the link as the reason why there is no new model; None while messages come.
+    def _silence_as_reason(self, status: SessionStatus) -> Fact | None:
+        """Returns the reason why there is no new model where messages or motion are missing; None while both come.
 
-        If no vehicle is followed any more, for example because two send under one id, its motion is missing for that
-        reason. The stream knows the reason, and it is returned as long as any vehicle still sends its attitude. That
-        one of several is to be chosen is always returned while the link is open.
+        Usually that is the silence itself. In two cases the stream knows a better reason, which is returned instead:
+
+        1. Several vehicles send, and the user must choose one. Waiting for messages would not help.
+        2. No vehicle is followed any more, for example because two send under one id, while some vehicle still sends
+           its attitude. So the motion is not missing on the link; it is ignored.
 
         Args:
-            status: status of the stream, whose ``obstacle`` is the reason that it knows.
+            status: status of the stream, with the reason that the stream knows.
         """
         silence = self._silence_fact()
         is_lost = silence is not None and silence.code is LinkFact.CONNECTION_LOST
-        obstacle = status.obstacle
-        if obstacle is not None and obstacle.code is VehicleFact.CHOOSE_VEHICLE and not is_lost:
-            # Without a choice none would be followed that came back.
-            return obstacle
-        is_motion_silent = silence is not None and silence.subject == MissingMessages.MOTION
-        is_unfollowed = status.vehicle is None
-        if (
-            is_motion_silent
-            and is_unfollowed
-            and self.silence.has_attitudes(self.backlog.analysed_until)
-        ):
-            return status.obstacle
+        stream_reason = status.no_model_reason
+        must_choose = stream_reason is not None and stream_reason.code is VehicleFact.CHOOSE_VEHICLE
+        if must_choose and not is_lost:
+            return stream_reason
+        is_motion_missing = silence is not None and silence.subject == MissingMessages.MOTION
+        is_none_followed = status.vehicle is None
+        has_attitudes = self.silence.has_attitudes(self.backlog.analysed_until)
+        if is_motion_missing and is_none_followed and has_attitudes:
+            return stream_reason
         return silence
 
     def _silence_fact(self) -> Fact | None:
@@ -147,7 +146,7 @@ class StatusReport:
             return silence.replace(name=vehicle.name)
         return silence
 
-    def _learning_obstacle(self, *, is_flying: bool) -> Fact | None:
+    def _no_learning_reason(self, *, is_flying: bool) -> Fact | None:
         """Returns the reason why there is no new model of a vehicle whose rows arrive.
 
         The learner uses free flight only. Even then it may lack something, such as motion.

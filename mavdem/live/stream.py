@@ -128,9 +128,9 @@ class LiveStream:
         return self._vehicles.followed
 
     @property
-    def vehicle_obstacle(self) -> Fact | None:
+    def not_followed_reason(self) -> Fact | None:
         """Why no vehicle is followed; None when one is."""
-        return self._vehicles.obstacle
+        return self._vehicles.not_followed_reason
 
     def other_vehicle_among(self, frames: Sequence[Frame]) -> Component | None:
         """Returns the first vehicle among the senders of some frames that is not the followed one.
@@ -288,22 +288,22 @@ class LiveStream:
     def status(self) -> SessionStatus:
         """Returns the status of the link and the vehicle after the latest frame.
 
-        The session adds the status of learning. The obstacle is the first missing thing: a vehicle to follow, then its
-        attitude, which gives the boot clock, then the obstacle that the latest review found.
+        The session adds the status of learning. Its ``no_model_reason`` is the first missing thing: a vehicle to
+        follow, then its attitude, which gives the boot clock, then the reason that the latest review found.
         """
         vehicle = self.followed_vehicle
         now = self._clock.now
-        obstacle = self._vehicles.obstacle
-        if obstacle is None:
+        reason = self._vehicles.not_followed_reason
+        if reason is None:
             # The boot clock is NaN until an attitude has come.
-            obstacle = self._rate_check.no_attitude if isnan(now) else self._review.obstacle
+            reason = self._rate_check.no_attitude if isnan(now) else self._review.no_rows_reason
         watchdog = self._review.watchdog
         if watchdog.loss is not None and not self.is_flying:
             # The usual reason on the ground, that learning waits for the next take-off, would be wrong for a wreck.
-            obstacle = Fact(SessionFact.FLIGHT_OVER, reason=watchdog.loss)
+            reason = Fact(SessionFact.FLIGHT_OVER, reason=watchdog.loss)
         return SessionStatus(
             vehicle=vehicle.name if vehicle else None,
-            obstacle=obstacle,
+            no_model_reason=reason,
             rates=self._rows.rates(now),
             is_flying=self.is_flying,
             lost_messages=vehicle.lost_messages if vehicle else 0,
@@ -321,7 +321,7 @@ class LiveStream:
             worst_lights=watchdog.worst_lights if self.is_flying else watchdog.all_lights,
             wind=self.wind.latest,
             mean_wind=self.wind.mean,
-            wind_obstacle=self.wind.obstacle,
+            no_wind_reason=self.wind.no_estimate_reason,
         )
 
     @property

@@ -42,13 +42,13 @@ class AccountedState:
         Returns:
             The kind of time that is spent.
         """
-        obstacle = self.status.obstacle
+        reason = self.status.no_model_reason
         on_ground_codes = (
             SessionFact.NOT_FLYING,
             SessionFact.FLIGHT_UNKNOWN,
             SessionFact.FLIGHT_OVER,
         )
-        waits_for_messages = obstacle is not None and obstacle.code not in on_ground_codes
+        waits_for_messages = reason is not None and reason.code not in on_ground_codes
         if self.link_is_lost:
             return TimeUse.LINK_LOST
         if now - self.message_time >= ENTRY_SECONDS:

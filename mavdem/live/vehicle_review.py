@@ -36,7 +36,7 @@ class VehicleReview:
         recent_messages: the slow messages of this boot, which the review reads.
         phase: whether the vehicle flies, as of the latest review.
         watchdog: what is wrong without a model, as of the latest review.
-        obstacle: why there are no rows, or the vehicle does not fly; None while all is well.
+        no_rows_reason: why there are no rows, or the vehicle does not fly; None while all is well.
         telemetry: identity and parameters of the vehicle, without messages; None before the first review of a boot.
     """
 
@@ -57,7 +57,7 @@ class VehicleReview:
             wind: estimates the wind of its flights.
             report: is called with each fact.
         """
-        self.obstacle: Fact | None = Fact(RowsFact.RATES_BEING_MEASURED)
+        self.no_rows_reason: Fact | None = Fact(RowsFact.RATES_BEING_MEASURED)
         self._vehicles = vehicles
         self._rate_check = rate_check
         self._motor_alarms = motor_alarms
@@ -233,7 +233,7 @@ class VehicleReview:
         """
         rows.choose_inputs(self._candidate_messages, self._vehicle_telemetry(), self._message_time)
 
-    def _rate_obstacle(self, rows: RowBuilder) -> Fact | None:
+    def _check_messages(self, rows: RowBuilder) -> Fact | None:
         """Returns the reason why the rates of attitude and motor messages allow no rows; None if they do.
 
         A row is one sample of the model's data: motion and motor outputs at one time. The check also reports changes.
@@ -258,8 +258,8 @@ class VehicleReview:
         The steps:
 
         1. The rates of attitude and motor messages, Hz, are checked once the vehicle has been heard without a pause for
-           ``DECISION_SECONDS``; before, they are not known. ``obstacle`` becomes the reason why there are no rows: a
-           rate that is too low comes first, then that the vehicle does not fly.
+           ``DECISION_SECONDS``; before, they are not known. ``no_rows_reason`` becomes the reason why there are no
+           rows: a rate that is too low comes first, then that the vehicle does not fly.
         2. Where motor outputs come and yet no motors can be chosen among them, no channel has moved: the motors are
            idle, and the vehicle is on the ground.
         3. The phase of flight is decided by the vehicle's messages and by the collective, the mean of all motor outputs
@@ -273,7 +273,7 @@ class VehicleReview:
         # This is the time for which reviews have followed each other without a pause.
         connected_seconds = now - self._connection_start
         if connected_seconds >= DECISION_SECONDS:
-            self.obstacle = self._rate_obstacle(rows) or self.phase.obstacle
+            self.no_rows_reason = self._check_messages(rows) or self.phase.not_flying_reason
         if rows.inputs is None and connected_seconds >= AVERAGING_SECONDS / 2:
             self.phase.motors_are_idle = rows.has_motor_messages
         self.telemetry = self._vehicle_telemetry()

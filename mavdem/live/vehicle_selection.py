@@ -231,7 +231,7 @@ class VehicleSelector:
 
     Attributes:
         followed: the vehicle that is followed; None before one is selected.
-        obstacle: why none is followed; None when one is.
+        not_followed_reason: why none is followed; None when one is.
         components: all components of the link, by system and component id.
         other_vehicles: names of the vehicles that were reported, and are not followed.
     """
@@ -244,7 +244,9 @@ class VehicleSelector:
             report: is called with each fact about the selection.
         """
         self.followed: Component | None = None
-        self.obstacle: Fact | None = Fact(VehicleFact.NO_VEHICLE_YET, subject=wanted or "")
+        self.not_followed_reason: Fact | None = Fact(
+            VehicleFact.NO_VEHICLE_YET, subject=wanted or ""
+        )
         self.components: dict[tuple[int, int], Component] = {}
         self.other_vehicles: set[str] = set()
         self._wanted = wanted
@@ -324,7 +326,7 @@ class VehicleSelector:
             elif len(vehicles) > 1:
                 self._report_choice(vehicles)
         elif sender.is_other_vehicle and not self.other_vehicles:
-            self.obstacle = Fact(
+            self.not_followed_reason = Fact(
                 VehicleFact.NO_MULTIROTOR_YET,
                 subject=sender.name,
                 vehicle_type=sender.vehicle_type,
@@ -343,7 +345,7 @@ class VehicleSelector:
         if self.followed is sender:
             self.followed = None
         if self.followed is None:
-            self.obstacle = fact
+            self.not_followed_reason = fact
         if sender.name not in self._refused:
             self._refused.add(sender.name)
             self._report(fact)
@@ -351,13 +353,13 @@ class VehicleSelector:
     def _follow(self, vehicle: Component) -> None:
         """Follows a vehicle from now on."""
         self.followed = vehicle
-        self.obstacle = None
+        self.not_followed_reason = None
         self._report(Fact(VehicleFact.FOLLOWING_VEHICLE, subject=vehicle.description))
 
     def _report_choice(self, vehicles: list[Component]) -> None:
         """Reports several vehicles, of which the user must choose one, unless these were reported already.
 
-        Until then that is why nothing is followed (``obstacle``), and all of them are watched for alarms.
+        Until then that is why nothing is followed (``not_followed_reason``), and all of them are watched for alarms.
 
         Args:
             vehicles: the vehicles, by system and component id; at least two.
@@ -367,7 +369,7 @@ class VehicleSelector:
             return
         self.other_vehicles = names
         first_name = vehicles[0].name
-        self.obstacle = Fact(VehicleFact.CHOOSE_VEHICLE, name=first_name)
+        self.not_followed_reason = Fact(VehicleFact.CHOOSE_VEHICLE, name=first_name)
         listed = [vehicle.description for vehicle in vehicles[:MAX_LISTED_VEHICLES]]
         unlisted_count = max(len(vehicles) - MAX_LISTED_VEHICLES, 0)
         self._report(

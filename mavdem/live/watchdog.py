@@ -257,7 +257,7 @@ class Watchdog:
         self._tracking_time = -inf
         self._change_count = 0
         # Why the latest light on the power says nothing of the battery; None where it does, or before any.
-        self._battery_obstacle: Fact | None = None
+        self._battery_not_judged: Fact | None = None
         # Time of the first review of the boot, s of the boot clock; None before it.
         self._first_review_time: float | None = None
         # The review that has begun; None between reviews.
@@ -456,7 +456,7 @@ class Watchdog:
         findings = LiveFindings(events=tuple(self._warnings))
         power = power_light(live_evidence(all_signals, condition, findings))
         review.facts[WatchedQuantity.BATTERY] = power
-        self._battery_obstacle = _battery_obstacle(power)
+        self._battery_not_judged = _reason_battery_not_judged(power)
         # The estimator is judged by the last minute alone, since it may recover: earlier warnings must not last.
         recent_warnings = [
             warning
@@ -961,22 +961,22 @@ class Watchdog:
             review: results of this review.
             motion: the motion of the last minute; None if too little was received.
         """
-        obstacles = self._message_obstacles(review.now, review.vehicle, motion)
+        reasons = self._reasons_not_watched(review.now, review.vehicle, motion)
         if self._first_review_time is None:
             self._first_review_time = review.now
         is_new = review.now - self._first_review_time < LISTENING_SECONDS
         for kind in WatchedQuantity:
             if kind is WatchedQuantity.MOTORS:
                 continue
-            obstacle = obstacles.get(kind)
-            if obstacle is not None and obstacle.code is WatchFact.MESSAGE_MISSING and is_new:
+            reason = reasons.get(kind)
+            if reason is not None and reason.code is WatchFact.MESSAGE_MISSING and is_new:
                 # Shortly after the first review, messages that are sent once a second may just not have come yet.
                 continue
-            if obstacle is None and not review.is_flying and kind is not WatchedQuantity.WARNINGS:
-                obstacle = Fact(WatchFact.ON_GROUND_NOW)
-            self.set_watched(kind, obstacle, review.now)
+            if reason is None and not review.is_flying and kind is not WatchedQuantity.WARNINGS:
+                reason = Fact(WatchFact.ON_GROUND_NOW)
+            self.set_watched(kind, reason, review.now)
 
-    def _message_obstacles(
+    def _reasons_not_watched(
         self, now: float, vehicle: Telemetry, motion: RecentMotion | None
     ) -> Mapping[WatchedQuantity, Fact]:
         """Finds out what cannot be watched because the messages for it are missing or too slow.
@@ -996,16 +996,16 @@ class Watchdog:
             For each thing that cannot be watched, the fact that names the missing or slow message; things that can be
             watched are left out.
         """
-        obstacles = {}
+        reasons = {}
         if motion is None:
-            obstacles[WatchedQuantity.OSCILLATION] = Fact(RowsFact.NO_LIVE_MOTORS)
-            obstacles[WatchedQuantity.MOTOR_LIMITS] = Fact(RowsFact.NO_LIVE_MOTORS)
+            reasons[WatchedQuantity.OSCILLATION] = Fact(RowsFact.NO_LIVE_MOTORS)
+            reasons[WatchedQuantity.MOTOR_LIMITS] = Fact(RowsFact.NO_LIVE_MOTORS)
         elif motion.rate < MIN_STREAM_RATE / 2:
-            obstacles[WatchedQuantity.OSCILLATION] = Fact(
+            reasons[WatchedQuantity.OSCILLATION] = Fact(
                 WatchFact.MESSAGE_MISSING, name=motion.motors.message, rate=motion.rate
             )
             if len(motion.motors.time) < MIN_LIMIT_SAMPLES:
-                obstacles[WatchedQuantity.MOTOR_LIMITS] = obstacles[WatchedQuantity.OSCILLATION]
+                reasons[WatchedQuantity.MOTOR_LIMITS] = reasons[WatchedQuantity.OSCILLATION]
         received = self._recent.names_since(now - MEMORY_SECONDS)
         # One of these messages is enough; the first is named where all are missing: that of the autopilot.
         estimator_messages = tuple(ESTIMATOR_FLAG_MESSAGES)
@@ -1021,18 +1021,18 @@ class Watchdog:
         }
         for kind, names in needed_messages.items():
             if not received.intersection(names):
-                obstacles[kind] = Fact(WatchFact.MESSAGE_MISSING, name=names[0], rate=None)
+                reasons[kind] = Fact(WatchFact.MESSAGE_MISSING, name=names[0], rate=None)
         if not self._tracking.has_setpoints(now):
-            obstacles[WatchedQuantity.TRACKING] = Fact(
+            reasons[WatchedQuantity.TRACKING] = Fact(
                 WatchFact.MESSAGE_MISSING, name=SETPOINT_MESSAGE, rate=None
             )
         invalid_attitude = self.control.invalid_attitude(vehicle)
         if invalid_attitude is not None:
             for kind in NEEDS_ATTITUDE:
-                obstacles[kind] = invalid_attitude
-        if self._battery_obstacle is not None:
-            obstacles.setdefault(WatchedQuantity.BATTERY, self._battery_obstacle)
-        return obstacles
+                reasons[kind] = invalid_attitude
+        if self._battery_not_judged is not None:
+            reasons.setdefault(WatchedQuantity.BATTERY, self._battery_not_judged)
+        return reasons
 
     def note_motors_watched(self, now: float) -> None:
         """Notes for the light of the motors that their balance is tested, and that no loss of thrust was found yet.
@@ -1049,24 +1049,23 @@ class Watchdog:
             str(Light.MOTORS), Fact(MotorWatchFact.NO_LOSS_FOUND, clock=now)
         )
 
-    def set_watched(self, kind: WatchedQuantity, obstacle: Fact | None, now: float) -> None:
-        """Records whether something is monitored, and since when.
+    def set_watched(self, quantity: WatchedQuantity, reason: Fact | None, now: float) -> None:
+        """Sets the fact that a quantity is watched, or why it is not, with the time since which that is so.
 
-        It is called at each review. A fact gets the time ``now`` only if something has changed. Otherwise the earlier
-        fact is kept, whose time says since when it is valid.
+        It is called at each review. The fact is replaced only if it has changed: its time says since when it is valid.
 
         Args:
-            kind: monitored part of the vehicle.
-            obstacle: reason why it is not monitored; None if it is.
+            quantity: what is watched, such as the vibration.
+            reason: why it is not watched; None if it is.
             now: present time on the boot clock, s.
         """
-        code = WatchFact.NOT_WATCHED if obstacle else WatchFact.WATCHED
-        noted = self.watch_facts.get(kind)
-        is_noted = (
-            noted is not None and noted.code is code and noted.figures.get("reason") == obstacle
+        code = WatchFact.NOT_WATCHED if reason else WatchFact.WATCHED
+        former = self.watch_facts.get(quantity)
+        is_unchanged = (
+            former is not None and former.code is code and former.figures.get("reason") == reason
         )
-        if not is_noted:
-            self.watch_facts[kind] = Fact(code, time=now, subject=kind, reason=obstacle)
+        if not is_unchanged:
+            self.watch_facts[quantity] = Fact(code, time=now, subject=quantity, reason=reason)
 
 
 def worst_of_lights(first: NamedFacts, second: NamedFacts) -> dict[str, Fact]:
@@ -1160,7 +1159,7 @@ def not_watched(watch_fact: Fact, reason: Fact, time: float) -> Fact:
     return Fact(WatchFact.NOT_WATCHED, time=time, subject=watch_fact.subject, **figures)
 
 
-def _battery_obstacle(power: Fact) -> Fact | None:
+def _reason_battery_not_judged(power: Fact) -> Fact | None:
     """Returns why a light on the power says nothing of the battery; None if it judges one.
 
     The reason has none of the light's measurements, so that it stays the same from review to review.

@@ -264,7 +264,7 @@ class LiveWind:
         estimator_flags: flags of the autopilot's estimator, by which its velocity counts.
         latest: the latest estimate; None before any.
         mean: mean of the flight's estimates, and of their bands; None before any.
-        obstacle: why there is no estimate although the vehicle flies.
+        no_estimate_reason: why there is no estimate although the vehicle flies.
     """
 
     def __init__(self) -> None:
@@ -281,7 +281,7 @@ class LiveWind:
         """
         self.latest: WindEstimate | None = None
         self.mean: WindEstimate | None = None
-        self.obstacle: Fact | None = None
+        self.no_estimate_reason: Fact | None = None
         self._estimate_count = 0
         self._is_reported = False
         sample_count = round(KEPT_SECONDS / MIN_SAMPLE_STEP)
@@ -396,7 +396,7 @@ class LiveWind:
         A vehicle that is held, on a stand for example, does not lean against the wind, so that no wind can be
         estimated. This is judged by the motion of the last ``FIRST_FIT_SECONDS``, by the rules for logs
         (``validated_motion``). If it has too few samples, it is judged again a step later. If it fails, the estimates
-        so far were of no wind, and are forgotten; ``obstacle`` says why.
+        so far were of no wind, and are forgotten; ``no_estimate_reason`` says why.
 
         The filter runs for each combination of ``GUST_PARAMETERS`` and of ``DRAG_DRAWS`` random draws of the drag, so
         that the spread of the estimates shows how well the drag is known. The seed is fixed, for equal results.
@@ -414,13 +414,13 @@ class LiveWind:
             self._require_measured(motion)
             validated_motion(stamps, motion.attitude, motion.velocity)
         except NotLearnable as error:
-            self.obstacle = error.fact
+            self.no_estimate_reason = error.fact
             self.latest = None
             self.mean = None
             self._estimate_count = 0
             self._filter = None
             return
-        self.obstacle = None
+        self.no_estimate_reason = None
         step = max(GRID_STEP, np.median(np.diff(stamps)))
         grid = motion_grid(stamps, motion.attitude, motion.velocity, step)
         if self._filter is None and grid.complete.any():

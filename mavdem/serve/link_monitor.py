@@ -359,8 +359,8 @@ def _recording_name(first_time: datetime) -> str:
 
 def _awaits_vehicle(status: SessionStatus) -> bool:
     """Returns whether no vehicle has been received in a session."""
-    obstacle = status.obstacle
-    return status.vehicle is None and (obstacle is None or obstacle.code in NO_VEHICLE_CODES)
+    reason = status.no_model_reason
+    return status.vehicle is None and (reason is None or reason.code in NO_VEHICLE_CODES)
 
 
 def _page_of(
@@ -405,11 +405,11 @@ def _finished_page(session: LiveSession, saved_flight: PageLink) -> str:
     """
     status_at_last_message = session.stream.status()
     # The reason why no model was being learned then; if one was, that the flight is over.
-    reason = status_at_last_message.obstacle or Fact(SessionFact.FLIGHT_OVER, reason=None)
+    reason = status_at_last_message.no_model_reason or Fact(SessionFact.FLIGHT_OVER, reason=None)
     status = replace(
         session.status,
         is_over=True,
-        obstacle=reason,
+        no_model_reason=reason,
         rates=status_at_last_message.rates,
         watch_facts=status_at_last_message.watch_facts,
     )

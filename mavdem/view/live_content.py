@@ -206,11 +206,11 @@ def _missing_model_reason(status: SessionStatus, training_end_time: float | None
     """Returns the reason why there is no model, or no newer one, as a sentence; empty while learning proceeds.
 
     Args:
-        status: state of the session. Its ``obstacle`` is the reason why nothing is learned now, if there is one.
+        status: state of the session. Its ``no_model_reason`` is the reason why nothing is learned now, if there is one.
         training_end_time: time of the last sample that the latest model was trained on, s; None before the first model.
     """
-    if status.obstacle is not None:
-        return status.obstacle.advised
+    if status.no_model_reason is not None:
+        return status.no_model_reason.advised
     return TOO_FEW_SAMPLES.advised if training_end_time is None else ""
 
 

@@ -45,7 +45,7 @@ def test_a_log_and_a_live_flight_say_that_the_attitude_is_not_a_number():
     assert (event.code, event.time) == (MotionEvent.ATTITUDE_INVALID, approx(15.0))
     assert alarm.time <= 16.6
     status = live.stream.status()
-    assert status.obstacle == event and status.overall_judgement.headline == event
+    assert status.no_model_reason == event and status.overall_judgement.headline == event
     reasons = {fact.subject: fact.figures["reason"] for fact in status.watch_facts}
     assert reasons[WatchedQuantity.CONTROL] == reasons[WatchedQuantity.TRACKING] == event
 

@@ -109,7 +109,7 @@ def test_the_vehicle_that_sends_after_the_followed_one_has_files_of_its_own(
     words = f"udpin:127.0.0.1:{free_port()} --record f.tlog --html f.html --json"
     assert run("live", *words.split()) == 1
     _, second = wanted
-    assert second.stream.status().obstacle.subject == "2:1"
+    assert second.stream.status().no_model_reason.subject == "2:1"
     names = {path.name for path in here.iterdir()}
     assert {"f.tlog", "f.html", "f-3.tlog", "f-3.html"} <= names and "f-2.tlog" not in names
     # The session of 2:1 ends before it has analysed anything, and its recording has the frames all the same.

@@ -93,7 +93,7 @@ def test_after_a_loss_nothing_speaks_as_of_a_landing(lost):
     assert WatchFact.ALARM_OVER not in lost.codes
     status = lost.stream.status()
     assert not status.is_flying
-    assert status.obstacle.code is SessionFact.FLIGHT_OVER
+    assert status.no_model_reason.code is SessionFact.FLIGHT_OVER
     judgement = status.overall_judgement
     assert judgement.headline.code is Ending.CONTROL_LOST
     assert judgement.next_step.code is NextStep.DO_AS_ADVISED

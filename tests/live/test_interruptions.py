@@ -88,7 +88,7 @@ def test_a_slow_stream_is_reported_with_its_remedy_and_gives_no_rows():
     cured = replay(FLIGHT.frames(start=18.0, end=24.0), made.stream)
     assert RowsFact.LIVE_RATES_ENOUGH in cured.codes
     assert cured.rows[0].time < 20.6 and all(row.is_settled for row in cured.rows)
-    obstacle = replay(slow[: len(slow) // 2], rates_requested=True).stream.status().obstacle
+    obstacle = replay(slow[: len(slow) // 2], rates_requested=True).stream.status().no_model_reason
     assert obstacle.code is RowsFact.LIVE_RATES_TOO_LOW and not obstacle.figures["can_ask"]
     assert not obstacle.remedy, "who asks for rates is not advised to"
     bare = [(time, data) for time, data in FLIGHT.frames(end=10.0) if data[7] != 36]

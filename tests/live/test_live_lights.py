@@ -38,7 +38,7 @@ def slow():
         watch(WatchedQuantity.ESTIMATOR, missing.replace(name="EKF_STATUS_REPORT")),
     )
     return SessionStatus(
-        vehicle="1:1", obstacle=SLOW, rates=RATES, is_flying=True, watch_facts=facts
+        vehicle="1:1", no_model_reason=SLOW, rates=RATES, is_flying=True, watch_facts=facts
     )
 
 
@@ -63,7 +63,7 @@ def test_a_model_does_not_hide_why_the_estimator_is_not_judged(slow):
     later = Fact(Unjudged.JUDGED_LATER, path="", reason=None)
     sound = Fact(Headline.NOTHING_CHECKED, reason=SLOW)
     lights = dict.fromkeys(map(str, Light), later)
-    judged = replace(slow, obstacle=None, model_judgement=Judgement(sound, sound, lights))
+    judged = replace(slow, no_model_reason=None, model_judgement=Judgement(sound, sound, lights))
     light = judged.overall_judgement.lights[Light.ESTIMATOR]
     assert str(light) == "Not judged in flight: no EKF_STATUS_REPORT comes."
     assert str(judged.overall_judgement.lights[Light.MOTORS]) == "Not judged in flight."
@@ -78,7 +78,7 @@ def test_without_a_light_the_headline_is_that_nothing_has_alarmed(slow):
 
 
 def test_rates_that_suffice_are_a_good_log(slow):
-    fast = replace(slow, obstacle=None, rates=dict.fromkeys(RATES, 100.0))
+    fast = replace(slow, no_model_reason=None, rates=dict.fromkeys(RATES, 100.0))
     assert fast.overall_judgement.lights[Light.LOG].is_good
 
 
@@ -89,7 +89,7 @@ def test_the_rate_shown_is_that_of_the_messages_that_rows_are_made_of(slow):
 
 
 def test_the_next_step_fits_the_moment(slow):
-    learning = replace(slow, obstacle=None)
+    learning = replace(slow, no_model_reason=None)
     assert "Fly on" in str(learning.overall_judgement.next_step)
     weak = Fact(MotorsLight.MOTOR_LIMITED, Level.WATCH, subject="motor 1", share=0.9)
     watched = replace(learning, worst_lights={Light.MOTORS: weak})
@@ -101,7 +101,7 @@ def test_the_next_step_fits_the_moment(slow):
 
 
 def test_nobody_is_told_to_fly_on_by_alarms_that_come_late(slow):
-    learning = replace(slow, obstacle=None, analysis_delay=15.2)
+    learning = replace(slow, no_model_reason=None, analysis_delay=15.2)
     assert learning.overall_judgement.next_step.sentence.startswith(
         "Watch the vehicle itself: alarms come 15 s late."
     )
@@ -121,7 +121,7 @@ def test_nobody_is_told_to_fly_on_by_alarms_that_come_late(slow):
 )
 def test_in_flight_a_silent_link_is_what_to_look_after(slow, silence):
     judged = slow.overall_judgement
-    silent = replace(slow, obstacle=silence, model_judgement=judged).overall_judgement
+    silent = replace(slow, no_model_reason=silence, model_judgement=judged).overall_judgement
     assert silent.headline == silence
     assert silent.next_step.figures["reason"] == silence
 
@@ -129,7 +129,7 @@ def test_in_flight_a_silent_link_is_what_to_look_after(slow, silence):
 def test_once_the_session_is_over_a_silent_link_is_not_what_the_flight_showed(slow):
     silence = Fact(RowsFact.NOTHING_RECEIVED, subject=MissingMessages.MESSAGES, duration=3.0)
     power = {Light.POWER: Fact(PowerLight.BATTERY_HELD, Level.GOOD)}
-    over = replace(slow, obstacle=silence, is_flying=False, is_over=True, worst_lights=power)
+    over = replace(slow, no_model_reason=silence, is_flying=False, is_over=True, worst_lights=power)
     judgement = over.overall_judgement
     assert judgement.headline.code is Headline.NOTHING_WRONG
     assert judgement.next_step.figures.get("reason") != silence

@@ -78,7 +78,7 @@ def test_a_landing_says_why_nothing_is_known():
     no_time = Fact(SessionFact.FIT_UNFINISHED)
     still = Fact(RowsFact.NO_LIVE_MOTORS)
     for is_flying in (True, False, False):
-        status = SessionStatus(is_flying=is_flying, shortfall=no_time, wind_obstacle=still)
+        status = SessionStatus(is_flying=is_flying, shortfall=no_time, no_wind_reason=still)
         milestones.update(learning, status, 40.0)
     assert [str(fact) for fact in facts] == [
         "Landed at 40 s. Roll: control effectiveness, rate damping and margins not known (the flight "

@@ -49,10 +49,10 @@ class Vehicle:
 
 
 def test_what_shows_nothing_is_not_called_the_ground():
-    assert FlightPhase(RecentMessages()).obstacle.code is SessionFact.FLIGHT_UNKNOWN
+    assert FlightPhase(RecentMessages()).not_flying_reason.code is SessionFact.FLIGHT_UNKNOWN
     vehicle = Vehicle()
     vehicle.fly(3.0, collective=ON_THE_GROUND, landed=ON_GROUND)
-    assert vehicle.phase.obstacle.code is SessionFact.NOT_FLYING
+    assert vehicle.phase.not_flying_reason.code is SessionFact.NOT_FLYING
 
 
 @mark.slow

@@ -180,7 +180,7 @@ def test_a_silent_vehicle_is_succeeded_by_the_one_that_sends(now, keeps_vehicle)
         if time == 15.0:
             silent = one.status
     assert silent.vehicle == "1:1" and silent.message_age == approx(6.0, abs=0.3)
-    assert silent.obstacle.sentence == (
+    assert silent.no_model_reason.sentence == (
         "Nothing was received from 1:1 for 3 s and more, only from others."
     )
     codes = [fact.code for fact in said]
@@ -242,7 +242,7 @@ def test_what_is_learnt_from_is_the_flight_that_offline_reads():
 )
 def test_why_there_is_no_model_at_the_end_is_a_fact(error, code):
     one, _, _ = session_of([])
-    assert one.status.obstacle == Fact(VehicleFact.NO_VEHICLE_YET)
+    assert one.status.no_model_reason == Fact(VehicleFact.NO_VEHICLE_YET)
     assert refused(one.final_model).code is SessionFact.NO_LIVE_FLIGHT
     one._learning.learner = Mock(**{"learn_now.side_effect": error})
     assert refused(one.final_model).code is code
@@ -251,8 +251,8 @@ def test_why_there_is_no_model_at_the_end_is_a_fact(error, code):
 def test_why_too_little_was_learned_of_a_flight_is_the_true_reason():
     one, _, _ = session_of([])
     assert one.status.shortfall is None
-    one._rows_obstacle = Fact(RowsFact.NO_LIVE_MOTORS)
-    assert one.status.shortfall == one._rows_obstacle
+    one._no_rows_reason = Fact(RowsFact.NO_LIVE_MOTORS)
+    assert one.status.shortfall == one._no_rows_reason
     one._learning.learner = Mock(no_model_reason=None)
     one._learning._row_format = Mock(dt=0.01)
     reasons = []
@@ -271,7 +271,7 @@ def test_an_obstacle_with_another_reason_is_news_and_why_there_is_no_model_at_th
     slow = [Fact(RowsFact.LIVE_RATES_TOO_LOW, can_ask=False, reason=reason) for reason in reasons]
     counts = []
     for obstacle in (slow[0], slow[0], slow[1]):
-        status = SessionStatus(vehicle="1:1", obstacle=obstacle, is_flying=True)
+        status = SessionStatus(vehicle="1:1", no_model_reason=obstacle, is_flying=True)
         monkeypatch.setattr(LiveSession, "status", status)
         monkeypatch.setattr(one._presentation, "log", told.append)
         one._update_status(0.0)
@@ -440,26 +440,26 @@ def test_motion_is_missed_of_a_followed_vehicle_or_if_none_sends(now, vehicle, i
     now[0] += 10.0
     silence.note_messages(now[0], now[0])
     silence.note_attitudes(int(is_sending))
-    status = SessionStatus(vehicle=vehicle, obstacle=two_vehicles)
+    status = SessionStatus(vehicle=vehicle, no_model_reason=two_vehicles)
     report = replace(one._report, stream=Mock(now=1.0, status=lambda: status))
     no_motion = Fact(RowsFact.NOTHING_RECEIVED, subject=MissingMessages.MOTION, duration=3.0)
     is_named = vehicle is None and is_sending
-    assert report.status.obstacle == (two_vehicles if is_named else no_motion)
-    assert report.status.overall_judgement.headline == report.status.obstacle
+    assert report.status.no_model_reason == (two_vehicles if is_named else no_motion)
+    assert report.status.overall_judgement.headline == report.status.no_model_reason
 
 
 @mark.slow
 def test_what_came_before_a_silence_does_not_pass_for_what_comes(now):
     one, screen, said = session_of([*batches(9.0)])
     run(one)
-    assert one.status.rates["ATTITUDE"] == approx(100, rel=0.1) and not one.status.obstacle
+    assert one.status.rates["ATTITUDE"] == approx(100, rel=0.1) and not one.status.no_model_reason
     for _ in range(60):
         now[0] += 10.0
         one.step(0.0)
     last = screen.statuses[-1]
     assert set(last.rates.values()) == {0.0}
     silent = Fact(RowsFact.NOTHING_RECEIVED, subject=MissingMessages.MESSAGES, duration=3.0)
-    assert last.obstacle == silent and said.count(silent) == 1
+    assert last.no_model_reason == silent and said.count(silent) == 1
     assert {fact.code for fact in last.watch_facts} == {WatchFact.NOT_WATCHED}
     assert {fact.figures["reason"].code for fact in last.watch_facts} == {RowsFact.NOTHING_RECEIVED}
     # A vehicle that sends nothing else says only that it is there.
@@ -470,7 +470,7 @@ def test_what_came_before_a_silence_does_not_pass_for_what_comes(now):
         one.step(0.0)
     assert (
         set(one.status.rates.values()) == {0.0}
-        and one.status.obstacle.subject == MissingMessages.MOTION
+        and one.status.no_model_reason.subject == MissingMessages.MOTION
     )
     (resumed,) = (
         fact
@@ -480,7 +480,7 @@ def test_what_came_before_a_silence_does_not_pass_for_what_comes(now):
     assert resumed.figures["duration"] == approx(600.0, abs=1.0)
     one.link.script = batches(2.0, start=11.0)
     run(one)
-    assert one.status.rates["ATTITUDE"] > 50 and not one.status.obstacle
+    assert one.status.rates["ATTITUDE"] > 50 and not one.status.no_model_reason
 
 
 @mark.slow
@@ -677,6 +677,6 @@ def test_bytes_without_a_message_are_noise_and_no_silence(now):
 def test_of_several_vehicles_one_is_to_be_chosen_still_at_the_end():
     one, _, _ = session_of([])
     choice = Fact(VehicleFact.CHOOSE_VEHICLE, name="1:1")
-    one.stream._vehicles.obstacle = choice
+    one.stream._vehicles.not_followed_reason = choice
     assert refused(one.final_model) == choice
-    assert one.status.obstacle == choice
+    assert one.status.no_model_reason == choice

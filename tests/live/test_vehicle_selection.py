@@ -70,7 +70,7 @@ def test_the_only_one_is_followed_beside_ground_station_gimbal_and_plane():
 @mark.slow
 def test_of_several_none_is_guessed_and_all_are_listed():
     mute = by_time(only_heartbeats(), only_heartbeats(system=4))
-    missing = replay(only_heartbeats(), vehicle="7").stream.status().obstacle
+    missing = replay(only_heartbeats(), vehicle="7").stream.status().no_model_reason
     assert missing == Fact(VehicleFact.NO_VEHICLE_YET, subject="7")
     made = replay(TWO)
     assert not made.rows and made.stream.status().vehicle is None
@@ -78,9 +78,9 @@ def test_of_several_none_is_guessed_and_all_are_listed():
     assert fact.code is VehicleFact.VEHICLES_FOUND and fact.figures["name"] == "1:1"
     both = "1:1 (QUADROTOR, ARDUPILOTMEGA)", "4:1 (QUADROTOR, ARDUPILOTMEGA)"
     assert fact.figures["names"] == both and not fact.figures["others"]
-    obstacle = made.stream.status().obstacle
+    obstacle = made.stream.status().no_model_reason
     assert obstacle.code is VehicleFact.CHOOSE_VEHICLE
-    assert replay(mute).stream.status().obstacle == obstacle
+    assert replay(mute).stream.status().no_model_reason == obstacle
 
 
 @mark.slow
@@ -98,8 +98,8 @@ def test_a_vehicle_that_sends_only_heartbeats_is_followed():
     assert made.codes == [VehicleFact.FOLLOWING_VEHICLE]
     assert made.stream.status().vehicle == "1:1"
     assert replay(only_heartbeats(), vehicle="1").stream.status().vehicle == "1:1"
-    assert made.stream.status().obstacle == Fact(RowsFact.NO_LIVE_ATTITUDE, can_ask=True)
-    asked = replay(only_heartbeats(), rates_requested=True).stream.status().obstacle
+    assert made.stream.status().no_model_reason == Fact(RowsFact.NO_LIVE_ATTITUDE, can_ask=True)
+    asked = replay(only_heartbeats(), rates_requested=True).stream.status().no_model_reason
     assert asked.code is RowsFact.ATTITUDE_ASKED
 
 
@@ -160,10 +160,10 @@ def test_two_vehicles_under_one_id_are_refused_until_one_is_silent():
 def test_a_plane_is_named_as_what_it_is_and_a_ground_station_is_no_vehicle():
     ticks = (1.0, 2.0, 3.0)
     plane = replay([(time, heartbeat(3, 1, kind=1)) for time in ticks]).stream
-    obstacle = plane.status().obstacle
+    obstacle = plane.status().no_model_reason
     assert obstacle.advised == (
         "3:1 is a fixed wing: only multirotors are followed unasked. Watch its battery, vibration and warnings with "
         "`--vehicle 3:1`."
     )
     station = replay([(time, heartbeat(255, 190, kind=6, autopilot=8)) for time in ticks]).stream
-    assert station.status().obstacle.code is VehicleFact.NO_VEHICLE_YET
+    assert station.status().no_model_reason.code is VehicleFact.NO_VEHICLE_YET

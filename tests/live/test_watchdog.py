@@ -305,12 +305,14 @@ def test_a_supply_that_falls_before_a_vehicle_vanishes_is_an_alarm_and_the_headl
     [alarm] = status.active_alarms
     assert alarm.is_bad and alarm.code in {ReportedEvent.BOARD_VOLTAGE_LOW, PowerLight.SUPPLY_LOW}
     silence = Fact(RowsFact.NOTHING_RECEIVED, subject=MissingMessages.MESSAGES, duration=3.0)
-    vanished = replace(status, obstacle=silence).overall_judgement
+    vanished = replace(status, no_model_reason=silence).overall_judgement
     assert vanished.headline == vanished.lights[Light.POWER]
     assert vanished.next_step.code is NextStep.LAND_NOW
     # So does a supply that is to be watched only.
     low = Fact(PowerLight.SUPPLY_LOW, voltage=4.6, voltage_usual=5.0, voltage_limit=4.65)
-    watched = replace(status, active_alarms=(), worst_lights={Light.POWER: low}, obstacle=silence)
+    watched = replace(
+        status, active_alarms=(), worst_lights={Light.POWER: low}, no_model_reason=silence
+    )
     assert watched.overall_judgement.headline == low
     assert "radio" in str(watched.overall_judgement.next_step)
 
@@ -438,7 +440,7 @@ def test_rates_that_vary_are_no_news(capsys):
         slow = slow_streams(rates, "roll")
         obstacle = Fact(RowsFact.LIVE_RATES_TOO_LOW, can_ask=True, reason=slow)
         watch = Fact(WatchFact.NOT_WATCHED, subject=WatchedQuantity.OSCILLATION, reason=slow)
-        status = SessionStatus(vehicle="1:1", obstacle=obstacle, watch_facts=(watch,))
+        status = SessionStatus(vehicle="1:1", no_model_reason=obstacle, watch_facts=(watch,))
         lines.show(Mock(status=status))
         counts.append(len(capsys.readouterr().err.splitlines()))
     assert counts == [2, 0, 0, 0]
@@ -446,13 +448,13 @@ def test_rates_that_vary_are_no_news(capsys):
 
 def test_what_the_verdict_states_is_not_said_twice_and_its_remedy_stays(capsys):
     lines = StatusLines(None)
-    status = SessionStatus(vehicle="1:1", obstacle=Fact(SessionFact.NOT_FLYING))
+    status = SessionStatus(vehicle="1:1", no_model_reason=Fact(SessionFact.NOT_FLYING))
     for _ in range(2):
         # The second line repeats an unchanged state.
         lines.show(Mock(status=status))
         lines._print_time = -np.inf
     last = capsys.readouterr().err.splitlines()[-1]
-    for text in (str(status.obstacle), status.obstacle.remedy):
+    for text in (str(status.no_model_reason), status.no_model_reason.remedy):
         assert last.count(text) == 1
 
 
@@ -513,9 +515,9 @@ def test_the_headline_counts_lights_that_need_no_model():
     status = SessionStatus(model_judgement=judged, worst_lights=motors)
     headline = status.overall_judgement.headline
     assert headline.figures["names"] == ("motors", "margins")
-    waiting = replace(status, model_judgement=None, obstacle=Fact(SessionFact.NOT_SETTLED))
+    waiting = replace(status, model_judgement=None, no_model_reason=Fact(SessionFact.NOT_SETTLED))
     assert waiting.overall_judgement.headline.code is Headline.NOTHING_WRONG
-    assert waiting.overall_judgement.next_step.figures["reason"] == waiting.obstacle
+    assert waiting.overall_judgement.next_step.figures["reason"] == waiting.no_model_reason
 
 
 @mark.parametrize(
@@ -529,7 +531,7 @@ def test_the_headline_counts_lights_that_need_no_model():
 )
 def test_a_lost_link_heads_the_status_unless_a_light_is_bad(obstacle):
     lights = {Light.MOTORS: Fact(MotorsLight.MOTORS_EVEN, Level.GOOD)}
-    status = SessionStatus(obstacle=obstacle, worst_lights=lights, is_flying=True)
+    status = SessionStatus(no_model_reason=obstacle, worst_lights=lights, is_flying=True)
     assert status.overall_judgement.headline == obstacle
     bad = Fact(MotorsLight.MOTORS_AT_LIMIT, Level.BAD)
     status = replace(status, worst_lights={Light.MOTORS: bad})
@@ -544,8 +546,8 @@ def test_a_line_of_a_log_says_what_is_new(capsys):
     bad = Fact(MotorsLight.MOTOR_LIMITED, Level.BAD, subject="motor 1", share=0.9)
     lines = StatusLines(None)
     news = (
-        ({"obstacle": waiting, "watch_facts": (ground,)}, 2),
-        ({"obstacle": waiting, "watch_facts": (ground,), "learned_rows": 1}, 0),
+        ({"no_model_reason": waiting, "watch_facts": (ground,)}, 2),
+        ({"no_model_reason": waiting, "watch_facts": (ground,), "learned_rows": 1}, 0),
         ({"watch_facts": (watched,)}, 2),
         ({"watch_facts": (landed,)}, 0),
         ({"watch_facts": (watched,)}, 0),
@@ -672,7 +674,7 @@ def test_what_was_asked_for_in_vain_is_not_advised():
 def test_what_a_flight_has_shown_stays_the_headline_once_the_landed_vehicle_is_silent():
     silent = Fact(RowsFact.NOTHING_RECEIVED, subject=MissingMessages.MESSAGES, duration=3.0)
     lights = {Light.MOTORS: Fact(MotorsLight.MOTORS_EVEN, Level.GOOD)}
-    judgement = SessionStatus(obstacle=silent, worst_lights=lights).overall_judgement
+    judgement = SessionStatus(no_model_reason=silent, worst_lights=lights).overall_judgement
     assert judgement.headline.code is Headline.NOTHING_WRONG
     # Nothing helps a light that can no longer be judged, so that it is no step.
     assert judgement.next_step.code is NextStep.KEEP_LOG
@@ -697,5 +699,5 @@ def test_a_bad_event_heads_the_status_before_the_vibration_that_caused_it(is_fly
 def test_the_message_that_is_missing_is_that_of_the_autopilot(autopilot, name):
     vehicle = Telemetry(1, 1, "QUADROTOR", autopilot, {}, {})
     watchdog = Watchdog(RecentMessages())
-    obstacles = watchdog._message_obstacles(5.0, vehicle, None)
-    assert obstacles[WatchedQuantity.ESTIMATOR].figures["name"] == name
+    reasons = watchdog._reasons_not_watched(5.0, vehicle, None)
+    assert reasons[WatchedQuantity.ESTIMATOR].figures["name"] == name

@@ -123,10 +123,10 @@ def test_a_finished_flight_is_shown_until_the_next_vehicle_comes(idle, monkeypat
     shown = []
     silence = Fact(RowsFact.NOTHING_RECEIVED, subject="messages", duration=2.0)
     for status in (
-        SessionStatus(obstacle=silence),
-        SessionStatus(obstacle=Fact(VehicleFact.NO_VEHICLE_YET)),
+        SessionStatus(no_model_reason=silence),
+        SessionStatus(no_model_reason=Fact(VehicleFact.NO_VEHICLE_YET)),
         SessionStatus("1:1"),
-        SessionStatus(obstacle=silence),
+        SessionStatus(no_model_reason=silence),
     ):
         session.status = status
         live._update_page(session)
@@ -142,7 +142,7 @@ def test_the_page_of_a_finished_flight_leads_to_the_library_and_keeps_what_it_kn
     known = SessionStatus("1:1")
     session.stream.status.return_value = known
     silence = Fact(RowsFact.NOTHING_RECEIVED, subject="messages", duration=2.0)
-    session.status = replace(known, obstacle=silence)
+    session.status = replace(known, no_model_reason=silence)
     page = link_monitor._finished_page(session, PageLink("a.tlog", "/f/abc"))
     assert "This flight is over." in page and '<a href="/f/abc">a.tlog</a>' in page
     assert "Nothing was received" not in page and "The flight is over; nothing more" in page
@@ -236,7 +236,7 @@ def test_the_flight_of_a_silent_vehicle_is_saved_and_the_one_that_sends_is_follo
     wanted = []
 
     def fly(session, is_over, *_):
-        wanted.append(session.stream.status().obstacle.subject)
+        wanted.append(session.stream.status().no_model_reason.subject)
         assert not is_over()
         if len(wanted) == 1:
             session.intake.recording.add(1e9, session.stream.frame_reader.feed(FRAMES))
@@ -267,7 +267,7 @@ def test_only_the_vehicle_that_was_chosen_is_followed(idle, monkeypatch):
     monkeypatch.setattr(link_monitor, "run_session", lambda session, *_: sessions.append(session))
     live._run_one_session(None)
     [session] = sessions
-    assert session.stream.status().obstacle.subject == "4:1" and session._keeps_vehicle
+    assert session.stream.status().no_model_reason.subject == "4:1" and session._keeps_vehicle
 
 
 @mark.parametrize("end", ["in the session", "after the session", "no file", "no move"])

@@ -145,7 +145,7 @@ def recording(tmp_path_factory):
                 lost_messages=7,
                 latency=Latency(0.012, 0.02),
                 learned_rows=300,
-                obstacle=prose("No motion."),
+                no_model_reason=prose("No motion."),
             )
         )
         for t, y, u, known in zip(TIME, OUTPUTS, INPUTS, ESTIMATES, strict=True):
@@ -329,7 +329,7 @@ def test_a_stalled_sink_holds_up_nobody_and_loses_the_oldest_rows_only(tmp_path,
 
 def test_figures_and_status_show_what_is_known_and_a_model_outlives_the_flight():
     row = ROW._replace(time=60.0)
-    status = SessionStatus(obstacle=prose("The vehicle is on the ground."))
+    status = SessionStatus(no_model_reason=prose("The vehicle is on the ground."))
     assert all("### –" in figure for figure in figures(status, row, CHANNELS, None)[1:6])
     assert "No model yet. The vehicle is on the ground." in status_document(
         status, row, CHANNELS, None

@@ -360,7 +360,7 @@ def test_live_rows_are_of_free_flight_only(scale, why):
         if row := live.latest:
             inside.append(abs(row.velocity - air[time > row.time][0]) < row.band)
     if why:
-        assert why in str(live.obstacle)
+        assert why in str(live.no_estimate_reason)
         assert live.latest is None
         assert live.mean is None
     else:
