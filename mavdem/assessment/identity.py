@@ -15,6 +15,7 @@ from mavdem.dataset.signals import Signals, global_positions
 from mavdem.dataset.time_series import float_column
 from mavdem.facts.vehicle import Basis, DateBasis
 from mavdem.ingest.telemetry import MICROSECONDS, Parameters, Telemetry
+from mavdem.ingest.utc import MIN_UTC, utc_at_boot
 from mavdem.ingest.vocabulary import (
     board_name_in_texts,
     board_number_in_bytes,
@@ -44,9 +45,6 @@ OFFSET_DECIMALS = 6
 
 NAME_DIGITS = 12
 """Hexadecimal digits of the hash of a calibration in the vehicle's name."""
-
-MIN_UNIX_TIME = datetime(2001, 1, 1, tzinfo=UTC).timestamp()
-"""UNIX time, s, before which a clock was never set."""
 
 PX4_LOG_NAME = re.compile(r"/log/(20\d\d-\d\d-\d\d/\d\d_\d\d_\d\d)\.ulg")
 """Name of a log in a text of PX4, by the day and the second at which it began: "…/log/2026-03-09/11_02_35.ulg"."""
@@ -284,7 +282,7 @@ def _date(signals: Signals, receive_time: float) -> _DateWithBasis:
     time = _time_by_autopilot(telemetry, flight)
     if time is not None:
         return _dated(time, DateBasis.GPS if telemetry.translated_from else DateBasis.AUTOPILOT)
-    if receive_time > MIN_UNIX_TIME:
+    if receive_time > MIN_UTC:
         return _dated(receive_time, DateBasis.RECEIVER)
     time = _time_by_log_name(telemetry, flight)
     if time is not None:
@@ -295,8 +293,7 @@ def _date(signals: Signals, receive_time: float) -> _DateWithBasis:
 def _time_by_autopilot(telemetry: Telemetry, flight: Segment | None) -> float | None:
     """Returns when a flight began, by the messages SYSTEM_TIME, which have UNIX time and time since boot.
 
-    The first message of the flight's boot whose UNIX time is set converts the start of the flight. If that is not
-    possible, the first UNIX time of any message is returned.
+    If the boot of the flight has none whose UNIX time is set, the log's first such message dates it.
 
     Args:
         telemetry: messages of the vehicle.
@@ -305,19 +302,18 @@ def _time_by_autopilot(telemetry: Telemetry, flight: Segment | None) -> float | 
     Returns:
         UNIX time, s; None if the messages have no plausible time.
     """
-    columns = telemetry.messages.get("SYSTEM_TIME", {})
-    if "time_unix_usec" not in columns:
-        return None
-    unix_times = float_column(columns, "time_unix_usec") / MICROSECONDS
-    # Before the first GPS fix the UNIX time is about 0.
-    is_set = unix_times > MIN_UNIX_TIME
+    messages = telemetry.messages
     if flight is not None:
-        is_set_in_boot = is_set & (columns["boot"] == flight.boot)
-        if is_set_in_boot.any():
-            unix_time = unix_times[is_set_in_boot][0]
-            boot_time = columns["time"][is_set_in_boot][0]
-            return float(unix_time + flight.start - boot_time)
-    return float(unix_times[is_set][0]) if is_set.any() else None
+        utc_of_flight = utc_at_boot(messages, flight.boot)
+        if utc_of_flight is not None:
+            return utc_of_flight + flight.start
+    columns = messages.get("SYSTEM_TIME", {})
+    for boot in np.unique(columns.get("boot", np.zeros(0, dtype=int))).tolist():
+        utc = utc_at_boot(messages, boot)
+        if utc is not None:
+            is_set = float_column(columns, "time_unix_usec") / MICROSECONDS >= MIN_UTC
+            return utc + float(columns["time"][is_set & (columns["boot"] == boot)][0])
+    return None
 
 
 def _time_by_log_name(telemetry: Telemetry, flight: Segment | None) -> float | None:
@@ -341,7 +337,7 @@ def _time_by_log_name(telemetry: Telemetry, flight: Segment | None) -> float | N
             time = logged_date.timestamp() - 60 * offset_minutes
             if flight is not None and flight.boot == text.boot:
                 time += flight.start - text.time
-            if time > MIN_UNIX_TIME:
+            if time > MIN_UTC:
                 return time
     return None
 

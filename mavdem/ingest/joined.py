@@ -16,7 +16,6 @@ from mavdem.arrays import Array
 from mavdem.errors import Unreadable
 from mavdem.facts.sources import Repair, Separation, SourceFact
 from mavdem.ingest.telemetry import (
-    MICROSECONDS,
     Columns,
     Component,
     Log,
@@ -27,6 +26,7 @@ from mavdem.ingest.telemetry import (
     repair_facts,
     selected_rows,
 )
+from mavdem.ingest.utc import utc_at_boot
 from mavdem.ingest.vocabulary import ARMED
 
 MAX_RESTART_SECONDS = 60.0
@@ -61,9 +61,6 @@ MAX_CHANGED_PARAMETERS = 0.15
 
 A choice: of logs of one board on different days at most 7 % differ, such as calibrations and counters.
 """
-
-MIN_UTC = 1e9
-"""UNIX time, s, from which on UTC counts as known: of the year 2001. Before its first fix a receiver counts from 0."""
 
 
 @dataclass(frozen=True)
@@ -145,8 +142,8 @@ def _recording(log: Log) -> Recording:
         utc_at_first_boot: float | None = log.receive_time[0] - start
         utc_at_last_boot: float | None = log.receive_time[1] - end
     else:
-        utc_at_first_boot = _utc_at_boot(vehicle.messages, first_boot)
-        utc_at_last_boot = _utc_at_boot(vehicle.messages, last_boot)
+        utc_at_first_boot = utc_at_boot(vehicle.messages, first_boot)
+        utc_at_last_boot = utc_at_boot(vehicle.messages, last_boot)
     return Recording(
         log=log,
         vehicle=vehicle,
@@ -177,28 +174,6 @@ def _densest_time(messages: Tables, boot: int) -> Array:
         if len(time) > len(densest):
             densest = time
     return densest
-
-
-def _utc_at_boot(messages: Tables, boot: int) -> float | None:
-    """Returns the UNIX time at which the clock of a boot read 0.
-
-    It is the median over all messages SYSTEM_TIME of the boot.
-
-    Args:
-        messages: Columns by message, with ``time`` and ``boot``.
-        boot: Number of the boot.
-
-    Returns:
-        The UNIX time, s; None if the autopilot had no UTC.
-    """
-    calendar = messages.get("SYSTEM_TIME", {})
-    if "time_unix_usec" not in calendar:
-        return None
-    utc = np.asarray(calendar["time_unix_usec"], np.float64) / MICROSECONDS
-    is_known = (calendar["boot"] == boot) & (utc >= MIN_UTC)
-    if not is_known.any():
-        return None
-    return float(np.median(utc[is_known] - calendar["time"][is_known]))
 
 
 def _recordings_by_time(recordings: Sequence[Recording]) -> list[Recording]:

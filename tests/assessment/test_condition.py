@@ -157,6 +157,10 @@ def test_the_date_is_when_the_settled_flight_began():
     assert identity_of(Signals(flown()), unix.timestamp()).date == unix
     assert identity_of(Signals(disarmed(dated))).date.second == 3
     assert identity_of(Signals(dated)).date_basis == "clock of the autopilot"
+    damaged_clock = clock.copy()
+    damaged_clock[3] ^= np.uint64(1 << 48)
+    damaged = changed(flown(), "SYSTEM_TIME", **columns(beat, time_unix_usec=damaged_clock))
+    assert identity_of(Signals(damaged)).date == found
     of_receiver = identity_of(Signals(flown()), unix.timestamp())
     assert of_receiver.date_basis == "clock of the receiving computer"
 

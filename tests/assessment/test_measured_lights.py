@@ -471,6 +471,22 @@ def test_the_light_of_a_log_that_ends_in_the_air_says_so_unless_it_was_lost():
     assert log_light(replace(judged, events=(after_loss,))).code is LogLight.RECORDED_FAST
 
 
+def skipped(count):
+    """The repair of a DataFlash log of ten megabytes in which ``count`` bytes belong to no message."""
+    return Fact(Repair.BYTES_SKIPPED, count=count, total=10_000_000, part="message")
+
+
+def test_damage_of_which_only_the_bytes_are_known_is_to_be_watched():
+    """Damaged messages of DataFlash have no checksum, so that they count as bytes."""
+    for count, code in (
+        (90_000, LogLight.RECORDED_FAST),
+        (1_200_000, LogLight.RECORDED_WITH_DAMAGE),
+    ):
+        light = log_light(evidence(replace(HOVER.telemetry(50.0, 50.0), repairs=(skipped(count),))))
+        assert light.code is code
+    assert str(light).startswith("Damaged: 1200000 bytes left out, 12 % of the log. What is left")
+
+
 @mark.slow
 def test_the_light_of_the_log_states_what_was_lost_by_damage():
     damage = Fact(Repair.ULOG_DAMAGED, Level.WATCH, count=640, places=10, duration=0.25)
@@ -481,11 +497,11 @@ def test_the_light_of_the_log_states_what_was_lost_by_damage():
         assert damaged.code is sound.code
         assert str(damaged) == f"Damaged: 640 bytes, 0.25 s lost. {sound}"
     for repairs, words in (
-        ([Fact(Repair.BYTES_SKIPPED, count=5000, part="message")], "5000 bytes left out"),
+        ([skipped(5000)], "5000 bytes left out"),
         (
             [
                 Fact(Repair.FRAMES_LEFT_OUT, count=2, flaw=Flaw.DAMAGE),
-                Fact(Repair.BYTES_SKIPPED, count=400, part="frame"),
+                skipped(400),
             ],
             "400 bytes and 2 frames left out",
         ),
@@ -494,7 +510,7 @@ def test_the_light_of_the_log_states_what_was_lost_by_damage():
         judged = evidence(replace(slow, repairs=tuple(repairs)))
         damaged = log_light(replace(judged, log=replace(judged.log, frames=1000)))
         assert str(damaged) == f"Damaged: {words}. {log_light(evidence(slow))}"
-    last_message_cut = Fact(Repair.BYTES_SKIPPED, count=MAX_CUT_BYTES, part="message")
+    last_message_cut = skipped(MAX_CUT_BYTES)
     assert "Damaged" not in str(log_light(evidence(replace(slow, repairs=(last_message_cut,)))))
     other_dialect = Fact(Repair.FRAMES_LEFT_OUT, count=2, flaw=Flaw.ANOTHER_DIALECT)
     assert "Damaged" not in str(log_light(evidence(replace(slow, repairs=(other_dialect,)))))
@@ -504,7 +520,7 @@ def test_the_light_of_the_log_states_what_was_lost_by_damage():
         judged = evidence(replace(fast, repairs=(repair,)))
         light = log_light(replace(judged, log=replace(judged.log, frames=1000)))
         assert light.code is code
-    assert str(light).startswith("Damaged: 150 frames left out, 15 % of the frames. What is left")
+    assert str(light).startswith("Damaged: 150 frames left out, 15 % of the log. What is left")
     assert light.level is Level.WATCH and light.remedy.startswith("Copy the log anew")
     long_damage = Fact(Repair.ULOG_DAMAGED, Level.WATCH, count=640, places=1, duration=195.4)
     assert "195 s lost" in str(log_light(evidence(replace(slow, repairs=(long_damage,)))))

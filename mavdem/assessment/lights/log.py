@@ -25,7 +25,10 @@ MAX_GAP = 1.0
 """Time without attitude in flight, s, that is to be watched: longer than a fall from 5 m."""
 
 MAX_DAMAGED_SHARE = 0.01
-"""Share of damaged frames that is to be watched: a choice. So many losses thin every stream, parameters included."""
+"""Share of damaged frames or bytes that is to be watched: a choice.
+
+So many losses thin every stream, parameters included.
+"""
 
 MAX_CUT_BYTES = 288
 """Bytes outside of messages up to which a file is cut and not damaged: one whole message is the most a cut leaves.
@@ -64,7 +67,7 @@ def log_light(evidence: Evidence) -> Fact:
        the body rates is used; the light states both.
     3. If a gap of the attitude in flight is longer than ``MAX_GAP``, or the logger itself lost messages ("dropouts"),
        the log has gaps.
-    4. If damage has cost more than ``MAX_DAMAGED_SHARE`` of the frames, or more than ``MAX_GAP``, it is damaged.
+    4. If damage has cost more than ``MAX_DAMAGED_SHARE`` of the log, or more than ``MAX_GAP``, it is damaged.
     5. If the log ends in the air, and no loss of the vehicle explains it, the rest of the flight is missing.
 
     The light also states how much of the file could not be read.
@@ -155,21 +158,26 @@ def _damage(log: Log, telemetry: Telemetry) -> Fact | None:
         telemetry: repairs of the file that the vehicle was read from.
 
     Returns:
-        The fact, with the number of bytes and of damaged frames, their share of all frames, and the time, s, that they
-        contained, if it is known.
+        The fact, with the number of bytes and of damaged frames, the share of the log that these are, and the time, s,
+        that they contained, if it is known.
     """
     byte_count = 0
+    byte_share = 0.0
     frame_count = 0
     duration = 0.0
     for repair in telemetry.repairs:
-        byte_count += _unread_bytes(repair)
+        unread_bytes = _unread_bytes(repair)
+        byte_count += unread_bytes
+        if repair.code is Repair.BYTES_SKIPPED:
+            byte_share += unread_bytes / repair.figures["total"]
         if repair.code is Repair.FRAMES_LEFT_OUT and repair.figures["flaw"] == Flaw.DAMAGE:
             frame_count += repair.figures["count"]
         if repair.code in (Repair.ULOG_DAMAGED, Repair.CHUNKS_DAMAGED):
             duration += repair.figures["duration"]
     if not byte_count and not frame_count:
         return None
-    share = frame_count / max(log.frames, 1)
+    # Damaged frames were recognised, and bytes that were skipped belong to no frame: they are other parts of the log.
+    share = frame_count / max(log.frames, 1) + byte_share
     return Fact(
         LogLight.DAMAGED, size=byte_count, frames=frame_count, share=share, duration=duration
     )

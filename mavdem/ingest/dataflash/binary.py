@@ -170,6 +170,8 @@ class DataflashRecording(NamedTuple):
     """Decodes the messages of one name; none for a name that does not occur or has inconsistent fields."""
     bytes_skipped: int
     """Number of bytes that belong to no message."""
+    size: int
+    """Number of bytes of the log."""
     repairs: Facts
     """What was odd or damaged."""
     undefined_messages: int = 0
@@ -272,7 +274,9 @@ def read_binary(content: FileContent) -> DataflashRecording:
     # their markers.
     if skipped_bytes > scan.message_bytes:
         undefined_messages = max(_marker_count(data) - len(starts), 0)
-    return DataflashRecording(counts, decode, skipped_bytes, scan.repairs, undefined_messages)
+    return DataflashRecording(
+        counts, decode, skipped_bytes, len(data), scan.repairs, undefined_messages
+    )
 
 
 def _marker_count(data: Bytes) -> int:

@@ -217,7 +217,9 @@ def _vehicle(recording: DataflashRecording, source: str, content: FileContent) -
         source=source,
         repairs=(
             *recording.repairs,
-            *repair_facts(Repair.BYTES_SKIPPED, count=skipped_bytes, part="message"),
+            *repair_facts(
+                Repair.BYTES_SKIPPED, count=skipped_bytes, total=recording.size, part="message"
+            ),
             *repair_facts(
                 Repair.LOGGED_MESSAGES_LEFT_OUT,
                 count=unreadable_messages,

@@ -86,7 +86,7 @@ def read_text(content: bytes) -> DataflashRecording:
 
     counts = {name: len(lines_of_name) for name, lines_of_name in lines.items()}
     repairs = repair_facts(Repair.LINES_LEFT_OUT, count=lines_skipped)
-    return DataflashRecording(counts, decode, bytes_skipped, repairs)
+    return DataflashRecording(counts, decode, bytes_skipped, len(content), repairs)
 
 
 def _definition(values: bytes) -> FormatDefinition | None:

@@ -197,7 +197,9 @@ def _stream_repairs(stream: FrameStream, unread: Sequence[UnreadFrames]) -> Fact
     for cause in (Flaw.DAMAGE, Flaw.ANOTHER_DIALECT):
         count = sum(message.frames for message in unread if message.cause is cause)
         repairs += repair_facts(Repair.FRAMES_LEFT_OUT, count=count, flaw=cause)
-    return repairs + repair_facts(Repair.BYTES_SKIPPED, count=stream.bytes_skipped, part="frame")
+    return repairs + repair_facts(
+        Repair.BYTES_SKIPPED, count=stream.bytes_skipped, total=len(stream.data), part="frame"
+    )
 
 
 # A sender's system and component id are packed into one number, so that frames can be sorted by sender.

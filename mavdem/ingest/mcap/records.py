@@ -135,7 +135,9 @@ class McapRecording:
             size=self.lost_bytes,
             duration=self.lost_seconds,
         )
-        repairs += repair_facts(Repair.BYTES_SKIPPED, count=self.skipped, part="recording")
+        repairs += repair_facts(
+            Repair.BYTES_SKIPPED, count=self.skipped, total=len(self.content), part="recording"
+        )
         if self.cut:
             repairs += repair_facts(Repair.RECORDING_CUT)
         return repairs
