@@ -1,6 +1,6 @@
 """Flight plan of a scenario: setpoints of position, attitude and yaw rate over time, from arming to disarming.
 
-A flight is: spin up, climb, hover with the scenario's excitation, descend, and wait for disarming.
+A flight is: spin up, climb, hover with the scenario's excitation, descend, touch down slowly, and wait for disarming.
 """
 
 from math import cos, fsum, hypot, pi, radians, sin, sqrt
@@ -46,14 +46,24 @@ MIN_EXCITATION_SECONDS = 1.0
 MIN_CLIMB_SECONDS = 3.0
 """Shortest climb, s; a choice."""
 
-MIN_DESCENT_SECONDS = 4.0
-"""Shortest descent, s; a choice."""
+MIN_DESCENT_SECONDS = 3.0
+"""Shortest descent to the height of the final one, s; a choice."""
 
 MAX_MEAN_CLIMB_SPEED = 1.5
 """Largest mean speed of climb and descent, m/s: high flights take longer than the shortest times."""
 
-TOUCH_DOWN_DEPTH = 0.2
-"""Depth below the ground that the descent aims at, m, so that the vehicle does touch it."""
+LANDING_SPEED = 0.6
+"""Speed of the final descent, m/s: between ArduCopter's LAND_SPEED of 0.5 and PX4's MPC_LAND_SPEED of 0.7."""
+
+FINAL_DESCENT_HEIGHT = 1.0
+"""Height at which the final descent begins, m; a choice.
+
+Autopilots begin it at 5 or 10 m (MPC_LAND_ALT2, LAND_ALT_LOW), as high as simulated flights hover. In 1 m the errors
+of the faster descent before it have time to settle.
+"""
+
+FINAL_DESCENT_FRACTION = 0.5
+"""Largest height of the final descent as a fraction of the height of the hover, for low flights; a choice."""
 
 FULL_STICK = (radians(35), radians(35), radians(150))
 """Demands of roll and pitch, rad, and yaw rate, rad/s, at a stick's end.
@@ -92,7 +102,7 @@ class FlightTimes(NamedTuple):
     climb: float
     """Duration of the climb."""
     descent: float
-    """Duration of the descent."""
+    """Duration of the descent to the height of the final one."""
     hover: float
     """Time after arming at which the hover begins."""
     landing: float
@@ -102,8 +112,9 @@ class FlightTimes(NamedTuple):
 def flight_times(scenario: Scenario) -> FlightTimes:
     """Plans when a scenario's flight climbs, hovers and descends.
 
-    Climb and descent take as long as the height needs at a moderate speed; the hover gets the rest of the duration. It
-    must hold the excitation, a whole course if there is one, with some time of quiet hover on both sides of it.
+    Climb and descent take as long as the height needs at a moderate speed, and the final descent as long as it needs at
+    ``LANDING_SPEED``; the hover gets the rest of the duration. It must hold the excitation, a whole course if there is
+    one, with some time of quiet hover on both sides of it.
 
     Args:
         scenario: Scenario with duration, height and excitation of the flight.
@@ -115,12 +126,18 @@ def flight_times(scenario: Scenario) -> FlightTimes:
         ValueError: The duration leaves no time for the excitation.
     """
     climb = max(MIN_CLIMB_SECONDS, scenario.height / MAX_MEAN_CLIMB_SPEED)
-    descent = max(MIN_DESCENT_SECONDS, scenario.height / MAX_MEAN_CLIMB_SPEED)
+    final_height = final_descent_height(scenario.height)
+    drop = scenario.height - final_height
+    # In a low flight the speed rises evenly to ``LANDING_SPEED``: a longer descent would climb at first.
+    even_descent = 2 * drop / LANDING_SPEED
+    descent = max(min(MIN_DESCENT_SECONDS, even_descent), drop / MAX_MEAN_CLIMB_SPEED)
+    to_touch_down = descent + final_height / LANDING_SPEED
     moves = scenario.excitation.moves if isinstance(scenario.excitation, Course) else ()
     timings = [move_timing(move) for move in moves]
     course = fsum(timing.move_seconds + timing.hover_seconds for timing in timings)
     excitation = max(course, MIN_EXCITATION_SECONDS)
-    shortest = SPIN_UP_SECONDS + climb + excitation + 2 * SETTLE_SECONDS + descent + AFTER_SECONDS
+    in_hover = excitation + 2 * SETTLE_SECONDS
+    shortest = SPIN_UP_SECONDS + climb + in_hover + to_touch_down + AFTER_SECONDS
     if scenario.duration < shortest:
         purpose = f"a height of {scenario.height:g} m"
         if moves:
@@ -132,8 +149,13 @@ def flight_times(scenario: Scenario) -> FlightTimes:
         climb=climb,
         descent=descent,
         hover=SPIN_UP_SECONDS + climb,
-        landing=scenario.duration - AFTER_SECONDS - descent,
+        landing=scenario.duration - AFTER_SECONDS - to_touch_down,
     )
+
+
+def final_descent_height(hover_height: float) -> float:
+    """Returns the height above the ground at which the slow final descent begins, m, for a hover at a height in m."""
+    return min(FINAL_DESCENT_HEIGHT, FINAL_DESCENT_FRACTION * hover_height)
 
 
 def total_seconds(scenario: Scenario) -> float:
@@ -215,10 +237,27 @@ class FlightPlan:
             if hover + SETTLE_SECONDS <= time < landing - SETTLE_SECONDS:
                 return self._with_excitation(reference, time - hover - SETTLE_SECONDS)
             return reference
-        # The descent aims below the ground, and stays there until the vehicle has touched down.
-        fraction, rate = _smooth_transition(min((time - landing) / descent, 1.0))
-        depth = self._height + TOUCH_DOWN_DEPTH
-        return Reference(LANDING, self._height - depth * fraction, -depth * rate / descent)
+        height, climb_rate = self._descent_at(time - landing)
+        return Reference(LANDING, height, climb_rate)
+
+    def _descent_at(self, time: float) -> Pair:
+        """Returns the setpoints of the descent, which goes over smoothly into a final descent of constant speed.
+
+        The final descent goes on below the ground until the vehicle touches it.
+
+        Args:
+            time: Time since the descent began, s.
+
+        Returns:
+            Height above the ground, m, and climb rate, m/s.
+        """
+        descent = self._times.descent
+        final_height = final_descent_height(self._height)
+        if time >= descent:
+            return final_height - LANDING_SPEED * (time - descent), -LANDING_SPEED
+        depth = self._height - final_height
+        fraction, rate = _smooth_transition(time / descent, LANDING_SPEED * descent / depth)
+        return self._height - depth * fraction, -depth * rate / descent
 
     def _with_excitation(self, hover: Reference, time: float) -> Reference:
         """Adds the scenario's excitation to the setpoints of the hover.
@@ -474,18 +513,20 @@ def _schroeder_multisine(harmonics: range, samples: int) -> Array:
     return ifft(spectrum).real
 
 
-def _smooth_transition(time_fraction: float) -> Pair:
+def _smooth_transition(time_fraction: float, final_rate: float = 0.0) -> Pair:
     """Returns the travelled fraction of a minimum-jerk movement, and its rate (T. Flash and N. Hogan, 1985).
 
-    Speed and acceleration are zero at the beginning and the end.
+    Speed and acceleration are zero at the beginning, and the acceleration at the end.
 
     Args:
         time_fraction: Time since the movement's beginning by its duration, 0 to 1.
+        final_rate: Rate at the end.
 
     Returns:
         Travelled fraction, 0 to 1, and its derivative by ``time_fraction``.
     """
     s = time_fraction
-    travelled = s**3 * (10 - 15 * s + 6 * s**2)
-    rate = 30 * s**2 * (1 - s) ** 2
+    # The polynomials of fifth order that end with the values (1, 0) and (0, 1) of fraction and rate.
+    travelled = s**3 * (10 - 15 * s + 6 * s**2) - final_rate * s**3 * (1 - s) * (4 - 3 * s)
+    rate = 30 * s**2 * (1 - s) ** 2 - final_rate * s**2 * (12 - 28 * s + 15 * s**2)
     return travelled, rate

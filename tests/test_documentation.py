@@ -310,7 +310,7 @@ def test_a_notebook_runs_and_shows_what_is_stored_in_it(path, monkeypatch, capsy
     # Whether there are pictures shows at any resolution.
     monkeypatch.setattr("mavdem.report.figures.style.NOTEBOOK_RESOLUTION_FACTOR", 0.2)
     # The flight that it starts is flown here, and shorter: to import everything anew takes seconds.
-    monkeypatch.setattr("subprocess.run", lambda words, **_: run(*words[3:], "--duration", 30))
+    monkeypatch.setattr("subprocess.run", lambda words, **_: run(*words[3:], "--duration", 33))
     values = []
     monkeypatch.setattr("sys.displayhook", values.append)
     names = {"__name__": "__main__"}

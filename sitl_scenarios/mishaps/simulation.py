@@ -27,7 +27,7 @@ from sitl_scenarios.mishaps.texts import (
     announcements,
 )
 from sitl_scenarios.motion import Motion
-from sitl_scenarios.plan import IN_AIR, LANDING, ON_GROUND, TAKING_OFF, Reference
+from sitl_scenarios.plan import IN_AIR, ON_GROUND, TAKING_OFF, Reference
 from sitl_scenarios.scenario import Scenario
 from sitl_scenarios.vectors import Vector4
 
@@ -42,9 +42,6 @@ MAX_LATE_SECONDS = 60.0
 
 LATE_RECORD_SECONDS = 2.0
 """Time for which the record goes on after the landing of a flight that lands late, s; a choice."""
-
-LATE_DESCENT = 0.5
-"""Speed downwards of a landing whose planned end is over, m/s: ArduCopter's LAND_SPEED."""
 
 CLIMB_SECONDS = 5.0
 """Time of the climb, and of the descent, of a flight whose barometer is stuck, s."""
@@ -124,10 +121,6 @@ class InstrumentedSimulation(Simulation):
         reference = self._pilot.reference(self._flight_time, estimate, super()._reference(estimate))
         self._planned_state = reference.landed_state
         mishap = self.scenario.mishap
-        if reference.landed_state == LANDING and self._pilot.mode == "plan":
-            # A landing continues below the planned depth until the vehicle touches the ground.
-            late = max(self._flight_time - self.scenario.duration, 0.0)
-            reference = reference._replace(height=reference.height - LATE_DESCENT * late)
         if isinstance(mishap, BarometerStuck):
             height = mishap.climb * _trapezoid(self._flight_time - mishap.start - CLIMB_DELAY)
             return reference._replace(height=reference.height + height)

@@ -22,7 +22,7 @@ def folder(tmp_path_factory, coarse_physics):
     made = tmp_path_factory.mktemp("twin")
     log = made / "flight.tlog"
     files = [made / f"mine.{ending}" for ending in ("toml", "json", "params", "sdf")]
-    assert run("fly", "iris_identification", "--duration", "30", "--out", log) == 0
+    assert run("fly", "iris_identification", "--duration", "31", "--out", log) == 0
     words = [
         "twin",
         log,

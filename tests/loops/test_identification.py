@@ -39,7 +39,7 @@ pytestmark = mark.slow
 SCENARIO = scenario_of(
     {
         "seed": 12,
-        "duration": 45,
+        "duration": 46,
         "vehicle": {
             "model": "iris",
             "rate_gain": 2.0,

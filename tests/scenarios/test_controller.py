@@ -12,7 +12,7 @@ from sitl_scenarios.dynamics import State
 from sitl_scenarios.files import scenario_of
 from sitl_scenarios.gains import control_parameters
 from sitl_scenarios.mixers import px4_thrusts
-from sitl_scenarios.plan import FlightPlan
+from sitl_scenarios.plan import LANDING_SPEED, FlightPlan
 from sitl_scenarios.rotors import IDLE_COMMAND, mixed_commands, rotor_frame
 from sitl_scenarios.scenario import Chirp, Doublets, Multisine, Scenario, Sensors, Sticks
 from sitl_scenarios.sensors import StateEstimator
@@ -119,6 +119,19 @@ def test_multisines_of_all_axes_share_no_frequency_and_are_orthogonal():
     assert power.sum(1).max() == 1
 
 
+@mark.parametrize("height", [0.6, 1.5, 5.0, 12.0])
+def test_a_descent_never_climbs_and_ends_at_the_landing_speed_until_touch_down(height):
+    plan = FlightPlan(Scenario(duration=60.0, height=height))
+    landing = [plan.reference_at(time) for time in np.arange(40, 65, CYCLE)]
+    heights = np.array([at.height for at in landing])
+    rates = np.array([at.climb_rate for at in landing])
+    assert_allclose(np.diff(heights) / CYCLE, (rates[1:] + rates[:-1]) / 2, atol=1e-3)
+    assert rates.max() == 0 and heights[0] == height
+    assert (rates[heights < 0.3] == -LANDING_SPEED).all() and heights[-1] < -2
+    # Touch-down is planned a second before disarming.
+    assert heights[round((60 - 1 - 40) / CYCLE)] == approx(0, abs=0.01)
+
+
 @mark.slow
 def test_sticks_move_as_slowly_as_asked_and_each_for_itself():
     cycle = 0.02
@@ -129,8 +142,8 @@ def test_sticks_move_as_slowly_as_asked_and_each_for_itself():
             if at.by_stick
         ]
     )
-    assert len(demands) * cycle == approx(587, abs=0.5)
-    # 587 s hold about 587/(2√π 0.25) = 660 independent values: standard errors of 2.8 % and of 0.04.
+    assert len(demands) * cycle == approx(586.3, abs=0.5)
+    # 586 s hold about 586/(2√π 0.25) = 660 independent values: standard errors of 2.8 % and of 0.04.
     assert demands.std(0) == approx([4, 4, 4], rel=0.11)
     assert abs(np.corrcoef(demands.T) - np.eye(3)).max() < 0.16
     # The derivative of Gaussian-kernel noise has the standard deviation 1/(√2 s).

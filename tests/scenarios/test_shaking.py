@@ -31,7 +31,7 @@ def flight(shaking, **parameters):
     return scenario_of(
         {
             "seed": 3,
-            "duration": 23.5,
+            "duration": 24.5,
             "height": 4.0,
             "vehicle": {
                 "parameters": {"SCHED_LOOP_RATE": LOOP_RATE, "INS_GYRO_FILTER": 80.0, **parameters}

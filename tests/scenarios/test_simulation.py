@@ -44,6 +44,12 @@ def test_the_same_seed_gives_the_same_bits_in_pieces_too(flight):
 
 
 @mark.slow
+def test_a_flight_in_wind_touches_down_as_slowly_as_autopilots_do(flight):
+    last_in_air = np.flatnonzero(flight.position[:, 2] < 0)[-1]
+    assert 0.3 < flight.velocity[last_in_air, 2] < 0.9
+
+
+@mark.slow
 def test_a_second_flight_is_armed_as_long_after_the_first_as_that_after_boot():
     twice = fly(brief(duration=15.0, flights=2))
     changes = twice.time[1:][np.diff(twice.armed.astype(int)) != 0]
