@@ -5,11 +5,17 @@ from math import cos, radians, sin
 import numpy as np
 from mavlink_streams import message, read, tlog
 from pytest import approx, mark, raises
+from scipy.spatial.transform import Rotation
 
 from mavdem.errors import Unreadable
 from mavdem.facts.sources import SourceFact
+from mavdem.ingest.mavlink.dialect import mavlink_message_id
 from mavdem.ingest.mavlink.frame_reader import FrameReader
-from mavdem.ingest.mavlink.sequence_counters import AttitudeComparison, AttitudeReading
+from mavdem.ingest.mavlink.sequence_counters import (
+    EULER_LAYOUT,
+    AttitudeComparison,
+    attitude_reading,
+)
 from mavdem.live.vehicle_selection import Component
 
 SWAY = radians(1.5)
@@ -121,6 +127,25 @@ def test_a_second_vehicle_that_is_silent_again_is_forgotten_live():
 def test_attitudes_must_contradict_each_other_for_a_second_at_400_hz_too(seconds, are_two):
     comparison = AttitudeComparison()
     for clock in np.arange(100.0, 100.0 + seconds, 0.0025):
-        comparison.add(0, AttitudeReading(clock, angles=[0.0, 0.0, 0.0], rates=[0.0, 0.0, 0.0]))
-        comparison.add(1, AttitudeReading(clock, angles=[0.3, 0.0, 0.0], rates=[0.0, 0.0, 0.0]))
+        for counter, roll in enumerate((0.0, 0.3)):
+            comparison.add(counter, attitude([roll, 0.0, 0.0], clock))
     assert comparison.has_found_two == are_two
+
+
+def test_attitudes_of_one_vehicle_that_tumbles_do_not_contradict_each_other():
+    """Its frames overtake each other, which looks like a second counter."""
+    comparison = AttitudeComparison()
+    rates = [0.3, 5.0, 0.8]
+    for row, clock in enumerate(np.arange(100.0, 106.0, 0.02)):
+        rotation = Rotation.from_euler("x", 170, degrees=True) * Rotation.from_rotvec(
+            np.multiply(rates, clock - 100.0)
+        )
+        angles = rotation.as_euler("ZYX")[::-1]
+        comparison.add(row // 4 % 2, attitude(angles.tolist(), clock, rates))
+    assert not comparison.has_found_two
+
+
+def attitude(angles, clock, rates=(0.0, 0.0, 0.0)):
+    """What a vehicle reports with ATTITUDE of roll, pitch and yaw, rad, at a time, s."""
+    payload = EULER_LAYOUT.pack(round(1e3 * clock), *angles, *rates)
+    return attitude_reading(payload, mavlink_message_id("ATTITUDE"))

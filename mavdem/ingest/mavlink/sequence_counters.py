@@ -10,7 +10,7 @@ Source: https://mavlink.io/en/guide/serialization.html (each channel counts its 
 import struct
 from collections import OrderedDict, deque
 from collections.abc import Sequence
-from math import asin, atan2, inf, pi, radians
+from math import atan2, copysign, cos, hypot, inf, pi, radians, sin
 from typing import NamedTuple
 
 from mavdem.ingest.mavlink.dialect import mavlink_message_id
@@ -40,16 +40,13 @@ Both messages of one vehicle have the same estimate, to within the milliseconds 
 """
 
 RATE_ERROR_SHARE = 0.5
-"""Share of the predicted rotation by which it may be wrong: body rates are noisy, and no rates of Euler angles."""
+"""Share of the predicted rotation by which it may be wrong: body rates are noisy, and change."""
 
 MAX_ANGULAR_ACCELERATION = 20.0
 """Angular acceleration, rad/s², that may change the rates between two attitudes: what a multirotor keeps up.
 
 A choice: manoeuvres reach more, but not in half of all comparisons.
 """
-
-MAX_COMPARED_PITCH = radians(60)
-"""Pitch, rad, up to which attitudes are compared: beyond it roll and heading are hardly defined. A choice."""
 
 COMPARISONS = 100
 """Number of latest comparisons that decide: a choice, 2 s of attitude at 50 Hz and more."""
@@ -89,8 +86,8 @@ class AttitudeReading(NamedTuple):
     clock: float
     """Time since boot, s."""
 
-    angles: list[float]
-    """Roll, pitch and heading, rad."""
+    quaternion: list[float]
+    """Unit quaternion w, x, y and z of the rotation from body to earth."""
 
     rates: list[float]
     """Body rates about the three axes, rad/s."""
@@ -255,31 +252,54 @@ def contradict(first: AttitudeReading, second: AttitudeReading) -> bool:
     Args:
         first, second: the attitudes, at most some tenths of a second apart.
     """
-    # Near a pitch of 90° roll and heading are not defined.
-    if max(abs(first.angles[1]), abs(second.angles[1])) > MAX_COMPARED_PITCH:
-        return False
     seconds = second.clock - first.clock
     acceleration_angle = MAX_ANGULAR_ACCELERATION * seconds**2 / 2
-    for axis in range(3):
-        rotation = (first.rates[axis] + second.rates[axis]) / 2 * seconds
-        difference = second.angles[axis] - first.angles[axis] - rotation
-        # Wrapped to −π to π.
-        difference = abs((difference + pi) % (2 * pi) - pi)
-        allowed = MIN_ATTITUDE_DIFFERENCE + RATE_ERROR_SHARE * abs(rotation) + acceleration_angle
-        if difference > allowed:
+    # Euler angles would contradict each other while a vehicle tumbles: upside down they turn against the body rates.
+    rotations = _rotation_vector(first.quaternion, second.quaternion)
+    for axis, rotation in enumerate(rotations):
+        predicted_rotation = (first.rates[axis] + second.rates[axis]) / 2 * seconds
+        # A rotation about an axis is known but for whole turns.
+        difference = abs((rotation - predicted_rotation + pi) % (2 * pi) - pi)
+        rate_error = RATE_ERROR_SHARE * abs(predicted_rotation)
+        if difference > MIN_ATTITUDE_DIFFERENCE + rate_error + acceleration_angle:
             return True
     return False
 
 
+def _rotation_vector(first: Sequence[float], second: Sequence[float]) -> list[float]:
+    """Returns the rotation from one attitude to another about the three body axes, rad.
+
+    Args:
+        first, second: unit quaternions (w, x, y, z) of the rotations from body to earth.
+
+    Returns:
+        The rotation vector, whose length is the angle of the rotation, 0 to π.
+    """
+    w1, x1, y1, z1 = first
+    w2, x2, y2, z2 = second
+    # The quaternion of the rotation is the inverse of the first one times the second one.
+    w = w1 * w2 + x1 * x2 + y1 * y2 + z1 * z2
+    vector = [
+        w1 * x2 - x1 * w2 - y1 * z2 + z1 * y2,
+        w1 * y2 - y1 * w2 - z1 * x2 + x1 * z2,
+        w1 * z2 - z1 * w2 - x1 * y2 + y1 * x2,
+    ]
+    sine = hypot(*vector)
+    # A quaternion and its negative are the same rotation; the shorter one of both is taken.
+    angle = 2 * atan2(sine, abs(w))
+    scale = copysign(angle / sine, w) if sine > 0 else 0.0
+    return [scale * component for component in vector]
+
+
 def attitude_reading(payload: bytes, message_id: int) -> AttitudeReading | None:
-    """Returns the attitude that a message reports, as Euler angles.
+    """Returns the attitude that a message reports, as a quaternion.
 
     Args:
         payload: payload of the message, without the zeros at its end that MAVLink 2 leaves out.
         message_id: number of the message.
 
     Returns:
-        Time, s, angles, rad, and body rates, rad/s; None for a message without an attitude, and for one with a time of
+        Time, s, quaternion, and body rates, rad/s; None for a message without an attitude, and for one with a time of
         0: the boot clock has not begun.
     """
     layout = ATTITUDE_LAYOUTS.get(message_id)
@@ -294,22 +314,18 @@ def attitude_reading(payload: bytes, message_id: int) -> AttitudeReading | None:
     attitude = list(values[1:-3])
     rates = list(values[-3:])
     if layout is EULER_LAYOUT:
-        return AttitudeReading(clock, attitude, rates)
-    return AttitudeReading(clock, _euler_angles(attitude), rates)
+        return AttitudeReading(clock, _quaternion(*attitude), rates)
+    return AttitudeReading(clock, attitude, rates)
 
 
-def _euler_angles(quaternion: Sequence[float]) -> list[float]:
-    """Returns roll, pitch and heading, rad, of an attitude as a quaternion.
-
-    Args:
-        quaternion: unit quaternion (w, x, y, z) of the rotation from body to earth.
-
-    Returns:
-        Roll and heading from −π to π, pitch from −π/2 to π/2, for rotations by heading, pitch and roll in this order.
-    """
-    w, x, y, z = quaternion
-    roll = atan2(2 * (w * x + y * z), 1 - 2 * (x * x + y * y))
-    # Rounding may bring the sine of pitch beyond 1.
-    pitch = asin(min(max(2 * (w * y - z * x), -1.0), 1.0))
-    heading = atan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))
-    return [roll, pitch, heading]
+def _quaternion(roll: float, pitch: float, heading: float) -> list[float]:
+    """Returns the quaternion (w, x, y, z) of rotations by heading, pitch and roll, rad, in this order."""
+    cos_roll, sin_roll = cos(roll / 2), sin(roll / 2)
+    cos_pitch, sin_pitch = cos(pitch / 2), sin(pitch / 2)
+    cos_heading, sin_heading = cos(heading / 2), sin(heading / 2)
+    return [
+        cos_roll * cos_pitch * cos_heading + sin_roll * sin_pitch * sin_heading,
+        sin_roll * cos_pitch * cos_heading - cos_roll * sin_pitch * sin_heading,
+        cos_roll * sin_pitch * cos_heading + sin_roll * cos_pitch * sin_heading,
+        cos_roll * cos_pitch * sin_heading - sin_roll * sin_pitch * cos_heading,
+    ]
