@@ -23,7 +23,7 @@ class Refusal(ValueError):
 
     def __str__(self) -> str:
         """The sentence of the fact, followed by its remedy."""
-        return self.fact.advised
+        return self.fact.sentence_and_remedy
 
     @property
     def reason(self) -> str:

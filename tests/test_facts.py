@@ -53,7 +53,7 @@ def test_words_are_those_of_the_table_and_errors_say_them():
     fact = Fact(ForecastFact.FAILED, error="", text="Too slow.", remedy="Log faster.")
     assert sentence_and_remedy(fact) == ("Too slow.", "Log faster.")
     assert sentence(fact) == str(fact) == "Too slow."
-    assert fact.advised == str(NotLearnable(fact)) == "Too slow. Log faster."
+    assert fact.sentence_and_remedy == str(NotLearnable(fact)) == "Too slow. Log faster."
 
 
 def test_several_doubts_have_one_remedy_and_a_slow_log_is_first_to_be_mended():

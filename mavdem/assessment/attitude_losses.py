@@ -275,7 +275,7 @@ class _AttitudeLoss(NamedTuple):
         Returns:
             ``TIPPED``, ``HIT`` or ``ATTITUDE_LOST``.
         """
-        if not has_risen_by(self.sensors, self.flight_interval, onset):
+        if not had_risen_before(self.sensors, self.flight_interval, onset):
             return MotionEvent.TIPPED
         has_hit = knock_time is not None and knock_is_contact(self.sensors, knock_time)
         if has_hit or (height is not None and height < MAX_GROUND_HEIGHT):
@@ -437,7 +437,7 @@ def knock_is_contact(sensors: BootSensors, time: float) -> bool:
     return stopped_at(sensors.signals, sensors.boot, time) is not False
 
 
-def has_risen_by(sensors: BootSensors, flight_interval: TimeInterval, time: float) -> bool:
+def had_risen_before(sensors: BootSensors, flight_interval: TimeInterval, time: float) -> bool:
     """Returns whether the vehicle was more than ``MAX_GROUND_HEIGHT`` above its take-off before some time of a flight.
 
     If no height was recorded, a vehicle that has flown for ``RECOVERY_SECONDS`` counts as risen.
@@ -445,7 +445,7 @@ def has_risen_by(sensors: BootSensors, flight_interval: TimeInterval, time: floa
     Args:
         sensors: sensors of the boot.
         flight_interval: start and end of the flight, s since boot.
-        time: s since boot.
+        time: until when the heights of the flight are looked at, s since boot.
     """
     take_off, _ = flight_interval
     height = sensors.height_above_take_off

@@ -77,7 +77,7 @@ def motion_events(signals: Signals, reports: Sequence[Fact] = ()) -> Facts:
 
 
 def _with_causes_of_swings(events: Sequence[Fact]) -> list[Fact]:
-    """Adds to each event of a swinging attitude what other events of its time show of the cause (:func:`_with_causes`).
+    """Adds to each event of a swinging attitude what other events at the same time show of the cause.
 
     Args:
         events: events of all boots.
@@ -97,13 +97,14 @@ def _with_causes_of_swings(events: Sequence[Fact]) -> list[Fact]:
 def _with_causes(swing: Fact, concurrent_events: Sequence[Fact]) -> Fact:
     """Adds to a swinging attitude how far it was from its setpoint, and which motors had no reserve.
 
-    If the attitude was far from its setpoint, the gains of the position controller are not the first to look at. In an
-    autonomous mode that also means that the autopilot does not control the vehicle, so that the swing is bad even if
-    the vehicle recovered.
+    An attitude swings if roll or pitch goes to and fro by tens of degrees. If the attitude was far from its setpoint,
+    the gains of the position controller are not the first to look at. In an autonomous mode that also means that the
+    autopilot does not control the vehicle, so that the swing is bad even if the vehicle recovered.
 
     Args:
         swing: the event that the attitude swung.
-        concurrent_events: events of its time, among them losses of attitude and motors at their upper limit.
+        concurrent_events: events at the same time. Among them may be losses of attitude from which the vehicle
+            recovered (``ATTITUDE_CAUGHT``), and motors at their upper limit (``MOTOR_AT_ITS_STOP``).
 
     Returns:
         The event. It is bad and has the largest error of roll or pitch as ``angle_error``, rad, if there was a loss of

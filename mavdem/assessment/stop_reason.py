@@ -58,12 +58,13 @@ def reason_of_stop(signals: Signals, events: Sequence[Fact], boot: int, stop: Fa
         The reason; the fact ``stop`` itself if the log shows none.
     """
     stop_time = stop.start_time
-    earliest = stop_time - STOP_REASON_SECONDS
-    latest = stop_time + STOP_REASON_SECONDS
+    earliest_time = stop_time - STOP_REASON_SECONDS
+    latest_time = stop_time + STOP_REASON_SECONDS
     reports = [
         event
         for event in events
-        if event.figures.get("boot") == boot and _is_reported_in(event, (earliest, latest))
+        if event.figures.get("boot") == boot
+        and _is_reported_in(event, (earliest_time, latest_time))
     ]
     for report in reports:
         explains_stop = report.code in REASONS_OF_STOP
@@ -72,7 +73,7 @@ def reason_of_stop(signals: Signals, events: Sequence[Fact], boot: int, stop: Fa
     # A pilot who closes the throttle later reacts to the fall. A short delay is allowed, since the stick may be logged
     # more slowly than the motors.
     throttle_closing = BootSensors(signals, boot).throttle_closed_fact(
-        (earliest, stop_time + FIRST_RESPONSE_SECONDS)
+        (earliest_time, stop_time + FIRST_RESPONSE_SECONDS)
     )
     if throttle_closing is not None:
         return Fact(FailedFirst.THROTTLE_CLOSED_FIRST, time=throttle_closing.time)

@@ -180,7 +180,7 @@ class StatusLines:
             reason = status.no_model_reason
             if reason is not None:
                 reported_texts.add(escape_unprintable(reason.sentence))
-                reported_texts.add(escape_unprintable(reason.advised))
+                reported_texts.add(escape_unprintable(reason.sentence_and_remedy))
             problems = [text for text in texts.problems if text not in reported_texts]
             sentences = [texts.vehicle, texts.learning, *problems, texts.judgement]
         print_to_stderr(timed(" ".join(sentences)))
@@ -202,7 +202,7 @@ def _status_texts(status: SessionStatus) -> StatusTexts:
     if reason is not None:
         # The section ends with the reason why nothing is learned and its remedy. The headline may be the same fact, and
         # the next step may be the same remedy.
-        advised = escape_unprintable(reason.advised)
+        advised = escape_unprintable(reason.sentence_and_remedy)
         remedy = escape_unprintable(reason.remedy)
         if judgement.headline == reason:
             sentences[sentences.index(advised)] = "" if remedy in judgement_text else remedy
@@ -225,7 +225,7 @@ def print_fact(fact: Fact, moment: str = "") -> None:
         fact: The fact.
         moment: When it was reported; empty for now.
     """
-    text = Text(timed(escape_unprintable(fact.advised), moment), _style(fact))
+    text = Text(timed(escape_unprintable(fact.sentence_and_remedy), moment), _style(fact))
     with suppress(OSError):
         STDERR.print(text, soft_wrap=not STDERR.is_terminal)
 

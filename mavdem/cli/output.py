@@ -145,7 +145,7 @@ def _block_lines(block: Block, lines_per_row: int | None = None) -> list[str]:
 
 def report_error(fact: Fact, *, as_json: bool) -> None:
     """Reports on standard error what went wrong and what to do about it; with ``--json`` also as a document."""
-    print_to_stderr(f"mavdem: {fact.advised}")
+    print_to_stderr(f"mavdem: {fact.sentence_and_remedy}")
     if as_json:
         print_json({"error": {"reason": fact, "remedy": fact.remedy, "fact": fact}}, "error")
 

@@ -136,7 +136,7 @@ def serve_command(
         print_to_stderr(f"Serving {folder} at {address}; Ctrl-C ends it.")
 
     def report_warning(fact: Fact) -> None:
-        print_to_stderr(f"mavdem: {fact.advised}")
+        print_to_stderr(f"mavdem: {fact.sentence_and_remedy}")
 
     opens_browser = has_screen() and not no_browser
     serve(options, report_address, report_warning, print_event, opens_browser=opens_browser)

@@ -183,7 +183,7 @@ def track_command(
     counts = fleet_counts(pages.summaries)
     names = pages.names
     for problem in tracked.problems:
-        print_to_stderr(f"mavdem: {problem.advised}")
+        print_to_stderr(f"mavdem: {problem.sentence_and_remedy}")
     if as_json:
         from mavdem.documents.fleet import track_document
 

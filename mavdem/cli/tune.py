@@ -154,7 +154,7 @@ def _print_tuning(tuning: Tuning, folder: Path | None, *, verbose: bool) -> None
     lights = judgement_sentences(judgement).lights if verbose else []
     report = tune_blocks(tuning, is_full=verbose)
     if tuning.notch:
-        report.append(Sentence(tuning.notch.advised, "Notch filter:"))
+        report.append(Sentence(tuning.notch.sentence_and_remedy, "Notch filter:"))
     # A bad headline that is not about the loops, such as a broken motor, precedes the gains, since the vehicle must not
     # fly. A headline about the loops is left out, because the report itself says the same.
     must_not_fly = judgement.headline.is_bad and not is_about_loops(judgement.headline, judgement)

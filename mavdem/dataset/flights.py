@@ -193,14 +193,14 @@ def flights_of_longest_boot(flights: Flights) -> Flights:
 
 
 def _flight_with_cautions(learnability: Learnability, *log_cautions: Fact) -> Flight:
-    """Adds cautions to the flight of a learnable segment.
+    """Returns the flight of a learnable segment with all cautions on it: what to mind with a model learned from it.
 
     Args:
-        learnability: Learnability of the segment.
-        log_cautions: Cautions on the whole log, which are added to the cautions on the segment.
+        learnability: Whether a model can be learned from the segment, with its flight and its own cautions.
+        log_cautions: Cautions on the whole log.
 
     Returns:
-        A copy of the flight, with the cautions also in its provenance.
+        A copy of the flight with all cautions, also as texts in its provenance, which is written to files.
 
     Raises:
         NotLearnable: The segment is not learnable.

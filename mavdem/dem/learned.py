@@ -56,7 +56,7 @@ def _fact_from_document(text: object) -> Fact:
 CautionField = Annotated[
     Fact,
     PlainValidator(_fact_from_document),
-    PlainSerializer(lambda fact: fact.advised),
+    PlainSerializer(lambda fact: fact.sentence_and_remedy),
     WithJsonSchema({"type": "string"}),
 ]
 """A fact that stands in documents as its sentence."""
@@ -431,7 +431,7 @@ class Learned(ImmutableResult, ForecasterBase):
         physical = self.require_physical()
         if physical.caution is not None:
             unreliable = Fact(NoPhysical.SIMULATION_FAR_OFF, reason=physical.caution)
-            warn(unreliable.advised, stacklevel=2)
+            warn(unreliable.sentence_and_remedy, stacklevel=2)
         return simulate_response(physical, self.record, inputs).mean
 
     def simulate_band(self, inputs: ArrayLike, level: float = CONFIDENCE_LEVEL) -> Array:

@@ -39,7 +39,7 @@ def _sentence(value: Any) -> Any:
 def _sentence_with_remedy(value: Any) -> Any:
     """Converts a fact to its sentence followed by its remedy, and None to an empty text; other values stay."""
     if isinstance(value, Fact):
-        return value.advised
+        return value.sentence_and_remedy
     return _sentence(value)
 
 

@@ -106,7 +106,9 @@ def identified_parameters(learned: Learned) -> Physical:
             doubtful.append(f"{name} {status}")
     if doubtful:
         # Several parameters may have the same reason, which is stated once.
-        unique_reasons = dict.fromkeys(fact.advised for fact in physical.reasons.values() if fact)
+        unique_reasons = dict.fromkeys(
+            fact.sentence_and_remedy for fact in physical.reasons.values() if fact
+        )
         reasons = " ".join(unique_reasons)
         warn(f"Poorly known of this plant: {', '.join(doubtful)}. {reasons}", stacklevel=4)
     return physical

@@ -28,7 +28,7 @@ class Event(NamedTuple):
     @property
     def sentence(self) -> str:
         """What happened, and what to do about it."""
-        return self.fact.advised
+        return self.fact.sentence_and_remedy
 
     @property
     def has_time(self) -> bool:

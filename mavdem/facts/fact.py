@@ -194,7 +194,7 @@ class Fact:
         return self.sentence
 
     @property
-    def advised(self) -> str:
+    def sentence_and_remedy(self) -> str:
         """The sentence and, after it, the remedy."""
         return " ".join(filter(None, self._words))
 

@@ -149,7 +149,7 @@ def _row_without_flight(
     reason = assessment.analysis.reason or assessment.headline
     return FlightRow.of(
         assessment.analysis.report_values | judgement,
-        status=reason.advised,
+        status=reason.sentence_and_remedy,
         status_code=reason.code,
         warnings=(),
         warning_codes=(),
@@ -226,7 +226,7 @@ def decision_columns(decision: LoopDecision | None) -> JsonValues:
     """
     if decision is None:
         return {}
-    action = None if decision.action is None else decision.action.advised
+    action = None if decision.action is None else decision.action.sentence_and_remedy
     return {"loop_verdict": str(decision.diagnosis), "loop_action": action}
 
 

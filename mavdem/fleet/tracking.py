@@ -87,7 +87,10 @@ def assess_rows(rows: FlightRows, baseline: FlightRows) -> FlightRows:
         return rows
     if not baseline and not rows_of_flights[0].has_own_name:
         reason = Fact(HealthUnknown.VEHICLE_UNNAMED)
-        columns: JsonValues = {"health_reason": reason.advised, "health_code": reason.code}
+        columns: JsonValues = {
+            "health_reason": reason.sentence_and_remedy,
+            "health_code": reason.code,
+        }
         return [replace(row, **columns) if row.is_read else row for row in rows]
 
     figures = {_flight_key(row): health_figures(row) for row in rows_of_flights}

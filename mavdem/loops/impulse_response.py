@@ -1,12 +1,12 @@
-"""Impulse response of a closed loop by regularised deconvolution: values at K nodes, with a Gaussian process as prior.
+"""Impulse response of a closed loop by regularised deconvolution: values at knots, with a Gaussian process as prior.
 
 The response of a signal p to its setpoint r is p(t) = ∫ h(τ) r(t − τ) dτ + noise. The impulse response h is causal: it
-is 0 at τ = 0 and before, and at the end of its duration. Otherwise it is linear between nodes, which are closest where
-it rises. The values at the nodes are fitted by generalised least squares: residuals are whitened by an autoregression,
-and windows with more wind count less, which is what weights by coherence do. Their prior is a smooth, decaying Gaussian
-process, averaged over variances, lengths and decays by their evidence. It distinguishes resonances from noise without
-smoothing them, and shows in the covariance what the setpoint did not excite (G. Pillonetto and G. De Nicolao, A new
-kernel-based approach for linear system identification, Automatica 46(1), 2010).
+is 0 at τ = 0 and before, and at the end of its duration. Otherwise it is linear between knots, which are closest where
+it rises. The values at the K inner knots are fitted by generalised least squares: residuals are whitened by an
+autoregression, and windows with more wind count less, which is what weights by coherence do. Their prior is a smooth,
+decaying Gaussian process, averaged over variances, lengths and decays by their evidence. It distinguishes resonances
+from noise without smoothing them, and shows in the covariance what the setpoint did not excite (G. Pillonetto and G. De
+Nicolao, A new kernel-based approach for linear system identification, Automatica 46(1), 2010).
 
 Wind moves a rate's setpoint r as well, by the attitude controller: r = x − G φ, of gain G and angle φ. So the
 instrument is not r itself but what of r follows x, the command of pilot or navigation: x / (1 + G T / s) with
@@ -44,7 +44,7 @@ INITIAL_DECAY = 5.0
 """Decay of the response that the first pass begins with, as exponent over the duration of the response: a choice."""
 
 NODE_SPACING_RATIO = 0.02
-"""Spacing of the nodes, relative to their lag, since a response changes fastest at short lags. A choice."""
+"""Spacing of the inner knots, relative to their lag, since a response changes fastest at short lags. A choice."""
 
 PRIOR_LENGTHS = 0.01, 0.03, 0.1
 """Length scales of the prior that are averaged over, relative to the duration of the response.
@@ -71,7 +71,7 @@ MIN_FREEDOM_SHARE = 0.25
 """Least degrees of freedom of the scatter between windows, relative to the number of windows: a choice."""
 
 CACHED_PRIOR_SHAPES = 2
-"""Numbers of nodes whose prior shapes are kept: of a rate loop and of an attitude loop, some MB each."""
+"""Numbers of inner knots whose prior shapes are kept: of a rate loop and of an attitude loop, some MB each."""
 
 
 class ImpulseResponse(NamedTuple):
@@ -80,9 +80,9 @@ class ImpulseResponse(NamedTuple):
     sampling_rate: float
     """Rate of the samples that it was estimated from, Hz."""
     knots: Array
-    """Lags (K + 2,), in samples: 0, then of the K nodes, and the duration of the response."""
+    """Lags (K + 2,), in samples: 0, then of the K inner knots, and the duration of the response."""
     values: Array
-    """Values at the nodes (K,), per sample."""
+    """Values at the inner knots (K,), per sample."""
     covariance: Array
     """Covariance of these (K, K)."""
     windows: int
@@ -92,7 +92,7 @@ class ImpulseResponse(NamedTuple):
         """Returns the responses to a step of 1: the integrals of impulse responses.
 
         Args:
-            values: N sets of values at the nodes (N, K), such as draws.
+            values: N sets of values at the inner knots (N, K), such as draws.
             time: times after the step (T,), s.
 
         Returns:
@@ -109,7 +109,7 @@ class ImpulseResponse(NamedTuple):
         """Returns the frequency responses of impulse responses.
 
         Args:
-            values: N sets of values at the nodes (N, K), such as draws.
+            values: N sets of values at the inner knots (N, K), such as draws.
             frequency: frequencies (F,), Hz, above 0.
 
         Returns:
@@ -160,11 +160,11 @@ def second_differences(knots: Array) -> Array:
         Weights (K + 2, K): of the ramp of each knot (rows) in the hat of each inner knot (columns).
     """
     inverse_spacing = 1 / np.diff(knots)
-    nodes = np.arange(len(knots) - 2)
-    weights = np.zeros((len(knots), len(nodes)))
-    weights[nodes, nodes] = inverse_spacing[:-1]
-    weights[nodes + 1, nodes] = -inverse_spacing[:-1] - inverse_spacing[1:]
-    weights[nodes + 2, nodes] = inverse_spacing[1:]
+    inner_knots = np.arange(len(knots) - 2)
+    weights = np.zeros((len(knots), len(inner_knots)))
+    weights[inner_knots, inner_knots] = inverse_spacing[:-1]
+    weights[inner_knots + 1, inner_knots] = -inverse_spacing[:-1] - inverse_spacing[1:]
+    weights[inner_knots + 2, inner_knots] = inverse_spacing[1:]
     return weights
 
 
@@ -193,7 +193,7 @@ def estimate_impulse_response(
         angle_gain: gain of the attitude controller that feeds the angle back to the setpoint, 1/s; 0 if none does.
         seconds: duration of the response, s. A window is three times as long. Of its first third only the setpoints are
             used; the samples of the other two thirds are explained.
-        resolution: longest time between the two closest nodes, s. It may be shorter than a sample.
+        resolution: longest time between the two closest inner knots, s. It may be shorter than a sample.
 
     Returns:
         The impulse response. None if no piece is as long as a window and what is left out before it, or if the
@@ -332,8 +332,8 @@ def _setpoint_without_wind(
     Args:
         piece: (3, N) setpoint r, rate, and angle φ.
         angle_gain: gain G of the attitude controller, 1/s.
-        values: (K,) impulse response of T, from rate setpoint to rate, at the nodes, per sample.
-        knots: (K + 2,) lags of the nodes and the ends of the response, in samples.
+        values: (K,) impulse response of T, from rate setpoint to rate, at the inner knots, per sample.
+        knots: (K + 2,) lags of the inner knots and the ends of the response, in samples.
         sampling_rate: rate of the samples, Hz.
 
     Returns:
@@ -460,14 +460,14 @@ def _regularised_estimate(
     steady_state = hat_areas(knots) / STEADY_STATE_ERROR
     steady_state_products = np.outer(steady_state, steady_state)
     precision = instrument_products + steady_state_products
-    moment = target_products + steady_state / STEADY_STATE_ERROR
-    prior = _prior_covariance(precision, moment, knots)
+    weighted_estimate = target_products + steady_state / STEADY_STATE_ERROR
+    prior = _prior_covariance(precision, weighted_estimate, knots)
     information = regressor_products + steady_state_products
-    identity = np.eye(len(moment))
+    identity = np.eye(len(weighted_estimate))
     inverse = np.linalg.solve(identity + prior @ information, prior)
-    values = inverse @ moment
+    values = inverse @ weighted_estimate
 
-    # Indices of the scores: w the window, b its samples, k the nodes.
+    # Indices of the scores: w the window, b its samples, k the inner knots.
     residuals = target - np.tensordot(values, regressors, axes=1)
     scores = np.einsum("kwb,wb->wk", instruments, residuals) @ inverse.T
     effective_parameters = np.trace(inverse @ regressor_products)
@@ -483,46 +483,53 @@ def _regularised_estimate(
     return ImpulseResponse(sampling_rate, knots, values, covariance, windows)
 
 
-def _prior_covariance(precision: Array, moment: Array, knots: Array) -> Array:
-    """Returns the prior covariance of an impulse response at its nodes, averaged over priors by their evidence.
+def _prior_covariance(precision: Array, weighted_estimate: Array, knots: Array) -> Array:
+    """Returns the prior covariance of an impulse response at its inner knots, averaged over priors by their evidence.
 
     It is not known beforehand how large, how smooth and how long the response is. So priors with several variances λ,
     length scales and decays are averaged, weighted by their evidence: how well each explains the flight (Bayesian model
-    averaging). A shape is the covariance of one length scale and decay, without its variance.
+    averaging). A shape is the covariance of one length scale and decay for λ = 1; it has a Cholesky factor too, by
+    which the evidence is computed.
 
     Args:
-        precision: precision of the values at the K nodes by the flight alone (K, K).
-        moment: precision times the estimate of the values by the flight alone (K,).
-        knots: lags of the nodes, and of both ends of the response (K + 2,), in samples.
+        precision: precision of the values at the K inner knots by the flight alone (K, K).
+        weighted_estimate: precision times the estimate of the values by the flight alone (K,).
+        knots: lags of the knots (K + 2,): 0, K inner ones, and the duration of the response, in samples.
 
     Returns:
         Covariance (K, K).
     """
     shapes = _prior_shapes(tuple(knots.tolist()))
+    log_evidence = _log_evidence_of_priors(precision, weighted_estimate, shapes.cholesky_factors)
     # The weights sum to 1 over all shapes (rows) and variances (columns).
-    weights = scipy.special.softmax(_log_evidence_of_priors(precision, moment, shapes.roots))
+    weights = scipy.special.softmax(log_evidence)
     return np.tensordot(weights @ PRIOR_VARIANCES, shapes.covariances, axes=1)
 
 
-def _log_evidence_of_priors(precision: Array, moment: Array, roots: Array) -> Array:
+def _log_evidence_of_priors(
+    precision: Array, weighted_estimate: Array, cholesky_factors: Array
+) -> Array:
     """Returns the log evidence of normal priors of each shape with each of the ``PRIOR_VARIANCES`` λ.
 
-    A prior has mean 0 and the covariance λ R Rᵀ. The flight alone has the precision P of the values at the nodes, and
-    the moment m. The log evidence is then, up to a constant,
+    A prior has mean 0 and the covariance λ R Rᵀ. By the flight alone the values at the inner knots have the precision P
+    and the weighted estimate m, which is P times the estimate. The log evidence is then, up to a constant,
 
         ½ (λ gᵀ (I + λ A)⁻¹ g − ln det (I + λ A)),    A = Rᵀ P R,  g = Rᵀ m
 
     A is transformed to a tridiagonal matrix once for each shape, and both terms follow from that for all λ at once.
 
     Args:
-        precision: precision of the values at the K nodes by the flight alone (K, K).
-        moment: precision times the estimate of the values by the flight alone (K,).
-        roots: Cholesky factors R of the S shapes of the prior (S, K, K).
+        precision: precision of the values at the K inner knots by the flight alone (K, K).
+        weighted_estimate: precision times the estimate of the values by the flight alone (K,).
+        cholesky_factors: Cholesky factors R of the S shapes of the prior (S, K, K).
 
     Returns:
         Log evidence (S, V) for the V variances, nats, up to a constant.
     """
-    tridiagonals = [_tridiagonal_form(root.T @ precision @ root, moment @ root) for root in roots]
+    tridiagonals = [
+        _tridiagonal_form(root.T @ precision @ root, weighted_estimate @ root)
+        for root in cholesky_factors
+    ]
     # (K, S, 1) each, to be multiplied by the V variances.
     diagonals = np.array([form.diagonal for form in tridiagonals]).T[:, :, None]
     off_diagonals = np.array([form.off_diagonal for form in tridiagonals]).T[:, :, None]
@@ -534,7 +541,7 @@ def _log_evidence_of_priors(precision: Array, moment: Array, roots: Array) -> Ar
     # eigenvalues, a pivot can only be less than 1 by rounding.
     pivot = np.maximum(diagonals[-1], 1.0)
     log_determinant = np.log(pivot)
-    for row in range(len(moment) - 2, -1, -1):
+    for row in range(len(weighted_estimate) - 2, -1, -1):
         pivot = np.maximum(diagonals[row] - squared_off_diagonals[row] / pivot, 1.0)
         log_determinant += np.log(pivot)
     # g is along the first basis vector. So gᵀ (I + λ A)⁻¹ g is |g|² over the pivot of the first row, the last one left.
@@ -577,17 +584,17 @@ def _tridiagonal_form(matrix: Array, vector: Array) -> _TridiagonalForm:
 
 
 class _PriorShapes(NamedTuple):
-    """Prior covariances of an impulse response at its K nodes, up to a common variance, by length scale and decay."""
+    """Prior covariances of an impulse response at its K inner knots for a variance of 1, by length scale and decay."""
 
     covariances: Array
     """Covariances (S, K, K) of S length scales and decays, for a variance of 1."""
-    roots: Array
+    cholesky_factors: Array
     """Cholesky factors of the covariances (S, K, K)."""
 
 
 @lru_cache(maxsize=CACHED_PRIOR_SHAPES)
 def _prior_shapes(knots: Numbers) -> _PriorShapes:
-    """Returns the prior covariances of an impulse response at its nodes, for each of the length scales and decays.
+    """Returns the prior covariances of an impulse response at its inner knots, for each length scale and decay.
 
     The prior is a Gaussian process with the covariance of a Matérn process whose amplitude decays over the duration of
     the response, plus a small, slow and smooth process: the slow tail that an integrator leaves in a response. The
@@ -597,16 +604,16 @@ def _prior_shapes(knots: Numbers) -> _PriorShapes:
     the same.
 
     Args:
-        knots: lags of the K nodes, and of both ends of the response (K + 2,), in samples.
+        knots: lags of the knots (K + 2,): 0, K inner ones, and the duration of the response, in samples.
 
     Returns:
         The covariances of S = ``PRIOR_LENGTHS`` × ``PRIOR_DECAYS`` shapes, and their Cholesky factors.
     """
     duration = knots[-1]
-    # Times of the first end and the nodes, in units of the duration of the response, 0 to 1. At the last end the
+    # Times of the first end and the inner knots, in units of the duration of the response, 0 to 1. At the last end the
     # response is 0, and is not estimated.
     time = np.array(knots[:-1]) / duration
-    node_count = len(time) - 1
+    knot_count = len(time) - 1
     tail = TAIL_VARIANCE_RATIO * _decaying_matern(time, TAIL_LENGTH, TAIL_DECAY)
     covariances = []
     roots = []
@@ -616,8 +623,8 @@ def _prior_shapes(knots: Numbers) -> _PriorShapes:
         conditioned = process - np.outer(process[0], process[0]) / process[0, 0]
         covariance = conditioned[1:, 1:] / duration**2
         # A little white noise keeps the covariance positive definite in spite of rounding.
-        mean_variance = np.trace(covariance) / node_count
-        white_noise = JITTER * mean_variance * np.eye(node_count)
+        mean_variance = np.trace(covariance) / knot_count
+        white_noise = JITTER * mean_variance * np.eye(knot_count)
         covariances.append(covariance)
         roots.append(np.linalg.cholesky(covariance + white_noise))
     return _PriorShapes(np.array(covariances), np.array(roots))

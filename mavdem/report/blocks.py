@@ -39,7 +39,7 @@ def headline_sentence(text: object) -> Sentence:
 
 def caution(text: object) -> Sentence:
     """Returns a sentence that limits what is shown; a fact stands with its advice."""
-    sentence = text.advised if isinstance(text, Fact) else str(text)
+    sentence = text.sentence_and_remedy if isinstance(text, Fact) else str(text)
     return Sentence(sentence, "Caution:", Level.WATCH)
 
 

@@ -171,7 +171,7 @@ def wind_blocks(evidence: WindEvidence, tables: Sequence[Table] = ()) -> Blocks:
     wind = evidence.estimate
     if wind is None:
         reason = evidence.reason
-        return [Sentence(reason.advised, "Wind:")] if reason else []
+        return [Sentence(reason.sentence_and_remedy, "Wind:")] if reason else []
     # The reason why each quantity, such as the speed or the drag, has a wide interval or is not identifiable.
     reasons = dict(wind.reasons)
     is_blurred_by_drag = "speed" in reasons and bool(reasons["speed"].figures["by_drag"])

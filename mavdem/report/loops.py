@@ -186,18 +186,20 @@ def _group_key(tuning: Tuning, axis: str) -> tuple[str, ...]:
     """Returns the key by which axes are grouped: texts that are equal if the reports on the axes say the same.
 
     Args:
-        tuning: advice on the gains of each axis, or the fact why there is none.
+        tuning: its ``axes`` have the advice on the gains of each axis or, without an identified loop, the fact why
+            there is none.
         axis: "roll", "pitch" or "yaw".
 
     Returns:
         The name of an axis with an identified loop, which no other axis has. Otherwise "", the reason why no loop was
         identified, and the remedies.
     """
-    advice = tuning.axes[axis]
-    if isinstance(advice, Advice):
+    advice_or_reason = tuning.axes[axis]
+    if isinstance(advice_or_reason, Advice):
         return (axis,)
+    reason = advice_or_reason
     remedies = _remedies_besides_tuning(tuning.judgement.loop_decisions.get(axis))
-    return ("", advice.advised, *remedies)
+    return ("", reason.sentence_and_remedy, *remedies)
 
 
 def _facts_on_axis(tuning: Tuning, axis: str) -> list[Fact]:
@@ -238,7 +240,7 @@ def _remedies_besides_tuning(decision: LoopDecision | None) -> list[str]:
     """
     if decision is None or decision.action is None or decision.action.code in ADVICE_TO_TUNE:
         return []
-    return [decision.action.advised]
+    return [decision.action.sentence_and_remedy]
 
 
 def _consistent_rating(advice: Advice, decision: LoopDecision | None) -> list[Fact]:
@@ -437,7 +439,7 @@ def _shared_cautions(advice_by_axis: AdviceByAxis) -> list[_SharedCaution]:
     for axis, advice in advice_by_axis.items():
         if isinstance(advice, Advice):
             for caution in advice.before.cautions:
-                text_without_axis = caution.replace(axis="").advised
+                text_without_axis = caution.replace(axis="").sentence_and_remedy
                 cautions_by_text.setdefault(text_without_axis, []).append((axis, caution))
     shared_cautions = []
     for axes_and_cautions in cautions_by_text.values():

@@ -192,7 +192,7 @@ def purpose_tables(findings: Findings) -> Blocks:
         The table; empty without a model.
     """
     rows: list[list[str]] = [
-        [str(purpose), Rated(grade, grade.level), reason.advised]
+        [str(purpose), Rated(grade, grade.level), reason.sentence_and_remedy]
         for purpose, grade, reason in findings.purposes
     ]
     if not rows:
@@ -245,7 +245,7 @@ def warnings_of_lights(judgement: Judgement, names: Sequence[Light]) -> list[Sen
     for name in names:
         light = judgement.lights[name]
         if light.warns:
-            sentences.append(Sentence(light.advised, f"{name.capitalize()}:"))
+            sentences.append(Sentence(light.sentence_and_remedy, f"{name.capitalize()}:"))
     return sentences
 
 
@@ -263,7 +263,7 @@ def assessment_blocks(findings: Findings, judgement: Judgement | None) -> Blocks
         The sentences.
     """
     grades = [
-        Sentence(reason.advised, f"{purpose.capitalize()}: {grade}.")
+        Sentence(reason.sentence_and_remedy, f"{purpose.capitalize()}: {grade}.")
         for purpose, grade, reason in findings.purposes
     ]
     warnings = [warning(fact) for fact in findings.warnings]
@@ -555,7 +555,7 @@ def parameter_reasons(physical: Physical | None, *, is_doubtful: bool = False) -
     parameters_by_text = dict[str, list[str]]()
     for name, reason in reasons.items():
         if reason is not None:
-            text = reason.sentence if is_doubtful else reason.advised
+            text = reason.sentence if is_doubtful else reason.sentence_and_remedy
             parameter = f"{PARAMETERS[name]} {physical.status[name]}"
             parameters_by_text.setdefault(text, []).append(parameter)
     return [

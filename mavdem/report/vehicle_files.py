@@ -51,7 +51,7 @@ def missing_axes(reasons: NamedFacts) -> list[Sentence]:
         reasons: reason why an axis was not learned, by axis.
     """
     return [
-        Sentence(f"{axis.capitalize()} is not learned: {reason.advised}")
+        Sentence(f"{axis.capitalize()} is not learned: {reason.sentence_and_remedy}")
         for axis, reason in reasons.items()
     ]
 

@@ -269,7 +269,7 @@ def _vehicle_flights(name: str, flights: Flights) -> VehicleFlights:
 
     Args:
         name: name of the vehicle.
-        flights: rows of its flights, in the order of date; at least one flight.
+        flights: the rows of each of its flights, one row per axis, in the order of date; at least one flight.
 
     Returns:
         How urgently it needs a look, the health of its motors, texts, the levels of its latest ``MAX_BARS`` flights,
@@ -279,7 +279,7 @@ def _vehicle_flights(name: str, flights: Flights) -> VehicleFlights:
     last_flight = log_row(flights[-1])
     # One word on the last flight, such as "fault" or "good".
     badge_word = badge(flights)
-    is_used = badge_word != NOT_USED
+    is_judged = badge_word != NOT_USED
     has_warning = last_flight.headline_level in WARNING_LEVELS
     return VehicleFlights(
         has_section=has_section(name, flights),
@@ -294,7 +294,7 @@ def _vehicle_flights(name: str, flights: Flights) -> VehicleFlights:
             frame=last_flight.frame or "",
             firmware=last_flight.firmware or "",
             badge=str(badge_word),
-            badge_level=badge_level(flights) if is_used else Level.UNKNOWN,
+            badge_level=badge_level(flights) if is_judged else Level.UNKNOWN,
             headline=(last_flight.headline or "") if has_warning else "",
             lights={light: light_level(flights[-1], light) for light in Light},
         ),

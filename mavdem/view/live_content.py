@@ -210,8 +210,8 @@ def _missing_model_reason(status: SessionStatus, training_end_time: float | None
         training_end_time: time of the last sample that the latest model was trained on, s; None before the first model.
     """
     if status.no_model_reason is not None:
-        return status.no_model_reason.advised
-    return TOO_FEW_SAMPLES.advised if training_end_time is None else ""
+        return status.no_model_reason.sentence_and_remedy
+    return TOO_FEW_SAMPLES.sentence_and_remedy if training_end_time is None else ""
 
 
 def status_document(

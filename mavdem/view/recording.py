@@ -203,10 +203,10 @@ class RecordingTabs:
         judgement = self._assessment.judgement
         lines = [
             f"**{headline(judgement.headline)}**",
-            f"**Next:** {judgement.next_step.advised}",
+            f"**Next:** {judgement.next_step.sentence_and_remedy}",
         ]
         for name, fact in judgement.lights.items():
-            lines.append(f"**{name.capitalize()} – {fact.level}:** {fact.advised}")
+            lines.append(f"**{name.capitalize()} – {fact.level}:** {fact.sentence_and_remedy}")
         return log_text(self._recording, "headline", "", "\n\n".join(lines))
 
     def _setpoint_of(self, axis: str) -> Sequence[Line]:

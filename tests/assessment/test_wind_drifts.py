@@ -86,7 +86,7 @@ def test_a_log_and_a_live_flight_are_judged_the_same():
     [alarm] = [fact for fact in live.facts if fact.code is SessionFact.ALARM]
     [over] = [fact for fact in live.facts if fact.code is WatchFact.ALARM_OVER]
     drift = over.figures["reason"]
-    assert alarm.advised.endswith(
+    assert alarm.sentence_and_remedy.endswith(
         "Descend to where the wind is weaker, and land. Fly in less wind."
     )
     assert alarm.time == approx(13.0 + 5.0, abs=2.0) and over.time == approx(23.5, abs=1.0)

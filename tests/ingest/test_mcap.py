@@ -200,7 +200,7 @@ def test_the_library_reads_the_same_messages(compression, chunked, tmp_path):
 @mark.parametrize("topic", ["two\nlines", "\x1b[2Jcleared", "\u202etnorf ot kcab", "long" * 10_000])
 def test_a_topic_may_be_called_anything(topic, recorder):
     recorder.write(topic, b"{}")
-    said = unreadable(recorder.log).advised
+    said = unreadable(recorder.log).sentence_and_remedy
     assert said.isprintable() and len(said) < 300 + len(str(recorder.path))
 
 

@@ -174,7 +174,7 @@ def test_damage_never_makes_an_error_or_a_false_message(tmp_path_factory, seed, 
 def unreadable(path, read=read_log):
     fact = refused(read, path, kind=Unreadable)
     assert fact.figures["path"] == str(path)
-    assert "\n" not in fact.advised
+    assert "\n" not in fact.sentence_and_remedy
     return fact
 
 

@@ -128,7 +128,7 @@ def test_two_vehicles_under_one_id_are_refused(other, share):
         read(tlog(frames))
     assert refusal.value.fact.code is SourceFact.TWO_VEHICLES_ONE_ID
     assert refusal.value.fact.figures["names"] == ("1:1",)
-    assert "MAV_SYS_ID" in refusal.value.fact.advised
+    assert "MAV_SYS_ID" in refusal.value.fact.sentence_and_remedy
 
 
 @mark.slow

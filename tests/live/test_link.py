@@ -245,4 +245,4 @@ def test_why_a_link_cannot_be_opened_is_said(name, code):
     with udp() as one:
         fact = unreadable(Link, name.format(port_of(one)))
     assert code in (fact.code, fact.figures.get("cause"))
-    assert "\n" not in fact.advised
+    assert "\n" not in fact.sentence_and_remedy

@@ -667,7 +667,7 @@ def test_bytes_without_a_message_are_noise_and_no_silence(now):
     for seconds in range(6):
         monitor.note_noise(start + seconds)
     noise = monitor.silence(start + 6.0)
-    assert noise.advised == (
+    assert noise.sentence_and_remedy == (
         "Only bytes that are no intact MAVLink messages were received for 3 s and more. Check protocol and baud rate, "
         "and what disturbs the radio."
     )

@@ -161,7 +161,7 @@ def test_a_plane_is_named_as_what_it_is_and_a_ground_station_is_no_vehicle():
     ticks = (1.0, 2.0, 3.0)
     plane = replay([(time, heartbeat(3, 1, kind=1)) for time in ticks]).stream
     obstacle = plane.status().no_model_reason
-    assert obstacle.advised == (
+    assert obstacle.sentence_and_remedy == (
         "3:1 is a fixed wing: only multirotors are followed unasked. Watch its battery, vibration and warnings with "
         "`--vehicle 3:1`."
     )

@@ -285,7 +285,9 @@ def test_a_battery_that_the_autopilot_reports_is_an_alarm_headline_and_light():
     made = told(*sent)
     [alarm] = said(made, ReportedEvent.BATTERY_ALARMED)
     assert alarm.code is SessionFact.ALARM and alarm.time == approx(14.0, abs=0.1)
-    assert alarm.advised.startswith("Alarm: the autopilot reports a critical battery. Land now.")
+    assert alarm.sentence_and_remedy.startswith(
+        "Alarm: the autopilot reports a critical battery. Land now."
+    )
     status = made.stream.status()
     critical = status.overall_judgement
     assert (

@@ -42,7 +42,7 @@ def test_a_page_says_once_what_to_do_and_what_shows_an_event():
     assert lost.why == hit.why == ""
     assert lost.sentence == str(LOST)
     (_, first, *_) = _numbered_events((LEFT, LOST, LOST), None)
-    assert first.sentence == LOST.advised
+    assert first.sentence == LOST.sentence_and_remedy
 
 
 def test_loops_do_not_repeat_the_next_step():

@@ -294,8 +294,8 @@ def rerun_texts(assessment, path):
 def surfaces(assessment, tuning, path):
     """What each surface says, by its name."""
     said = {
-        "lights": " ".join(fact.advised for fact in assessment.lights.values()),
-        "next step": assessment.next_step.advised,
+        "lights": " ".join(fact.sentence_and_remedy for fact in assessment.lights.values()),
+        "next step": assessment.next_step.sentence_and_remedy,
         "screen": review_screen(assessment).replace("\n", " "),
         "page": re.sub(
             r"<[^>]+>", " ", re.sub(r"(?s)<script.*?</script>", " ", review_page(assessment))
@@ -307,14 +307,14 @@ def surfaces(assessment, tuning, path):
         ),
     }
     if isinstance(tuning, Fact):
-        return said | {"tune": tuning.advised}
+        return said | {"tune": tuning.sentence_and_remedy}
     return said | {
         "tune": " ".join(texts(tune_blocks(tuning))),
         "tune, short": " ".join(texts(tune_blocks(tuning, is_full=False))),
-        "tune's next step": tuning.judgement.next_step.advised,
+        "tune's next step": tuning.judgement.next_step.sentence_and_remedy,
         "tune page": re.sub(r"<[^>]+>", " ", tune_page("flight", tuning, assessment)),
         "tune document": str(complete_document("tune", tune_document("flight", "default", tuning))),
-        "live": " ".join(fact.advised for fact in facts_of_tuning(tuning)),
+        "live": " ".join(fact.sentence_and_remedy for fact in facts_of_tuning(tuning)),
         "files": " ".join(tuning.files(assessment.evidence.signals.telemetry).values()),
     }
 
@@ -417,9 +417,11 @@ def test_the_screen_of_tune_has_the_cautions_of_its_page(tunings):
     tuning = tuning._replace(axes={"roll": roll})
     for is_full in (False, True):
         report = " ".join(texts(tune_blocks(tuning, is_full=is_full)))
-        assert report.count(fast.advised) == 1, is_full
+        assert report.count(fast.sentence_and_remedy) == 1, is_full
     (_, table, caution) = tune_blocks(tuning, is_full=False)
-    assert table.header[1:] == ["now", "with these gains"] and caution.text == fast.advised
+    assert (
+        table.header[1:] == ["now", "with these gains"] and caution.text == fast.sentence_and_remedy
+    )
     labels = [label for label, *_ in table.rows]
     assert labels[-5:-2] == ["phase margin (°)", "gain margin (dB)", "maximum sensitivity Ms"]
 

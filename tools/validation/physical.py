@@ -375,7 +375,7 @@ def row_of_estimates(flight: Flight) -> Values:
     """
     plant = physical(flight)
     if isinstance(plant, NotIdentifiable):
-        return {"effect": plant.reason.advised}
+        return {"effect": plant.reason.sentence_and_remedy}
     row = {}
     for name in PARAMETERS:
         value, half_width = estimate_with_half_width(plant, name)

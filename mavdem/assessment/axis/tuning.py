@@ -474,8 +474,8 @@ def _measured_loops(assessment: Assessment) -> dict[str, Fact]:
 def _each_reason_once(reason_by_axis: Mapping[str, Fact]) -> list[Fact]:
     """Returns the reasons why the loops of several axes are not known, with axes of the same reason joined.
 
-    Reasons count as the same if their text with its advice (``Fact.advised``) is the same. Facts cannot be compared as
-    such: their figures, such as intervals, differ from axis to axis.
+    Reasons count as the same if their text with its advice (``Fact.sentence_and_remedy``) is the same. Facts cannot be
+    compared as such: their figures, such as intervals, differ from axis to axis.
 
     Args:
         reason_by_axis: the reason of each axis, at least one.
@@ -484,7 +484,7 @@ def _each_reason_once(reason_by_axis: Mapping[str, Fact]) -> list[Fact]:
         One fact for each reason, the fact of the first axis which has it, with the ``names`` of all axes that share it.
         It has no names if all axes share it.
     """
-    axes_by_advice = group_by(reason_by_axis, lambda axis: reason_by_axis[axis].advised)
+    axes_by_advice = group_by(reason_by_axis, lambda axis: reason_by_axis[axis].sentence_and_remedy)
     reasons = []
     for axes in axes_by_advice.values():
         reason = reason_by_axis[axes[0]]

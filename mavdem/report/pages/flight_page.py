@@ -236,12 +236,13 @@ def opened_where_not_good(
 
 
 def _levels_of_chapter(chapter: Chapter, lights: NamedFacts) -> set[Level]:
-    """Returns the levels of what a chapter of the page is about: of the lights that it explains, and of its sections.
+    """Returns the levels, such as good or bad, of all judgements that a chapter of the page explains.
 
-    A light is the judgement of one part of the vehicle, such as its motors.
+    These are lights, each the judgement of one part of the vehicle such as its motors, and what the chapter's own
+    sections judge, which has no light.
 
     Args:
-        chapter: the chapter. If it has sections, its level is the worst of theirs.
+        chapter: the chapter. If it has sections, ``chapter.level`` is the worst of their levels.
         lights: the lights by name, each a fact with a level.
 
     Returns:

@@ -158,7 +158,9 @@ def loops_chapters(
     for axis, axis_advice in advice.items():
         # The decision on an axis says why it has no gains.
         if isinstance(axis_advice, Advice) and not axis_advice.refusals:
-            figures.append(Sentence(axis_advice.conclusion.advised, f"Gains of {axis}:"))
+            figures.append(
+                Sentence(axis_advice.conclusion.sentence_and_remedy, f"Gains of {axis}:")
+            )
             figures += gain_blocks(axis_advice)
             loops_by_axis[axis] = compared_loops(axis_advice)
     figures += loop_cautions(advice)

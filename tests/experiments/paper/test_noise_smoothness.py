@@ -10,7 +10,7 @@ from mavdem.experiments.paper.estimation.noise_smoothness import (
     SimulatedResult,
     coverage_check,
     fit_with_known_variances,
-    gain_check,
+    learned_smoothness_check,
 )
 from mavdem.experiments.paper.estimation.noisy_records import random_record
 from mavdem.experiments.paper.estimation.smoothness_learning import (
@@ -65,8 +65,10 @@ def test_coverage_and_gain_have_their_bars():
     assert coverage_check({3: covering + missing}).holds
     assert not coverage_check({3: covering + missing, 2: missing}).holds
     lower = Paired(ratio=0.9, less=8, windows=9, tested=4, p_value=0.1)
-    assert gain_check({"alone": lower}).holds
-    assert not gain_check({"alone": lower, "with fit": lower._replace(ratio=0.97)}).holds
+    assert learned_smoothness_check({"alone": lower}).holds
+    assert not learned_smoothness_check(
+        {"alone": lower, "with fit": lower._replace(ratio=0.97)}
+    ).holds
 
 
 def test_without_recorded_flights_only_simulated_noise_is_examined(monkeypatch):

@@ -307,7 +307,7 @@ def run(runner: Runner) -> ExperimentResult:
         for smoothness in SIMULATED_SMOOTHNESS.values()
     ]
     recorded_windows = flight_windows(runner.recorded_flights, INPUT_SAMPLES, count=1)
-    # All windows are one batch of jobs, so that the processes work on both kinds at once.
+    # All windows are one batch of jobs, so that the processes work on simulations and recordings at once.
     errors = runner.map_jobs(input_errors, [*simulated_windows, *recorded_windows])
     errors_of_simulations = errors[: len(simulated_windows)]
     errors_of_recordings = errors[len(simulated_windows) :]
@@ -316,7 +316,7 @@ def run(runner: Runner) -> ExperimentResult:
     recorded_errors = dict(zip(recorded_names, errors_of_recordings, strict=True))
     checks = []
     tables: tuple[Block, ...] = ()
-    remarks = []
+    notes = []
     if recorded_errors:
         errors_in_wind = {}
         for flight, errors_of_flight in recorded_errors.items():
@@ -326,7 +326,7 @@ def run(runner: Runner) -> ExperimentResult:
             checks += input_checks(errors_in_wind, "flights in wind")
         tables += recorded_table(recorded_errors)
     else:
-        remarks.append(missing_flights_sentence(runner.recorded_flights))
+        notes.append(missing_flights_sentence(runner.recorded_flights))
     checks += input_checks(simulated_errors, "simulated")
     tables += (
         Sentence("SSE of the hidden command in 10 s of each noise.", "Simulated:"),
@@ -337,7 +337,7 @@ def run(runner: Runner) -> ExperimentResult:
         "recorded": recorded_errors,
         "published": {name: sse._asdict() for name, sse in PUBLISHED_INPUT_SSE.items()},
     }
-    return ExperimentResult(tuple(checks), numbers, tables, remarks=tuple(remarks))
+    return ExperimentResult(tuple(checks), numbers, tables, remarks=tuple(notes))
 
 
 def input_checks(errors: Mapping[str, Mapping[str, float]], data: str) -> list[Check]:

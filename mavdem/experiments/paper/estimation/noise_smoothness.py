@@ -140,7 +140,7 @@ def run(runner: Runner) -> ExperimentResult:
         for name, results_of_name in recorded_results.items()
     }
     if comparisons:
-        checks.append(gain_check(comparisons))
+        checks.append(learned_smoothness_check(comparisons))
         tables += _recorded_table(recorded_results, comparisons)
     remarks = () if windows else ("Recorded flights are left out: --flights names their folder.",)
     return ExperimentResult(
@@ -285,11 +285,12 @@ def coverage_check(results_by_width: Mapping[int, Sequence[SimulatedResult]]) ->
     )
 
 
-def gain_check(comparisons: Mapping[str, Paired]) -> Check:
+def learned_smoothness_check(comparisons: Mapping[str, Paired]) -> Check:
     """Checks that a learned smoothness lowers the forecast error by ``MIN_GAIN`` on the median window.
 
     Args:
-        comparisons: errors with the learned smoothness compared with the default's, by name of the settings.
+        comparisons: forecast errors with the learned smoothness (ours) compared with those of the default smoothness
+            (theirs), by the name of the model's settings.
 
     Returns:
         The check, with the ratio of the errors for each of the settings.
@@ -350,7 +351,8 @@ def _recorded_table(
 
     Args:
         results_by_settings: results of all windows of the flights, by name of the settings.
-        comparisons: errors with the learned smoothness compared with the default's, by name of the settings.
+        comparisons: forecast errors with the learned smoothness (ours) compared with those of the default smoothness
+            (theirs), by the name of the model's settings.
 
     Returns:
         A sentence and the table.
