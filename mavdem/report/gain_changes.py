@@ -142,7 +142,10 @@ def _cautions_on_gains(advice: AdviceByAxis) -> list[Sentence]:
         for caution in identified_loop.cautions:
             if is_about_gains_to_set(caution):
                 cautions.append((axis, caution))
-    return [*sentences_by_axes(model_shares), *sentences_by_axes(cautions, attrgetter("advised"))]
+    return [
+        *sentences_by_axes(model_shares),
+        *sentences_by_axes(cautions, attrgetter("sentence_and_remedy")),
+    ]
 
 
 def _advised_gain_sets(advice: AdviceByAxis) -> Iterator[_GainSet]:

@@ -444,7 +444,7 @@ def _shared_cautions(advice_by_axis: AdviceByAxis) -> list[_SharedCaution]:
     shared_cautions = []
     for axes_and_cautions in cautions_by_text.values():
         # Cautions with the same text make one sentence, which names all their axes.
-        (sentence,) = sentences_by_axes(axes_and_cautions, attrgetter("advised"))
+        (sentence,) = sentences_by_axes(axes_and_cautions, attrgetter("sentence_and_remedy"))
         axes = tuple(axis for axis, _ in axes_and_cautions)
         _, first_caution = axes_and_cautions[0]
         is_about_gains = is_about_gains_to_set(first_caution)

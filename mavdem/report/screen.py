@@ -470,7 +470,7 @@ def vehicle_blocks(axes: Mapping[str, AxisEstimates], *, is_doubtful: bool) -> B
         reasons = parameter_reasons(figures.physical, is_doubtful=is_doubtful)
         if reasons:
             blocks.append(Sentence(" ".join(reasons), f"{axis.capitalize()}:"))
-    text_of_reason = str if is_doubtful else attrgetter("advised")
+    text_of_reason = str if is_doubtful else attrgetter("sentence_and_remedy")
     return blocks + sentences_by_axes(axes_without_figures, text_of_reason)
 
 

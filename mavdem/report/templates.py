@@ -340,7 +340,7 @@ def _environment() -> Environment:
     }
     environment.filters |= {
         "abbreviated_list": abbreviated_list,
-        "advised": attrgetter("advised"),
+        "sentence_and_remedy": attrgetter("sentence_and_remedy"),
         "as_clause": as_clause,
         "baseline_flights": _baseline_flights,
         "further_clauses": _further_clauses,
