@@ -23,7 +23,6 @@ from mavdem.dataset.attitude import ATTITUDE_MESSAGES
 from mavdem.dataset.axes import TILT_AXES
 from mavdem.dataset.flight_states import min_airborne_collective
 from mavdem.dataset.grounded import MAX_GROUND_HEIGHT, MAX_SETPOINT_DELAY
-from mavdem.dataset.intervals import TimeInterval
 from mavdem.dataset.motor_outputs import MotorOutputs
 from mavdem.dataset.setpoints import SETPOINT_MESSAGE
 from mavdem.dataset.signals import CLIMB_RATE_FIELDS, Signals
@@ -33,7 +32,7 @@ from mavdem.facts.ending import FailedFirst, MotionEvent
 from mavdem.facts.watch import WatchFact
 from mavdem.ingest.telemetry import Parameters, Telemetry
 from mavdem.ingest.vocabulary import wrapped_angle
-from mavdem.live.live_signals import LiveSignals, RecentMotion
+from mavdem.live.live_signals import FlightMoment, LiveSignals, RecentMotion
 from mavdem.live.messages import MESSAGE_FIELDS, STICK_MESSAGES, Message
 from mavdem.live.pose import LatestPose
 from mavdem.live.recent_messages import RecentMessages, TimedValues, columns_from
@@ -83,10 +82,10 @@ class ControlWatch:
         self._recent = recent
         # Attitudes and setpoints of the last seconds, by the name of their message.
         self._samples: dict[str, deque[TimedValues]] = {}
-        # The attitudes that are no numbers, as an event; None while they are numbers.
+        # The event that the attitudes are NaN; None while they are numbers.
         self._invalid_attitude: Fact | None = None
-        # When the attitude was last so far from its setpoint that control may be lost, s of the boot clock.
-        self._far_time = -inf
+        # When the attitude last had an error from its setpoint with which control may be lost, s of the boot clock.
+        self._large_error_time = -inf
         # Times of the latest attitude and of the latest one that was a number, s of the boot clock.
         self._attitude_time = -inf
         self._valid_attitude_time = -inf
@@ -110,17 +109,24 @@ class ControlWatch:
             samples.popleft()
 
     def invalid_attitude(self, vehicle: Telemetry) -> Fact | None:
-        """Returns the event that attitudes come which are not numbers, as of a log; None while they are numbers.
+        """Returns the event that the attitudes have been NaN for ``MIN_INVALID_SECONDS``: the estimator has failed.
+
+        The event is that of a log, and is kept while the attitudes stay NaN, so that it keeps its beginning.
 
         Args:
             vehicle: identity and parameters of the vehicle, without messages.
+
+        Returns:
+            The event; None while the latest attitudes are numbers.
         """
-        if self._attitude_time - self._valid_attitude_time < MIN_INVALID_SECONDS:
+        seconds_without_valid = self._attitude_time - self._valid_attitude_time
+        if seconds_without_valid < MIN_INVALID_SECONDS:
             self._invalid_attitude = None
         elif self._invalid_attitude is None:
             events = invalid_attitudes(self.signals(vehicle, None), self._recent.boot, (-inf, inf))
             for event in events:
-                if event.end_time is None:
+                is_ongoing = event.end_time is None
+                if is_ongoing:
                     self._invalid_attitude = event
         return self._invalid_attitude
 
@@ -141,61 +147,61 @@ class ControlWatch:
             roll_error = wrapped_angle(roll - pose.setpoint.roll)
             error = hypot(roll_error, pitch - pose.setpoint.pitch)
         if error > LOST_ANGLE:
-            self._far_time = pose.time
+            self._large_error_time = pose.time
 
-    def loss(
-        self, now: float, vehicle: Telemetry, take_off: float, motion: RecentMotion | None
-    ) -> Fact | None:
-        """Returns how control of the flight was lost, as the review of its recording would; None if it was not.
+    def loss(self, moment: FlightMoment) -> Fact | None:
+        """Judges whether control of the flight has been lost, as the review of its recording would.
+
+        The judgement takes long. So it is made only if a recent attitude was far from its setpoint (:meth:`add_pose`).
 
         Args:
-            now: present time on the boot clock, s.
-            vehicle: identity and parameters of the vehicle, without messages.
-            take_off: when the vehicle left the ground, s of the boot clock; minus infinity where that was not seen.
-            motion: motor outputs of the last seconds, which show what failed first; None if they do not come.
+            moment: present time, with the motor outputs, which show what failed first.
 
         Returns:
-            The ending of the flight so far, with its cause where the motors show one. None also if the loss is not
-            serious yet, if the vehicle has recovered from it, or if no second sensor confirms it. One so low that a
-            parachute does not help has the figure ``is_low``.
+            How the flight would end, with the cause where the motors show one; if the vehicle is so low that a
+            parachute does not help, with the figure ``is_low``. None if control is not lost, if the loss is not serious
+            yet, if the vehicle has recovered from it, or if no second sensor confirms it.
         """
-        if now - self._far_time > RECOVERY_SECONDS:
+        if moment.time - self._large_error_time > RECOVERY_SECONDS:
             return None
-        signals = self.signals(vehicle, motion)
+        signals = self.signals(moment.vehicle, moment.motion)
         error = attitude_error(signals, self._recent.boot)
         if error is None:
             return None
-        sensors = BootSensors(signals, self._recent.boot, take_off)
-        events = attitude_losses(sensors, error, (take_off, inf), is_ongoing=True)
+        sensors = BootSensors(signals, self._recent.boot, moment.takeoff_time)
+        events = attitude_losses(sensors, error, (moment.takeoff_time, inf), is_ongoing=True)
         # After a caught loss of attitude the vehicle flies on.
         losses = [event for event in events if event.code is not MotionEvent.ATTITUDE_CAUGHT]
         if losses:
             self._attitude_loss = losses[-1]
         ending = ending_of(signals, losses)
-        height = sensors.height_at(now)
+        height = sensors.height_at(moment.time)
         if ending is not None and height is not None and height < MIN_PARACHUTE_HEIGHT:
             return ending.replace(is_low=True)
         return ending
 
-    def fall(
-        self, now: float, vehicle: Telemetry, take_off: float, motion: RecentMotion | None
-    ) -> Fact | None:
-        """Returns that the vehicle falls with its motors at idle, as after a closed throttle; None if it does not.
+    def fall(self, moment: FlightMoment) -> Fact | None:
+        """Judges whether the vehicle falls with its motors at idle, as after a closed throttle.
 
         In a log such a fall is judged by its end, a crash or a dive. In flight there is no time to wait for that: a
         vehicle falls 11 m in 1.5 s.
 
         Args:
-            now: present time on the boot clock, s.
-            vehicle: identity and parameters of the vehicle, without messages.
-            take_off: when the vehicle left the ground, s of the boot clock; minus infinity where that was not seen.
-            motion: motor outputs of the last seconds; None if they do not come.
+            moment: present time, with the motor outputs.
+
+        Returns:
+            The fall as a fact, with height, m, and speed downward, m/s; its cause is the pilot's throttle stick if that
+            was closed. None if the motors carry the vehicle, or have been idle for less than ``MIN_IDLE_SECONDS``; if
+            it does not sink fast; or if it is near the ground.
         """
-        idle_start = None if motion is None else _idle_start(motion.motors, vehicle.parameters)
+        now = moment.time
+        idle_start = None
+        if moment.motion is not None:
+            idle_start = _idle_start(moment.motion.motors, moment.vehicle.parameters)
         if idle_start is None or now - idle_start < MIN_IDLE_SECONDS:
             return None
-        signals = self.signals(vehicle, motion)
-        sensors = BootSensors(signals, self._recent.boot, take_off)
+        signals = self.signals(moment.vehicle, moment.motion)
+        sensors = BootSensors(signals, self._recent.boot, moment.takeoff_time)
         climb_rate = series_of_boot(signals.climb_rate, self._recent.boot)
         height = sensors.height_at(now)
         if climb_rate is None or height is None or height <= MAX_GROUND_HEIGHT:
@@ -203,40 +209,38 @@ class ControlWatch:
         sink_rate = -float(climb_rate.values[-1])
         if climb_rate.time[-1] < idle_start or sink_rate < MIN_SINK_RATE:
             return None
-        closed = sensors.throttle_closed_fact((idle_start - MAX_SETPOINT_DELAY, now))
+        closed_stick = sensors.throttle_closed_fact((idle_start - MAX_SETPOINT_DELAY, now))
+        cause = None
+        if closed_stick is not None:
+            cause = Fact(FailedFirst.THROTTLE_CLOSED_FIRST, time=closed_stick.time)
         return Fact(
             WatchFact.FALLS_AT_IDLE,
             time=idle_start,
             speed=sink_rate,
             height=height,
-            cause=closed and Fact(FailedFirst.THROTTLE_CLOSED_FIRST, time=closed.time),
+            cause=cause,
         )
 
-    def contact_after_loss(
-        self, now: float, vehicle: Telemetry, take_off: float, motion: RecentMotion | None
-    ) -> Fact | None:
-        """Returns how a vehicle that lost control has met the ground, while it still counts as flying.
+    def crash_after_loss(self, moment: FlightMoment) -> Fact | None:
+        """Judges whether a vehicle that lost control has met the ground, while the autopilot reports it as flying.
 
-        Autopilots report the landing of a wreck, and disarm, seconds late.
+        Autopilots report the landing of a crashed vehicle, and disarm, seconds late.
 
         Args:
-            now, vehicle, take_off, motion: as of :meth:`loss`.
+            moment: present time.
 
         Returns:
-            The ending of the flight; None while the vehicle is in the air, or its height is not known.
+            How the flight ended; None while the vehicle is in the air, or if its height is not known.
         """
-        sensors = BootSensors(self.signals(vehicle, motion), self._recent.boot, take_off)
-        height = sensors.height_at(now)
+        signals = self.signals(moment.vehicle, moment.motion)
+        sensors = BootSensors(signals, self._recent.boot, moment.takeoff_time)
+        height = sensors.height_at(moment.time)
         if height is None or height > MAX_GROUND_HEIGHT:
             return None
-        return self.flight_end(vehicle, (take_off, now), (), motion).loss
+        return self.flight_end(moment, moment.time, reports=()).loss
 
     def flight_end(
-        self,
-        vehicle: Telemetry,
-        flight_interval: TimeInterval,
-        reports: Sequence[Fact],
-        motion: RecentMotion | None,
+        self, moment: FlightMoment, end_time: float, reports: Sequence[Fact]
     ) -> FlightEnd:
         """Judges a flight that has just ended, for example by disarming: where it ended, and how it was lost.
 
@@ -244,38 +248,38 @@ class ControlWatch:
         In both cases the contact with the ground shows how the vehicle was lost.
 
         Args:
-            vehicle: identity and parameters of the vehicle, without messages.
-            flight_interval: take-off and end of the flight, s of the boot clock; the take-off is minus infinity where
-                it was not seen.
+            moment: present time, at or after the end.
+            end_time: when the flight ended, s of the boot clock.
             reports: events that the autopilot reports, which may say why the motors were stopped.
-            motion: motor outputs of the last seconds; None if they do not come.
 
         Returns:
             Whether the motors stopped in the air, whether the vehicle has sunk since, and how it was lost, as the
             review of its recording would find; no loss before it has met the ground.
         """
-        signals = self.signals(vehicle, motion)
+        signals = self.signals(moment.vehicle, moment.motion)
         boot = self._recent.boot
-        take_off, end = flight_interval
+        take_off = moment.takeoff_time
         sensors = BootSensors(signals, boot, take_off)
         height = sensors.height_above_take_off
-        is_in_air = stopped_in_air(height, end)
-        is_falling = height is not None and is_in_air and has_sunk_after(height, end)
+        is_in_air = stopped_in_air(height, end_time)
+        is_falling = height is not None and is_in_air and has_sunk_after(height, end_time)
         attitude_loss = self._attitude_loss
         if attitude_loss is not None and attitude_loss.start_time < take_off:
             # The attitude was lost in an earlier flight.
             attitude_loss = None
         error = attitude_error(signals, boot)
-        if error is None or (attitude_loss is None and not is_in_air):
+        may_be_lost = attitude_loss is not None or is_in_air
+        if error is None or not may_be_lost:
             return FlightEnd(is_in_air, is_falling, loss=None)
-        contact = ground_contact(sensors, error, flight_interval, attitude_loss, reports)
+        contact = ground_contact(sensors, error, (take_off, end_time), attitude_loss, reports)
         losses = flight_losses(attitude_loss, contact)
         if losses.contact is None:
+            # The vehicle has not met the ground yet.
             return FlightEnd(is_in_air, is_falling, loss=None)
         events = [event for event in losses if event is not None]
         return FlightEnd(is_in_air, is_falling, ending_of(signals, [*reports, *events]))
 
-    def weighed_reports(self, vehicle: Telemetry, reports: Sequence[Fact]) -> list[Fact]:
+    def checked_reports(self, vehicle: Telemetry, reports: Sequence[Fact]) -> list[Fact]:
         """Lowers the level of a crash that the autopilot reports, if the motion of the last seconds does not show it.
 
         Args:
@@ -309,13 +313,16 @@ class ControlWatch:
         more_messages: Names = (),
         start_time: float = -inf,
     ) -> LiveSignals:
-        """Returns the last seconds in the form that a log has.
+        """Returns the latest messages as signals of a log, so that the functions that judge logs can judge them.
 
         Args:
             vehicle: identity and parameters of the vehicle, without messages.
             motion: motor outputs of the last seconds; None if they do not come.
-            more_messages: slow messages of the boot that are needed besides ``SLOW_MESSAGES``.
+            more_messages: names of messages that are needed besides attitude, setpoints and ``SLOW_MESSAGES``.
             start_time: slow messages before it are left out, s of the boot clock.
+
+        Returns:
+            The signals. Attitude and setpoints are of the last ``MEMORY_SECONDS``, the others since ``start_time``.
         """
         boot = self._recent.boot
         columns = self._recent.columns((*SLOW_MESSAGES, *more_messages), start_time)

@@ -13,7 +13,7 @@ from mavdem.dataset.signals import CLIMB_RATE_FIELDS, Signals
 from mavdem.facts import Fact
 from mavdem.ingest.telemetry import Telemetry
 from mavdem.live.control_watch import ControlWatch
-from mavdem.live.live_signals import RecentMotion
+from mavdem.live.live_signals import FlightMoment, RecentMotion
 from mavdem.live.recent_messages import RecentMessages
 from mavdem.witnesses.accelerometer import rest_intervals
 from mavdem.witnesses.boot_sensors import BootSensors
@@ -45,43 +45,58 @@ class HeightWatch:
         # The latest divergence of the estimated height; None before any.
         self._divergence: Fact | None = None
 
-    def divergence(
-        self, now: float, vehicle: Telemetry, take_off: float, motion: RecentMotion | None
-    ) -> Fact | None:
-        """Returns how the estimated height has diverged in the last seconds; None if it has not.
+    def divergence(self, moment: FlightMoment) -> Fact | None:
+        """Returns the latest event in which the estimated height diverged from the barometer's in the last seconds.
 
         Args:
-            now: present time on the boot clock, s.
-            vehicle: identity and parameters of the vehicle, without messages.
-            take_off: when the vehicle left the ground, s of the boot clock; minus infinity where that was not seen.
-            motion: motor outputs of the last seconds; None if they do not come.
+            moment: present time in flight.
+
+        Returns:
+            The event; None if there was none in the last ``MEMORY_SECONDS``.
         """
-        start = now - MEMORY_SECONDS
-        # Comparing the two climbs takes a small part of the full judgement, which is needed only where they differ.
+        start = moment.time - MEMORY_SECONDS
+        # Comparing the two climb rates takes a small part of the time of the full judgement, which is needed only where
+        # they contradict each other.
         columns = self._recent.columns((BAROMETER_MESSAGE, *CLIMB_RATE_FIELDS), start)
         comparison = height_comparison(
-            Signals(replace(vehicle, messages=columns)), self._recent.boot
+            Signals(replace(moment.vehicle, messages=columns)), self._recent.boot
         )
         if not comparison.contradictions:
             return None
-        signals = self._control.signals(vehicle, motion, (BAROMETER_MESSAGE, "VIBRATION"), start)
-        sensors = BootSensors(signals, self._recent.boot, take_off)
-        divergences = list(height_divergences(sensors, (max(take_off, start), now)))
+        signals = self._control.signals(
+            moment.vehicle, moment.motion, (BAROMETER_MESSAGE, "VIBRATION"), start
+        )
+        sensors = BootSensors(signals, self._recent.boot, moment.takeoff_time)
+        flight_interval = (max(moment.takeoff_time, start), moment.time)
+        divergences = list(height_divergences(sensors, flight_interval))
         if not divergences:
             return None
-        latest = divergences[-1]
+        self._divergence = self._with_known_start(divergences[-1])
+        return self._divergence
+
+    def _with_known_start(self, divergence: Fact) -> Fact:
+        """Gives a divergence the start at which it was found first, if it is still the same one.
+
+        Its first seconds are forgotten after ``MEMORY_SECONDS``, so that it seems to begin later and later.
+
+        Args:
+            divergence: the divergence, as the messages that are still kept show it.
+
+        Returns:
+            The divergence that was found before, with the new end, if this one begins within it; otherwise this one.
+        """
         known = self._divergence
-        if known is not None:
-            # While a divergence leaves the memory, its later part looks like one of its own. Both climbs are compared
-            # on a grid that begins with the memory, so that the same divergence may begin a step later too.
-            earliest = known.start_time + 1.0 / GRID_RATE
-            if earliest < latest.start_time < known.latest_time:
-                latest = known.replace(end_time=latest.end_time)
-        self._divergence = latest
-        return latest
+        if known is None:
+            return divergence
+        # The climb rates are compared on a time grid that begins with the kept messages. So a start up to a step later
+        # is the same start.
+        latest_same_start = known.start_time + 1.0 / GRID_RATE
+        if latest_same_start < divergence.start_time < known.latest_time:
+            return known.replace(end_time=divergence.end_time)
+        return divergence
 
     def add_rest(self, vehicle: Telemetry, motion: RecentMotion | None) -> None:
-        """Notes when the vehicle on the ground last rested.
+        """Notes when the vehicle on the ground last rested, since heights are compared at rest only.
 
         Args:
             vehicle: identity and parameters of the vehicle, without messages.
@@ -98,7 +113,7 @@ class HeightWatch:
     def drift_at_landing(
         self, vehicle: Telemetry, flight_interval: TimeInterval, motion: RecentMotion | None
     ) -> Fact | None:
-        """Returns that the barometer reads another height than before the flight that has ended; None if it does not.
+        """Judges whether the barometer has drifted in a flight, by its heights at rest before and after it.
 
         Args:
             vehicle: identity and parameters of the vehicle, without messages.
@@ -106,7 +121,8 @@ class HeightWatch:
             motion: motor outputs of the last seconds; None if they do not come.
 
         Returns:
-            The event; None also before the vehicle has rested after the landing, or if it was not seen to rest before.
+            The event that it has drifted. None if it has not, before the vehicle has rested after the landing, or if
+            it was not seen to rest before the take-off.
         """
         take_off, _ = flight_interval
         if self._rest_before_flight is None or not isfinite(take_off):

@@ -18,7 +18,7 @@ from mavdem.dataset.signals import Signals
 from mavdem.dataset.time_series import TimeSeries
 from mavdem.facts import Fact, Facts
 from mavdem.facts.lights import Unjudged
-from mavdem.ingest.telemetry import log_of_vehicles
+from mavdem.ingest.telemetry import Telemetry, log_of_vehicles
 from mavdem.loops.axis_loops import Loop
 
 
@@ -55,6 +55,22 @@ class RecentMotion(NamedTuple):
         for tilt in self.tilts.values():
             streams.append(tilt.time)
         return min(mean_rate(time) if len(time) > 1 else 0.0 for time in streams)
+
+
+class FlightMoment(NamedTuple):
+    """A moment of a live flight, with what is known of the vehicle then besides its messages."""
+
+    time: float
+    """Time on the boot clock, s."""
+
+    vehicle: Telemetry
+    """Identity and parameters of the vehicle, without messages."""
+
+    takeoff_time: float
+    """When the vehicle left the ground, s of the boot clock; minus infinity where that was not seen."""
+
+    motion: RecentMotion | None
+    """Attitude and motor outputs of the last seconds; None if they do not come."""
 
 
 def attitude_from_samples(

@@ -15,7 +15,7 @@ from mavdem.live.session_status import SessionStatus
 from mavdem.live.silence import SilenceMonitor
 from mavdem.live.stream import LiveStream
 from mavdem.live.time_account import AccountedState, TimeAccount
-from mavdem.live.watchdog import not_watched
+from mavdem.live.watch_list import not_watched
 
 
 @dataclass(frozen=True)

@@ -318,7 +318,7 @@ class LiveStream:
             # Where the take-off was not seen, a position in the air was taken for its place.
             takeoff_position=(self._pose.takeoff_position if isfinite(self.takeoff_time) else None),
             watch_facts=self.watch_facts,
-            worst_lights=watchdog.worst_lights if self.is_flying else watchdog.all_lights,
+            worst_lights=(watchdog.lights.latest if self.is_flying else watchdog.lights.of_session),
             wind=self.wind.latest,
             mean_wind=self.wind.mean,
             no_wind_reason=self.wind.no_estimate_reason,
@@ -332,7 +332,7 @@ class LiveStream:
         because a message is missing. The followed vehicle comes first. The facts of other vehicles, each of which has a
         separate stream, get the name of the vehicle here, since the user sees all of them in one list.
         """
-        facts = list(self._review.watchdog.watch_facts.values())
+        facts = list(self._review.watchdog.watched.facts.values())
         for name, stream in self.other_vehicles.items():
             for fact in stream.watch_facts:
                 facts.append(fact.replace(vehicle=name))

@@ -7,7 +7,6 @@ from math import inf
 from mavdem.dataset.time_series import AVERAGING_SECONDS
 from mavdem.facts import Fact
 from mavdem.facts.session import RowsFact
-from mavdem.facts.watch import WatchedQuantity
 from mavdem.ingest.motors import POSSIBLE_MULTIROTORS
 from mavdem.ingest.telemetry import Fields, Parameters, Telemetry
 from mavdem.live.flight_phase import FlightPhase
@@ -333,6 +332,4 @@ class VehicleReview:
             self._report(fact)
         now = self._review_time
         reason = self._motor_alarms.reason_not_watched(now, is_flying=self.phase.is_flying)
-        self.watchdog.set_watched(WatchedQuantity.MOTORS, reason, now)
-        if reason is None:
-            self.watchdog.note_motors_watched(now)
+        self.watchdog.set_motors_watched(reason, now)

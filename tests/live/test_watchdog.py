@@ -33,15 +33,11 @@ from mavdem.facts.vibration import VibrationLight
 from mavdem.facts.watch import WatchedQuantity, WatchFact
 from mavdem.ingest.telemetry import Telemetry
 from mavdem.live import LiveStream
+from mavdem.live.active_alarms import CALM_SECONDS
+from mavdem.live.motor_limits import ALARMING_SHARE
 from mavdem.live.recent_messages import MAX_ROWS, RecentMessages
 from mavdem.live.session_status import Latency, SessionStatus
-from mavdem.live.watchdog import (
-    ALARMING_SHARE,
-    CALM_SECONDS,
-    DECISION_SECONDS,
-    TRACKING_PERIOD,
-    Watchdog,
-)
+from mavdem.live.watchdog import DECISION_SECONDS, TRACKING_PERIOD, Watchdog
 from mavdem.live.wind import WindEstimate
 from mavdem.report.live import watched_quantities_text
 

@@ -1,0 +1,81 @@
+"""Active alarms of a live vehicle: one for each watched quantity with a fault, until the fault is no longer found."""
+
+from math import inf
+
+from mavdem.facts import Fact
+from mavdem.facts.watch import WatchedQuantity
+
+CALM_SECONDS = 10.0
+"""Time for which a fault must not be found before its alarm is over, s: a choice. It is doubled with each end of the
+alarm in a flight, so that what comes and goes is not reported again and again."""
+
+
+class ActiveAlarms:
+    """The active alarms of one boot of a vehicle, at most one for each watched quantity, such as the vibration.
+
+    Attributes:
+        facts: the fact with which each alarm was raised last, by its quantity.
+    """
+
+    def __init__(self) -> None:
+        """Begins without an alarm."""
+        self.facts: dict[WatchedQuantity, Fact] = {}
+        # When the fault of each alarm was found last, s of the boot clock; it is kept when the alarm is over.
+        self._last_found: dict[WatchedQuantity, float] = {}
+        # Time without the fault after which the alarm is over, s, once it was over before in this flight.
+        self._calm_seconds: dict[WatchedQuantity, float] = {}
+
+    def begin_flight(self) -> None:
+        """Forgets how often alarms came and went in the flight before."""
+        self._calm_seconds = {}
+
+    def last_found(self, quantity: WatchedQuantity) -> float:
+        """Returns when the fault of an active alarm was found last, s of the boot clock.
+
+        Args:
+            quantity: quantity of the alarm.
+        """
+        return self._last_found[quantity]
+
+    def raise_alarm(self, quantity: WatchedQuantity, fact: Fact, found_time: float) -> bool:
+        """Makes a fact that warns the active alarm of its quantity.
+
+        Args:
+            quantity: what the fact is about.
+            fact: the fact. It replaces the one of an alarm that is active already, with other figures.
+            found_time: when the fault was there last, s of the boot clock.
+
+        Returns:
+            Whether the alarm is news for the user: it was not active, or has another level or reason than before.
+        """
+        former = self.facts.get(quantity)
+        self.facts[quantity] = fact
+        self._last_found[quantity] = max(found_time, self._last_found.get(quantity, -inf))
+        return former is None or (former.level, former.code) != (fact.level, fact.code)
+
+    def is_calm(self, quantity: WatchedQuantity, now: float) -> bool:
+        """Returns whether the fault of an active alarm has not been found for long enough to end the alarm.
+
+        Args:
+            quantity: quantity of the alarm.
+            now: present time on the boot clock, s.
+        """
+        calm_seconds = self._calm_seconds.get(quantity, CALM_SECONDS)
+        return now - self._last_found[quantity] >= calm_seconds
+
+    def end(self, quantity: WatchedQuantity) -> Fact:
+        """Ends an active alarm, and returns its fact. The next one of its quantity needs twice the time to end.
+
+        Args:
+            quantity: quantity of the alarm.
+        """
+        self._calm_seconds[quantity] = 2 * self._calm_seconds.get(quantity, CALM_SECONDS)
+        return self.facts.pop(quantity)
+
+    def discard(self, quantity: WatchedQuantity) -> None:
+        """Removes an alarm, if it is active, without counting that as its end.
+
+        Args:
+            quantity: quantity of the alarm.
+        """
+        self.facts.pop(quantity, None)

@@ -1,0 +1,109 @@
+"""Lights of a live vehicle: the worst fact on each part of it, such as its motors, in the latest flight and before."""
+
+from __future__ import annotations
+
+from mavdem.assessment.limits import worst_fact
+from mavdem.facts import Code, Fact, NamedFacts
+from mavdem.facts.lights import Light
+
+
+class FlightLights:
+    """The lights of one vehicle: the worst fact on each part of it, such as its motors or its power.
+
+    Attributes:
+        latest: lights of the latest flight so far, by the name of the part.
+        earlier: lights of all flights of the session before it.
+    """
+
+    def __init__(
+        self, former: FlightLights | None = None, *, has_flight_gone_on: bool = False
+    ) -> None:
+        """Begins with the lights of the former boot.
+
+        Args:
+            former: lights at the end of the former boot; None for the first boot.
+            has_flight_gone_on: whether that boot ended in flight, so that its flight is still the latest one.
+        """
+        self.latest: dict[str, Fact] = {}
+        self.earlier: dict[str, Fact] = {}
+        if former is not None:
+            self.earlier = former.of_session
+            if has_flight_gone_on:
+                self.latest.update(former.latest)
+
+    @property
+    def of_session(self) -> dict[str, Fact]:
+        """Lights of all flights of the session so far."""
+        return worse_lights(self.earlier, self.latest)
+
+    def begin_flight(self) -> None:
+        """Makes the latest flight an earlier one, and begins another without lights."""
+        self.earlier = self.of_session
+        self.latest = {}
+
+    def add(self, light: Light, fact: Fact) -> None:
+        """Adds a fact on a part of the vehicle; it becomes the light of the latest flight unless that is worse.
+
+        Args:
+            light: name of the part.
+            fact: what was found on it.
+        """
+        present = self.latest.get(str(light), fact)
+        self.latest[str(light)] = worst_fact([fact, present])
+
+    def add_first(self, light: Light, fact: Fact) -> None:
+        """Adds a fact on a part of the vehicle on which nothing has been found in the latest flight.
+
+        Args:
+            light: name of the part.
+            fact: what was found; it is ignored if the part has a light already.
+        """
+        self.latest.setdefault(str(light), fact)
+
+    def replace(self, light: Light, former_code: Code, fact: Fact) -> None:
+        """Replaces a light by a newer fact on the same fault, even if that is better.
+
+        Args:
+            light: name of the part.
+            former_code: code of the fault. A light that states another fault stays as it is.
+            fact: the newer fact.
+        """
+        present = self.latest.get(str(light))
+        if present is not None and present.code is former_code:
+            self.latest[str(light)] = fact
+
+    def move(self, former_fact: Fact | None, light: Light, fact: Fact) -> None:
+        """Replaces a fact whose cause, and so whose part of the vehicle, was not known before.
+
+        Args:
+            former_fact: the fact as it was stated before, by the light of any part; None if it is new.
+            light: the part that the fact is about, as is known now.
+            fact: the fact with its cause.
+        """
+        for name in [name for name, present in self.latest.items() if present == former_fact]:
+            del self.latest[name]
+        self.latest[str(light)] = fact
+
+    def remove_good(self, light: Light) -> None:
+        """Removes a light that is good, since that is no longer certain.
+
+        Args:
+            light: name of the part; if its light warns, nothing is removed.
+        """
+        present = self.latest.get(str(light))
+        if present is not None and present.is_good:
+            del self.latest[str(light)]
+
+
+def worse_lights(first: NamedFacts, second: NamedFacts) -> dict[str, Fact]:
+    """Returns the worse of two facts on each part of a vehicle; a part that only one of them names has that fact.
+
+    Args:
+        first: facts by the name of the part. Where both facts are equally bad, this one is returned.
+        second: other facts by the name of the part.
+    """
+    worst = {}
+    for name in {**first, **second}:
+        facts = [lights[name] for lights in (first, second) if name in lights]
+        worst[name] = worst_fact(facts)
+    return worst

@@ -1,0 +1,93 @@
+"""When a live vehicle was in the air or on the ground in one boot, in the form in which a log states it."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from mavdem.dataset.time_series import TimeSeries
+from mavdem.ingest.vocabulary import IN_AIR
+
+
+class _StateSample(NamedTuple):
+    """A landed state at a time."""
+
+    time: float
+    """Time on the boot clock, s."""
+
+    landed_state: int
+    """``IN_AIR`` or ``ON_GROUND``."""
+
+
+class LandedStates:
+    """The phases of one boot, in the air or on the ground, as the reviews of the vehicle found them.
+
+    Each phase is kept as two samples: when it was found first, and when it was found last before the next one began.
+    """
+
+    def __init__(self) -> None:
+        """Begins without a phase."""
+        self._samples: list[_StateSample] = []
+
+    @property
+    def latest(self) -> int | None:
+        """The latest state, ``IN_AIR`` or ``ON_GROUND``; None before the first review."""
+        return self._samples[-1].landed_state if self._samples else None
+
+    @property
+    def is_in_air(self) -> bool:
+        """Whether the vehicle is in the air."""
+        return self.latest == IN_AIR
+
+    @property
+    def phase_start(self) -> float:
+        """When the present phase began, s of the boot clock; there must be one."""
+        return self._samples[-1].time
+
+    @property
+    def is_first_phase(self) -> bool:
+        """Whether the state has not changed in this boot yet."""
+        return len(self._samples) <= 2
+
+    @property
+    def flight_end(self) -> float | None:
+        """When the vehicle on the ground was last in the air, s of the boot clock; None in flight or before any."""
+        if self.is_in_air or not self._samples:
+            return None
+        last_of_former_phase = self._samples[-2]
+        return last_of_former_phase.time if last_of_former_phase.landed_state == IN_AIR else None
+
+    def begin_phase(self, state: int, now: float, last_review_time: float) -> None:
+        """Begins another phase.
+
+        Args:
+            state: ``IN_AIR`` or ``ON_GROUND``.
+            now: time of the review that found it, s of the boot clock.
+            last_review_time: time of the review before, until which the former phase certainly lasted, s.
+        """
+        # Before the first phase no other state is known.
+        former_state = state if self.latest is None else self.latest
+        self._samples.append(_StateSample(last_review_time, former_state))
+        self._samples.append(_StateSample(now, state))
+
+    def series(self, now: float, boot: int, *, was_flying: bool) -> TimeSeries:
+        """Returns the states over time, as a log has them.
+
+        Args:
+            now: time until which the latest state lasts, s of the boot clock.
+            boot: number of the boot.
+            was_flying: whether the vehicle flew when the former boot ended, of which nothing else is known.
+
+        Returns:
+            MAV_LANDED_STATE (N,) of this boot and, if the vehicle was flying in the former one, a sample of that.
+        """
+        latest = self._samples[-1]
+        samples = [*self._samples, latest._replace(time=now)]
+        boots = [boot] * len(samples)
+        if was_flying:
+            samples.insert(0, _StateSample(0.0, IN_AIR))
+            boots.insert(0, boot - 1)
+        return TimeSeries(
+            np.array([sample.time for sample in samples]),
+            boot=np.array(boots),
+            values=np.array([sample.landed_state for sample in samples]),
+        )

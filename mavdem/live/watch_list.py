@@ -1,0 +1,169 @@
+"""The list of what is watched on a live vehicle, such as vibration or battery: since when, or why it is not."""
+
+from collections.abc import Mapping
+
+from mavdem.dataset.batteries import BATTERY_MESSAGES
+from mavdem.dataset.signals import MIN_STREAM_RATE
+from mavdem.facts import Fact
+from mavdem.facts.power import PowerLight
+from mavdem.facts.session import RowsFact
+from mavdem.facts.watch import WatchedQuantity, WatchFact
+from mavdem.live.height_watch import BAROMETER_MESSAGE
+from mavdem.live.live_signals import RecentMotion
+from mavdem.live.motor_limits import MIN_LIMIT_SAMPLES
+from mavdem.wind_velocity.from_log import ESTIMATOR_FLAG_MESSAGES
+
+UNWATCHED_BATTERIES = frozenset(
+    {PowerLight.POWER_UNMEASURED, PowerLight.SUPPLY_HELD, PowerLight.CELLS_UNKNOWN}
+)
+"""Judgements of the power that say nothing of a battery: it was not measured, or has no limit."""
+
+LISTENING_SECONDS = 3.0
+"""Time after the first review of a boot in which no message counts as missing, s: some come once a second."""
+
+
+class WatchList:
+    """For each watched quantity of one vehicle the fact since when it is watched, or why it is not.
+
+    Attributes:
+        facts: the facts, by the quantity that they are about.
+    """
+
+    def __init__(self) -> None:
+        """Begins with an empty list."""
+        self.facts: dict[WatchedQuantity, Fact] = {}
+        # Time of the first update, s of the boot clock; None before it.
+        self._first_time: float | None = None
+
+    def set(self, quantity: WatchedQuantity, reason: Fact | None, now: float) -> None:
+        """Sets the fact that a quantity is watched, or why it is not, with the time since which that is so.
+
+        The fact is replaced only if it has changed: its time says since when it is valid.
+
+        Args:
+            quantity: what is watched, such as the vibration.
+            reason: why it is not watched; None if it is.
+            now: present time on the boot clock, s.
+        """
+        code = WatchFact.NOT_WATCHED if reason else WatchFact.WATCHED
+        former = self.facts.get(quantity)
+        is_unchanged = (
+            former is not None and former.code is code and former.figures.get("reason") == reason
+        )
+        if not is_unchanged:
+            self.facts[quantity] = Fact(code, time=now, subject=quantity, reason=reason)
+
+    def update(
+        self, now: float, reasons: Mapping[WatchedQuantity, Fact], *, is_flying: bool
+    ) -> None:
+        """Updates the facts of all quantities but the balance of the motors, for which the caller sets it.
+
+        On the ground only the autopilot's warnings are watched.
+
+        Args:
+            now: present time on the boot clock, s.
+            reasons: for each quantity that its messages do not show, the reason; others can be watched.
+            is_flying: whether the vehicle is in the air.
+        """
+        if self._first_time is None:
+            self._first_time = now
+        is_listening = now - self._first_time < LISTENING_SECONDS
+        for quantity in WatchedQuantity:
+            if quantity is WatchedQuantity.MOTORS:
+                continue
+            reason = reasons.get(quantity)
+            is_missing = reason is not None and reason.code is WatchFact.MESSAGE_MISSING
+            if is_missing and is_listening:
+                # Messages that are sent once a second may just not have come yet.
+                continue
+            if reason is None and not is_flying and quantity is not WatchedQuantity.WARNINGS:
+                reason = Fact(WatchFact.ON_GROUND_NOW)
+            self.set(quantity, reason, now)
+
+
+def not_watched(watch_fact: Fact, reason: Fact, time: float) -> Fact:
+    """Returns the fact that a quantity is not watched, in the place of its fact in the list.
+
+    While the link is silent nothing is watched, whatever the list states.
+
+    Args:
+        watch_fact: the quantity's fact in the list: since when it was watched, or why it was not.
+        reason: why it is not watched now.
+        time: since when it is not, s on the boot clock.
+
+    Returns:
+        The fact NOT_WATCHED on the same quantity, with the reason.
+    """
+    figures = dict(watch_fact.figures)
+    figures["reason"] = reason
+    return Fact(WatchFact.NOT_WATCHED, time=time, subject=watch_fact.subject, **figures)
+
+
+def quantities_without_motion(motion: RecentMotion | None) -> dict[WatchedQuantity, Fact]:
+    """Finds what attitude and motor outputs of the last seconds do not show: oscillation, or motors at their limits.
+
+    An oscillation (a limit cycle) shows only if both come at half of ``MIN_STREAM_RATE`` at least; a motor at its limit
+    shows in any ``MIN_LIMIT_SAMPLES``.
+
+    Args:
+        motion: attitude and motor outputs of the last seconds; None if they do not come.
+
+    Returns:
+        The reason by the quantity that is not shown.
+    """
+    if motion is None:
+        no_motors = Fact(RowsFact.NO_LIVE_MOTORS)
+        return {WatchedQuantity.OSCILLATION: no_motors, WatchedQuantity.MOTOR_LIMITS: no_motors}
+    if motion.rate >= MIN_STREAM_RATE / 2:
+        return {}
+    too_slow = Fact(WatchFact.MESSAGE_MISSING, name=motion.motors.message, rate=motion.rate)
+    reasons = {WatchedQuantity.OSCILLATION: too_slow}
+    if len(motion.motors.time) < MIN_LIMIT_SAMPLES:
+        reasons[WatchedQuantity.MOTOR_LIMITS] = too_slow
+    return reasons
+
+
+def quantities_without_message(
+    received_names: set[str], autopilot: str
+) -> dict[WatchedQuantity, Fact]:
+    """Finds the quantities whose slow messages do not come: vibration, battery, estimator, drift, height, warnings.
+
+    Args:
+        received_names: names of the messages that have come in the last minute.
+        autopilot: name of the MAV_AUTOPILOT, which decides the name of the estimator's message.
+
+    Returns:
+        The fact that names the missing message, by the quantity that it would show.
+    """
+    estimator_messages = tuple(ESTIMATOR_FLAG_MESSAGES)
+    if autopilot == "PX4":
+        estimator_messages = estimator_messages[::-1]
+    # One of several messages is enough. If all are missing, the first one is named, which this autopilot sends.
+    needed_messages = {
+        WatchedQuantity.VIBRATION: ("VIBRATION",),
+        WatchedQuantity.BATTERY: BATTERY_MESSAGES,
+        WatchedQuantity.ESTIMATOR: estimator_messages,
+        WatchedQuantity.WARNINGS: ("HEARTBEAT",),
+        WatchedQuantity.DRIFT: ("LOCAL_POSITION_NED",),
+        WatchedQuantity.HEIGHT: (BAROMETER_MESSAGE,),
+    }
+    reasons = {}
+    for quantity, names in needed_messages.items():
+        if not received_names.intersection(names):
+            reasons[quantity] = Fact(WatchFact.MESSAGE_MISSING, name=names[0], rate=None)
+    return reasons
+
+
+def reason_battery_not_judged(power: Fact) -> Fact | None:
+    """Returns why the judgement of the power says nothing of a battery; None if it judges one.
+
+    Args:
+        power: the judgement of the power, a fact with a level.
+
+    Returns:
+        The reason, without measurements, so that it stays the same from review to review.
+    """
+    if power.code not in UNWATCHED_BATTERIES:
+        return None
+    is_constant = bool(power.figures.get("is_constant") and power.figures.get("voltage"))
+    return Fact(WatchFact.BATTERY_NOT_JUDGED, cause=power.code, is_constant=is_constant)
