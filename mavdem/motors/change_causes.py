@@ -24,6 +24,12 @@ RECOVERIES_PER_LOSS = 5.0
 OTHER_CHANGE_SD = 0.06
 """Standard deviation of a change of the balance that is no motor's, relative to the mean command; a choice."""
 
+OTHERS_PER_MOTOR = 0.1
+"""Prior odds of a change in yaw alone, or in all axes, against one of a motor.
+
+They are high: the worst mistake is to name a sound motor.
+"""
+
 CAUSES_WITHOUT_MOTOR = 3
 """Number of the causes that are no motor's: a change in roll and pitch, in yaw, and in all axes."""
 
@@ -105,6 +111,24 @@ def cause_evidence(
         all_axes_log_factors=all_axes,
         other_log_factor=float(log_sum([log_sum(yaw), log_sum(all_axes)])),
     )
+
+
+def log_odds_of_motor_cause(evidence: CauseEvidence, cause: int) -> float:
+    """Returns the logarithm of the odds of one motor cause against all other causes and "nothing changed" together.
+
+    The odds are the Bayes factor of the cause over the sum of the Bayes factors of its rivals.
+
+    Args:
+        evidence: Logarithms of the Bayes factors of all causes.
+        cause: Row of the cause among the hypotheses of the motors.
+    """
+    other_motor_causes = np.delete(evidence.motor_log_factors, cause)
+    load = log_sum(evidence.load_log_factors)
+    other_changes = evidence.other_log_factor + log(OTHERS_PER_MOTOR)
+    # The Bayes factor of "nothing changed" against itself is 1.
+    no_change = 0.0
+    rivals = [*other_motor_causes, load, other_changes, no_change]
+    return float(evidence.motor_log_factors[cause] - log_sum(rivals))
 
 
 def _log_factors_of_axes(changes: WindowChanges, no_change: Array, is_changed_axis: Array) -> Array:

@@ -22,10 +22,18 @@ from mavdem.confidence import STRONG_EVIDENCE_NATS
 from mavdem.ingest.motors import MotorGeometry
 from mavdem.motors.balance_blocks import MIN_PRESENT_SHARE
 from mavdem.motors.balance_model import BalanceModel
+from mavdem.motors.change_causes import (
+    CauseEvidence,
+    cause_evidence,
+    log_odds_of_motor_cause,
+)
 from mavdem.motors.change_statistics import (
     BLOCK_SECONDS,
+    BLOCKS_PER_FREEDOM,
     PRIOR_FREEDOM,
     WANDER_SD,
+    WindowChanges,
+    log_t_density,
     long_run_variance,
 )
 from mavdem.motors.loss_detection import PRIOR_BLOCK_SD
@@ -115,7 +123,8 @@ def gradual_loss(
     variance = _variance_of_change(balances, ramp)
     if (ramp.change**2 / variance).sum() < MIN_SIGNIFICANCE:
         return None
-    motor, log_odds = _motor_of_change(ramp.change, variance, model)
+    freedom = PRIOR_FREEDOM + len(balances) / BLOCKS_PER_FREEDOM
+    motor, log_odds = _motor_of_change(ramp.change, variance, freedom, model)
     if motor is None:
         return None
     unit_rise = np.eye(len(geometry.names))[motor]
@@ -235,18 +244,19 @@ def _variance_of_change(balances: Array, ramp: Ramp) -> Array:
 
 
 def _motor_of_change(
-    change: Array, variance: Array, model: BalanceModel
+    change: Array, variance: Array, freedom: float, model: BalanceModel
 ) -> tuple[int | None, float]:
     """Returns the index of the motor whose weakness explains a change, and the logarithm of the odds that it does.
 
-    The signature of a motor is the change of the balance if it is weak. Its misfit to the change must be small, and the
-    misfits of all rival explanations must be larger by strong evidence. Rivals are the other motors, a change in roll
-    and pitch alone (a shifted load) and one in yaw alone. Signatures are not exact; their error is added to the
-    variance.
+    The signature of a motor is the change of the balance if it is weak. Its misfit to the change must be small, and its
+    odds against all other causes must be strong evidence. These are the causes of the sequential test: the other
+    motors, a change in roll and pitch alone (a shifted load), in yaw alone, and in all axes, as by a load that shifts
+    in wind. Signatures are not exact; their error is added to the variance.
 
     Args:
         change: (a,) change of the balance.
         variance: (a,) its variance.
+        freedom: degrees of freedom of that variance.
         model: mixer of the vehicle.
 
     Returns:
@@ -261,18 +271,30 @@ def _motor_of_change(
     # A motor whose command fell did not lose thrust.
     misfits[rises <= 0] = np.inf
     motor = int(np.argmin(misfits))
-    # A change in roll and pitch alone leaves the change in yaw unexplained, and one in yaw alone that in roll and
-    # pitch. These remainders are the misfits of the two.
-    squares = change**2 / variance
-    misfit_of_tilt_only = float((squares * (1 - model.tilt_axes)).sum())
-    misfit_of_yaw_only = float((squares * model.tilt_axes).sum())
-    rival_misfits = [misfit_of_tilt_only, misfit_of_yaw_only]
-    rival_misfits.extend(np.delete(misfits, motor).tolist())
-    # The log likelihood of normal errors is minus half of the misfit.
-    log_odds = float((min(rival_misfits) - misfits[motor]) / 2)
+    log_odds = log_odds_of_motor_cause(_cause_evidence(change, variance, freedom, model), motor)
     # The neighbours supply a part of the missing thrust, so that the motor's own command rises by less than its work.
     work_rise = rises[motor] / model.mixer.own_rise_ratios[motor]
     is_explained = misfits[motor] <= MAX_MISFIT and log_odds >= STRONG_EVIDENCE_NATS
     if not is_explained or work_rise < MIN_WORK_RISE:
         return None, 0.0
     return motor, log_odds
+
+
+def _cause_evidence(
+    change: Array, variance: Array, freedom: float, model: BalanceModel
+) -> CauseEvidence:
+    """Computes the Bayes factors of all causes of a change, as the sequential test does of a change in one window.
+
+    Args:
+        change: (a,) change of the balance.
+        variance: (a,) its variance.
+        freedom: degrees of freedom of that variance.
+        model: mixer of the vehicle.
+    """
+    changes = WindowChanges(
+        change[None], variance[None], np.array([freedom]), block_variance=variance[None]
+    )
+    no_change = log_t_density(changes, 0.0)
+    return cause_evidence(
+        changes, no_change, model.signatures, model.tilt_axes, weak_motor_sizes={}
+    )

@@ -45,6 +45,7 @@ from mavdem.motors.change_causes import (
     CauseEvidence,
     can_reach_threshold,
     cause_evidence,
+    log_odds_of_motor_cause,
     log_sum,
 )
 from mavdem.motors.change_statistics import (
@@ -102,9 +103,6 @@ OTHERS_PER_LOAD = 0.05
 A load that shifts in wind changes yaw too.
 """
 
-OTHERS_PER_MOTOR = 0.1
-"""Prior odds of such a change against one of a motor. They are high: the worst mistake is to name a sound motor."""
-
 TOO_SLOW = Fact(MotorWatchFact.MOTOR_OUTPUTS_TOO_SLOW, needed_rate=MIN_SAMPLE_RATE)
 """Why no change can be detected where motor outputs come too slowly."""
 
@@ -128,24 +126,6 @@ class _DatedChange(NamedTuple):
     def variance(self) -> Array:
         """(a,) its variance."""
         return self.changes.variance[self.window]
-
-
-def _log_odds_of_motor_cause(evidence: CauseEvidence, cause: int) -> float:
-    """Returns the logarithm of the odds of one motor cause against all other causes and "nothing changed" together.
-
-    The odds are the Bayes factor of the cause over the sum of the Bayes factors of its rivals.
-
-    Args:
-        evidence: Logarithms of the Bayes factors of all causes.
-        cause: Row of the cause among the hypotheses of the motors.
-    """
-    other_motor_causes = np.delete(evidence.motor_log_factors, cause)
-    load = log_sum(evidence.load_log_factors)
-    other_changes = evidence.other_log_factor + log(OTHERS_PER_MOTOR)
-    # The Bayes factor of "nothing changed" against itself is 1.
-    no_change = 0.0
-    rivals = [*other_motor_causes, load, other_changes, no_change]
-    return float(evidence.motor_log_factors[cause] - log_sum(rivals))
 
 
 class MotorLossDetector:
@@ -331,7 +311,7 @@ class MotorLossDetector:
             changes, no_change, self._model.signatures, self._model.tilt_axes, weak_motor_sizes
         )
         best_cause = int(np.argmax(evidence.motor_log_factors))
-        log_odds = _log_odds_of_motor_cause(evidence, best_cause)
+        log_odds = log_odds_of_motor_cause(evidence, best_cause)
         reaches_threshold = evidence.motor_log_factors[best_cause] >= self._threshold
         if not reaches_threshold or log_odds < STRONG_EVIDENCE_NATS:
             self._test_for_torque_change(windows, changes, evidence)

@@ -75,6 +75,11 @@ def test_wind_load_and_yaw_name_no_motor(torque):
     assert found(with_slow_torque(**torque)) is None
 
 
+def test_a_load_that_shifts_in_wind_towards_a_motor_names_no_motor():
+    """It changes yaw too, as a loss does, but not all axes alike."""
+    assert found(with_slow_torque(roll=-0.075, pitch=0.04, yaw=0.064)) is None
+
+
 def test_a_small_change_of_the_balance_names_no_motor():
     assert found(with_slow_loss(4, 1, work=0.1)) is None
 
