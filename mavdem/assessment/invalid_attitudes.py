@@ -11,7 +11,8 @@ import numpy as np
 from mavdem.dataset.attitude import ATTITUDE_MESSAGES
 from mavdem.dataset.intervals import TimeInterval, true_intervals
 from mavdem.dataset.signals import Signals
-from mavdem.dataset.time_series import float_columns
+from mavdem.dataset.time_series import float_column, float_columns
+from mavdem.dataset.vehicle_cache import cached_per_vehicle
 from mavdem.facts import Fact
 from mavdem.facts.ending import MotionEvent
 
@@ -36,6 +37,8 @@ def invalid_attitudes(signals: Signals, boot: int, flight_interval: TimeInterval
     Yields:
         Events without an end where the attitude is never a number again.
     """
+    if not _some_are_invalid(signals):
+        return
     times = []
     is_valid = []
     for name in ATTITUDE_MESSAGES:
@@ -63,3 +66,18 @@ def invalid_attitudes(signals: Signals, boot: int, flight_interval: TimeInterval
                 end_time=end if isfinite(end) else None,
                 boot=boot,
             )
+
+
+@cached_per_vehicle()
+def _some_are_invalid(signals: Signals) -> bool:
+    """Returns whether any angle of a vehicle's attitudes is not a number: most logs have none, in any flight.
+
+    Args:
+        signals: signals of the vehicle.
+    """
+    for name in ATTITUDE_MESSAGES:
+        columns = signals.telemetry.messages.get(name, {})
+        for field in ANGLE_FIELDS[name]:
+            if field in columns and not np.isfinite(float_column(columns, field)).all():
+                return True
+    return False

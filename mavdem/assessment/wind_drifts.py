@@ -226,7 +226,7 @@ def wind_drifts(sensors: BootSensors, flight_interval: TimeInterval) -> Iterator
         The events of a :class:`WindDriftDetector`; none of a vehicle whose velocity or yaw was not recorded.
     """
     signals, boot = sensors.signals, sensors.boot
-    velocity = series_of_boot(horizontal_velocity(signals.telemetry), boot)
+    velocity = series_of_boot(horizontal_velocity(signals), boot)
     if velocity is None:
         return
     velocity = velocity.within(flight_interval)

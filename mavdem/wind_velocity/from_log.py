@@ -25,6 +25,7 @@ from mavdem.dataset.time_series import (
     recorded_series,
     series_of_boot,
 )
+from mavdem.dataset.vehicle_cache import cached_per_vehicle
 from mavdem.errors import NotLearnable
 from mavdem.facts import Fact
 from mavdem.facts.lights import Unjudged
@@ -342,16 +343,18 @@ def _require_usable(motion: _FlightMotion, stuck_seconds: float) -> None:
         raise NotLearnable(NoWind.NOT_MEASURED, name="velocity")
 
 
-def horizontal_velocity(telemetry: Telemetry) -> TimeSeries | None:
+@cached_per_vehicle()
+def horizontal_velocity(signals: Signals) -> TimeSeries | None:
     """Returns the velocity over ground (N, 2), north and east, m/s; None if it was not recorded.
 
     Args:
-        telemetry: messages of the vehicle.
+        signals: signals of the vehicle.
     """
-    motion = _ground_motion(telemetry)
+    motion = _ground_motion(signals.telemetry)
     if motion is None:
         return None
-    return TimeSeries(motion.time, motion.boot, motion.values[:, HORIZONTAL])
+    # A copy does not hold the memory of the other columns.
+    return TimeSeries(motion.time, motion.boot, motion.values[:, HORIZONTAL].copy())
 
 
 def _ground_motion(telemetry: Telemetry) -> TimeSeries | None:
