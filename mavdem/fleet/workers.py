@@ -245,7 +245,7 @@ class LogReader:
             Unreadable: no process can be started.
         """
         ending: JobEnding = "died"
-        exit_code = 0
+        exit_code: int | None = None
         if self._logs_of_process >= limits.logs:
             self.stop()
         for _ in range(ATTEMPTS):
@@ -273,7 +273,9 @@ class LogReader:
             if ending == "memory" and was_first_log:
                 too_large = Fact(ReadingFact.READING_TOO_LARGE, memory_limit=limits.megabytes)
                 return replace(failed(job, "memory", too_large), megabytes=limits.megabytes)
-        if exit_code < 0:
+        if exit_code is None:
+            reason = "unknown exit code"
+        elif exit_code < 0:
             reason = signal_name(-exit_code)
         else:
             reason = f"exit code {exit_code}"
@@ -424,7 +426,7 @@ def side_by_side(
             executor.shutdown()
 
 
-def exit_code_of_ended(process: BaseProcess) -> int:
+def exit_code_of_ended(process: BaseProcess) -> int | None:
     """Returns the exit code of a process that has ended or is about to; negative, the signal that killed it.
 
     The operating system tells an exit code once, to the thread that asks first: the executor's own thread, or one that
@@ -434,13 +436,13 @@ def exit_code_of_ended(process: BaseProcess) -> int:
         process: a child of this process.
 
     Returns:
-        The exit code; 0 if it is unknown after ``EXIT_CODE_SECONDS``, since this process ignores the end of children.
+        The exit code; None if it is unknown after ``EXIT_CODE_SECONDS``, since this process ignores the end of children.
     """
     deadline = time.monotonic() + EXIT_CODE_SECONDS
     process.join(EXIT_CODE_SECONDS)
     while process.exitcode is None and time.monotonic() < deadline:
         time.sleep(0.001)
-    return process.exitcode or 0
+    return process.exitcode
 
 
 def _receive(read: ReadLog) -> None:

@@ -112,7 +112,7 @@ def test_an_exit_code_is_waited_for_while_another_thread_collects_it(monkeypatch
     type(process).exitcode = PropertyMock(side_effect=codes)
     assert exit_code_of_ended(process) == errno.ENOMEM
     monkeypatch.setattr(workers, "EXIT_CODE_SECONDS", 0.01)
-    assert exit_code_of_ended(Mock(exitcode=None)) == 0
+    assert exit_code_of_ended(Mock(exitcode=None)) is None
 
 
 def test_a_run_that_can_start_no_process_ends_and_says_so(tmp_path):
