@@ -436,7 +436,7 @@ def exit_code_of_ended(process: BaseProcess) -> int | None:
         process: a child of this process.
 
     Returns:
-        The exit code; None if it is unknown after ``EXIT_CODE_SECONDS``, since this process ignores the end of children.
+        The exit code; None if it is unknown after ``EXIT_CODE_SECONDS``, as where this process ignores ended children.
     """
     deadline = time.monotonic() + EXIT_CODE_SECONDS
     process.join(EXIT_CODE_SECONDS)
