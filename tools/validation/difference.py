@@ -1,5 +1,5 @@
 #!/usr/bin/env python
-"""How often `mavdem diff` finds a change between two flights of a vehicle: where nothing changed, gains, or a motor.
+"""How often `mavdem diff`, a test of two flights for changed quantities, finds the changes of simulated vehicles.
 
 Each vehicle of loops.py flies five times, in other wind of the same kind: twice as it is, once with P, I and D of all
 rate controllers lowered by a third ("gains"), once with a motor that has lost 15 % of its thrust ("motor"), and once
@@ -19,7 +19,7 @@ Usage: tools/validation/difference.py [--half NAME] [--rate HZ of the messages] 
 from collections import Counter
 from contextlib import suppress
 from functools import partial
-from itertools import filterfalse
+from typing import NamedTuple
 
 import click
 from flights import Values, command, evaluate_flights, print_table
@@ -46,8 +46,8 @@ RATE_GAINS = {
 """Parameters of the rate controllers by autopilot."""
 
 
-ROLL_GAINS = "ATC_RAT_RLL_P", "MC_ROLLRATE_P"
-"""P of the rate of roll by autopilot."""
+ROLL_GAINS = ("ATC_RAT_RLL_P", "MC_ROLLRATE_P")
+"""P of the rate of roll: ArduPilot's parameter and PX4's."""
 
 ROLL_GAIN_FACTOR = 0.7
 """Factor of P of roll in the last flight."""
@@ -65,25 +65,64 @@ COMPARISONS = {
 """The two flights of each comparison."""
 
 
-def rows_of_flight(
-    scenario: Scenario, gains: Parameters, number: int, options: Options, rate: float
-) -> FlightRows:
-    """Returns the rows of the fleet's table for one flight of a vehicle.
+class FlownChange(NamedTuple):
+    """One of a vehicle's flights: what flies, and which gains were changed before it."""
+
+    scenario: Scenario
+    """The vehicle with its first flight; a motor of it may be weak."""
+
+    gains: Parameters
+    """Gains that differ from the scenario's, by the autopilot's names."""
+
+
+def rows_of_flight(flight: FlownChange, number: int, options: Options, rate: float) -> FlightRows:
+    """Simulates a flight, reviews its log, and returns the rows that a fleet's table, which is compared, has of it.
 
     Args:
-        scenario: the vehicle and its first flight.
-        gains: gains to set, by the autopilot's names.
+        flight: the vehicle and its gains.
         number: number of the flight, which changes its wind.
         options: whether a model is learned.
         rate: rate of the messages, Hz.
+
+    Raises:
+        ValueError: the vehicle tumbles.
     """
-    log = thinned_log_of_flight(scenario, gains, number, rate)
+    log = thinned_log_of_flight(flight.scenario, flight.gains, number, rate)
     assessment = assess(log, options=options).with_axis("pitch")
-    return rows_of_assessment(assessment, f"{scenario.seed}-{number}.tlog")
+    return rows_of_assessment(assessment, f"{flight.scenario.seed}-{number}.tlog")
+
+
+def changed_flights(scenario: Scenario, weak_motor: int) -> dict[str, FlownChange]:
+    """Returns the five flights of a vehicle, by the names that ``COMPARISONS`` gives them.
+
+    Args:
+        scenario: the vehicle as it is.
+        weak_motor: number of the motor that loses thrust in two of the flights, from 1.
+    """
+    parameters = scenario.vehicle.parameters
+    lowered_gains = {
+        name: GAIN_REDUCTION * parameters[name]
+        for names in RATE_GAINS.values()
+        for name in names
+        if name in parameters
+    }
+    lowered_roll_gain = {
+        name: ROLL_GAIN_FACTOR * parameters[name] for name in ROLL_GAINS if name in parameters
+    }
+    values = scenario.model_dump(mode="json")
+    values["vehicle"] |= {"weak_motor": weak_motor, "weak_thrust": REMAINING_THRUST}
+    scenario_with_weak_motor = scenario_of(values)
+    return {
+        "first": FlownChange(scenario, {}),
+        "second": FlownChange(scenario, {}),
+        "gains": FlownChange(scenario, lowered_gains),
+        "motor": FlownChange(scenario_with_weak_motor, {}),
+        "both": FlownChange(scenario_with_weak_motor, lowered_roll_gain),
+    }
 
 
 def evaluate_vehicle(seed: int, rate: float, with_models: bool) -> list[Values]:
-    """Compares the flights of a vehicle.
+    """Flies a vehicle five times, and compares pairs of its flights.
 
     Args:
         seed: seed of its first flight.
@@ -95,62 +134,56 @@ def evaluate_vehicle(seed: int, rate: float, with_models: bool) -> list[Values]:
     """
     scenario, _ = drawn_flight(seed)
     parameters = scenario.vehicle.parameters
-    lowered = {
-        name: GAIN_REDUCTION * parameters[name]
-        for names in RATE_GAINS.values()
-        for name in names
-        if name in parameters
-    }
-    lowered_roll = {
-        name: ROLL_GAIN_FACTOR * parameters[name] for name in ROLL_GAINS if name in parameters
-    }
     weak_motor = seed % 4 + 1
-    values = scenario.model_dump(mode="json")
-    values["vehicle"] |= {"weak_motor": weak_motor, "weak_thrust": REMAINING_THRUST}
-    weak = scenario_of(values)
-    flights = {
-        "first": (scenario, {}),
-        "second": (scenario, {}),
-        "gains": (scenario, lowered),
-        "motor": (weak, {}),
-        "both": (weak, lowered_roll),
-    }
+    flights = changed_flights(scenario, weak_motor)
     rows_by_flight = {}
     options = Options(with_model=with_models)
-    for number, (name, (flown, gains)) in enumerate(flights.items(), start=1):
-        # A vehicle may tumble.
+    for number, (name, flight) in enumerate(flights.items(), start=1):
+        # A vehicle that tumbles raises the error: that flight is left out.
         with suppress(ValueError):
-            rows_by_flight[name] = rows_of_flight(flown, gains, number, options, rate)
+            rows_by_flight[name] = rows_of_flight(flight, number, options, rate)
     table = []
     for name, (before, after) in COMPARISONS.items():
         if before in rows_by_flight and after in rows_by_flight:
-            changes = changed_parameters(parameters, parameters | flights[after][1])
+            changes = changed_parameters(parameters, parameters | flights[after].gains)
             difference = vehicle_difference(rows_by_flight[before], rows_by_flight[after], changes)
-            table.append({"compared": name} | counts(difference, weak_motor))
+            table.append({"compared": name} | detection_counts(difference, weak_motor))
     return table
 
 
-def counts(difference: VehicleDifference, weak_motor: int) -> Values:
-    """Returns the row of one pair of flights: the counts that the module's docstring names, of which "pairs" is 1.
+def detection_counts(difference: VehicleDifference, weak_motor: int) -> Values:
+    """Counts which changes a comparison of two flights has found, as the row of this pair.
+
+    A quantity, such as the trim of a motor or a phase margin, is called changed where its difference is significant
+    among all that are tested. What other gains explain is not tested, and is reported apart.
 
     Args:
         difference: comparison of the two flights.
-        weak_motor: number of the weak motor.
+        weak_motor: number of the motor that is weak in some flights, from 1.
+
+    Returns:
+        Counts by column of the table, which the rows of all pairs are summed into. 0 or 1: "pairs" (always 1), "any"
+        quantity changed, a change that follows from the gains was reported ("told"), the weak motor was "found", a
+        sound motor was named ("wrong"), a quantity would be called changed if it were the only one tested ("alone").
+        Numbers: "tests", the tested quantities, and the changed quantities by kind.
     """
     changes = difference.changes_with(QuantityOutcome.CHANGED)
-    by_gains = [*filter(difference.follows_from_gains, changes)]
-    tested_changes = [*filterfalse(difference.follows_from_gains, changes)]
-    motors = {change.quantity.motor for change in tested_changes if change.quantity.is_of_motor}
-    by_kind = Counter(change.quantity.kind for change in tested_changes)
+    changes_by_gains = [change for change in changes if difference.follows_from_gains(change)]
+    other_changes = [change for change in changes if not difference.follows_from_gains(change)]
+    named_motors = {
+        change.quantity.motor for change in other_changes if change.quantity.is_of_motor
+    }
+    is_any_significant_alone = any(change.p <= SIGNIFICANCE for change in difference.tested)
+    changes_by_kind = Counter(change.quantity.kind for change in other_changes)
     return {
         "pairs": 1,
-        "any": int(bool(tested_changes)),
-        "told": int(bool(by_gains)),
-        "found": int(weak_motor in motors),
-        "wrong": int(bool(motors - {weak_motor})),
-        "alone": int(any(change.p <= SIGNIFICANCE for change in difference.tested)),
+        "any": int(bool(other_changes)),
+        "told": int(bool(changes_by_gains)),
+        "found": int(weak_motor in named_motors),
+        "wrong": int(bool(named_motors - {weak_motor})),
+        "alone": int(is_any_significant_alone),
         "tests": len(difference.tested),
-        **by_kind,
+        **changes_by_kind,
     }
 
 
@@ -158,10 +191,21 @@ def counts(difference: VehicleDifference, weak_motor: int) -> Values:
 @click.option("--models", is_flag=True)
 @HALF
 def main(half: str, rate: float, flights: int, jobs: int, models: bool) -> None:
-    """Prints a row for each comparison: the counts of all vehicles that the module's docstring names."""
+    """Simulates flights of several vehicles, and prints a row of counts for each comparison of two flights.
+
+    Args:
+        half: name of the set of vehicles, a key of ``HALVES``: "choose" to choose methods on, "report" for results.
+        rate: rate of the messages, Hz.
+        flights: number of vehicles, each with five flights.
+        jobs: number of processes.
+        models: whether models are learned, whose physical parameters are then compared, too.
+    """
     evaluate = partial(evaluate_vehicle, rate=rate, with_models=models)
-    rows = evaluate_flights(evaluate, HALVES[half][:flights], jobs)
-    table = rows.fillna(0).groupby("compared", sort=False).sum().astype(int).reset_index()
+    seeds = HALVES[half][:flights]
+    rows = evaluate_flights(evaluate, seeds, jobs)
+    # A kind of quantity that changed in no pair of a vehicle has no count there.
+    counts = rows.fillna(0).groupby("compared", sort=False).sum()
+    table = counts.astype(int).reset_index()
     print_table(f"Half {half}, {rate:g} Hz", table)
 
 

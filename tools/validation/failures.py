@@ -1,12 +1,13 @@
 #!/usr/bin/env python
-"""How reviews judge simulated flights that go wrong: rightly, not at all, or wrongly; prints two tables.
+"""Reviews of simulated flights with a known mishap: do headline, lights and events (coded facts) state it? Two tables.
 
-In each kind of flight another thing goes wrong. The first table has a row for each kind, parted by even and odd
-numbers of the flights: how many were reviewed, in how many the review says what went wrong, in how many it says nothing
-of it or that it is undecided, and in how many it names another event or another motor. The second table has all kinds
-together, and the sound flights with a light that is bad or to be watched. Airframe, autopilot, wind, time, motor and
-size follow from kind and number. The codes that count as right stand in failures.toml. Thresholds were chosen on the
-flights with even numbers.
+A review has a headline, a light (good, watch or bad) for each subject such as the motors, and events. Each is a fact: a
+code with the figures of its sentence. The kind of a flight is what goes wrong in it; in a "sound" one nothing does. The
+first table has a row for each kind, for flights of even and odd numbers ("half"): how many were reviewed, in how many
+the review says what went wrong, in how many it says nothing of it or that it is undecided, and in how many it names
+another event or another motor. The second table has all kinds together, and the sound flights with a light that is bad
+or to be watched. Airframe, autopilot, wind, time, motor and size follow from kind and number. The codes that count as
+right stand in failures.toml. Thresholds were chosen on the flights with even numbers.
 
 A flight takes some five seconds, and its review one: with --folder, telemetry logs of the flights are kept there, and
 not flown again.
@@ -29,10 +30,11 @@ from flights import (
     draw_values,
     evaluate_flights,
     half_name,
+    percent_true,
     print_table,
     scenario_from_values,
 )
-from numpy.random import default_rng
+from numpy.random import Generator, default_rng
 
 from mavdem.assessment.assess import assess
 from mavdem.assessment.judgement import LIGHT_OF_EVENT
@@ -64,6 +66,12 @@ HEIGHTS = {"dive": 24.0, "flip": 20.0}
 LARGE_FRAMES = ("hexa_x", "hexa_plus", "octa_x")
 """Frames with long arms, whose inertia is too large for a flip."""
 
+QUADROTOR_FRAMES = ("x", "plus")
+"""Frames with four rotors."""
+
+LONGER_CLIMB_SECONDS = 24.0
+"""Time that the climb to a height of ``HEIGHTS`` and the descent take beyond the usual ones, s."""
+
 MARGIN_SECONDS = 12.0
 """Time from the beginning of a mishap to the landing at least, s."""
 
@@ -72,6 +80,12 @@ GAINS = ("ATC_RAT_", "ATC_ANG_", "MC_ROLL", "MC_PITCH", "MC_YAW")
 
 SERIOUS = (Level.BAD, Level.WATCH)
 """Levels of facts by which a review says that something is wrong."""
+
+PROMINENT_PLACES = ("headline", "cause")
+"""Places of a review that say what happened to the flight: the headline, and the cause that it gives."""
+
+LOG_LIGHT = "log"
+"""Light that judges the log itself, such as the rate of the telemetry link: no fault of a sound vehicle."""
 
 REVIEW_RESULTS = ("right", "none", "wrong")
 """Results of :func:`review_result`: the review states the mishap, misses it, or states another one."""
@@ -88,38 +102,57 @@ def scenario(kind: str, number: int) -> Scenario:
         The validated scenario.
     """
     rng = default_rng([sorted(KINDS).index(kind), number])
-    values = draw_values(TABLES["flight"], rng) | {"seed": number}
-    if kind == "flip" and values["vehicle"]["frame"] in LARGE_FRAMES:
-        values["vehicle"]["frame"] = "x"
-    if values["vehicle"]["frame"] not in ("x", "plus"):
-        values["vehicle"]["model"] = "iris"
-    autopilot = values["stream"]["autopilot"]
-    values["vehicle"]["parameters"] = {LOOP_RATES[autopilot]: LOOP_RATE}
-    values["height"] = HEIGHTS.get(kind, values["height"])
-    if kind in HEIGHTS:
-        # The flight is longer by the climb to the greater height and the descent, and has no other excitation.
-        values["duration"] += 24.0
-        values["excitation"] = {"kind": "none"}
+    values = _flight_without_mishap(kind, number, rng)
     sound = scenario_from_values(values)
     if kind == "sound":
         return sound
-    # A mishap starts some time after the hover begins, which is after spin-up and climb.
     mishap = {"kind": kind} | draw_values(TABLES["mishaps"][kind], rng)
-    if "start" in mishap:
-        mishap["start"] += flight_times(sound).hover
-        shortest = mishap["start"] + mishap.get("seconds", 0.0) + MARGIN_SECONDS
-        values["duration"] = max(values["duration"], shortest)
     if KINDS[kind].get("names_motor"):
-        mishap["motor"] = int(rng.integers(rotor_count(values["vehicle"]["frame"]))) + 1
+        rotors = rotor_count(values["vehicle"]["frame"])
+        # Motors are counted from 1.
+        mishap["motor"] = int(rng.integers(rotors)) + 1
+    if "start" in mishap:
+        # The start is drawn in seconds of the hover; a scenario counts it from the arming.
+        mishap["start"] += flight_times(sound).hover
+        mishap_end = mishap["start"] + mishap.get("seconds", 0.0)
+        values["duration"] = max(values["duration"], mishap_end + MARGIN_SECONDS)
     return scenario_from_values(values | {"mishap": mishap})
 
 
-def flown_log(flight: Scenario, path: Path | None) -> Log:
-    """Returns the telemetry of a flight, which is flown unless its log is kept already.
+def _flight_without_mishap(kind: str, number: int, rng: Generator) -> Values:
+    """Draws a flight that suits a mishap, without the mishap itself.
 
     Args:
-        flight: What is flown.
-        path: Where its log is kept; None for nowhere.
+        kind: what is to go wrong, a key of ``KINDS``.
+        number: number of the flight within its kind.
+        rng: source of the random numbers.
+
+    Returns:
+        The values of a scenario by key, as in its TOML file.
+    """
+    values: Values = draw_values(TABLES["flight"], rng) | {"seed": number}
+    vehicle = values["vehicle"]
+    if kind == "flip" and vehicle["frame"] in LARGE_FRAMES:
+        vehicle["frame"] = "x"
+    if vehicle["frame"] not in QUADROTOR_FRAMES:
+        # A larger frame is made of an iris, with more of its rotors.
+        vehicle["model"] = "iris"
+    loop_rate_parameter = LOOP_RATES[values["stream"]["autopilot"]]
+    vehicle["parameters"] = {loop_rate_parameter: LOOP_RATE}
+    if kind in HEIGHTS:
+        values["height"] = HEIGHTS[kind]
+        values["duration"] += LONGER_CLIMB_SECONDS
+        # The mishap itself is a manoeuvre: the pilot flies no other.
+        values["excitation"] = {"kind": "none"}
+    return values
+
+
+def flown_log(flight: Scenario, path: Path | None) -> Log:
+    """Returns the telemetry log of a simulated flight, which is flown unless its file exists already.
+
+    Args:
+        flight: scenario of the flight.
+        path: file that keeps the log; None to keep none.
     """
     if path is not None and path.exists():
         return read_log(path)
@@ -132,7 +165,9 @@ def flown_log(flight: Scenario, path: Path | None) -> Log:
 
 
 def without_gains(log: Log) -> Log:
-    """Returns a log without the gains of the rate controllers: identifying the loops would take most of the time.
+    """Returns a log without the parameters of rate and attitude control.
+
+    A review then cannot identify the control loops, which would take most of its time.
 
     Args:
         log: the log of a flight.
@@ -177,7 +212,15 @@ def reported_facts(review: Assessment) -> Iterator[ReportedFact]:
 
 
 def codes(kind: str, key: str) -> set[str]:
-    """Returns the codes that a kind lists under a key of failures.toml."""
+    """Returns the codes of facts that failures.toml lists for a kind of mishap.
+
+    Args:
+        kind: what went wrong, a key of ``KINDS``.
+        key: "expected", "permitted" or "without_motor".
+
+    Returns:
+        The codes; the entry "@down" stands for all codes of a flight that went down.
+    """
     listed = set(KINDS[kind].get(key, []))
     if "@down" in listed:
         listed |= set(TABLES["down"])
@@ -190,7 +233,7 @@ def motors_named(text: str) -> set[int]:
     return {int(match[1])} if match else set()
 
 
-def is_wrong_fact(reported: ReportedFact, motor: int, permitted: set[str]) -> bool:
+def is_wrong_fact(reported: ReportedFact, failed_motor: int, permitted_codes: set[str]) -> bool:
     """Returns whether a fact of a review is wrong: it names a sound motor, or another serious event.
 
     Only the headline, its cause and the light of the motors name a motor as faulty; other lights and events may mention
@@ -198,43 +241,61 @@ def is_wrong_fact(reported: ReportedFact, motor: int, permitted: set[str]) -> bo
 
     Args:
         reported: the fact and its place in the review.
-        motor: number of the motor that failed; 0 for none.
-        permitted: codes that a review of this mishap may have in its headline or the cause.
+        failed_motor: number of the motor that failed; 0 for none.
+        permitted_codes: codes that a review of this mishap may have in its headline or the cause.
 
     Returns:
-        False also for facts of another level than "bad" and "watch".
+        False also for a fact that says of nothing that it is wrong: its level is neither bad nor watch.
     """
     fact, place = reported
     if fact.level not in SERIOUS:
         return False
-    is_prominent = place in ("headline", "cause")
-    names_other_motor = bool(motors_named(fact.subject) - {motor})
-    if names_other_motor and (is_prominent or place == "motors"):
+    is_prominent = place in PROMINENT_PLACES
+    blames_motors = is_prominent or place == "motors"
+    sound_motors = motors_named(fact.subject) - {failed_motor}
+    if blames_motors and sound_motors:
         return True
-    return is_prominent and str(fact.code) not in permitted
+    return is_prominent and str(fact.code) not in permitted_codes
 
 
-def states_mishap(reported: ReportedFact, kind: str, motor: int) -> bool:
+def states_mishap(reported: ReportedFact, kind: str, failed_motor: int) -> bool:
     """Returns whether a fact of a review states the mishap, and names the failed motor where it must.
 
     Args:
         reported: the fact and its place in the review.
         kind: what went wrong, a key of ``KINDS``.
-        motor: number of the motor that failed; 0 for none.
+        failed_motor: number of the motor that failed; 0 for none.
     """
     fact, place = reported
     code = str(fact.code)
+    if code not in codes(kind, "expected"):
+        return False
     is_serious = fact.level in SERIOUS
-    is_prominent = place in ("headline", "cause")
-    if code not in codes(kind, "expected") or not (is_serious or is_prominent):
+    # A good light or an event without a fault does not tell the pilot of the mishap.
+    if not is_serious and place not in PROMINENT_PLACES:
         return False
     must_name_motor = KINDS[kind].get("names_motor", False)
     if not must_name_motor or code in codes(kind, "without_motor"):
         return True
-    return is_serious and motor in motors_named(fact.subject)
+    return is_serious and failed_motor in motors_named(fact.subject)
 
 
-def review_result(kind: str, motor: int, review: Assessment) -> str:
+def permitted_codes_of(kind: str, review: Assessment) -> set[str]:
+    """Returns the codes of facts that are not wrong in the headline of a review of a mishap.
+
+    Args:
+        kind: what went wrong, a key of ``KINDS``.
+        review: the review; codes of its lights of tracking, margins and log are permitted, as they judge loops and log
+            and state no event, unless ``LIGHT_OF_EVENT`` lists them as events.
+    """
+    permitted = codes(kind, "expected") | codes(kind, "permitted")
+    permitted |= set(TABLES["always_permitted"]) | set(TABLES["side_effects"])
+    light_codes = {review.lights[name].code for name in ("tracking", "margins", LOG_LIGHT)}
+    permitted |= {str(code) for code in light_codes - set(LIGHT_OF_EVENT)}
+    return permitted
+
+
+def review_result(kind: str, failed_motor: int, review: Assessment) -> str:
     """Judges what a review says of a simulated mishap, as "right", "wrong" or "none".
 
     A review reports facts: its headline, the cause in it, its lights and its events. Each has a code, and
@@ -243,112 +304,109 @@ def review_result(kind: str, motor: int, review: Assessment) -> str:
     - "wrong": the headline or its cause states a serious event that the kind neither expects nor permits, or a motor
       is named that did not fail.
     - "right": a serious or prominent fact has an expected code, and names the failed motor where it must; or the
-      kind needs no alarm, and the headline is none.
+      mishap does no harm (``needs_no_alarm``), and the headline gives no alarm.
     - "none": the review says nothing wrong, but misses the mishap.
 
     Args:
         kind: what went wrong, a key of ``KINDS``.
-        motor: number of the motor that failed; 0 for none.
+        failed_motor: number of the motor that failed; 0 for none.
         review: the review.
 
     Returns:
         One of ``REVIEW_RESULTS``.
     """
-    permitted = codes(kind, "expected") | codes(kind, "permitted")
-    permitted |= set(TABLES["always_permitted"]) | set(TABLES["remarks"])
-    # The lights of tracking, margins and log say nothing of an event, unless they show the headline's event.
-    light_codes = {review.lights[name].code for name in ("tracking", "margins", "log")}
-    permitted |= {str(code) for code in light_codes - set(LIGHT_OF_EVENT)}
+    permitted_codes = permitted_codes_of(kind, review)
     all_facts = list(reported_facts(review))
-    if any(is_wrong_fact(reported, motor, permitted) for reported in all_facts):
+    if any(is_wrong_fact(reported, failed_motor, permitted_codes) for reported in all_facts):
         return "wrong"
-    if any(states_mishap(reported, kind, motor) for reported in all_facts):
+    if any(states_mishap(reported, kind, failed_motor) for reported in all_facts):
         return "right"
-    is_remark = str(review.headline.code) in TABLES["remarks"]
-    is_alarm = review.headline.level is Level.BAD or is_remark
-    if KINDS[kind].get("needs_no_alarm") and not is_alarm:
+    # Motors with little headroom, say, are true of a hard manoeuvre, but name no event: no right answer.
+    headline_is_side_effect = str(review.headline.code) in TABLES["side_effects"]
+    gives_alarm = review.headline.level is Level.BAD or headline_is_side_effect
+    if KINDS[kind].get("needs_no_alarm") and not gives_alarm:
         return "right"
     return "none"
 
 
 def review_row(case: tuple[str, int], folder: Path | None) -> list[Values]:
-    """Flies a scenario, reviews its log, and returns what the review says, as one row of results.
+    """Flies a scenario, reviews its log, and judges whether the review states what went wrong.
 
     Args:
         case: kind and number of the flight, as for :func:`scenario`.
         folder: folder that keeps the logs of the flights; None to keep none.
 
     Returns:
-        One row: "kind", "half" and "number" of the flight, "verdict", a name of ``REVIEW_RESULTS``, and as texts the
-        "vehicle", the "code" and sentence of the "headline", the "lights" of a level of ``SERIOUS``, and those that
-        are "false lights". A log that was refused has no vehicle and no code.
+        One row by column. "kind", "half" (even or odd) and "number" of the flight; "result", one of
+        ``REVIEW_RESULTS``. As texts: the "vehicle" with its failed motor; the "code" and the sentence of the
+        "headline"; "lights", the names of the bad or watched lights; and "false lights", the ones of a sound flight. A
+        log that was refused has no vehicle and no code, and the reason as its headline.
     """
     kind, number = case
-    row: Values = {"kind": kind, "half": half_name(number), "number": number}
     flight = scenario(kind, number)
     path = folder / f"{kind}_{number:03}.tlog" if folder else None
+    row: Values = {"kind": kind, "half": half_name(number), "number": number}
     try:
         review = assess(without_gains(flown_log(flight, path)))
     except Unreadable as refusal:
         # Nothing but a log that mixes two vehicles may be refused, and that kind expects the code of the refusal.
         is_right = str(refusal.fact.code) in codes(kind, "expected")
-        result = "right" if is_right else "wrong"
-        return [
-            row | {"verdict": result, "headline": str(refusal), "lights": "", "false lights": ""}
-        ]
-    motor = getattr(flight.mishap, "motor", 0)
-    lights = [str(name) for name, light in review.lights.items() if light.level in SERIOUS]
-    # The light of the log judges the rate of the telemetry link, which is no fault of a sound vehicle.
-    false_lights = [name for name in lights if kind == "sound" and name != "log"]
-    return [
-        row
-        | {
-            "verdict": review_result(kind, motor, review),
-            "vehicle": f"{flight.stream.autopilot} {flight.vehicle.frame} {motor}",
-            "code": str(review.headline.code),
-            "headline": review.headline.sentence,
-            "lights": ", ".join(lights),
-            "false lights": ", ".join(false_lights),
-        }
-    ]
+        row["result"] = "right" if is_right else "wrong"
+        return [row | {"headline": str(refusal), "lights": "", "false lights": ""}]
+    failed_motor = getattr(flight.mishap, "motor", 0)
+    serious_lights = [str(name) for name, light in review.lights.items() if light.level in SERIOUS]
+    false_lights = []
+    if kind == "sound":
+        false_lights = [name for name in serious_lights if name != LOG_LIGHT]
+    row |= {
+        "result": review_result(kind, failed_motor, review),
+        "vehicle": f"{flight.stream.autopilot} {flight.vehicle.frame} {failed_motor}",
+        "code": str(review.headline.code),
+        "headline": review.headline.sentence,
+        "lights": ", ".join(serious_lights),
+        "false lights": ", ".join(false_lights),
+    }
+    return [row]
 
 
-def summary(rows: pd.DataFrame) -> list[Values]:
-    """Returns a line for each kind and half: the number of flights, and of the flights with each result.
+def summary_by_kind(rows: pd.DataFrame) -> list[Values]:
+    """Counts flights and results by kind of mishap, separately for flights of even and odd numbers.
 
     Args:
-        rows: rows of :func:`review_row`.
+        rows: rows of :func:`review_row`, one for each flight.
 
     Returns:
-        Lines in the order in which kinds and halves come first in the rows.
+        Rows of the first table, in the order in which kinds and halves come first: number of flights, and how many of
+        them have each of the ``REVIEW_RESULTS``.
     """
-    lines = []
+    table_rows = []
     for (kind, half), flights in rows.groupby(["kind", "half"], sort=False):
-        counts = {name: int((flights["verdict"] == name).sum()) for name in REVIEW_RESULTS}
-        lines.append({"kind": kind, "half": half, "flights": len(flights), **counts})
-    return lines
+        counts = {result: int((flights["result"] == result).sum()) for result in REVIEW_RESULTS}
+        table_rows.append({"kind": kind, "half": half, "flights": len(flights), **counts})
+    return table_rows
 
 
-def totals(rows: pd.DataFrame) -> list[Values]:
-    """Returns a line for each half: flights that went wrong, by result, and sound flights with a false light.
+def summary_of_all_kinds(rows: pd.DataFrame) -> list[Values]:
+    """Returns the second table: results of all mishaps, and false lights, for flights of even and of odd numbers.
 
     Args:
-        rows: rows of :func:`review_row`.
+        rows: rows of :func:`review_row`, one for each flight.
 
     Returns:
-        Lines of the table; shares are texts in percent.
+        A row for each half, "even" and "odd": number of flights with a mishap, the percentage of them with each of the
+        ``REVIEW_RESULTS`` as text, number of sound flights, and how many of these have a bad or watched light.
     """
-    lines = []
+    table_rows = []
     for half, flights in rows.groupby("half"):
-        failed = flights[flights["kind"] != "sound"]
+        with_mishap = flights[flights["kind"] != "sound"]
         sound = flights[flights["kind"] == "sound"]
-        line: Values = {"half": half, "flights": len(failed)}
-        for name in REVIEW_RESULTS:
-            line[name] = f"{(failed['verdict'] == name).mean():.0%}" if len(failed) else "–"
-        line["sound flights"] = len(sound)
-        line["with a false light"] = int((sound["false lights"] != "").sum())
-        lines.append(line)
-    return lines
+        row: Values = {"half": half, "flights": len(with_mishap)}
+        for result in REVIEW_RESULTS:
+            row[result] = percent_true(with_mishap["result"] == result)
+        row["sound flights"] = len(sound)
+        row["with a false light"] = int((sound["false lights"] != "").sum())
+        table_rows.append(row)
+    return table_rows
 
 
 @command(__doc__, count=40, first=0)
@@ -358,7 +416,7 @@ def totals(rows: pd.DataFrame) -> list[Values]:
 def main(
     count: int, first: int, jobs: int, chosen: tuple[str, ...], folder: Path | None, verbose: bool
 ) -> None:
-    """Simulates flights that go wrong and sound ones, and prints what the review makes of them, by kind and half.
+    """Simulates flights with and without mishaps, and prints how many reviews are right, by kind of mishap.
 
     Args:
         count: number of flights of each kind.
@@ -376,10 +434,10 @@ def main(
     rows = evaluate_flights(partial(review_row, folder=folder), cases, jobs)
     rows = rows.sort_values(["kind", "half", "number"], kind="stable")
     if verbose:
-        shown = rows[["kind", "number", "vehicle", "verdict", "headline", "lights"]]
+        shown = rows[["kind", "number", "vehicle", "result", "headline", "lights"]]
         print_table("What is said of each flight", shown)
-    print_table("Flights that go wrong, by kind", summary(rows))
-    print_table("All kinds together", totals(rows))
+    print_table("Flights that go wrong, by kind", summary_by_kind(rows))
+    print_table("All kinds together", summary_of_all_kinds(rows))
 
 
 if __name__ == "__main__":

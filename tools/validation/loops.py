@@ -1,7 +1,9 @@
 #!/usr/bin/env python
-"""Margins of identified loops compared with the true ones, on flights whose messages are thinned to lower rates.
+"""Stability margins of control loops that are identified from simulated flights, compared with the true margins.
 
-The flights are simulated ones, drawn at random: one half of them chooses a method, the other half is reported.
+The flights are drawn at random: one half of them chooses a method, the other half is reported. A "figure" is a
+parameter of the plant (from the demand of the rate controller to the body rate), or a margin of the rate or attitude
+loop.
 They are flown once and kept in --cache. With LOGS, recorded flights are read instead. To thin messages to a rate, one
 of every few is kept. Stamps are exact, as in autopilots' own logs, or with --rounded partly in whole milliseconds, as
 MAVLink sends them.
@@ -50,7 +52,7 @@ from mavdem.loops.controllers import Controller, controller_from_parameters
 from mavdem.loops.identified_plant import UNEXPLAINED_GAIN_DEVIATION
 from mavdem.loops.loop_construction import loop_from_plant
 from mavdem.loops.margins import OpenLoop, attitude_loop, plant_response, rate_loop
-from mavdem.plant.parameters import EFFECTS
+from mavdem.plant.parameters import DRAWS, EFFECTS, ESTIMATE
 from sitl_scenarios.files import scenario_of
 from sitl_scenarios.gains import control_parameters
 from sitl_scenarios.motion import Motion
@@ -70,7 +72,7 @@ STRONG_SEED = 10_000
 """What is added to the seeds of a half for its flights with strong doublets and high hover."""
 
 GAIN_DEVIATIONS = (0.0, 0.1, UNEXPLAINED_GAIN_DEVIATION, 0.4)
-"""Deviations of the gain by unexplained output with which intervals of the crossover are compared."""
+"""Values in the place of ``UNEXPLAINED_GAIN_DEVIATION`` with which intervals of the crossover are compared."""
 
 LOOP_RATE = DEFAULT_LOOP_RATES["ardupilot"]
 """Rate of the simulated autopilots' loops, and of their messages, Hz: ArduPilot's default."""
@@ -139,46 +141,56 @@ class RandomGains(NamedTuple):
 
 
 def random_scenario(seed: int, rng: Generator) -> Scenario:
-    """Draws a scenario of a flight, until one has at least ``MIN_PHASE_MARGIN`` in all its loops.
+    """Draws scenarios of a flight until one has at least ``MIN_PHASE_MARGIN`` in all its loops.
 
     Args:
-        seed: seed of the flight, by which autopilots, filters and steering take turns.
+        seed: seed of the flight, which chooses autopilot, filters and excitation.
         rng: source of the random numbers.
 
     Returns:
         The scenario, with its gains as parameters of the autopilot.
     """
     while True:
-        values = _random_values(seed, rng)
+        values = _scenario_with_default_gains(seed, rng)
         gains = _random_gains(scenario_of(values), rng)
         if gains.phase_margin > MIN_PHASE_MARGIN:
             values["vehicle"]["parameters"] |= gains.parameters
             return scenario_of(values)
 
 
-def _random_values(seed: int, rng: Generator) -> Values:
-    """Draws vehicle, wind, filters, steering and sensors of a flight, with the autopilot's default gains.
+def _scenario_with_default_gains(seed: int, rng: Generator) -> Values:
+    """Draws vehicle, wind, filters and sensors of a flight, in which the autopilot has its default gains.
+
+    The seed, rather than a draw, chooses autopilot, gyro filter and excitation, so that successive seeds have each of
+    them equally often. From ``STRONG_SEED`` on, doublets are strong and vehicles need much thrust to hover.
 
     Args:
-        seed: seed of the flight: autopilots take turns, two of three flights have the gyro's low-pass, and the kinds of
-            steering take turns. From ``STRONG_SEED`` on, doublets are strong and vehicles hover high in their range.
+        seed: seed of the flight.
         rng: source of the random numbers.
 
     Returns:
-        The scenario as in its file, for :func:`scenario_of`.
+        Values of the scenario by key, as in its TOML file, for :func:`scenario_of`.
     """
-    autopilot = ("ardupilot", "px4")[seed % 2]
     tables = TABLES["strong"] if seed >= STRONG_SEED else TABLES
+    autopilot = ("ardupilot", "px4")[seed % 2]
+    has_gyro_low_pass = seed % 3 != 0
+    # Pairs of successive seeds, one of each autopilot, have the same excitation.
+    excitations = tables["steering"]
+    excitation = excitations[seed // 2 % len(excitations)]
+
     vehicle = rng.choice(tables["vehicles"])
     wind = str(rng.choice(TABLES["winds"]))
-    case = Case("iris", wind, "none", LOOP_RATE, autopilot, draw_vehicle_values(rng), seed)
+    # The case gives the wind and random properties such as the rotors' lag. Its vehicle and its excitation ("none") are
+    # replaced below.
+    vehicle_values = draw_vehicle_values(rng)
+    case = Case("iris", wind, "none", LOOP_RATE, autopilot, vehicle_values, seed)
     values: Values = scenario_of_case(case).model_dump(mode="json")
+
     parameters = {LOOP_RATE_PARAMETERS[autopilot]: LOOP_RATE, **TABLES["filters"][autopilot]}
-    if seed % 3:
+    if has_gyro_low_pass:
         parameters |= TABLES["gyro"][autopilot]
     values["vehicle"] |= {**vehicle, "parameters": parameters}
-    steering = tables["steering"]
-    values["excitation"] = steering[seed // 2 % len(steering)]
+    values["excitation"] = excitation
     values["sensors"] |= {name: _random_value(name, rng) for name in ("delay", "rate_sd")}
     values["stream"]["rates"] = {"ATTITUDE_TARGET": LOOP_RATE}
     return values
@@ -190,11 +202,7 @@ def _random_value(name: str, rng: Generator) -> float:
 
 
 def _random_gains(scenario: Scenario, rng: Generator) -> RandomGains:
-    """Draws gains of all axes: P, I and D in the proportions of the autopilot's defaults, for a random gain margin.
-
-    The loop gain is proportional to the common factor on P, I and D. So the factor that changes the gain margin of the
-    rate loop from the defaults to the random one is the difference of the two in dB. The gain of the attitude
-    controller is drawn by itself.
+    """Draws gains of rate and attitude controllers for all axes, such that rate loops have random gain margins.
 
     Args:
         scenario: the flight, whose vehicle and filters the margins depend on.
@@ -206,24 +214,45 @@ def _random_gains(scenario: Scenario, rng: Generator) -> RandomGains:
     vehicle = airframe(scenario.vehicle)
     hover_output = vehicle.command_for(vehicle.hover_speed) / vehicle.full_command
     gains: dict[str, float] = {}
-    min_phase_margin = 180.0
+    phase_margins = []
     for axis in AXES:
         controller = axis_controller(scenario, axis)
-        hover_effect = axis_model(scenario.vehicle, axis).B[-1]
-        plant = true_plant(scenario, axis, hover_effect, [hover_output] * 4)
-        names = [controller.parameter_names[name] for name in "pid"]
-        default_gains = TABLES["gains"][scenario.stream.autopilot][axis]
-        default = controller.with_parameters(dict(zip(names, default_gains, strict=True)))
-        default_margin = loop_figures(default, plant)["rate_gain_margin"]
-        factor = 10 ** ((default_margin - _random_value("gain_margin", rng)) / 20)
-        axis_gains = {name: factor * default.parameters[name] for name in names}
+        # The last state of the axis is its rate: this row of B has the angular acceleration by each motor.
+        motor_effect = axis_model(scenario.vehicle, axis).B[-1]
+        plant = true_plant(scenario, axis, motor_effect, [hover_output] * 4)
+        default_pid = TABLES["gains"][scenario.stream.autopilot][axis]
+        gain_margin = _random_value("gain_margin", rng)
+        axis_gains = _scaled_pid(controller, plant, default_pid, gain_margin)
         axis_gains[controller.parameter_names["angle_gain"]] = _random_value("angle", rng)
-        figures = loop_figures(default.with_parameters(axis_gains), plant)
-        min_phase_margin = min(
-            min_phase_margin, figures["rate_phase_margin"], figures["attitude_phase_margin"]
-        )
+        figures = loop_figures(controller.with_parameters(axis_gains), plant)
+        phase_margins += [figures["rate_phase_margin"], figures["attitude_phase_margin"]]
         gains |= axis_gains
-    return RandomGains(gains, min_phase_margin)
+    return RandomGains(gains, min(phase_margins))
+
+
+def _scaled_pid(
+    controller: Controller, plant: AxisPlant, default_pid: Sequence[float], gain_margin: float
+) -> dict[str, float]:
+    """Scales P, I and D of a rate controller by a common factor, so that the rate loop has a wanted gain margin.
+
+    The loop gain is proportional to that factor, which is therefore the surplus of the gain margin, dB, as a ratio.
+
+    Args:
+        controller: rate and attitude controller of the axis.
+        plant: plant of the axis.
+        default_pid: P, I and D (3,) whose proportions are kept, in the units of the parameters.
+        gain_margin: wanted gain margin of the rate loop, dB.
+
+    Returns:
+        P, I and D by the autopilot's names.
+    """
+    names = [controller.parameter_names[gain] for gain in "pid"]
+    default_gains = dict(zip(names, default_pid, strict=True))
+    default_margin = loop_figures(controller.with_parameters(default_gains), plant)[
+        "rate_gain_margin"
+    ]
+    factor = 10 ** ((default_margin - gain_margin) / 20)
+    return {name: factor * gain for name, gain in default_gains.items()}
 
 
 def axis_controller(scenario: Scenario, axis: Axis) -> Controller:
@@ -238,8 +267,8 @@ def true_plant(
 ) -> AxisPlant:
     """Returns the true plant of one axis of a simulated vehicle, linearised about given motor outputs.
 
-    The lag is the mean of the lags with which rotors speed up and slow down. The delay is the sensors' and half a
-    cycle of the controller, for which its output is kept on average.
+    Rotors speed up and slow down with different time constants, of which a linear plant has the mean. The delay is the
+    sensors' delay, and half a cycle because the controller holds its output for a cycle.
 
     Args:
         scenario: the simulated flight.
@@ -250,8 +279,10 @@ def true_plant(
     Returns:
         Effect of a demand, rad/s², damping, 1/s, lag, s, and delay, s.
     """
+    # Mixer and thrust curve: change of each motor's output, a fraction of its range, per unit of demand.
     outputs_per_demand = axis_controller(scenario, axis).outputs_per_demand(outputs)
     effect = PULSE_RANGE * motor_effect @ outputs_per_demand
+    # The last state is the body rate: its own coefficient is the negative damping.
     damping = -axis_model(scenario.vehicle, axis).A[-1, -1]
     lag = sum(airframe(scenario.vehicle).rotor_lags) / 2
     delay = scenario.sensors.delay + scenario.cycle / 2
@@ -261,15 +292,17 @@ def true_plant(
 def figures_of_plants(
     effectiveness: Array, dynamics: Array, rate: OpenLoop, attitude: OpenLoop
 ) -> dict[str, Array]:
-    """Returns the parameters of N plants and the margins of their loops, (N,) each, by name.
-
-    Plants have the names of ``AxisPlant``. Margins have the name of the loop before their own: "rate_gain_margin".
+    """Collects the parameters of N plants of an axis and the margins of their control loops by name.
 
     Args:
         effectiveness: control effectiveness of each plant (N,), rad/s² per demand.
         dynamics: damping, 1/s, lag, s, and delay, s, of each plant (N, 3).
         rate: rate loops of these plants.
         attitude: attitude loops of these plants.
+
+    Returns:
+        Arrays (N,). Parameters have the names and units of the fields of ``AxisPlant``. Margins have the name of the
+        loop and of the margin, such as "rate_gain_margin", and the units of ``MARGINS``.
     """
     figures = dict(zip(AxisPlant._fields, (effectiveness, *dynamics.T), strict=True))
     for loop_name, loop in zip(LOOPS, (rate, attitude), strict=True):
@@ -322,14 +355,14 @@ def flight_folder(seed: int, cache: Path) -> Path:
 def drawn_flight(seed: int) -> tuple[Scenario, Motion]:
     """Draws and flies scenarios until one neither tumbles nor has motors at their limits for too long.
 
-    A motor is at a limit at the full or at the idle pulse width. Some motor may be for ``MAX_AT_LIMIT_SHARE`` of the
-    time in the air, since the linear loop does not describe the vehicle then.
+    A motor is at a limit at the full or at the idle pulse width. Then the linear loop does not describe the vehicle, so
+    that the share of the time in the air with any motor at a limit is bounded by ``MAX_AT_LIMIT_SHARE``.
 
     Args:
         seed: seed of the flight.
 
     Returns:
-        The scenario, and the motion that it resulted in.
+        The scenario, and the motion of its flight.
     """
     rng = default_rng(seed)
     while True:
@@ -339,29 +372,31 @@ def drawn_flight(seed: int) -> tuple[Scenario, Motion]:
             motion = fly(scenario)
             pulses = _pulses_in_air(motion)
             is_at_limit = (pulses >= MAX_PULSE) | (pulses <= pulse_width(IDLE_COMMAND))
-            if is_at_limit.any(axis=1).mean() <= MAX_AT_LIMIT_SHARE:
+            has_motor_at_limit = is_at_limit.any(axis=1)
+            if has_motor_at_limit.mean() <= MAX_AT_LIMIT_SHARE:
                 return scenario, motion
 
 
 def true_figures_of_flight(scenario: Scenario, motion: Motion) -> FiguresByAxis:
     """Computes the true plants of a simulated flight and the margins that its loops really had.
 
-    The plants are linear models about the mean outputs of the motors in the air, at which the thrust curve has the
-    slope that counts for the loop.
+    The plants are linear models about the mean outputs of the motors in the air, since the slope of the thrust curve
+    depends on the output.
 
     Args:
         scenario: the simulated flight.
-        motion: what the vehicle did.
+        motion: the motion of that flight.
 
     Returns:
         By axis, the parameters of the plant and the margins of both loops, as :func:`loop_figures` names them.
     """
     # Pulse widths, µs, become fractions of the range from the pulse of no command to the pulse of full command.
     mean_outputs = (_pulses_in_air(motion).mean(axis=0) - MIN_PULSE) / PULSE_RANGE
-    motor_effects = truth(scenario, motion)
+    true_arrays = truth(scenario, motion)
     figures: FiguresByAxis = {}
     for axis in AXES:
-        motor_effect = motor_effects[f"{axis}_effect"]
+        # (4,) angular acceleration per output of each motor, rad/s² per µs.
+        motor_effect = true_arrays[f"{axis}_effect"]
         plant = true_plant(scenario, axis, motor_effect, mean_outputs.tolist())
         figures[axis] = loop_figures(axis_controller(scenario, axis), plant)
     return figures
@@ -374,7 +409,7 @@ def _pulses_in_air(motion: Motion) -> Array:
 
 
 def simulated_log(seed: int, cache: Path, is_rounded: bool = False) -> tuple[Log, FiguresByAxis]:
-    """Returns the log of a simulated flight, and the true figures of its axes.
+    """Returns the log of a simulated flight, and the true plant parameters and loop margins of its axes.
 
     Args:
         seed: seed of the flight.
@@ -451,7 +486,7 @@ def thinned_telemetry(vehicle: Telemetry, rate: float) -> Telemetry:
 
 
 class FigureEstimate(NamedTuple):
-    """A figure of an identified loop with its 90 % interval."""
+    """A figure of an identified loop (a parameter of its plant, or a margin) with its 90 % interval."""
 
     value: float
     """Figure of the estimated plant."""
@@ -462,22 +497,25 @@ class FigureEstimate(NamedTuple):
 
 
 def estimated_figures(loop: Loop) -> dict[str, FigureEstimate]:
-    """Returns the figures of an identified loop, by the names of :func:`figures_of_plants`.
+    """Returns plant parameters and margins of an identified loop with their 90 % intervals.
 
-    Of the N plants of a loop, the first is the estimate. The others are draws from the posterior, whose figures give
-    the interval.
+    An identified loop has N plants: the first is the estimate, the others are samples of the posterior. The intervals
+    are quantiles of the samples.
 
     Args:
-        loop: the identified loop.
+        loop: the identified loop of one axis.
 
     Returns:
-        Estimate and both ends of the interval by name, in the units of :func:`figures_of_plants`.
+        Estimate and both ends of the interval, by the names and in the units of :func:`figures_of_plants`.
     """
     figures = figures_of_plants(loop.effectiveness, loop.dynamics, loop.rate, loop.attitude)
     estimates = {}
     for name, values in figures.items():
-        low, high = np.quantile(values[1:], INTERVAL_QUANTILES, method="nearest")
-        estimates[name] = FigureEstimate(values[0], low, high)
+        estimate = values[ESTIMATE]
+        posterior_samples = values[DRAWS]
+        # An infinite gain margin has no neighbour to interpolate to: quantiles are values of samples.
+        low, high = np.quantile(posterior_samples, INTERVAL_QUANTILES, method="nearest")
+        estimates[name] = FigureEstimate(estimate, low, high)
     return estimates
 
 
@@ -494,10 +532,10 @@ def root_cause(fact: Fact) -> str:
 
 
 def true_figures_of_recording(log: Log, file_name: str) -> FiguresByAxis:
-    """Returns the true figures of the axes of a recorded log; empty where its vehicle's plant is not known.
+    """Returns true plant parameters and margins of a recorded log; empty where its vehicle's plant is not known.
 
-    The plants are those of the tables ``[[recorded]]`` in ``loops.toml``. Each has the beginnings of the names of its
-    logs, ``files``, the ``axes`` that it is true of, and the ``plant``. The gains are those that the log records.
+    Tables ``[[recorded]]`` of ``loops.toml`` have the known plants, each with the beginnings of the names of its logs,
+    ``files``, and the ``axes`` that it is true of. The log itself records the gains.
 
     Args:
         log: the log, with the parameters of the autopilot.
@@ -522,7 +560,7 @@ def true_figures_of_recording(log: Log, file_name: str) -> FiguresByAxis:
 def evaluate_log(
     source: Path | int, rates: Sequence[float], cache: Path, is_rounded: bool = False
 ) -> list[Values]:
-    """Identifies the loops of a flight at several message rates, and puts each figure beside the true one.
+    """Identifies the loops of a flight at several message rates, and compares each figure with its true value.
 
     Args:
         source: path of a log, or seed of a simulated flight.
@@ -531,8 +569,9 @@ def evaluate_log(
         is_rounded: whether a simulated flight has the stamps of MAVLink, as for :func:`simulated_log`.
 
     Returns:
-        A row for each figure of each axis at each rate: estimate, ends of its interval, and truth. An axis without an
-        identified loop has one row with the cause, as has a log that cannot be read.
+        A row for each parameter and margin ("figure") of each axis at each rate: "estimate", the ends "low" and "high"
+        of its 90 % interval, and the "true" value. An axis without an identified loop, or a log that cannot be read,
+        has one row with the "cause" instead, which is empty in all others.
     """
     name = source.name if isinstance(source, Path) else str(source)
     try:
@@ -550,64 +589,81 @@ def evaluate_log(
             row = {"log": name, "rate": rate, "axis": axis, "figure": "", "cause": ""}
             if isinstance(loop, NoLoop):
                 rows.append(row | {"cause": root_cause(loop.refusal)})
-                continue
-            true_values = true_figures.get(axis, {})
-            for figure, estimate in estimated_figures(loop).items():
-                comparison = {
-                    "figure": figure,
-                    "estimate": estimate.value,
-                    "low": estimate.low,
-                    "high": estimate.high,
-                    "true": true_values.get(figure, np.nan),
-                }
-                rows.append(row | comparison)
+            else:
+                comparisons = _figures_beside_truth(loop, true_figures.get(axis, {}))
+                rows += [row | comparison for comparison in comparisons]
     return rows
 
 
+def _figures_beside_truth(loop: Loop, true_values: Mapping[str, float]) -> list[Values]:
+    """Returns each figure of an identified loop, with its interval and its true value, NaN where not known."""
+    comparisons = []
+    for figure, estimate in estimated_figures(loop).items():
+        comparison = {
+            "figure": figure,
+            "estimate": estimate.value,
+            "low": estimate.low,
+            "high": estimate.high,
+            "true": true_values.get(figure, np.nan),
+        }
+        comparisons.append(comparison)
+    return comparisons
+
+
 def with_gain_deviation(loop: Loop, deviation: float) -> Loop:
-    """Returns an identified loop with another deviation of the gain by unexplained output.
+    """Returns an identified loop whose control effectiveness is more or less uncertain.
+
+    The controller's output that its logged inputs do not explain makes the identified effectiveness e uncertain: it
+    adds the variance (d u e)² to its covariance, with the share u of unexplained output and the constant d =
+    ``UNEXPLAINED_GAIN_DEVIATION``. Here another value takes the place of d, to test the choice of the constant.
 
     Args:
-        loop: the loop, whose plant has ``UNEXPLAINED_GAIN_DEVIATION`` in its covariance.
-        deviation: the value that replaces the constant, without a unit like it.
+        loop: the loop, whose plant was identified with the constant.
+        deviation: value in the place of d, without unit.
 
     Returns:
         The loop, with the covariance of its plant changed.
     """
     plant = loop.plant
-    added_variance = deviation**2 - UNEXPLAINED_GAIN_DEVIATION**2
-    added_variance *= plant.unexplained_output**2
+    added_relative_variance = deviation**2 - UNEXPLAINED_GAIN_DEVIATION**2
+    added_relative_variance *= plant.unexplained_output**2
     covariance = plant.covariance.copy()
-    covariance[EFFECTS, EFFECTS] += added_variance * np.outer(plant.effect, plant.effect)
+    # All effects have the same relative error, so the added covariance is proportional to their outer product.
+    covariance[EFFECTS, EFFECTS] += added_relative_variance * np.outer(plant.effect, plant.effect)
     return loop_from_plant(plant._replace(covariance=covariance), loop.record, loop.controller)
 
 
 def evaluate_crossovers(seed: int, rates: Sequence[float], cache: Path) -> list[Values]:
-    """Compares intervals of the crossover for several deviations of the gain with the truth, in one flight.
+    """Compares intervals of the rate loops' crossover frequency with the true one, in one flight.
+
+    Each interval is computed with each of the ``GAIN_DEVIATIONS``, to choose among them.
 
     Args:
-        seed: seed of a simulated flight.
+        seed: seed of a simulated flight with strong doublets, from ``STRONG_SEED`` on.
         rates: rates to which messages are thinned, Hz.
         cache: folder of all simulated flights.
 
     Returns:
-        A row for each deviation and each rate loop that was identified in the closed loop.
+        A row for each deviation and each loop whose plant was identified together with its controller: the "half" of
+        the flights that this one belongs to, a key of ``HALVES``; the "deviation"; "error" and "half width" of the
+        interval, both relative to the true crossover; and whether the true one is "inside" the interval.
     """
     log, true_figures = simulated_log(seed, cache)
     half = next(name for name, seeds in HALVES.items() if seed - STRONG_SEED in seeds)
     rows = []
     for rate in rates:
         for axis, loop in identified_loops(log, rate).items():
+            # The deviation is no part of a plant that was identified without its controller (the gray-box model).
             if isinstance(loop, NoLoop) or loop.plant.filtered:
                 continue
             true_crossover = true_figures[axis]["rate_crossover"]
             for deviation in GAIN_DEVIATIONS:
-                rate_loop_of_plants = with_gain_deviation(loop, deviation).rate
-                low, high = rate_loop_of_plants.crossover_interval
+                changed_rate_loop = with_gain_deviation(loop, deviation).rate
+                low, high = changed_rate_loop.crossover_interval
                 row = {
                     "half": half,
                     "deviation": deviation,
-                    "error": rate_loop_of_plants.crossover / true_crossover - 1,
+                    "error": changed_rate_loop.crossover / true_crossover - 1,
                     "half width": (high - low) / 2 / true_crossover,
                     "inside": low <= true_crossover <= high,
                 }
@@ -616,7 +672,15 @@ def evaluate_crossovers(seed: int, rates: Sequence[float], cache: Path) -> list[
 
 
 def crossover_statistics(rows: pd.DataFrame) -> pd.Series:
-    """Returns how many intervals of the crossover hold the truth, in rows of :func:`evaluate_crossovers`."""
+    """Summarises intervals of the crossover frequency: how many hold the true one, and how wide they are.
+
+    Args:
+        rows: rows of :func:`evaluate_crossovers` with one deviation, whose errors and half widths are relative.
+
+    Returns:
+        Number of loops, number of intervals that hold the truth ("inside"), root mean square error and median half
+        width in percent of the true crossover.
+    """
     statistics = {
         "loops": len(rows),
         "inside": rows["inside"].sum(),
@@ -627,29 +691,32 @@ def crossover_statistics(rows: pd.DataFrame) -> pd.Series:
 
 
 def error_statistics(rows: Any) -> pd.Series:
-    """Returns statistics of the errors of one figure, and the share of intervals that contain the truth.
+    """Summarises the errors of one plant parameter or margin, and counts the intervals that contain the truth.
 
-    Errors are relative, except the errors of margins, whose units are dB and degrees.
+    Errors are relative, except errors of margins, which are in dB and degrees.
 
     Args:
-        rows: rows of this figure, as :func:`evaluate_log` returns them, grouped by its name first.
+        rows: group of rows of :func:`evaluate_log`, whose name begins with the parameter's or margin's.
 
     Returns:
-        The columns of the tables that the module's docstring explains.
+        By column: number of estimates ("given"), root mean square error ("rms"), "median" error, median of the absolute
+        error ("size"), and percentages of errors of at most ``CLOSE_GAIN_ERROR`` ("close") and of intervals that
+        contain the truth ("inside").
     """
-    figure = rows.name[0]
+    figure, *_ = rows.name
     errors = rows["estimate"] - rows["true"]
     if figure.endswith("gain_margin"):
         # The difference of two infinite margins is NaN: they agree.
         errors = errors.fillna(0.0).clip(-MAX_GAIN_ERROR, MAX_GAIN_ERROR)
     elif "margin" not in figure:
         errors = errors / rows["true"]
+    absolute_errors = errors.abs()
     statistics = {
         "given": len(rows),
         "rms": (errors**2).mean() ** 0.5,
         "median": errors.median(),
-        "size": errors.abs().median(),
-        "close": percent_true(errors.abs() <= CLOSE_GAIN_ERROR),
+        "size": absolute_errors.median(),
+        "close": percent_true(absolute_errors <= CLOSE_GAIN_ERROR),
         "inside": percent_true(rows["true"].between(rows["low"], rows["high"])),
     }
     return pd.Series(statistics)
