@@ -34,7 +34,6 @@ from mavdem.fleet.difference import VehicleDifference, vehicle_difference
 from mavdem.fleet.parameter_changes import changed_parameters
 from mavdem.fleet.row import FlightRows
 from mavdem.fleet.rows_of_log import rows_of_assessment
-from mavdem.ingest.telemetry import Parameters
 from mavdem.loops.advice import GAIN_REDUCTION
 from sitl_scenarios.files import scenario_of
 from sitl_scenarios.scenario import Scenario
@@ -71,7 +70,7 @@ class FlownChange(NamedTuple):
     scenario: Scenario
     """The vehicle with its first flight; a motor of it may be weak."""
 
-    gains: Parameters
+    gains: dict[str, float]
     """Gains that differ from the scenario's, by the autopilot's names."""
 
 
