@@ -1,4 +1,4 @@
-"""Learning in a live session from rows (motor outputs and motion at one time), and the models kept of a flight."""
+"""Learning of models in a live flight, from rows: motor outputs and motion at one time, at equal steps."""
 
 from collections import deque
 from collections.abc import Callable
@@ -39,7 +39,10 @@ class _KeptModel(NamedTuple):
 
 
 class FlightLearning:
-    """Learns a model from rows of free flight, and keeps the latest models, so that those of a landing are withdrawn.
+    """Learns a model from rows of free flight, and keeps the latest models so that the last seconds can be withdrawn.
+
+    In free flight the vehicle is in the air and nothing holds it; settled flight is without take-off and landing, too.
+    A landing is recognised only after it, so that models were learned from its rows as if they were settled flight.
 
     Attributes:
         learner: online learner of the latest rows; None before any row.
@@ -100,9 +103,7 @@ class FlightLearning:
         """Prepares for the rows of another segment.
 
         If motors and time step are the same, the learner continues across the gap between the segments. Otherwise its
-        matrices no longer fit, and a new learner begins. It starts from the model of an earlier flight (``prior``), if
-        that has inputs in the same unit. If the positions of the motors are known, it also gets the directions of their
-        effects. Models of another boot are dated minus infinity: a landing in this boot never withdraws them.
+        matrices no longer fit, and a new learner begins.
 
         Args:
             row_format: format of the next rows.
@@ -110,21 +111,32 @@ class FlightLearning:
         # The format of the rows of the segment before; None before the first one.
         former_format = self._row_format
         self._row_format = row_format
-        motor_names = row_format.geometry.names
         if former_format is not None:
             if former_format.boot != row_format.boot:
                 self._date_models_of_other_boot()
-            if former_format.dt == row_format.dt and former_format.geometry.names == motor_names:
+            has_same_motors = former_format.geometry.names == row_format.geometry.names
+            if has_same_motors and former_format.dt == row_format.dt:
                 return
+        self.learner = self._new_learner(row_format)
+        self._gusts = GustDetector(row_format.dt)
+        self._torque = ResolvedTorque(row_format.dt)
+        self.estimate = None
+
+    def _new_learner(self, row_format: RowFormat) -> OnlineLearner:
+        """Returns a learner for rows of a format, which starts from the model of an earlier flight if that fits.
+
+        Args:
+            row_format: format of the rows.
+        """
         prior = self._prior
         if prior is not None and prior.record.input_units != row_format.input_units:
             prior = None
             self._log(Fact(SessionFact.PRIOR_NOT_USED))
         geometry = row_format.geometry
-        self.learner = OnlineLearner(
+        return OnlineLearner(
             self._settings,
             row_format.dt,
-            len(motor_names),
+            len(geometry.names),
             len(model_outputs(self._axis)),
             executor=self._executor,
             horizons=horizon_steps(row_format.dt),
@@ -133,30 +145,27 @@ class FlightLearning:
             ),
             prior=None if prior is None else prior.physical,
         )
-        self._gusts = GustDetector(row_format.dt)
-        self._torque = ResolvedTorque(row_format.dt)
-        self.estimate = None
 
     def _date_models_of_other_boot(self) -> None:
-        """Dates all models minus infinity: their times cannot be compared with those of the boot that begins now."""
+        """Dates all models minus infinity, so that a landing in the boot that begins now never withdraws them."""
         undated_models = [_KeptModel(-inf, model.learned) for model in self._models]
         self._models = deque(undated_models, MAX_MODELS)
 
-    def set_load(self, *, fits_physical: bool, refits: bool) -> None:
-        """Sets which of its two slow fits the learner may start, so that a busy computer can do without them.
+    def allow_fits(self, *, of_parameters: bool, of_model: bool) -> None:
+        """Sets which fits the learner may start from now on; a busy computer has no time for them.
 
         Estimates continue with the latest model. Before the first row there is no learner, and nothing is set.
 
         Args:
-            fits_physical: whether the physical parameters may be fitted again.
-            refits: whether the model may be learned again. A first model is learned in any case, since there are no
+            of_parameters: whether the physical parameters may be fitted again.
+            of_model: whether the model may be learned again. A first model is learned in any case, since there are no
                 estimates without one.
         """
         if self.learner is None:
             return
         has_model = self.learner.learned is not None
-        self.learner.fits_physical = fits_physical
-        self.learner.refits = refits or not has_model
+        self.learner.fits_physical = of_parameters
+        self.learner.refits = of_model or not has_model
 
     def learn_row(self, row: AlignedRow, weak_since: float | None) -> Estimate | None:
         """Updates the learner with a row of free flight, and keeps its model if that is new.
@@ -173,7 +182,8 @@ class FlightLearning:
         """
         learner = self.learner
         assert learner is not None
-        # A row that is not of settled flight is of the climb after take-off: it is not used for the wind torque.
+        # Free flight that is not settled is the climb after take-off. The model is learned from it, too, but the wind
+        # torque is estimated in settled flight only.
         learner.follows_torque = row.is_settled
         estimate = None
         try:
@@ -183,13 +193,14 @@ class FlightLearning:
         self._keep_model(row, learner.learned)
         if estimate is None or self._torque is None:
             return estimate
+        # A wind torque that is smaller than its error is left out.
         return self._torque.resolved(estimate)
 
     def _keep_model(self, row: AlignedRow, model: Learned | None) -> None:
         """Keeps the learner's model, if it is new and of settled flight, with the time of the row that it came with.
 
-        The times serve to withdraw what was learned of a landing. A model from the climb after take-off is only
-        remembered, so that it is not kept when the first settled row comes with the same model.
+        By these times, models that were learned from a landing are withdrawn. A model from the climb after take-off is
+        only remembered, so that it is not kept when the first row of settled flight comes with the same model.
 
         Args:
             row: the row that the learner was updated with.
@@ -219,8 +230,8 @@ class FlightLearning:
         self.learned_rows += 1
         was_unusual = self.estimate is not None and self.estimate.unusual
         if estimate.unusual and not was_unusual:
-            mark = estimate.latest_mark
-            cause = None if mark is None else mark.cause
+            latest_surprise = estimate.latest_mark
+            cause = None if latest_surprise is None else latest_surprise.cause
             self._log(Fact(SessionFact.MOTION_UNEXPECTED, clock=estimate.seen, cause=cause))
         self.estimate = estimate
         # ``begin`` has made it together with the learner that gave the estimate.
@@ -229,7 +240,7 @@ class FlightLearning:
             self._log(gust)
 
     def withdraw_since(self, landing_time: float) -> None:
-        """Forgets samples and models since the beginning of a landing, of which they were.
+        """Forgets the samples of a landing, and the models that were learned from them.
 
         Ground contact and ground effect would spoil the model. The learner starts a fit to the samples before; until it
         has ended, the last model from before the landing is the final one (``has_landed``). There must be a learner,
@@ -245,10 +256,10 @@ class FlightLearning:
         self.has_landed = True
         self._landing_time = landing_time
 
-    def adopt_model_of_landing(self, timeout: float = 0.0) -> None:
-        """Keeps the model of the last samples before a landing, which is learned after it, once it is there.
+    def adopt_model_before_landing(self, timeout: float = 0.0) -> None:
+        """Keeps the model that is learned after a landing from the samples before it, once the fit has finished.
 
-        Without rows of free flight the learner adopts nothing by itself.
+        In flight the learner adopts a finished fit with the next row. After a landing no rows come, so this does it.
 
         Args:
             timeout: longest time to wait for the model, s.
@@ -263,11 +274,10 @@ class FlightLearning:
             self._models.append(_KeptModel(self._landing_time, model))
 
     def final_model(self, parameters: Parameters) -> Learned:
-        """Chooses the model to keep at the end of the session.
+        """Returns the model to keep at the end of the session.
 
-        After a landing that is the model of the last samples before it. In flight a model is learned now from the
-        latest samples, within ``FIT_SECONDS``, or twice that if there is no other model. If that fails, the last model
-        is returned, and it is reported why.
+        After a landing it is the model that was learned from the samples before the landing. In flight it is learned
+        now from the latest samples. If that fails, it is the last model so far, and it is reported why.
 
         Args:
             parameters: parameters of the autopilot, whose gains are kept in the model.
@@ -280,9 +290,9 @@ class FlightLearning:
         """
         if self.learner is None or (self.learned_rows and not self.has_settled):
             raise NotLearnable(SessionFact.NO_LIVE_FLIGHT)
-        self.adopt_model_of_landing(FIT_SECONDS)
-        has_model_of_landing = self.has_landed and bool(self._models)
-        if not has_model_of_landing:
+        self.adopt_model_before_landing(FIT_SECONDS)
+        is_learned_before_landing = self.has_landed and bool(self._models)
+        if not is_learned_before_landing:
             # Without any model, a fit is worth a longer wait.
             seconds = FIT_SECONDS if self._models else 2 * FIT_SECONDS
             try:
@@ -294,7 +304,8 @@ class FlightLearning:
             if not self._models:
                 raise NotLearnable(reason)
             self._log(Fact(SessionFact.FORMER_MODEL_KEPT, reason=reason))
-        return self.named_model(self._models[-1].learned, parameters)
+        last_model = self._models[-1].learned
+        return self.named_model(last_model, parameters)
 
     def named_model(self, learned: Learned, parameters: Parameters) -> Learned:
         """Completes a learner's model with the meaning of its columns: names, units and range of the inputs, and gains.

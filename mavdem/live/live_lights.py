@@ -1,4 +1,4 @@
-"""The lights (judgements by level) of a live flight before a model of it is judged: what is watched, or why not."""
+"""The lights of a live flight (a judgement of each part of the vehicle, such as motors) before a model is judged."""
 
 from collections.abc import Mapping
 from typing import NamedTuple
@@ -14,6 +14,14 @@ from mavdem.facts.session import RowsFact, SessionFact
 from mavdem.facts.watch import WatchedQuantity, WatchFact
 from mavdem.live.tracking_watch import MIN_SETTLED_SECONDS
 
+AWAITED_QUANTITIES = {
+    Light.VIBRATION: WatchedQuantity.VIBRATION,
+    Light.POWER: WatchedQuantity.BATTERY,
+    Light.ESTIMATOR: WatchedQuantity.ESTIMATOR,
+    Light.TRACKING: WatchedQuantity.TRACKING,
+}
+"""Quantities that are judged without a model in settled flight, by the light that then states the judgement."""
+
 
 def lights_before_model(
     reason: Fact,
@@ -21,92 +29,111 @@ def lights_before_model(
     watch_facts: Mapping[str, Fact],
     no_wind_reason: Fact | None,
 ) -> dict[str, Fact]:
-    """Returns the fact of each light before a model is judged.
+    """Returns the light of each part of the vehicle before a model is judged.
 
-    A light is the judgement of one part of the vehicle, such as its motors. Without a model its fact says what is
-    watched so far, or why the light is not judged. The caller replaces the lights that are judged without a model.
+    A light is the judgement of one part of the vehicle, such as its motors. Without a model its fact says that there is
+    no alarm so far, or why the part is not judged. The caller replaces the lights that are judged without a model.
 
     Args:
         reason: why there is no judgement of a model.
         rates: rates of attitude and motor messages, Hz, by message name.
-        watch_facts: for each thing that is watched on the followed vehicle, by its name: since when, or why it is not.
+        watch_facts: for each quantity that is watched on the followed vehicle, by its name: since when, or why it is
+            not.
         no_wind_reason: why there is no estimate of the wind although the vehicle flies; None if nothing prevents it.
 
     Returns:
         A fact for each light, by name, in the order in which they are shown.
     """
-
-    def reason_not_watched(kind: WatchedQuantity) -> Fact | None:
-        """Returns why something is not watched; None if it is."""
-        fact = watch_facts.get(kind)
-        if fact is None:
-            # Just after the first messages it is not known what comes; before them nothing is watched at all.
-            return Fact(RowsFact.RATES_BEING_MEASURED) if watch_facts else reason
-        stated_reason: Fact | None = fact.figures["reason"]
-        return stated_reason
-
     lights = dict(unjudged(reason).lights)
-    for light, kind in (
-        (Light.VIBRATION, WatchedQuantity.VIBRATION),
-        (Light.POWER, WatchedQuantity.BATTERY),
-        (Light.ESTIMATOR, WatchedQuantity.ESTIMATOR),
-        (Light.TRACKING, WatchedQuantity.TRACKING),
-    ):
+    for light, quantity in AWAITED_QUANTITIES.items():
         # A quantity that is watched will be judged in settled flight, the tracking after some seconds of it.
         awaited = Fact(SessionFact.NOT_SETTLED)
-        if light is Light.TRACKING:
+        if quantity is WatchedQuantity.TRACKING:
             awaited = Fact(WatchFact.TRACKING_AWAITED, duration=MIN_SETTLED_SECONDS)
-        reason_for_light = reason_not_watched(kind) or awaited
-        lights[str(light)] = Fact(Unjudged.NOT_JUDGED, reason=reason_for_light)
-    for light, kind, code in (
-        (Light.MOTORS, WatchedQuantity.MOTOR_LIMITS, WatchFact.NO_MOTOR_AT_LIMIT),
-        (Light.MARGINS, WatchedQuantity.OSCILLATION, WatchFact.NO_OSCILLATION),
-    ):
-        watch_reason = reason_not_watched(kind)
-        if watch_reason is not None:
-            lights[str(light)] = Fact(Unjudged.NOT_JUDGED, reason=watch_reason)
-            continue
-        # There was no alarm so far. The rest of the light is not judged: for the motors that is their balance, which is
-        # watched by itself, and for the margins all that needs a model.
-        if light is Light.MOTORS:
-            reason_for_rest = reason_not_watched(WatchedQuantity.MOTORS)
-        elif reason.code is RowsFact.LIVE_RATES_TOO_LOW:
-            reason_for_rest = Fact(MarginsLight.MARGINS_UNKNOWN, reason=reason.figures["reason"])
-        else:
-            reason_for_rest = reason
-        lights[str(light)] = Fact(code, reason=reason_for_rest)
+        why_not_watched = _reason_not_watched(quantity, watch_facts, reason)
+        lights[str(light)] = Fact(Unjudged.NOT_JUDGED, reason=why_not_watched or awaited)
+    lights[str(Light.MOTORS)] = _motors_light(watch_facts, reason)
+    lights[str(Light.MARGINS)] = _margins_light(watch_facts, reason)
     if watch_facts and no_wind_reason is None:
         no_wind_reason = Fact(WatchFact.WIND_AWAITED)
     if no_wind_reason is not None:
         lights[str(Light.WIND)] = Fact(Unjudged.NOT_JUDGED, reason=no_wind_reason)
-    log_light = _log_light(rates)
     if reason.code is RowsFact.LIVE_RATES_TOO_LOW:
         # As of a log, rates that are too low for a model are to be watched.
         lights[str(Light.LOG)] = reason.figures["reason"].replace(Level.WATCH)
-    elif log_light is not None:
-        lights[str(Light.LOG)] = log_light
+    elif min(fastest_rates(rates)) >= MIN_STREAM_RATE:
+        lights[str(Light.LOG)] = _fast_enough_fact(rates)
     return lights
 
 
-def _log_light(rates: Mapping[str, float]) -> Fact | None:
-    """Judges by the rates of the messages whether a model can be learned from what is received.
+def _reason_not_watched(
+    quantity: WatchedQuantity, watch_facts: Mapping[str, Fact], reason: Fact
+) -> Fact | None:
+    """Returns why a quantity is not watched; None if it is.
+
+    Args:
+        quantity: such as the vibration.
+        watch_facts: since when each quantity is watched, or why it is not, by its name. A quantity may be missing just
+            after the first messages, while it is not known yet which messages come; before them all are missing.
+        reason: why there is no model, which is the reason before the first messages.
+    """
+    fact = watch_facts.get(quantity)
+    if fact is not None:
+        stated_reason: Fact | None = fact.figures["reason"]
+        return stated_reason
+    return Fact(RowsFact.RATES_BEING_MEASURED) if watch_facts else reason
+
+
+def _motors_light(watch_facts: Mapping[str, Fact], reason: Fact) -> Fact:
+    """Returns the light of the motors while no alarm about them was active: that none was at its limit so far.
+
+    Args:
+        watch_facts: since when each quantity is watched, or why it is not, by its name.
+        reason: why there is no model.
+
+    Returns:
+        The fact, whose ``reason`` is why the balance of the motors is not tested; or why the motors are not judged.
+    """
+    why_not_watched = _reason_not_watched(WatchedQuantity.MOTOR_LIMITS, watch_facts, reason)
+    if why_not_watched is not None:
+        return Fact(Unjudged.NOT_JUDGED, reason=why_not_watched)
+    why_not_balanced = _reason_not_watched(WatchedQuantity.MOTORS, watch_facts, reason)
+    return Fact(WatchFact.NO_MOTOR_AT_LIMIT, reason=why_not_balanced)
+
+
+def _margins_light(watch_facts: Mapping[str, Fact], reason: Fact) -> Fact:
+    """Returns the light of the control loops' margins without an alarm: that no oscillation was seen so far.
+
+    Args:
+        watch_facts: since when each quantity is watched, or why it is not, by its name.
+        reason: why there is no model.
+
+    Returns:
+        The fact, whose ``reason`` is why the margins themselves, which need a model, are not known; or why the margins
+        are not judged at all.
+    """
+    why_not_watched = _reason_not_watched(WatchedQuantity.OSCILLATION, watch_facts, reason)
+    if why_not_watched is not None:
+        return Fact(Unjudged.NOT_JUDGED, reason=why_not_watched)
+    if reason.code is RowsFact.LIVE_RATES_TOO_LOW:
+        reason = Fact(MarginsLight.MARGINS_UNKNOWN, reason=reason.figures["reason"])
+    return Fact(WatchFact.NO_OSCILLATION, reason=reason)
+
+
+def _fast_enough_fact(rates: Mapping[str, float]) -> Fact:
+    """Returns the light of the log: that attitude and motor outputs are received fast enough to learn a model.
+
+    Its sentence is that of a recorded log. In a stream the body rates come in the message of the attitude, so that they
+    have the attitude's rate; and there is no file that could be damaged.
 
     Args:
         rates: rates of the messages of attitude and motor outputs, Hz, by name.
-
-    Returns:
-        The fact that both are fast enough, which is the light "log" of the session; None where one is too slow.
     """
     attitude_rate, motor_rate = fastest_rates(rates)
-    if min(attitude_rate, motor_rate) < MIN_STREAM_RATE:
-        return None
-    # The sentence is that of a recorded log. In a stream the body rates come in the message of the attitude, so that
-    # their rate is the same, and damage of a file does not exist.
-    body_rate_rate = attitude_rate
     return Fact(
         LogLight.RECORDED_FAST,
         attitude_rate=attitude_rate,
-        rate=body_rate_rate,
+        rate=attitude_rate,
         motor_rate=motor_rate,
         needed_rate=MIN_STREAM_RATE,
         damage=None,
@@ -114,7 +141,7 @@ def _log_light(rates: Mapping[str, float]) -> Fact | None:
 
 
 class FastestRates(NamedTuple):
-    """Rates of the messages that rows are made of where several come."""
+    """Rates of the fastest messages of attitude and of motor outputs, from which the model's data are made."""
 
     attitude: float
     """Rate of the fastest attitude message, Hz; 0 without one."""

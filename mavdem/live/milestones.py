@@ -1,4 +1,4 @@
-"""Milestones of a live flight, reported as facts (coded findings): first model, parameters, what a flight has shown.
+"""Milestones of a live flight, reported once each: the first model, its parameters, and after landing all results.
 
 The first estimate of the wind is reported by ``mavdem.live.wind``.
 """
@@ -20,11 +20,11 @@ from mavdem.live.wind import WindEstimate
 from mavdem.plant.parameters import Physical
 
 MARGIN_FIGURES = ("phase_margin", "phase_margin_interval", "gain_margin", "gain_margin_interval")
-"""Figures of the margins that are reported at a landing, by the names that the light of the margins has for them."""
+"""Figures of the fact on the control loop's stability margins that are reported after a landing."""
 
 
 class Milestones:
-    """Reports what becomes known in a live session, so that its lines can be read without a dashboard.
+    """Reports when results of a live session become known, as facts (coded findings with figures).
 
     Attributes:
         margins_follow: whether the recording will be judged, so that margins by the model alone are not reported.
@@ -78,40 +78,49 @@ class Milestones:
     def update(
         self, learning: FlightLearning, status: SessionStatus, now: float, boot: int = 0
     ) -> None:
-        """Reports two milestones as they are reached; it is called once in a status period.
+        """Reports that physical parameters are known, and after each landing what the flight has shown.
 
-        The first is that physical parameters with an identifiable control effectiveness are known. The second, at each
-        landing, is what the flight has shown, or why it has shown nothing. A vehicle whose motors were stopped in the
-        air has not landed: what it showed is reported once it is lost.
+        It is called once in a status period.
 
         Args:
             learning: learning that has the latest estimates.
             status: status of the session, with the judgement of the model and the wind.
             now: present time on the boot clock, s.
-            boot: number of the present boot. Just after a restart it is not known whether the vehicle flies: that is no
-                landing.
+            boot: number of the present boot.
         """
         if boot != self._boot:
             self._boot = boot
+            # Just after a restart it is not known whether the vehicle flies; that is no landing.
             self._was_flying = False
         physical = _latest_physical(learning)
         if physical is not None and physical.identifiable and not self._has_parameters:
             self._has_parameters = True
             figures = _parameter_figures(learning, physical)
             self._log(Fact(SessionFact.PARAMETERS_KNOWN, axis=self._axis, **figures))
-        if status.is_flying:
-            self._unreported_end = None
-            self._has_flown = True
-            self._no_wind_reason = status.no_wind_reason
-            # The mean wind is stored, since a restart of the autopilot after the landing resets that of the status.
-            self._mean_wind = status.mean_wind
-        elif self._was_flying:
-            self._unreported_end = now
-        self._was_flying = status.is_flying
+        self._note_flight(status, now)
+        # A vehicle whose motors were stopped in the air is still falling: it has neither landed nor is it lost yet.
         is_end_known = status.has_landed or status.loss is not None
         if self._unreported_end is not None and is_end_known:
             self._report_flight(learning, status, self._unreported_end, physical)
             self._unreported_end = None
+
+    def _note_flight(self, status: SessionStatus, now: float) -> None:
+        """Notes when a flight ends, and the wind of the flight until then.
+
+        A restart of the autopilot after the landing resets the wind of the status.
+
+        Args:
+            status: status of the session.
+            now: present time on the boot clock, s.
+        """
+        if status.is_flying:
+            self._unreported_end = None
+            self._has_flown = True
+            self._no_wind_reason = status.no_wind_reason
+            self._mean_wind = status.mean_wind
+        elif self._was_flying:
+            self._unreported_end = now
+        self._was_flying = status.is_flying
 
     def report_end(
         self, learning: FlightLearning, status: SessionStatus, now: float, model: Learned | None
@@ -139,7 +148,8 @@ class Milestones:
     ) -> None:
         """Reports what the flight has shown: physical parameters, margins, wind, and how late estimates came.
 
-        Nothing is reported if the vehicle has not flown, and no row has been learned from, since the last report.
+        What is not known is None, with the reason if there is one. Nothing is reported if the vehicle has not flown,
+        and no row has been learned from, since the last report.
 
         Args:
             learning: counts the rows that were learned from, and has the unit of the inputs.
@@ -152,8 +162,10 @@ class Milestones:
         self._has_flown = False
         self._reported_rows = learning.learned_rows
         margins = status.overall_judgement.lights.get(Light.MARGINS)
-        wind = status.mean_wind or self._mean_wind
-        delay = status.latency.longest
+        mean_wind = status.mean_wind or self._mean_wind
+        longest_delay = status.latency.longest
+        no_parameters_reason = status.shortfall if physical is None else None
+        no_wind_reason = self._no_wind_reason if mean_wind is None else None
         self._log(
             Fact(
                 SessionFact.FLIGHT_LEARNED,
@@ -164,24 +176,29 @@ class Milestones:
                 is_fitted=physical is not None,
                 margins_follow=self.margins_follow,
                 **_margin_figures(margins),
-                reason=() if wind is None else wind.facts,
-                shortfall=None if physical is not None else status.shortfall,
-                wind_obstacle=None if wind is not None else self._no_wind_reason,
-                delay=delay if isfinite(delay) else None,
+                # The sentence of the fact reads the speed and direction of the wind from here.
+                reason=() if mean_wind is None else mean_wind.facts,
+                shortfall=no_parameters_reason,
+                wind_obstacle=no_wind_reason,
+                delay=longest_delay if isfinite(longest_delay) else None,
                 **_parameter_figures(learning, physical),
             )
         )
 
 
 def _margin_figures(margins: Fact | None) -> dict[str, Any]:
-    """Returns the ``MARGIN_FIGURES`` of the light on margins; all None where it has none to report.
+    """Returns the gain and phase margins of the control loop that are to be reported, with their intervals.
 
     Args:
-        margins: the light; None without a judgement. Its figures are not reported if the measured response contradicts
-            them, which is then the reason that the light has.
+        margins: the fact on the margins; None if they were not judged. If the measured response of the vehicle
+            contradicts the margins, that is its ``reason``.
+
+    Returns:
+        The ``MARGIN_FIGURES`` of the fact; all None if margins are not known, or are contradicted.
     """
-    is_of_loop = margins is not None and margins.code is MarginsLight.LOOP_MARGINS
-    if margins is None or not is_of_loop or margins.figures["reason"] is not None:
+    if margins is None or margins.code is not MarginsLight.LOOP_MARGINS:
+        return dict.fromkeys(MARGIN_FIGURES)
+    if margins.figures["reason"] is not None:
         return dict.fromkeys(MARGIN_FIGURES)
     return {name: margins.figures[name] for name in MARGIN_FIGURES}
 

@@ -154,6 +154,6 @@ class RateNegotiation:
                 return
             for batch in self._intake.receive(min(remaining, CONFIRMATION_POLL_SECONDS)):
                 if clock.monotonic() < end_time:
-                    self._stream.take_without_rows(batch.stamp, batch.frames)
+                    self._stream.process_without_rows(batch.stamp, batch.frames)
             for message in self._stream.drain_replies():
                 request.add_reply(message)

@@ -56,7 +56,7 @@ NO_ROWS_CODES = (
     RowsFact.NO_LIVE_MOTORS,
     RowsFact.LIVE_RATES_TOO_LOW,
 )
-"""Obstacles without rows, and so without a model of the flight."""
+"""Codes of the reasons why there are no rows, and so no model of the flight."""
 
 
 NOT_FOLLOWED_CODES = (
@@ -64,11 +64,13 @@ NOT_FOLLOWED_CODES = (
     VehicleFact.NO_MULTIROTOR_YET,
     VehicleFact.TWO_VEHICLES_LIVE,
 )
-"""Obstacles with which none of the vehicles that send is followed, and so without a model."""
+"""Codes of the reasons why no vehicle that sends is followed, so that there is no model."""
 
 
 class LiveSession:
-    """A live session: a link, the parts that record, learn, judge and show what it receives, and their order.
+    """A live session with one vehicle: it receives and records messages, learns a model from them, judges and shows it.
+
+    Each of these tasks has an object of its own; this class calls them in the right order.
 
     Attributes:
         link: the link.
@@ -211,49 +213,53 @@ class LiveSession:
             self._judge_and_report(now)
 
     def _judge_and_report(self, now: float) -> None:
-        """Judges the model, and reports advice, status and milestones; it is called once per ``STATUS_PERIOD``.
+        """Judges the latest model, and reports advice on gains, the status and milestones, once per ``STATUS_PERIOD``.
 
         Args:
             now: present time, s of the monotonic clock.
         """
-        self._learning.adopt_model_of_landing()
-        fits_wait = DelayedWork.PHYSICAL_FITS in self.backlog.postponed
-        self.judging.update(now, self._learning, self.stream, is_busy=fits_wait)
+        # After a landing a model is learned from the samples before it; it becomes the latest model when it is ready.
+        self._learning.adopt_model_before_landing()
+        # A computer that has no time for fits has no time to judge a model either.
+        is_busy = DelayedWork.PHYSICAL_FITS in self.backlog.postponed
+        self.judging.update(now, self._learning, self.stream, is_busy=is_busy)
         self.report_gain_advice()
         status = self._update_status(now)
+        # Advice on gains comes with the margins of the recording, so that those of the model alone are not reported.
         self._milestone_reporter.margins_follow = self.gain_adviser is not None
         self._milestone_reporter.update(self._learning, status, self.stream.now, self.stream.boot)
 
     def _postpone_tasks(self) -> None:
-        """Puts off the tasks that a computer which falls behind the link can do without, before any analysis.
+        """Puts off tasks if this computer is too slow to analyse the messages of the link as they come.
 
-        ``Backlog.update`` decides by the delay which tasks these are: pictures, new fits, and in the end estimates. It
-        also says when this computer begins to be too slow, and when it keeps up again, which is reported. Then the
-        latest latencies are forgotten, since they are of the time before. Before any task is put off, the process that
-        learns is paused for a moment.
+        By the delay of the analysis, ``Backlog.update`` decides which tasks wait: first the drawing of plots, then new
+        fits, and in the end estimates. Before any of them, the process that learns is suspended for a moment.
         """
-        fact = self.backlog.update(self.link.dropped_datagrams)
+        delay_fact = self.backlog.update(self.link.dropped_datagrams)
         if isinstance(self._executor, LearningProcess):
             self._executor.suspend(self.backlog.suspends_learning)
         postponed = self.backlog.postponed
         self._presentation.pause(DelayedWork.PLOTS in postponed)
-        self._learning.set_load(
-            fits_physical=DelayedWork.PHYSICAL_FITS not in postponed,
-            refits=DelayedWork.REFITS not in postponed,
+        self._learning.allow_fits(
+            of_parameters=DelayedWork.PHYSICAL_FITS not in postponed,
+            of_model=DelayedWork.REFITS not in postponed,
         )
-        if fact is not None:
-            if fact.code is SessionFact.COMPUTER_KEEPS_UP:
-                self._latencies.clear()
-            self._presentation.log(fact)
+        if delay_fact is None:
+            return
+        # It is reported when this computer begins to be too slow, and when it keeps up again.
+        if delay_fact.code is SessionFact.COMPUTER_KEEPS_UP:
+            # The latencies so far are of the slow time.
+            self._latencies.clear()
+        self._presentation.log(delay_fact)
 
     def _analyse(self) -> None:
-        """Takes the oldest batches of the backlog through all stages of the analysis.
+        """Analyses the oldest waiting messages: learns from their rows, and notes landings, silences and reboots.
 
         The order of the stages matters:
 
-        1. The time before these batches is added to the time account, before they change the state of the session.
+        1. The time before these messages is added to the time account, before they change the state of the session.
         2. The frames become rows, from each of which the model learns, and the timeline is advanced.
-        3. If a landing shows, the rows of its last seconds are withdrawn.
+        3. If the vehicle has landed, what was learned in the last seconds before is withdrawn.
         4. The end of a silence is reported.
         5. After a reboot or a silence the vehicle may have forgotten its message rates, which are requested again.
 
@@ -266,8 +272,8 @@ class LiveSession:
         # The boot is compared below: frames of a rebooted vehicle increase it.
         former_boot = self.stream.boot
         frames = [frame for batch in batches for frame in batch.frames]
-        for row in self.stream.take_frames(batches[0].stamp, frames):
-            self._take_row(row, first_arrival)
+        for row in self.stream.process_frames(batches[0].stamp, frames):
+            self._process_row(row, first_arrival)
         silence = self._note_messages(first_arrival, batches[-1].arrival_time, frames)
         self.history.advance(self.stream.now, self.stream.boot)
         self._add_sample_to_history()
@@ -276,27 +282,25 @@ class LiveSession:
         self._silence_monitor.note_attitudes(self.stream.attitude_count)
         silences = ((MissingMessages.MESSAGES, silence), (MissingMessages.MOTION, motion_silence))
         for missing, seconds in silences:
-            fact = resumption(missing, seconds)
-            if fact is not None:
-                self._presentation.log(fact)
-        if self.stream.boot != former_boot or silence > SILENCE_SECONDS:
+            resumption_fact = resumption(missing, seconds)
+            if resumption_fact is not None:
+                self._presentation.log(resumption_fact)
+        has_rebooted = self.stream.boot != former_boot
+        if has_rebooted or silence > SILENCE_SECONDS:
             self._rates.restart()
 
     def _note_messages(
         self, first_arrival: float, last_arrival: float, frames: Sequence[Frame]
     ) -> float:
-        """Records whether the latest messages are of the followed vehicle, and which vehicle to follow if it is silent.
-
-        If the followed vehicle has been silent for long while another one sends, that one becomes ``successor``, and
-        the session is to end.
+        """Tells the silence monitor which messages came: those of the followed vehicle, of others, or none intact.
 
         Args:
             first_arrival: when the first of them arrived, s of the monotonic clock.
             last_arrival: when the last of them arrived, s of that clock.
-            frames: their frames, which the stream has taken.
+            frames: their frames, which the stream has processed.
 
         Returns:
-            How long no message of the followed vehicle had come before these, s; 0 if none of these is of that vehicle.
+            How long no message of the followed vehicle had come before these, s; 0 if none of these is from it.
         """
         vehicle = self.stream.followed_vehicle
         monitor = self._silence_monitor
@@ -307,20 +311,32 @@ class LiveSession:
         if vehicle is None or any(vehicle.has_sent(frame) for frame in frames):
             return monitor.note_messages(first_arrival, last_arrival)
         monitor.note_other_messages(last_arrival)
-        if self._keeps_vehicle or self.successor is not None:
-            return 0.0
         if monitor.is_succeeded(first_arrival):
-            self.successor = self.stream.other_vehicle_among(frames)
-        if self.successor is not None:
-            self._presentation.log(
-                Fact(
-                    VehicleFact.VEHICLE_SUCCEEDED,
-                    subject=self.successor.description,
-                    name=vehicle.name,
-                    duration=SUCCESSION_SECONDS,
-                )
-            )
+            self._choose_successor(vehicle, frames)
         return 0.0
+
+    def _choose_successor(self, silent_vehicle: Component, frames: Sequence[Frame]) -> None:
+        """Chooses another vehicle to be followed after the one that has been silent for long, and reports that.
+
+        The session of the silent vehicle is to end then; the caller begins another one for ``successor``.
+
+        Args:
+            silent_vehicle: the followed vehicle.
+            frames: the latest frames, all from other senders.
+        """
+        if self._keeps_vehicle or self.successor is not None:
+            return
+        self.successor = self.stream.other_vehicle_among(frames)
+        if self.successor is None:
+            return
+        self._presentation.log(
+            Fact(
+                VehicleFact.VEHICLE_SUCCEEDED,
+                subject=self.successor.description,
+                name=silent_vehicle.name,
+                duration=SUCCESSION_SECONDS,
+            )
+        )
 
     def _add_sample_to_history(self) -> None:
         """Adds the latest sample to the history in flight while messages come too slowly for rows.
@@ -340,7 +356,7 @@ class LiveSession:
             latest.row, latest.row_format, None, self.stream.wind.latest, self.stream.pose
         )
 
-    def _take_row(self, row: AlignedRow, arrival_time: float) -> None:
+    def _process_row(self, row: AlignedRow, arrival_time: float) -> None:
         """Learns from one row of the flight, and shows it.
 
         All rows are shown. The learner gets those of free flight, in which the vehicle is in the air and nothing holds
@@ -362,8 +378,7 @@ class LiveSession:
             self._presentation.open(row_format)
         learning.is_free = row.is_free
         estimate: Estimate | None = None
-        is_postponed = DelayedWork.ESTIMATES in self.backlog.postponed
-        if row.is_free and is_postponed:
+        if row.is_free and DelayedWork.ESTIMATES in self.backlog.postponed:
             self._postponed_rows += 1
         elif row.is_free:
             # While a motor is weak, the other motors balance its missing thrust, and that torque is not the wind's.
@@ -389,11 +404,9 @@ class LiveSession:
             self.gain_adviser.is_due = self._learning.has_settled
 
     def _update_status(self, now: float) -> SessionStatus:
-        """Reports the status, once in ``STATUS_PERIOD``, and when a reason for learning no model appears or disappears.
+        """Reports the status, and shows the latest sample in flight while there are no rows, once a second.
 
-        That reason is the ``no_model_reason`` of the status. In flight the latest sample is displayed too if there are
-        no rows yet: a display must not stay empty while messages come too slowly for rows. The status is not reported
-        while the computer is so late that even estimates are postponed.
+        The status is not reported while the computer is so late that even estimates are postponed.
 
         Args:
             now: present time, s of the monotonic clock.
@@ -407,34 +420,48 @@ class LiveSession:
         if DelayedWork.ESTIMATES not in self.backlog.postponed:
             self._report_status(status)
         if status.is_flying:
-            if status.no_model_reason is not None and status.no_model_reason.code in NO_ROWS_CODES:
-                self._no_rows_reason = status.no_model_reason
+            # A display must not stay empty while messages come too slowly for rows.
             self._presentation.preview(
                 self.stream.latest_row(), self.stream.pose, self._learning.row_format
             )
         else:
             self._learning.is_free = False
-        # The same reason with other figures, such as rates that vary, is not reported again.
-        if _meaning(status.no_model_reason) != _meaning(self._reported_reason):
-            # That there is a first model was reported when it came.
-            was_first_fit = self._reported_reason == FIRST_FIT_RUNNING
-            self._reported_reason = status.no_model_reason
-            if status.no_model_reason is not None or not was_first_fit:
-                news = status.no_model_reason or Fact(SessionFact.BEING_LEARNED, Level.GOOD)
-                # During an alarm, the report must not advise the pilot to fly on: ``grounded`` removes such advice.
-                is_alarmed = any(alarm.is_bad for alarm in status.active_alarms)
-                # While a vehicle is out of control in the air, nothing about learning is reported.
-                if status.loss is None or not status.is_flying:
-                    self._presentation.log(news.grounded if is_alarmed else news)
-        # With a backlog the account is kept by ``_analyse``, as of the arrival of what is analysed.
+        self._report_no_model_reason(status)
+        # While messages wait, ``_analyse`` adds the time until their arrival to the account.
         if not self.backlog:
             self._report.account_for(now)
         return status
 
+    def _report_no_model_reason(self, status: SessionStatus) -> None:
+        """Reports why no model is learned, or that one is being learned again, if that has changed.
+
+        The same reason with other figures, such as rates that vary, is not reported again. While a vehicle is out of
+        control in the air, nothing about learning is reported.
+
+        Args:
+            status: the present status, with the reason.
+        """
+        reason = status.no_model_reason
+        if status.is_flying and reason is not None and reason.code in NO_ROWS_CODES:
+            self._no_rows_reason = reason
+        former_reason = self._reported_reason
+        if _without_measurements(reason) == _without_measurements(former_reason):
+            return
+        self._reported_reason = reason
+        if reason is None and former_reason == FIRST_FIT_RUNNING:
+            # The first model was reported when it came.
+            return
+        if status.is_flying and status.loss is not None:
+            return
+        report = reason or Fact(SessionFact.BEING_LEARNED, Level.GOOD)
+        # During an alarm, the report must not advise the pilot to fly on: ``grounded`` removes such advice.
+        is_alarmed = any(alarm.is_bad for alarm in status.active_alarms)
+        self._presentation.log(report.grounded if is_alarmed else report)
+
     @property
     def status(self) -> SessionStatus:
         """The status as of now."""
-        return replace(self._report.status, shortfall=self._shortfall())
+        return replace(self._report.status, shortfall=self._reason_without_parameters())
 
     def time_account(self) -> dict[TimeUse, float]:
         """Returns the seconds of the session by what they were spent on; their sum is its age."""
@@ -472,18 +499,20 @@ class LiveSession:
 
     @property
     def _too_slow_fact(self) -> Fact:
-        """The fact that this computer had no time to learn from so many rows."""
+        """The fact that this computer was too slow, with the number of rows that it did not learn from, and of all."""
         return Fact(
             SessionFact.COMPUTER_TOO_SLOW,
             count=self._postponed_rows,
             samples=self._postponed_rows + self._learning.learned_rows,
         )
 
-    def _shortfall(self) -> Fact | None:
-        """Returns why there are no physical parameters of the flight so far.
+    def _reason_without_parameters(self) -> Fact | None:
+        """Returns why no physical parameters of the flight are known so far.
 
         Returns:
-            The reason; None if there are physical parameters, or if no row has been learned from.
+            The first of these that applies: there were no rows; this computer was too slow for most of them; the
+            settled flight was too short for a fit; a fit is not finished. None if there are physical parameters, or if
+            no row has been learned from for another reason.
         """
         learning = self._learning
         if learning.learner is None:
@@ -518,11 +547,10 @@ class LiveSession:
         self._milestone_reporter.report_end(self._learning, status, self.stream.now, model)
 
     def report_gain_advice(self, *, is_at_end: bool = False) -> None:
-        """Starts the advice of gains when it is due, and reports advice that is ready.
+        """Starts to compute advice on controller gains after a landing, and reports advice that is ready.
 
-        It is called once in ``STATUS_PERIOD``, and at the end. The advice of a landing begins on the ground. It
-        comes with the judgement of the recording, which replaces that by the model; if gains were written to files, its
-        next step is to load them.
+        The advice is computed from the recording by another process, together with a judgement of the whole flight. It
+        is called once in ``STATUS_PERIOD``, and at the end of the session.
 
         Args:
             is_at_end: whether the session ends. Then a settled flight without a landing gets advice too, and the call
@@ -533,24 +561,27 @@ class LiveSession:
         if adviser is None or vehicle is None:
             return
         if adviser.is_due and self.stream.is_flying and not is_at_end:
-            # A recording of a vehicle that still lands would end in the air.
+            # The recording would end in the air, before the landing is complete.
             return
-        if is_at_end and self._learning.has_settled and not self._learning.has_landed:
-            adviser.is_due = True
-        if is_at_end and adviser.is_awaited:
-            self._presentation.log(Fact(GainFact.ADVICE_AWAITED, duration=MAX_WAIT_SECONDS))
+        if is_at_end:
+            is_still_flying = self._learning.has_settled and not self._learning.has_landed
+            adviser.is_due = adviser.is_due or is_still_flying
+            if adviser.is_awaited:
+                self._presentation.log(Fact(GainFact.ADVICE_AWAITED, duration=MAX_WAIT_SECONDS))
         advice = adviser.update(vehicle.name, is_busy=self.backlog.is_late, is_at_end=is_at_end)
-        if advice and adviser.judgement is not None:
-            margins = adviser.judgement.lights[Light.MARGINS]
-            # Why there are no margins is part of the advice.
+        judgement = adviser.judgement
+        if advice and judgement is not None:
+            margins = judgement.lights[Light.MARGINS]
+            # If the margins are not known, the advice states why.
             if margins.code is MarginsLight.LOOP_MARGINS:
                 self._presentation.log(margins)
         for fact in advice:
             self._presentation.log(fact)
-        # In flight the latest advice is on an earlier flight; what the model shows now must not be hidden by it.
+        # The judgement of the recording says more than the judgement of the live model, and replaces it. But in flight
+        # it is about an earlier flight, and must not hide what the model shows of this one.
         is_of_latest_flight = is_at_end or not self.stream.is_flying
-        if adviser.judgement is not None and is_of_latest_flight:
-            self.judging.use_judgement_of_recording(adviser.judgement)
+        if judgement is not None and is_of_latest_flight:
+            self.judging.use_judgement_of_recording(judgement)
 
     def end(self) -> None:
         """Restores the vehicle's rates, which it must confirm, and ends the recording."""
@@ -558,6 +589,6 @@ class LiveSession:
         self.intake.end_recording()
 
 
-def _meaning(reason: Fact | None) -> Hashable:
-    """Returns the content of a reason for learning no model without its measurements; None without one."""
+def _without_measurements(reason: Fact | None) -> Hashable:
+    """Returns the content of a reason without its measured figures, so that two reasons can be compared."""
     return None if reason is None else reason.without_measurements

@@ -218,50 +218,56 @@ class SessionStatus(ImmutableResult):
 
     @property
     def overall_judgement(self) -> Judgement:
-        """Headline, lights and next step of the flight, from the model and from the checks that need no model.
+        """Headline, next step and lights of the flight, from the model and from the checks that need no model.
 
-        A light is the judgement of one part of the vehicle, such as its motors. Each step below may replace the
-        headline and the next step of the one before it, so the last ones count most: the model with the worse lights;
-        how the flight was lost; and, in flight, what cannot wait until the landing.
+        The lights are the judgements of the parts of the vehicle, such as its motors: each is a fact with a level. Of
+        the headlines below, a later one replaces those before it:
+
+        1. the headline of the model or, if that is no fault, of the worst lights;
+        2. if nothing was checked so far, that there is no alarm of what is watched;
+        3. how the flight was lost;
+        4. in flight, what cannot wait until the landing.
         """
         judgement = self._judgement_with_all_lights
         is_checked = judgement.headline.code is not HeadlineCode.NOTHING_CHECKED
         if not is_checked and self.is_flying and self._watched_names:
             no_alarm = Fact(WatchFact.NO_ALARM, names=self._watched_names)
             judgement = replace(judgement, headline=no_alarm)
-        # The review of the recording, where there is one, says more of the loss.
-        if self.loss is not None and judgement.headline.code not in Ending:
+        # The judgement of the recording, where there is one, has a headline on the loss that says more than this one.
+        states_loss = judgement.headline.code in Ending
+        if self.loss is not None and not states_loss:
             lights = lights_with_event(judgement.lights, self.loss)
-            judgement = _headed_by(self.loss, lights)
+            judgement = _judgement_with_headline(self.loss, lights)
         if self.is_over or not self.is_flying:
             return judgement
         return self._judgement_in_flight(judgement)
 
     @property
     def _judgement_by_model(self) -> Judgement:
-        """The judgement of the model; before one is judged, that everything which needs a model is unknown.
+        """The judgement of the latest model; before one is judged, that nothing which needs a model is known.
 
-        Tracking and estimator are judged without a model, so the reason why they are not is that of before.
+        The judgement of a model knows nothing of tracking and estimator, which are judged without it. If they are not
+        judged yet, their lights get the reason from the list of what is watched.
         """
         reason = self._reason_without_model
-        lights_by_watch = lights_before_model(
+        lights_before = lights_before_model(
             reason, self.rates, self._followed_watch_facts, self.no_wind_reason
         )
-        if self.model_judgement is not None:
-            lights = dict(self.model_judgement.lights)
-            for name in (Light.TRACKING, Light.ESTIMATOR):
-                if lights[name].code is Unjudged.JUDGED_LATER:
-                    why_not = lights_by_watch[name].figures["reason"]
-                    lights[name] = lights[name].replace(reason=why_not)
-            return replace(self.model_judgement, lights=lights)
-        weak_motors = self._weak_motors
-        return replace(unjudged(weak_motors[0] if weak_motors else reason), lights=lights_by_watch)
+        if self.model_judgement is None:
+            headline = self._weak_motors[0] if self._weak_motors else reason
+            return replace(unjudged(headline), lights=lights_before)
+        lights = dict(self.model_judgement.lights)
+        for name in (Light.TRACKING, Light.ESTIMATOR):
+            if lights[name].code is Unjudged.JUDGED_LATER:
+                lights[name] = lights[name].replace(reason=lights_before[name].figures["reason"])
+        return replace(self.model_judgement, lights=lights)
 
     @property
     def _judgement_with_all_lights(self) -> Judgement:
-        """The judgement by the model, in which worse lights that need no model replace those of the model.
+        """The judgement by the model, in which worse lights that need no model replace the model's.
 
-        A light is the judgement of one part of the vehicle. The headline is decided by the first rule that applies:
+        The lights are the judgements of the parts of the vehicle. The headline is decided by the first rule that
+        applies:
 
         1. If a light is bad, it becomes the headline, an event first, unless the headline of the model is bad already.
         2. Before a model is judged, the headline sums up the lights that need none, while the vehicle is received or
@@ -292,7 +298,7 @@ class SessionStatus(ImmutableResult):
         bad_lights.sort(key=_is_event, reverse=True)
         if bad_lights:
             if not headline.is_bad:
-                return _headed_by(bad_lights[0], lights)
+                return _judgement_with_headline(bad_lights[0], lights)
             return Judgement(headline, next_step, lights)
         has_judged_light = any(name in lights_without_model for name in VEHICLE_LIGHTS)
         # Once the flight or the session is over, no message need come any more; the lights still judge what was seen.
@@ -300,7 +306,7 @@ class SessionStatus(ImmutableResult):
         if self.model_judgement is None and has_judged_light and is_shown:
             headline = headline_by_lights(lights)
             if headline.warns or not self._is_received:
-                return _headed_by(headline, lights)
+                return _judgement_with_headline(headline, lights)
             # The next step stays, since it says what has to happen before a model can be learned.
             return Judgement(headline, next_step, lights)
         # Headlines with codes of this enumeration are not about a fault.
@@ -308,51 +314,71 @@ class SessionStatus(ImmutableResult):
         if is_without_fault and lights != by_model.lights:
             headline = headline_by_lights(lights)
             if headline.warns:
-                return _headed_by(headline, lights)
+                return _judgement_with_headline(headline, lights)
         return Judgement(headline, next_step, lights)
 
     def _judgement_in_flight(self, judgement: Judgement) -> Judgement:
-        """Returns a judgement with a next step for a vehicle that flies, the first of these that applies.
+        """Returns a judgement whose headline and next step are for a vehicle in flight, where alarms come first.
 
-        1. To land now, or what the alarm asks for, if the headline is bad or an alarm is active. The worst active alarm
-           becomes the headline, unless the headline is bad already; a bad event becomes it unless it is one already.
-        2. What the reason advises for which the vehicle is not received; that reason becomes the headline, unless the
-           power warned before, which then explains more than a radio does.
-        3. To land soon, if the battery is getting empty.
-        4. To watch the vehicle itself, if alarms come later than ``MAX_ALARM_DELAY``.
-        5. To fly on and do after the landing what the headline advises, if it warns.
-        6. To fly on, if a model was judged, or if the reason why there is none asks for nothing.
-        7. Otherwise the next step so far, which says what has to happen before a model can be learned.
+        If the vehicle is not received, and no alarm was active before, the reason for that is the headline; or the
+        power, if that warned before, since an empty battery explains the silence better than a radio does.
 
         Args:
-            judgement: the judgement so far.
+            judgement: judgement of the flight so far, with the next step after its landing.
         """
-        headline = judgement.headline
-        bad_events = [fact for fact in self.active_alarms if fact.is_bad and _is_event(fact)]
-        if bad_events and not _is_event(headline):
-            headline = bad_events[0]
-        elif not headline.is_bad and self.active_alarms:
-            headline = worst_fact(self.active_alarms)
-        judgement = replace(judgement, headline=headline)
-        if headline.is_bad or headline in self.active_alarms:
-            return replace(judgement, next_step=Fact(NextStep.LAND_NOW, reason=headline))
-        if not self._is_received and self.no_model_reason is not None:
+        headline = self._most_urgent(judgement.headline)
+        is_urgent = headline.is_bad or headline in self.active_alarms
+        if self.no_model_reason is not None and not self._is_received and not is_urgent:
             # Whether the vehicle still flies, and how, is not known.
-            next_step = Fact(NextStep.DO_AS_ADVISED, reason=self.no_model_reason)
             power = judgement.lights[Light.POWER]
             headline = power if power.warns else self.no_model_reason
+            next_step = Fact(NextStep.DO_AS_ADVISED, reason=self.no_model_reason)
             return replace(judgement, headline=headline, next_step=next_step)
+        judgement = replace(judgement, headline=headline)
+        if is_urgent:
+            return replace(judgement, next_step=Fact(NextStep.LAND_NOW, reason=headline))
+        return replace(judgement, next_step=self._next_step_in_flight(judgement))
+
+    def _most_urgent(self, headline: Fact) -> Fact:
+        """Returns the headline in flight: an active alarm, if that is more urgent than the headline so far.
+
+        A bad event, such as a loss of control, comes before any lasting fault; otherwise a bad headline stays.
+
+        Args:
+            headline: the headline so far.
+        """
+        bad_events = [alarm for alarm in self.active_alarms if alarm.is_bad and _is_event(alarm)]
+        if bad_events and not _is_event(headline):
+            return bad_events[0]
+        if self.active_alarms and not headline.is_bad:
+            return worst_fact(self.active_alarms)
+        return headline
+
+    def _next_step_in_flight(self, judgement: Judgement) -> Fact:
+        """Returns what the pilot of a vehicle in flight without an active alarm should do.
+
+        It is the first of these that applies:
+
+        1. to land soon, if the battery is getting empty;
+        2. to watch the vehicle itself, if alarms come later than ``MAX_ALARM_DELAY``;
+        3. to fly on, and do after the landing what the headline advises, if it warns;
+        4. to fly on, if a model was judged, or if the reason why there is none has no remedy;
+        5. otherwise what has to happen before a model can be learned, which is the next step so far.
+
+        Args:
+            judgement: judgement of the flight so far.
+        """
+        headline = judgement.headline
         if judgement.lights[Light.POWER].code in EMPTYING_BATTERY:
-            return replace(judgement, next_step=Fact(NextStep.LAND_SOON))
+            return Fact(NextStep.LAND_SOON)
         if self.analysis_delay >= MAX_ALARM_DELAY:
-            next_step = Fact(NextStep.FLY_BY_SIGHT, delay=self.analysis_delay)
-            return replace(judgement, next_step=next_step)
+            return Fact(NextStep.FLY_BY_SIGHT, delay=self.analysis_delay)
         if headline.warns:
-            advice = next_step_of(headline, judgement.lights, None)
-            return replace(judgement, next_step=Fact(NextStep.FLY_ON, reason=advice))
+            advice_after_landing = next_step_of(headline, judgement.lights, None)
+            return Fact(NextStep.FLY_ON, reason=advice_after_landing)
         if self.model_judgement is not None or not self._reason_without_model.remedy:
-            return replace(judgement, next_step=Fact(NextStep.FLY_ON, reason=None))
-        return judgement
+            return Fact(NextStep.FLY_ON, reason=None)
+        return judgement.next_step
 
     @property
     def _followed_watch_facts(self) -> dict[str, Fact]:
@@ -375,15 +401,20 @@ class SessionStatus(ImmutableResult):
 
     @property
     def _lights_without_model(self) -> dict[str, Fact]:
-        """The lights that need no model, by name: those of the watchdog, of the motors' alarms, and of the wind."""
+        """The worst facts on the parts of the vehicle that need no model, by the name of the part.
+
+        They are the facts of the watchdog, to which the alarms of weak motors and the mean wind are added.
+        """
         lights = dict(self.worst_lights)
         weak_motors = self._weak_motors
         if weak_motors:
-            motors_light = lights.get(Light.MOTORS, weak_motors[0])
-            lights[Light.MOTORS] = worst_fact([*weak_motors, motors_light])
+            motors = lights.get(Light.MOTORS, weak_motors[0])
+            lights[Light.MOTORS] = worst_fact([*weak_motors, motors])
         if self.mean_wind is not None:
             mean_wind = self.mean_wind.light
-            lights[Light.WIND] = worst_fact([lights.get(Light.WIND, mean_wind), mean_wind])
+            # The watchdog may have found a drift in wind.
+            wind = lights.get(Light.WIND, mean_wind)
+            lights[Light.WIND] = worst_fact([wind, mean_wind])
         return lights
 
     @property
@@ -403,7 +434,7 @@ class SessionStatus(ImmutableResult):
 
     @property
     def _reason_without_model(self) -> Fact:
-        """Why no model has been judged yet; after a flight, a link that is silent is no reason."""
+        """Why no model has been judged yet; after a flight, that it is over, even if the link is silent."""
         if self._is_silent_after_flight:
             return Fact(SessionFact.FLIGHT_OVER, reason=None)
         if self.no_model_reason is not None:
@@ -426,25 +457,22 @@ class SessionStatus(ImmutableResult):
         return Fact(SessionFact.ESTIMATES_LATE, delay=self.analysis_delay)
 
     def with_predictions(self, estimate: Estimate) -> SessionStatus:
-        """Fills in ``prediction_band`` and ``useful_horizon``.
+        """Returns a copy of the status with ``prediction_band`` and ``useful_horizon`` filled in.
 
         Args:
-            estimate: the learner's latest. It has predictions, with bands (K, m), for K horizons; the angle is the
-                first of the m outputs.
-
-        Returns:
-            A copy of the status with both.
+            estimate: the learner's latest estimate, with predictions at K horizons of m outputs, the first of which is
+                the angle; half widths of their bands (K, m), and squared errors over a baseline's (K, m).
         """
-        # Predicted horizons are whole steps, so that the one nearest to ``REPORTED_HORIZON`` is reported.
+        # Horizons are whole steps, so that the one nearest to ``REPORTED_HORIZON`` is reported.
         horizons = estimate.ahead_times - estimate.time
         reported = abs(horizons - REPORTED_HORIZON).argmin()
         angle_band = PredictionBand(horizons[reported], estimate.ahead_band[reported, 0])
         useful_horizon = self.useful_horizon
+        # The index of the longest horizon at which predictions are useful; None if there is none.
         longest_useful = estimate.useful
         if longest_useful is not None:
-            # The mean over the outputs.
-            error_ratio = estimate.ahead_ratio[longest_useful].mean()
-            useful_horizon = UsefulHorizon(horizons[longest_useful], error_ratio)
+            mean_error_ratio = estimate.ahead_ratio[longest_useful].mean()
+            useful_horizon = UsefulHorizon(horizons[longest_useful], mean_error_ratio)
         return replace(self, prediction_band=angle_band, useful_horizon=useful_horizon)
 
 
@@ -456,11 +484,11 @@ def _is_event(fact: Fact) -> bool:
     return is_fall or isinstance(fact.code, (Ending, MotionEvent, ReportedEvent))
 
 
-def _headed_by(headline: Fact, lights: NamedFacts) -> Judgement:
+def _judgement_with_headline(headline: Fact, lights: NamedFacts) -> Judgement:
     """Returns a judgement with a headline and the next step that follows from it.
 
     Args:
-        headline: what matters most.
-        lights: the judgement of each part of the vehicle, by name.
+        headline: the fact that matters most.
+        lights: the fact on each part of the vehicle, by the name of the part.
     """
     return Judgement(headline, next_step_of(headline, lights, None), lights)

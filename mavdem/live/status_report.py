@@ -58,13 +58,14 @@ class StatusReport:
 
         It is the status of the stream with the model's findings, delays and predictions added. The stream advances
         with its messages only and does not notice when none come. On a silent link its last rates are therefore
-        replaced by 0, and each watchdog is reported as not watching.
-
-        ``no_model_reason`` is the first reason why there is no new model: the link is silent, no rows
-        can be made of the messages, or the flight does not allow learning.
+        replaced by 0, and nothing counts as watched.
         """
         status = self.stream.status()
+        # The first reason counts: the link is silent, no rows can be made of the messages, or nothing is learned of
+        # them.
         silence = self._silence_as_reason(status)
+        no_learning_reason = self._no_learning_reason(is_flying=status.is_flying)
+        no_model_reason = silence or status.no_model_reason or no_learning_reason
         rates = status.rates
         watch_facts = status.watch_facts
         if silence is not None:
@@ -78,9 +79,7 @@ class StatusReport:
             learned_rows=self.learning.learned_rows,
             unlearned_rows=self.learning.unlearned_rows,
             latency=self.latencies.latency,
-            no_model_reason=silence
-            or status.no_model_reason
-            or self._no_learning_reason(is_flying=status.is_flying),
+            no_model_reason=no_model_reason,
             state=self.stream.vehicle_state(),
             message_age=self._message_age(),
             rates=rates,

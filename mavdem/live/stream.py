@@ -136,7 +136,7 @@ class LiveStream:
         """Returns the first vehicle among the senders of some frames that is not the followed one.
 
         Args:
-            frames: frames that were processed by :meth:`take_frames` already.
+            frames: frames that were processed by :meth:`process_frames` already.
 
         Returns:
             The vehicle, one that sends its attitude; None if no such vehicle sent any of the frames.
@@ -192,9 +192,9 @@ class LiveStream:
         Returns:
             The rows that these bytes complete, in order.
         """
-        return list(self.take_frames(stamp, self.frame_reader.feed(data)))
+        return list(self.process_frames(stamp, self.frame_reader.feed(data)))
 
-    def take_frames(self, stamp: float, frames: Sequence[Frame]) -> Iterator[AlignedRow]:
+    def process_frames(self, stamp: float, frames: Sequence[Frame]) -> Iterator[AlignedRow]:
         """Processes the next frames of the link, and yields each row as soon as it is complete.
 
         It is a generator, so that the caller can use each row before the frames after it change the state, for example
@@ -209,20 +209,20 @@ class LiveStream:
         """
         self._stamp = stamp
         for frame in frames:
-            yield from self._take_frame(frame)
+            yield from self._process_frame(frame)
             sender = self._vehicles.sender(frame)
             is_followed = sender is self._vehicles.followed
             if not is_followed and sender.name in self._vehicles.other_vehicles:
                 self._watch_other_vehicle(sender.name, frame)
 
-    def take_without_rows(self, stamp: float, frames: Sequence[Frame]) -> None:
+    def process_without_rows(self, stamp: float, frames: Sequence[Frame]) -> None:
         """Takes the next frames of the link, where nobody needs the rows that they complete.
 
         Args:
             stamp: time when they were received, UNIX s.
             frames: the frames.
         """
-        for _ in self.take_frames(stamp, frames):
+        for _ in self.process_frames(stamp, frames):
             pass
 
     def _watch_other_vehicle(self, name: str, frame: Frame) -> None:
@@ -239,7 +239,7 @@ class LiveStream:
             # Nothing is requested from this vehicle. With ``rates_requested`` no fact advises the user to do so.
             self.other_vehicles[name] = LiveStream(self.axis, name, rates_requested=True)
         stream = self.other_vehicles[name]
-        stream.take_without_rows(self._stamp, [frame])
+        stream.process_without_rows(self._stamp, [frame])
         for event in stream.drain_events():
             fact = event.fact
             is_warning = isinstance(fact.code, ReportedEvent) and not fact.is_good
@@ -338,7 +338,7 @@ class LiveStream:
                 facts.append(fact.replace(vehicle=name))
         return tuple(facts)
 
-    def _take_frame(self, frame: Frame) -> Iterator[AlignedRow]:
+    def _process_frame(self, frame: Frame) -> Iterator[AlignedRow]:
         """Processes a frame of any component on the link, and yields the rows that it completes.
 
         Only messages of the followed vehicle are used. They get their time on the vehicle's boot clock here. A reboot
@@ -358,7 +358,7 @@ class LiveStream:
             return
         if timed.boot != self.boot:
             self._restart(timed.boot)
-        yield from self._take_message(timed)
+        yield from self._process_message(timed)
 
     def _message_of_followed_vehicle(self, frame: Frame) -> Message | None:
         """Counts a frame, lets it show what its sender is, and decodes it if the followed vehicle sent it.
@@ -390,7 +390,7 @@ class LiveStream:
             return message._replace(stamp=0.0)
         return message
 
-    def _take_message(self, timed: TimedMessage) -> Iterator[AlignedRow]:
+    def _process_message(self, timed: TimedMessage) -> Iterator[AlignedRow]:
         """Passes a message of the followed vehicle to the parts that need it, and yields the rows that it completes.
 
         Attitude, setpoints and motor outputs are used only if they have a time stamp of their own, since rows need
@@ -404,7 +404,7 @@ class LiveStream:
         name = message.name
         time = timed.time
         if name in ATTITUDE_MESSAGES and timed.has_own_stamp:
-            yield from self._take_attitude(message, time)
+            yield from self._process_attitude(message, time)
         elif name == SETPOINT_MESSAGE and timed.has_own_stamp:
             self._review.watchdog.add_message(message, time)
             self._pose.add_setpoint(time, tilt_setpoint(message))
@@ -447,7 +447,7 @@ class LiveStream:
             sample = drift_sample(time, pose.angles, velocity)
             self._review.watchdog.drift.add_sample(sample, self.parameters)
 
-    def _take_attitude(self, message: Message, time: float) -> list[AlignedRow]:
+    def _process_attitude(self, message: Message, time: float) -> list[AlignedRow]:
         """Takes an attitude: for the wind, for the latest pose, to watch the control, and as a sample of rows.
 
         The wind takes only the message that rows are made of, and only in free flight: held by the ground, the vehicle

@@ -9,6 +9,9 @@ from mavdem.live.session_status import SessionStatus
 ENTRY_SECONDS = 1.0
 """Time between two entries, s: a choice; also how long a short silence is not counted as one."""
 
+ON_GROUND_CODES = (SessionFact.NOT_FLYING, SessionFact.FLIGHT_UNKNOWN, SessionFact.FLIGHT_OVER)
+"""Codes of the reasons for learning no model with which messages come, and the vehicle does not fly."""
+
 
 @dataclass(frozen=True)
 class AccountedState:
@@ -30,36 +33,26 @@ class AccountedState:
     status: SessionStatus
     """Status of link and vehicle."""
 
-    def kind_at(self, now: float) -> TimeUse:
-        """Determines the most basic thing that is missing while nothing is learned.
+    def use_at(self, now: float) -> TimeUse:
+        """Returns what time is spent on while nothing is learned: on waiting for the most basic thing that is missing.
 
-        In this order: the link, messages, a vehicle, its motion at sufficient rates, settled flight. If none of the
-        first four is missing and the vehicle does not fly, it is time on the ground.
+        These may be missing, in this order: the link, messages, a vehicle, its attitude and motor outputs at sufficient
+        rates, settled flight.
 
         Args:
             now: present time, s of the monotonic clock.
-
-        Returns:
-            The kind of time that is spent.
         """
-        reason = self.status.no_model_reason
-        on_ground_codes = (
-            SessionFact.NOT_FLYING,
-            SessionFact.FLIGHT_UNKNOWN,
-            SessionFact.FLIGHT_OVER,
-        )
-        waits_for_messages = reason is not None and reason.code not in on_ground_codes
         if self.link_is_lost:
             return TimeUse.LINK_LOST
         if now - self.message_time >= ENTRY_SECONDS:
             return TimeUse.SILENT
         if self.status.vehicle is None:
             return TimeUse.NO_VEHICLE
-        if waits_for_messages or now - self.motion_time >= ENTRY_SECONDS:
+        reason = self.status.no_model_reason
+        lacks_messages = reason is not None and reason.code not in ON_GROUND_CODES
+        if lacks_messages or now - self.motion_time >= ENTRY_SECONDS:
             return TimeUse.WAITING
-        if self.status.is_flying:
-            return TimeUse.UNSETTLED
-        return TimeUse.ON_GROUND
+        return TimeUse.UNSETTLED if self.status.is_flying else TimeUse.ON_GROUND
 
 
 class TimeAccount:
@@ -104,6 +97,6 @@ class TimeAccount:
         self._uncounted_learned = min(self._uncounted_learned - learned, ENTRY_SECONDS)
         self._learned_rows = state.learned_rows
         self._seconds[TimeUse.LEARNED] += learned
-        self._seconds[state.kind_at(now)] += elapsed - learned
+        self._seconds[state.use_at(now)] += elapsed - learned
         self.entry_time = now
         return {**self._seconds, TimeUse.LEFT_OUT: max(clock.monotonic() - now, 0.0)}

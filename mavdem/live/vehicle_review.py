@@ -1,4 +1,4 @@
-"""The periodic review of a live vehicle: what its rows are made of, whether it flies, and its faults."""
+"""The periodic review of a live vehicle: its motors and messages, whether it flies, and its faults."""
 
 from collections import deque
 from collections.abc import Callable
@@ -24,12 +24,14 @@ from mavdem.wind_velocity.vehicle_drag import Drag
 REVIEW_PERIOD = 0.5
 """Time between the beginnings of two reviews, s of the boot clock: a choice."""
 
-PART_PERIOD = REVIEW_PERIOD / 10
-"""Time between two parts of a review, s of the boot clock: a choice that leaves some time after the last part."""
+STEP_PERIOD = REVIEW_PERIOD / 10
+"""Time between two steps of a review, s of the boot clock: a choice that leaves some time after the last step."""
 
 
 class VehicleReview:
-    """Reviews a live vehicle twice a second: inputs, phase of flight and faults; in parts, so that no row waits long.
+    """Reviews a live vehicle twice a second, step by step: its messages and motors, whether it flies, and its faults.
+
+    The steps of one review are spread over the messages that come meanwhile, so that none of these waits for long.
 
     Attributes:
         recent_messages: the slow messages of this boot, which the review reads.
@@ -62,6 +64,8 @@ class VehicleReview:
         self._motor_alarms = motor_alarms
         self._wind = wind
         self._report = report
+        # Builder of the vehicle's rows, which each call of ``proceed`` passes.
+        self._rows: RowBuilder
         # Parameters of the autopilot as of the last choice of inputs.
         self._parameters: Parameters = {}
         self._begin_boot(RecentMessages())
@@ -69,15 +73,16 @@ class VehicleReview:
     def restart(self, boot: int) -> None:
         """Discards messages, phase and alarms at a reboot, after which the clock begins again.
 
-        The rest of the present review is dropped too: it would judge the former boot by times of the new one.
+        The rest of the present review is dropped too: it would judge the former boot by times of the new one. What the
+        watchdog knows of a loss stays, since an autopilot may well reboot in a crash.
 
         Args:
             boot: number of the new boot.
         """
         recent_messages = RecentMessages(boot)
         for text in self._texts_since_last_attitude():
+            # The text came before the first attitude, which begins the new clock.
             recent_messages.add("STATUSTEXT", 0.0, text.values)
-        # An autopilot may well reboot in a crash: how the flight was lost stays.
         self._begin_boot(recent_messages, self.watchdog, was_flying=self.phase.is_flying)
 
     def _begin_boot(
@@ -97,15 +102,15 @@ class VehicleReview:
         self.recent_messages = recent_messages
         self.phase = FlightPhase(recent_messages)
         self.watchdog = Watchdog(recent_messages, former, was_flying=was_flying)
-        # The parts of the present review that are not done yet.
-        self._pending_parts: deque[Callable[[RowBuilder], None]] = deque()
-        # Times of the boot clock, s: of the latest message, of the present review, of its latest part, and since when
+        # The steps of the present review that are not done yet.
+        self._pending_steps: deque[Callable[[], None]] = deque()
+        # Times of the boot clock, s: of the latest message, of the present review, of its latest step, and since when
         # reviews have followed each other.
         self._message_time = -inf
         self._review_time = -inf
-        self._part_time = -inf
+        self._step_time = -inf
         self._connection_start = inf
-        # Results of a part that later parts use.
+        # Results of a step that later steps use.
         self._candidate_messages: dict[str, Fields] = {}
         self.telemetry: Telemetry | None = None
         self._motion: RecentMotion | None = None
@@ -119,10 +124,10 @@ class VehicleReview:
         return [text for text in texts if text.time >= self._message_time]
 
     def proceed(self, now: float, rows: RowBuilder) -> None:
-        """Begins a review when one is due, and performs its next part when that is due.
+        """Begins a review when one is due, and performs the next step of the present review when that is due.
 
-        It is called with each message, and performs at most one part. If a new review is due before the last one is
-        done, as after a pause of the link, the remaining parts are performed at once, so that no part is ever left out.
+        It is called with each message, and performs at most one step. If a new review is due before the last one is
+        done, as after a pause of the link, the remaining steps are performed at once, so that none is ever left out.
         The times depend only on the boot clock, so a recorded flight gives the same reviews.
 
         Args:
@@ -130,31 +135,28 @@ class VehicleReview:
             rows: builder of the vehicle's rows.
         """
         self._message_time = now
+        self._rows = rows
         # A review begins when the clock enters another period of this length, independently of the last one's begin.
         is_review_due = now // REVIEW_PERIOD != self._review_time // REVIEW_PERIOD
         if is_review_due:
-            while self._pending_parts:
-                self._do_next_part(rows)
+            while self._pending_steps:
+                self._perform_next_step()
             self._begin(now)
-        if is_review_due or now - self._part_time >= PART_PERIOD:
-            self._part_time = now
-            if self._pending_parts:
-                self._do_next_part(rows)
+        if is_review_due or now - self._step_time >= STEP_PERIOD:
+            self._step_time = now
+            if self._pending_steps:
+                self._perform_next_step()
 
-    def _do_next_part(self, rows: RowBuilder) -> None:
-        """Does the next part of the review, which may queue others.
-
-        Args:
-            rows: builder of the vehicle's rows.
-        """
-        do_part = self._pending_parts.popleft()
-        do_part(rows)
+    def _perform_next_step(self) -> None:
+        """Performs the next step of the review, which may add further steps."""
+        step = self._pending_steps.popleft()
+        step()
 
     def _begin(self, now: float) -> None:
-        """Begins a review by queueing its parts.
+        """Begins a review, with a queue of the steps that it consists of.
 
-        Their order matters: inputs are chosen by the messages; the phase needs the inputs' collective; and the watchdog
-        needs the phase and the motion. Choosing inputs is a part of its own, which ``_choose_messages`` adds.
+        Their order matters: the motors are chosen among the messages; the phase of flight needs the outputs of the
+        motors; and the watchdog needs the phase and the motion. Some steps add others to the queue.
 
         Args:
             now: present time on the boot clock, s.
@@ -165,7 +167,7 @@ class VehicleReview:
         self._review_time = now
         if not follows_a_review:
             self._connection_start = now
-        self._pending_parts = deque(
+        self._pending_steps = deque(
             [
                 self._choose_messages,
                 self._review_phase,
@@ -192,17 +194,15 @@ class VehicleReview:
             parameters=self._parameters,
         )
 
-    def _choose_messages(self, rows: RowBuilder) -> None:
-        """Does the first part of a review: which MAVLink messages give the vehicle's attitude and its motor outputs.
+    def _choose_messages(self) -> None:
+        """Performs the first step of a review: which MAVLink messages give the vehicle's attitude and motor outputs.
 
         A row of the learner's data has outputs, which are angle and body rate from an attitude message, and inputs,
         which are the motors' outputs from messages such as SERVO_OUTPUT_RAW. The attitude message is chosen here, and
-        the latest messages with motor outputs are collected, for the next part (``_choose_inputs``) to choose from. A
+        the latest messages with motor outputs are collected, for the next step (``_choose_inputs``) to choose from. A
         vehicle that cannot be a multirotor, such as a plane, gets no inputs, and so no rows.
-
-        Args:
-            rows: builder of the vehicle's rows.
         """
+        rows = self._rows
         rows.choose_attitude_message(self._review_time)
         # Motors are learned from multirotors only.
         if self._vehicle.vehicle_type not in POSSIBLE_MULTIROTORS:
@@ -210,13 +210,13 @@ class VehicleReview:
             return
         self._update_parameters()
         self._candidate_messages = rows.candidate_messages()
-        # Choosing among them takes longer. So it is a part of its own, before those that are queued already.
-        self._pending_parts.appendleft(self._choose_inputs)
+        # Choosing among them takes longer. So it is a step of its own, before those that are queued already.
+        self._pending_steps.appendleft(self._choose_inputs)
 
     def _update_parameters(self) -> None:
-        """Takes the parameters that have arrived so far, and the drag that they state.
+        """Takes over the parameters that the autopilot has sent so far, and the drag coefficients among them.
 
-        They arrive during the flight: with each review more is known of which channel drives which motor.
+        They arrive one by one during the flight, and show which output channel drives which motor.
         """
         parameters = self._vehicles.followed_parameters
         if parameters is self._parameters:
@@ -224,76 +224,65 @@ class VehicleReview:
         self._parameters = parameters
         self._wind.parameter_drag = Drag.from_parameters(self._vehicle.autopilot, parameters)
 
-    def _choose_inputs(self, rows: RowBuilder) -> None:
-        """Does the part of a review that chooses the motors' outputs among the candidate messages.
+    def _choose_inputs(self) -> None:
+        """Performs the step of a review that chooses the motors' outputs among the candidate messages."""
+        self._rows.choose_inputs(
+            self._candidate_messages, self._vehicle_telemetry(), self._message_time
+        )
 
-        Args:
-            rows: builder of the vehicle's rows.
-        """
-        rows.choose_inputs(self._candidate_messages, self._vehicle_telemetry(), self._message_time)
+    def _check_messages(self) -> Fact | None:
+        """Checks whether attitude and motor outputs are received, and fast enough, to make rows of the model's data.
 
-    def _check_messages(self, rows: RowBuilder) -> Fact | None:
-        """Returns the reason why the rates of attitude and motor messages allow no rows; None if they do.
+        A row is one sample of the data: motion and motor outputs at one time. The check also reports changes.
 
-        A row is one sample of the model's data: motion and motor outputs at one time. The check also reports changes.
-
-        Args:
-            rows: builder of the vehicle's rows, which measures the rates.
+        Returns:
+            The reason why no rows can be made; None if they can.
         """
         invalid_attitude = self.watchdog.control.invalid_attitude(self._vehicle_telemetry())
         if invalid_attitude is not None:
-            # More messages would not help; the watchdog reports it.
+            # Faster messages would not help; the watchdog reports it.
             return invalid_attitude
         return self._rate_check.update(
             self._vehicle.vehicle_type,
-            rows.attitude_message,
-            rows.motor_message,
-            rows.rates(self._review_time),
+            self._rows.attitude_message,
+            self._rows.motor_message,
+            self._rows.rates(self._review_time),
         )
 
-    def _review_phase(self, rows: RowBuilder) -> None:
-        """Does the part of a review that checks the rates of messages and decides whether the vehicle flies.
+    def _review_phase(self) -> None:
+        """Performs the step of a review that checks the rates of messages and decides whether the vehicle flies.
 
-        The steps:
-
-        1. The rates of attitude and motor messages, Hz, are checked once the vehicle has been heard without a pause for
-           ``DECISION_SECONDS``; before, they are not known. ``no_rows_reason`` becomes the reason why there are no
-           rows: a rate that is too low comes first, then that the vehicle does not fly.
-        2. Where motor outputs come and yet no motors can be chosen among them, no channel has moved: the motors are
-           idle, and the vehicle is on the ground.
-        3. The phase of flight is decided by the vehicle's messages and by the collective, the mean of all motor outputs
-           as a share of their range.
-        4. At a take-off the estimates of the wind begin again, since each flight has its own wind.
-
-        Args:
-            rows: builder of the vehicle's rows.
+        Neither is decided before the vehicle has been heard without a pause for some seconds.
         """
         now = self._review_time
+        inputs = self._rows.inputs
         # This is the time for which reviews have followed each other without a pause.
         connected_seconds = now - self._connection_start
         if connected_seconds >= DECISION_SECONDS:
-            self.no_rows_reason = self._check_messages(rows) or self.phase.not_flying_reason
-        if rows.inputs is None and connected_seconds >= AVERAGING_SECONDS / 2:
-            self.phase.motors_are_idle = rows.has_motor_messages
+            self.no_rows_reason = self._check_messages() or self.phase.not_flying_reason
+        if inputs is None and connected_seconds >= AVERAGING_SECONDS / 2:
+            # Motors are recognised by their outputs, which change. If outputs come, and no motors are recognised among
+            # them, the motors are idle, and the vehicle is on the ground.
+            self.phase.motors_are_idle = self._rows.has_motor_messages
         self.telemetry = self._vehicle_telemetry()
-        collective = None if rows.inputs is None else rows.inputs.collective
+        # The mean of all motor outputs, as a share of their range.
+        collective = None if inputs is None else inputs.collective
         was_flying = self.phase.is_flying
         self.phase.review(now, self.telemetry, collective)
-        if self.phase.is_flying and not was_flying:
+        has_taken_off = self.phase.is_flying and not was_flying
+        if has_taken_off:
+            # Each flight has its own wind.
             self._wind.restart()
 
-    def _collect_motion(self, rows: RowBuilder) -> None:
+    def _collect_motion(self) -> None:
         """Collects the motion of the last seconds for the watchdog."""
-        self._motion = rows.recent_motion()
+        self._motion = self._rows.recent_motion()
 
-    def _begin_watchdog_review(self, _: RowBuilder) -> None:
-        """Does the part of a review that reports new messages of the autopilot, and queues the watchdog's other parts.
+    def _begin_watchdog_review(self) -> None:
+        """Performs the step that reports new warnings of the autopilot, and queues the watchdog's other steps.
 
-        The watchdog reviews the vehicle without a model. It judges battery, estimator, vibration and tracking in flight
+        The watchdog looks for faults without a model. It judges battery, estimator, vibration and tracking in flight
         only, and only in its thorough reviews, since that takes longer.
-
-        Args:
-            _: unused; all parts of a review have the same arguments.
         """
         assert self.telemetry is not None
         now = self._review_time
@@ -304,29 +293,26 @@ class VehicleReview:
         ):
             self._report(fact)
         if is_flying and self.watchdog.is_thorough:
-            self._pending_parts.append(self._review_lights)
+            self._pending_steps.append(self._review_lights)
             if self.watchdog.is_tracking_due:
-                self._pending_parts.append(self._review_tracking)
-        self._pending_parts.append(self._finish_watchdog_review)
+                self._pending_steps.append(self._review_tracking)
+        self._pending_steps.append(self._finish_watchdog_review)
 
-    def _review_lights(self, _: RowBuilder) -> None:
+    def _review_lights(self) -> None:
         """Judges battery, estimator and vibration in flight."""
         self.watchdog.review_lights()
 
-    def _review_tracking(self, _: RowBuilder) -> None:
+    def _review_tracking(self) -> None:
         """Judges how the vehicle follows its setpoints, if the flight is still settled."""
         settled_start = self.phase.settled_start(self._review_time)
         if settled_start is not None:
             self.watchdog.review_tracking(settled_start)
 
-    def _finish_watchdog_review(self, _: RowBuilder) -> None:
-        """Performs the last part of a review: reports alarms that begin or end, and whether the motors are monitored.
+    def _finish_watchdog_review(self) -> None:
+        """Performs the last step of a review: reports alarms that begin or end, and whether the motors are watched.
 
         The balance of the motors is tested with each of their samples (``MotorAlarms``), not by this review. But the
-        user sees in one list what is monitored and what is not, and the watchdog keeps that list.
-
-        Args:
-            _: unused; all parts of a review have the same arguments.
+        user sees in one list what is watched and what is not, and the watchdog keeps that list.
         """
         for fact in self.watchdog.finish_review(self._motion, self.phase.takeoff_time):
             self._report(fact)

@@ -12,7 +12,7 @@ def record_take_over(session):
         pieces = [heartbeat(system)] * 5 + flight([1.0, 1.01, 1.02], system=system)
         frames = session.stream.frame_reader.feed(b"".join(pieces))
         session.intake.recording.add(1.7e9 + system, frames)
-        list(session.stream.take_frames(1.7e9 + system, frames))
+        list(session.stream.process_frames(1.7e9 + system, frames))
     session.successor = Component(2, 1)
 
 

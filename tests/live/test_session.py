@@ -257,7 +257,7 @@ def test_why_too_little_was_learned_of_a_flight_is_the_true_reason():
     one._learning._row_format = Mock(dt=0.01)
     reasons = []
     for one._learning.learned_rows, one._postponed_rows in ((500, 0), (2000, 0), (500, 900)):
-        reasons.append(one._shortfall().code)
+        reasons.append(one._reason_without_parameters().code)
     assert reasons == [
         SessionFact.SETTLED_TOO_SHORT,
         SessionFact.FIT_UNFINISHED,
@@ -350,10 +350,10 @@ def test_a_landing_never_replaces_the_last_model_before_it():
     row = AlignedRow(50.0, np.zeros(4), np.zeros(2), 0, True, True)
     learner.learned = climbing
     for settled in (False, True):
-        one._take_row(row._replace(time=49.0, is_settled=settled), 0.0)
+        one._process_row(row._replace(time=49.0, is_settled=settled), 0.0)
     assert all(model is not climbing for _, model in one._learning._models)
     for at, learner.learned in ((50.0, early), (57.0, late), (57.5, late)):
-        one._take_row(row._replace(time=at), 0.0)
+        one._process_row(row._replace(time=at), 0.0)
     assert (
         one._learning.named_model(late, one.stream.parameters).model
         is one._learning._models[-1][1].model
@@ -373,10 +373,10 @@ def test_a_landing_never_replaces_the_last_model_before_it():
         "once, as what to do next"
     )
     assert kept() == 0
-    one._take_row(row._replace(time=70.0), 0.0)
+    one._process_row(row._replace(time=70.0), 0.0)
     assert kept() == 0, "what was learned of the landing does not come back"
     learner.learned = next_flight
-    one._take_row(row._replace(time=80.0), 0.0)
+    one._process_row(row._replace(time=80.0), 0.0)
     one.report_gain_advice(is_at_end=True)
     assert adviser.is_due
     assert kept() == 2 and said[-1].code is SessionFact.FORMER_MODEL_KEPT
@@ -501,14 +501,14 @@ def test_a_slow_computer_reports_it_and_puts_off_fits_then_plots_but_no_row(now,
         return Estimate(t, y, y, np.array([t + 0.25]), ahead, ahead, ahead)
 
     monkeypatch.setattr(mavdem.OnlineLearner, "update", made)
-    take = one._take_row
+    take = one._process_row
     shed = []
 
     def slow(row, arrival_time):
         now[0] += 0.03 * (107.0 < now[0] < 122.0)  # three times what it spans
         take(row, arrival_time)
 
-    one._take_row = slow
+    one._process_row = slow
     while arriving or one.backlog:
         here = [piece for piece in arriving[:4000] if piece[0] <= now[0]]
         one.link.script, sent, behind = (

@@ -643,7 +643,7 @@ def test_no_message_waits_for_more_than_a_part_of_a_review(monkeypatch):
         monkeypatch.setattr(f"mavdem.live.{name}", part)
     stream = LiveStream()
     for time, frame in Flight(Hot(hovering=20.0)).frames(end=14.0):
-        rows = stream.take_frames(time, stream.frame_reader.feed(frame))
+        rows = stream.process_frames(time, stream.frame_reader.feed(frame))
         before = len(worked)
         for _ in rows:
             assert len(worked) == before
