@@ -84,6 +84,7 @@ class GainFact(Code):
     MOTOR_AT_LIMIT = "motor_at_limit"
     LOOP_UNSTABLE = "loop_unstable"
     LAG_UNRESOLVED = "lag_unresolved"
+    STABILITY_UNKNOWN = "stability_unknown"
     LOWER_GAINS = "lower_gains"
     GAINS_ADVISED = "gains_advised"
     GAINS_LEFT = "gains_left"

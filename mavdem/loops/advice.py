@@ -14,6 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from mavdem.confidence import INTERVAL_QUANTILES
 from mavdem.errors import NotLearnable
 from mavdem.facts import Fact, Facts
 from mavdem.facts.loops import GainFact
@@ -257,7 +258,8 @@ def reasons_for_no_gains(loop: Loop, *, for_higher_gains: bool = False) -> Facts
     """Returns the reasons why no gains can be advised for a loop.
 
     Only the first reason is returned: changed gains, motors at their limits, an unstable loop, a loop that the measured
-    response contradicts, or, if gains are to be raised, a motor lag that the flight does not show. A biased control
+    response contradicts, margins that may be all or none (:func:`_unknown_stability`), or, if gains are to be raised, a
+    motor lag that the flight does not show. A biased control
     effectiveness is no reason: the spread of the plant's draws includes its possible error, and gains must have
     their margins in nearly all of them.
 
@@ -279,9 +281,38 @@ def reasons_for_no_gains(loop: Loop, *, for_higher_gains: bool = False) -> Facts
         return (Fact(GainFact.LOOP_UNSTABLE),)
     if loop.disagreement:
         return (loop.disagreement,)
+    unknown_stability = _unknown_stability(loop)
+    if unknown_stability is not None:
+        return (unknown_stability,)
     if for_higher_gains and not _shows_lag(loop):
         return (Fact(GainFact.LAG_UNRESOLVED, time_step=record.dt),)
     return ()
+
+
+def _unknown_stability(loop: Loop) -> Fact | None:
+    """Returns why no gains rest on a loop whose margins are not known from below: it may be unstable, or have them all.
+
+    The lower end of the interval of a margin means nothing then: the vehicle flew, so that its loop is stable.
+
+    Args:
+        loop: rate and attitude loop of one axis, with draws of the plant from its posterior.
+
+    Returns:
+        The fact; None if at most 5 % of the draws are unstable, or if at most 5 % have all margins: then these are
+        surely too small, however uncertain they are.
+    """
+    scores = margin_scores(MARGIN_TARGETS["default"], loop.rate, loop.attitude)[DRAWS]
+    unstable_share = float(np.mean(np.isneginf(scores)))
+    sound_share = float(np.mean(scores >= 1))
+    low_probability = 1 - INTERVAL_QUANTILES[1]
+    if min(unstable_share, sound_share) <= low_probability:
+        return None
+    return Fact(
+        GainFact.STABILITY_UNKNOWN,
+        subject=loop.axis,
+        unstable_share=unstable_share,
+        sound_share=sound_share,
+    )
 
 
 def _shows_lag(loop: Loop) -> bool:

@@ -208,6 +208,16 @@ def test_gains_are_refused_only_where_motors_are_at_limits_for_longer_than_was_t
     assert [reason.code for reason in reasons] == ([code] if code else [])
 
 
+@mark.parametrize("share, level", [(0.1, Level.GOOD), (0.5, Level.WATCH)])
+def test_margins_are_not_good_where_a_motor_is_at_its_limit_for_long(share, level):
+    loop = made_up(0.8)
+    inputs = loop.record.inputs.copy()
+    inputs[: round(share * len(inputs)), 0] = loop.record.input_range[1]
+    limited = replace(loop, record=replace(loop.record, inputs=inputs))
+    (fact,) = AxisMargins(loop.axis, limited, None, None).facts
+    assert fact.level is level
+
+
 def test_gains_are_not_raised_by_a_lag_that_the_log_without_rate_setpoint_does_not_show():
     loop = made_up(1.0)
     short_lag = loop.dynamics * [1.0, 0.1, 1.0]
@@ -216,6 +226,18 @@ def test_gains_are_not_raised_by_a_lag_that_the_log_without_rate_setpoint_does_n
     assert reason.code is GainFact.LAG_UNRESOLVED and not reasons_for_no_gains(by_motion_alone)
     in_loop = replace(by_motion_alone, plant=loop.plant._replace(filtered=False))
     assert not reasons_for_no_gains(in_loop, for_higher_gains=True)
+
+
+def test_no_gains_rest_on_a_loop_that_may_be_unstable_or_have_all_margins():
+    """A third of the models is sound and a third unstable: what the vehicle lacks is not known."""
+    loop = made_up(1.0)
+    effectiveness = loop.effectiveness.copy()
+    effectiveness[1::3] *= 30.0
+    split = replace(loop, effectiveness=effectiveness)
+    surely_low = made_up(2.5)
+    (reason,) = reasons_for_no_gains(split)
+    assert reason.code is GainFact.STABILITY_UNKNOWN
+    assert not reasons_for_no_gains(loop) and not reasons_for_no_gains(surely_low)
 
 
 class SearchWithHopelessModels(GainSearch):

@@ -13,6 +13,7 @@ from mavdem.dataset.signals import Signals
 from mavdem.facts import Fact, Facts, Level
 from mavdem.facts.loops import LoopFact, ResponseFact, StepResponseFact
 from mavdem.facts.margins import MarginsLight
+from mavdem.loops.advice import MAX_AT_LIMIT_SHARE
 from mavdem.loops.axis_loops import (
     MARGIN_TARGETS,
     Loop,
@@ -21,6 +22,7 @@ from mavdem.loops.axis_loops import (
     margin_ratios,
 )
 from mavdem.loops.injected_signal import injected_loop
+from mavdem.loops.loop_construction import at_limit_share
 from mavdem.loops.margins import Complex, OpenLoop
 from mavdem.loops.measured_response import MIN_RESPONSE_FIT
 from mavdem.loops.resonance import (
@@ -260,6 +262,9 @@ def _loop_fact(loop: Loop, contradiction: Fact | None) -> Fact:
     most 10 % of the plants have the least margins to fly with, and otherwise "watch". The margins are those at the
     thrust of the flight; only advised gains must keep them with 20 % more or less.
 
+    If a motor is at a limit for longer than ``MAX_AT_LIMIT_SHARE`` of the flight, the level is "watch" at best: the
+    mixer then gives up a part of the demand, and no loop was compared with the truth in such flights.
+
     If a measured response contradicts the model, the level is "watch" in any case: the spread of the plants does not
     contain the error that the measurement shows.
 
@@ -272,6 +277,9 @@ def _loop_fact(loop: Loop, contradiction: Fact | None) -> Fact:
         contradiction as ``reason``.
     """
     rating = margin_rating(loop)
+    is_limited = at_limit_share(loop.record, loop.controller) > MAX_AT_LIMIT_SHARE
+    if rating.is_good and is_limited:
+        rating = rating.replace(Level.WATCH)
     level = Level.WATCH
     if contradiction is None:
         if rating.is_good:
