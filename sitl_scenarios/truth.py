@@ -8,7 +8,7 @@ hundredths.
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from math import pi
 from typing import Any, NamedTuple
@@ -61,6 +61,13 @@ MAX_LOOP_FREQUENCY = 0.499
 
 LOOP_FREQUENCIES = 4000
 """Number of frequencies of the loops' responses, evenly spaced on a logarithmic scale."""
+
+MIN_MARGIN_FREQUENCY = 0.3
+"""Lowest frequency at which margins are taken, by the highest gain crossover: a choice.
+
+Below it, drag above the centre of mass lets the gain of a light vehicle rise through 1, and the phase through 180°: the
+vehicle drifts there, which the control of velocity and pilots prevent.
+"""
 
 DEMAND_STEP = 1e-3
 """Step of a demand to the mixer, up and down, that linearises it."""
@@ -434,7 +441,7 @@ def _rate_controller_response(
 
 
 def margins(frequency: Array, loop: Complex) -> Array:
-    """Returns the stability margins of one open loop, by the same code that analyses logs.
+    """Returns the stability margins of one open loop about its crossover, by the same code that analyses logs.
 
     Args:
         frequency: Frequencies in Hz, (N,).
@@ -443,14 +450,27 @@ def margins(frequency: Array, loop: Complex) -> Array:
     Returns:
         (4,) gain crossover, Hz, phase margin, °, gain margin, dB, and Ms, the largest sensitivity.
     """
-    response = loop[None]
-    complementary_sensitivity = response / (1 + response)
-    # These four margins follow from the open loop; the closed responses of the record only have to be there.
-    figures = OpenLoop(
-        frequency, response, complementary_sensitivity, complementary_sensitivity
-    ).figures
+    crossover = _loop_figures(frequency, loop)["crossover"][0]
+    # Without a crossover the comparison with NaN is false for all frequencies, which are then all kept.
+    is_about_crossover = ~(frequency < MIN_MARGIN_FREQUENCY * crossover)
+    figures = _loop_figures(frequency[is_about_crossover], loop[is_about_crossover])
     names = ("crossover", "phase_margin", "gain_margin", "ms")
     return np.array([figures[name][0] for name in names])
+
+
+def _loop_figures(frequency: Array, loop: Complex) -> Mapping[str, Array]:
+    """Returns the figures of one open loop, of the shape (1,) each, by name.
+
+    Args:
+        frequency: Frequencies in Hz, (N,).
+        loop: Open-loop response, (N,).
+    """
+    response = loop[None]
+    complementary_sensitivity = response / (1 + response)
+    # The margins follow from the open loop; the closed responses of the record only have to be there.
+    return OpenLoop(
+        frequency, response, complementary_sensitivity, complementary_sensitivity
+    ).figures
 
 
 class HoverPart(NamedTuple):

@@ -6,7 +6,7 @@ from pytest import approx, fixture, mark
 from sitl_scenarios.files import load
 from sitl_scenarios.scenario import Moment, Multisine, Scenario, Sensors, VehicleSpec
 from sitl_scenarios.simulation import fly
-from sitl_scenarios.truth import truth, write_truth
+from sitl_scenarios.truth import margins, truth, write_truth
 
 
 @fixture(scope="module")
@@ -50,6 +50,17 @@ def test_the_linear_system_moves_about_every_axis_as_the_vehicle_did():
         assert (true - predicted).std() < 0.05 * true.std()
         # 0.5 rad/s²; 12 s hold about 34 independent values.
         assert known[f"{axis}_disturbance"][motion.landed_state == 2].std() == approx(0.5, rel=0.4)
+
+
+def test_margins_are_those_about_the_crossover_where_drag_turns_a_light_vehicle_back():
+    """Drag turns a tilted vehicle back, so that the gain rises through 1 at a low frequency."""
+    frequency = np.geomspace(0.05, 100.0, 4000)
+    s = 2j * np.pi * frequency
+    drag_stiffness = 1.5
+    without_drag = 15.0 / s / (0.03 * s + 1) * np.exp(-0.01 * s)
+    with_drag = without_drag * s**3 / (s**3 + drag_stiffness)
+    expected = margins(frequency, without_drag)
+    assert margins(frequency, with_drag) == approx(expected, rel=0.02)
 
 
 @mark.slow
