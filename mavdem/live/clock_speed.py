@@ -78,9 +78,9 @@ class ClockSpeed:
         return vehicle_seconds / self.speed
 
     def elapsed_seconds(self, now: float) -> float:
-        """Returns the seconds of the vehicle's clock since the first update, without its jumps and from any number on.
+        """Returns the seconds of the vehicle's clock so far, without its jumps; only differences have a meaning.
 
-        Since its latest advance, which attitudes bring, the clock is taken to run at the measured speed.
+        The vehicle's clock advances with each attitude. Since the last one it is taken to run at the measured speed.
 
         Args:
             now: s of this computer's monotonic clock.
@@ -90,27 +90,25 @@ class ClockSpeed:
         return self._elapsed_seconds + (now - self._advance_time) * self.speed
 
     def update(self, now: float, vehicle_time: float) -> None:
-        """Takes the present reading of both clocks, and measures the speed if the vehicle's clock has advanced.
+        """Takes the present readings of both clocks, and measures the speed if the vehicle's clock has advanced.
 
-        The speed is the time that passed on the vehicle's clock over the time that passed on this computer's, between
-        the present reading and one about ``SPEED_WINDOW_SECONDS`` earlier. After a jump of the vehicle's clock, as at a
-        reboot, the measurement begins again.
+        After a jump of the vehicle's clock, as at a reboot, the measurement begins again.
 
         Args:
             now: s of this computer's monotonic clock.
             vehicle_time: latest time of the vehicle's boot clock, s; NaN before any.
         """
-        latest_reading = self._latest
         if self._advance_time is None:
+            # The seconds are counted from any number on; this one is as good as another.
             self._elapsed_seconds = now
             self._advance_time = now
-        if isnan(vehicle_time) or (
-            latest_reading is not None and vehicle_time == latest_reading.vehicle_time
-        ):
+        former_reading = self._latest
+        stands_still = former_reading is not None and vehicle_time == former_reading.vehicle_time
+        if isnan(vehicle_time) or stands_still:
             return
         elapsed_seconds = self.elapsed_seconds(now)
-        if latest_reading is not None:
-            step = vehicle_time - latest_reading.vehicle_time
+        if former_reading is not None:
+            step = vehicle_time - former_reading.vehicle_time
             has_jumped = step <= 0 or step >= SPEED_WINDOW_SECONDS
             if has_jumped:
                 self._readings.clear()
@@ -118,11 +116,21 @@ class ClockSpeed:
                 elapsed_seconds = self._elapsed_seconds + step
         self._elapsed_seconds = elapsed_seconds
         self._advance_time = now
-        latest_reading = _ClockReading(now, vehicle_time)
-        self._latest = latest_reading
+        self._latest = _ClockReading(now, vehicle_time)
+        self._measure_speed(self._latest)
+
+    def _measure_speed(self, reading: _ClockReading) -> None:
+        """Measures the speed between a reading about ``SPEED_WINDOW_SECONDS`` ago and the latest one.
+
+        It is the time that passed on the vehicle's clock over the time that passed on this computer's.
+
+        Args:
+            reading: the latest readings of both clocks.
+        """
+        now = reading.arrival_time
         readings = self._readings
         if not readings or now - readings[-1].arrival_time >= READING_PERIOD:
-            readings.append(latest_reading)
+            readings.append(reading)
         # The window begins with the latest reading that is old enough.
         while len(readings) > 1 and readings[1].arrival_time <= now - SPEED_WINDOW_SECONDS:
             readings.popleft()
@@ -131,7 +139,7 @@ class ClockSpeed:
         # The jitter of arrivals would dominate a speed over a shorter time.
         if duration < DECISION_SECONDS / 2:
             return
-        self.speed = (vehicle_time - start.vehicle_time) / duration
+        self.speed = (reading.vehicle_time - start.vehicle_time) / duration
         self._report_slow_clock(now)
 
     def _report_slow_clock(self, now: float) -> None:

@@ -1,4 +1,6 @@
-"""Whether a live vehicle is armed, airborne and in settled flight, by the rules for logs applied to the last seconds.
+"""Phase of flight of a live vehicle: on the ground, airborne, free of the ground, or settled (no take-off or landing).
+
+The rules for logs are applied to the last seconds.
 
 What those seconds alone do not show is carried on from review to review: when the flight began, and since when it is
 settled.
@@ -43,7 +45,10 @@ A model of samples from earlier in the climb comes sooner, but its errors are up
 
 
 class FlightPhase:
-    """The phase of flight of a live vehicle, on the clock of one boot, as of the latest of its periodic reviews.
+    """Decides in each review whether a live vehicle is airborne, in free flight, and in settled flight; in one boot.
+
+    In free flight nothing holds the vehicle. Settled flight is free flight without the climb-out after the take-off and
+    without the landing. All times are s of the boot clock.
 
     Attributes:
         is_flying: whether the vehicle is airborne and, where that is reported, armed.
@@ -108,19 +113,10 @@ class FlightPhase:
         return landing_time
 
     def review(self, now: float, vehicle: Telemetry, collective: TimeSeries | None) -> None:
-        """Decides the phase by the messages and the motors of the last seconds; it is called twice a second.
-
-        Two things are decided one after the other:
-
-        1. Whether the vehicle is airborne (``is_flying``), from the begin of the take-off to the end of the landing.
-        2. Whether it is armed and reported in the air (``is_in_air``), which excludes take-off and landing. Such a
-           flight becomes settled at the end of its climb-out; until then it counts as free while it climbs. When it has
-           ended, its last ``TRANSIENT_SECONDS`` were the landing and are withdrawn.
-
-        All times are s of the boot clock.
+        """Decides the phase of flight by the messages and motor outputs of the last seconds, twice a second.
 
         Args:
-            now: time of the review.
+            now: time of the review, s.
             vehicle: identity and parameters.
             collective: mean of the motors in the last seconds, as a share of their range; None if it is unknown.
         """
@@ -130,41 +126,53 @@ class FlightPhase:
         self._landed_state_end = _end_of_validity(reports, now)
         landed_state = _repeated_until(now, reports)
         signals = LiveSignals(telemetry, collective=collective, landed_state=landed_state)
-        armed = flight_states.armed_intervals(signals, boot)
-        airborne = flight_states.airborne_intervals(signals, boot)
-        present_flight = _interval_at(now, airborne)
-        if present_flight is not None and not self.is_flying:
-            # Only the first review of a flight sees its beginning.
-            self._airborne_since, _ = present_flight
-        self.is_flying = present_flight is not None
-        has_states = signals.landed_state is not None or collective is not None
         # If no message says whether the vehicle is armed, it counts as armed all the time.
-        self._is_known = has_states or armed != [(-inf, inf)]
+        armed = flight_states.armed_intervals(signals, boot)
+        is_arming_reported = armed != [(-inf, inf)]
+        self._is_known = landed_state is not None or collective is not None or is_arming_reported
+        self._update_airborne(now, flight_states.airborne_intervals(signals, boot))
 
-        in_air = flight_states.landed_state_intervals(signals, boot, (IN_AIR,))
         climb_rate = signals.climb_rate
         if climb_rate is not None:
             climb_rate = time_series.averaged_series(climb_rate)
+        # Take-off and landing are states of their own, so that these intervals are without them.
+        in_air = flight_states.landed_state_intervals(signals, boot, (IN_AIR,))
         self._update_flight(now, intersection(armed, in_air), climb_rate)
         self._review_time = now
 
-    def _update_flight(self, now: float, flights: Intervals, climb_rate: TimeSeries | None) -> None:
-        """Ends the flight of the last review if it is over, and notes when the present one took off.
+    def _update_airborne(self, now: float, airborne: Intervals) -> None:
+        """Decides whether the vehicle is airborne, and notes when it left the ground.
 
         Args:
-            now: time of the review, s of the boot clock.
-            flights: times, s, in which the vehicle was armed and in the air, in the last seconds.
+            now: time of the review, s.
+            airborne: intervals of the last seconds from the begin of a take-off to the end of a landing, s.
+        """
+        present_flight = _interval_at(now, airborne)
+        has_taken_off = present_flight is not None and not self.is_flying
+        if present_flight is not None and has_taken_off:
+            # Only the first review of a flight sees its beginning.
+            self._airborne_since, _ = present_flight
+        self.is_flying = present_flight is not None
+
+    def _update_flight(self, now: float, flights: Intervals, climb_rate: TimeSeries | None) -> None:
+        """Decides whether the vehicle is in the air after its take-off and before its landing, and in settled flight.
+
+        Args:
+            now: time of the review, s.
+            flights: intervals of the last seconds in which the vehicle was armed and reported in the air, s.
             climb_rate: averaged upward speed of the last seconds, m/s; None if none comes.
         """
         flight = _interval_at(now, flights)
-        # The flight of the last review has ended, also where another has begun since.
         take_off_time = nan if flight is None else flight[0]
-        if self.is_in_air and (flight is None or take_off_time > self._review_time):
+        # Another flight may have begun since the last review.
+        has_ended = flight is None or take_off_time > self._review_time
+        if self.is_in_air and has_ended:
             earlier_ends = [end for _, end in flights if end < now]
             self._end_flight(max(earlier_ends, default=now))
         if flight is not None:
-            # The time of the take-off is corrected while the mean collective around it, a centred average, becomes
-            # known. Later the last seconds no longer contain the take-off.
+            # The begin of a flight follows from the mean collective around it, a centred average, which is known for
+            # certain only half of its window later. Until then each review corrects the time of the take-off; after
+            # that, the last seconds no longer contain it.
             may_correct = isfinite(take_off_time) and now < self._takeoff_time + AVERAGING_SECONDS
             if not self.is_in_air or may_correct:
                 self._takeoff_time = take_off_time
@@ -196,51 +204,47 @@ class FlightPhase:
     def _update_settled_start(self, now: float, climb_rate: TimeSeries | None) -> None:
         """Updates the time since which the flight is settled: neither in the climb-out nor possibly in a landing.
 
-        A flight becomes settled at the end of its climb-out, which the rules for logs find. A descent may be a landing.
-        So it moves the start of settled flight to ``TRANSIENT_SECONDS`` after the last time when the vehicle sank,
-        which lies in the future; ``is_settled`` is false until then. While the autopilot reports its landed state, that
-        shows a landing, and descents are ignored.
+        A flight becomes settled at the end of its climb-out, which the rules for logs find. After that a descent may be
+        the begin of a landing: the flight counts as settled again ``TRANSIENT_SECONDS`` after the vehicle last sank.
+        That time lies in the future while it sinks, so that ``is_settled`` is false until then. While the autopilot
+        reports its landed state, which shows a landing, descents are ignored.
 
         Args:
-            now: present time on the boot clock, s.
-            climb_rate: averaged upward speed of the last seconds, m/s; None if none comes. The centred mean is known
-                only ``AVERAGING_DELAY`` later.
+            now: present time, s.
+            climb_rate: averaged upward speed of the last seconds, m/s; None if none comes.
         """
-        averaged_end = now if climb_rate is None else now - AVERAGING_DELAY
         if self._settled_start is None:
-            level = phases.without_transients((self._takeoff_time, inf), climb_rate)
-            if level is not None and level[0] <= averaged_end:
-                self._settled_start = level[0]
+            # The centred average is known only until half of its window ago.
+            known_end = now if climb_rate is None else now - AVERAGING_DELAY
+            level_flight = phases.without_transients((self._takeoff_time, inf), climb_rate)
+            if level_flight is not None and level_flight[0] <= known_end:
+                self._settled_start = level_flight[0]
         elif climb_rate is not None:
-            is_sinking = climb_rate.values <= -MAX_LEVEL_FLIGHT_SPEED
-            # The last review has judged all samples but those of its last ``AVERAGING_DELAY``. While a report of the
-            # landed state is valid, descents are ignored.
-            unjudged_start = max(self._review_time - AVERAGING_DELAY, self._landed_state_end)
-            is_new = (climb_rate.time > unjudged_start) & (climb_rate.time <= averaged_end)
-            sinking_times = climb_rate.time[is_sinking & is_new]
+            new_start = max(self._review_time - AVERAGING_DELAY, self._landed_state_end)
+            new_rates = _between(climb_rate, new_start, now - AVERAGING_DELAY)
+            sinking_times = new_rates.time[new_rates.values <= -MAX_LEVEL_FLIGHT_SPEED]
             if len(sinking_times):
                 end_of_possible_landing = float(sinking_times[-1]) + TRANSIENT_SECONDS
                 self._settled_start = max(self._settled_start, end_of_possible_landing)
 
     def _update_free_climb_start(self, now: float, climb_rate: TimeSeries | None) -> None:
-        """Updates the time since which the vehicle is in free flight, before its flight is settled.
+        """Updates the time since which a vehicle in its climb-out is in free flight.
 
         A vehicle that climbs cannot be held by the ground. So it counts as free from ``FREE_CLIMB_DELAY`` after it
         first climbed, which lets learning begin some seconds before settled flight does. A descent resets this.
 
         Args:
-            now: present time on the boot clock, s.
+            now: present time, s.
             climb_rate: averaged upward speed of the last seconds, m/s; without it nothing shows a free climb.
         """
         if not self.is_flying or climb_rate is None:
             self._free_climb_start = inf
             return
-        # The centred mean is known up to ``AVERAGING_DELAY`` ago; what earlier reviews have judged is left out.
-        unjudged_start = max(self._review_time, now - MAX_REPORT_INTERVAL) - AVERAGING_DELAY
-        is_new = (climb_rate.time > unjudged_start) & (climb_rate.time <= now - AVERAGING_DELAY)
-        speed = climb_rate.values[is_new]
-        climbing_times = climb_rate.time[is_new][speed >= MAX_LEVEL_FLIGHT_SPEED]
-        if np.any(speed <= -MAX_LEVEL_FLIGHT_SPEED):
+        # Earlier reviews have judged the climb rates until half of the average's window before the last review.
+        new_start = max(self._review_time, now - MAX_REPORT_INTERVAL) - AVERAGING_DELAY
+        new_rates = _between(climb_rate, new_start, now - AVERAGING_DELAY)
+        climbing_times = new_rates.time[new_rates.values >= MAX_LEVEL_FLIGHT_SPEED]
+        if np.any(new_rates.values <= -MAX_LEVEL_FLIGHT_SPEED):
             self._free_climb_start = inf
         elif len(climbing_times) and self._settled_start is None:
             free_time = float(climbing_times[0]) + FREE_CLIMB_DELAY
@@ -268,6 +272,11 @@ def _interval_at(time: float, intervals: Intervals) -> TimeInterval | None:
         if start < time <= end:
             return start, end
     return None
+
+
+def _between(series: TimeSeries, start_time: float, end_time: float) -> TimeSeries:
+    """Returns the samples of a series after ``start_time`` and until ``end_time``, s."""
+    return series.select((series.time > start_time) & (series.time <= end_time))
 
 
 def _is_recent(landed_state: TimeSeries, now: float) -> bool:

@@ -18,7 +18,7 @@ JUDGING_PERIOD = 10.0
 """Time between the beginnings of two judgements, s: a choice of computing time."""
 
 OWN_TORQUE_OVERRIDES = (Override.OSCILLATION, Override.MOTORS)
-"""What makes the estimated torque the vehicle's own: a limit cycle, or a weak motor."""
+"""Findings with which the torque that was estimated as the wind's is the vehicle's own: a limit cycle, a weak motor."""
 
 
 class ModelJudging:
@@ -78,7 +78,7 @@ class ModelJudging:
             return
         self._next_time = now + JUDGING_PERIOD
         named_model = learning.named_model(model, stream.parameters)
-        if named_model.record.input_names != row_format.geometry.names:
+        if not _has_motors_of(row_format, named_model):
             return
         alarms = tuple(stream.motor_alarms.latest)
         # The executor raises RuntimeError when its processes are gone.
@@ -106,8 +106,8 @@ class ModelJudging:
     ) -> Learned | None:
         """Judges the model at the end of the session, in this thread, and sets ``findings`` and ``judgement``.
 
-        Without a model, or with one of other motors than the latest rows have, only the alarms remain to be judged. If
-        the judgement itself fails, the one before it stays.
+        Without a model, or with a model of other motors than the latest rows have, only the alarms remain to be judged.
+        If the judgement fails, the one before it stays.
 
         Args:
             model: the final model; None without one.
@@ -115,16 +115,11 @@ class ModelJudging:
             alarms: changes of the motors' balance.
 
         Returns:
-            The model to show. If a limit cycle or a weak motor caused the torque that was estimated as the wind's, it
-            is marked so.
+            The model to show. If a limit cycle or a weak motor caused the torque that was estimated as the wind's, the
+            model says so.
         """
-        is_of_latest_motors = (
-            model is not None
-            and row_format is not None
-            and model.record.input_names == row_format.geometry.names
-        )
-        with suppress(ValueError):
-            if model is None or row_format is None or not is_of_latest_motors:
+        try:
+            if model is None or row_format is None or not _has_motors_of(row_format, model):
                 self.findings = findings_of(model, alarms=alarms)
                 self.judgement = None
                 return model
@@ -136,12 +131,23 @@ class ModelJudging:
                 for override in self.findings.overrides
             )
             return with_own_torque_marked(model, vehicle_made_torque=vehicle_made_torque)
-        return model
+        except ValueError:
+            return model
 
     def use_judgement_of_recording(self, judgement: Judgement) -> None:
-        """Replaces the judgement by that of the recording, which has the setpoints and all axes.
+        """Replaces the judgement by the model by the judgement of the recording, which has the setpoints and all axes.
 
-        There is one judgement of a flight: margins by the model alone must not stand beside those that the recording
-        shows, or beside the reason why it shows none.
+        There is one judgement of a flight: its margins are either those of the recording, or unknown for the reason
+        that the recording shows, but never those of the model alone.
         """
         self.judgement = judgement
+
+
+def _has_motors_of(row_format: RowFormat, model: Learned) -> bool:
+    """Returns whether a model was learned with the same motors as its inputs that rows of a format have.
+
+    Args:
+        row_format: format of the rows.
+        model: a model with the names of its inputs.
+    """
+    return model.record.input_names == row_format.geometry.names

@@ -28,11 +28,10 @@ class MotorAlarms:
         self.active: Facts = ()
         self.has_landed = False
         self.change_time = nan
-        # The test for a lasting change, which goes on with each sample (a sequential test), of the present motors; None
-        # before any sample of settled flight.
-        self._watch: MotorLossDetector | None = None
-        # Boot, mixer geometry and range of the outputs that the present watch is for.
-        self._watched_motors: object = None
+        # The sequential test for a lasting change, which goes on with each sample; None before any of settled flight.
+        self._detector: MotorLossDetector | None = None
+        # Boot, mixer geometry and range of the outputs that it tests.
+        self._tested_motors: object = None
         # Why the test cannot find anything, as of the latest sample.
         self._undetectable_reason: Fact | None = None
 
@@ -41,7 +40,7 @@ class MotorAlarms:
 
         The test and its reference are forgotten too: their times are of another clock.
         """
-        self._watch = None
+        self._detector = None
         self._undetectable_reason = None
         self.active = ()
         self.change_time = nan
@@ -63,16 +62,16 @@ class MotorAlarms:
             return Fact(WatchFact.ON_GROUND_NOW)
         if self._undetectable_reason is not None:
             return self._undetectable_reason
-        if self._watch is None or now - self._watch.latest_time > MAX_GAP:
+        if self._detector is None or now - self._detector.latest_time > MAX_GAP:
             return Fact(SessionFact.NOT_SETTLED)
-        if self._watch.reference_time is None:
+        if self._detector.reference_time is None:
             return Fact(WatchFact.REFERENCE_SHORT, duration=REFERENCE_SECONDS)
         return None
 
     @property
     def weak_since(self) -> float | None:
         """Time of the latest change of a motor, s of the boot clock, while one is weak; None while all are sound."""
-        if self._watch is None or not self._watch.weak_motors:
+        if self._detector is None or not self._detector.weak_motors:
             return None
         return self.change_time
 
@@ -81,8 +80,8 @@ class MotorAlarms:
     ) -> Facts:
         """Tests a sample of settled flight for a lasting change of the motors' balance, by ``MotorLossDetector``.
 
-        The first sample after a landing ends the alarms of the former flight. A change with a named motor replaces the
-        active alarms by those on all motors that are weak now.
+        The first sample after a landing ends the alarms of the former flight. If a change is due to one motor, which
+        the test then names, all motors that are weak now are the active alarms from then on.
 
         Args:
             time: time of the sample, s of the boot clock.
@@ -98,18 +97,19 @@ class MotorAlarms:
             self.active = ()
             self.has_landed = False
         # Balances of other motors, or on another range of the outputs, cannot be compared: detection begins again.
-        watched_motors = (boot, motors.geometry, motors.scale.low, motors.scale.high)
-        if self._watch is None or watched_motors != self._watched_motors:
-            self._watch = MotorLossDetector(motors.geometry, boot)
-            self._watched_motors = watched_motors
+        tested_motors = (boot, motors.geometry, motors.scale.low, motors.scale.high)
+        if self._detector is None or tested_motors != self._tested_motors:
+            self._detector = MotorLossDetector(motors.geometry, boot)
+            self._tested_motors = tested_motors
         facts = []
-        for change in self._watch.update(time, commands, heading):
+        for change in self._detector.update(time, commands, heading):
             self.latest.append(change)
             if change.motor is not None:
                 self.change_time = change.onset_time
+                weak_motors = list(self._detector.weak_motors.values())
                 # If no motor is weak any more, the change is a recovery, which is shown in the place of alarms.
-                weak_motors = list(self._watch.weak_motors.values()) or [change]
-                self.active = tuple(alarm.event for alarm in weak_motors)
+                shown_changes = weak_motors or [change]
+                self.active = tuple(shown_change.event for shown_change in shown_changes)
             facts.append(change.event)
-        self._undetectable_reason = self._watch.undetectable_reason
+        self._undetectable_reason = self._detector.undetectable_reason
         return tuple(facts)

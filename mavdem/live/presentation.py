@@ -1,4 +1,4 @@
-"""What the user of a live session is shown: rows and events on a display, their history, facts (coded findings)."""
+"""What the user of a live session sees: samples on a display, reported events, and the history of the flight."""
 
 from collections.abc import Callable
 from math import nan
@@ -48,7 +48,7 @@ class Presentation:
         self._report_event = report_event
         self._motor_alarms = motor_alarms
         self._display: Display | None = None
-        # When each kind of fact was reported last, s of the monotonic clock.
+        # When a fact with each ``_repetition_key`` was reported last, s of the monotonic clock.
         self._report_times: dict[object, float] = {}
 
     @property
@@ -139,29 +139,29 @@ class Presentation:
         learned: Learned | None = None,
         wind: WindEstimate | None = None,
     ) -> None:
-        """Displays a row, if there is a display.
+        """Displays a row together with what is estimated at its time, if there is a display.
 
         Args:
-            row: the row.
-            pose: the latest attitude with its setpoint.
-            estimate: estimate of this row; None of a row that was not learned from.
-            learned: the learner's latest batch result.
-            wind: the latest.
+            row: motor outputs and motion at one time.
+            pose: the latest attitude with its setpoint; None before the first.
+            estimate: estimate of this row; None for a row that was not learned from.
+            learned: the latest model; None before the first.
+            wind: the latest estimate of the wind; None before the first.
         """
-        if self._display is not None:
-            self._display.put(
-                DisplayRow(
-                    row.time,
-                    timeline_offset=self.history.timeline_offset,
-                    segment=row.segment,
-                    outputs=row.outputs,
-                    inputs=row.inputs,
-                    estimate=estimate,
-                    learned=learned,
-                    wind=wind,
-                    pose=pose,
-                )
-            )
+        if self._display is None:
+            return
+        displayed_row = DisplayRow(
+            row.time,
+            timeline_offset=self.history.timeline_offset,
+            segment=row.segment,
+            outputs=row.outputs,
+            inputs=row.inputs,
+            estimate=estimate,
+            learned=learned,
+            wind=wind,
+            pose=pose,
+        )
+        self._display.put(displayed_row)
 
     def preview(
         self,
@@ -188,32 +188,20 @@ class Presentation:
             self.show(latest.row, pose)
 
     def log(self, fact: Fact) -> None:
-        """Reports a fact to the user, to the history and to the display.
-
-        A fact of the same kind as one that was reported in the last ``REPEAT_SECONDS`` is dropped, so that a state that
-        changes all the time does not flood the user. Facts with a time, each alarm and each recovery, are always
-        reported. If the fact tells since when a motor is weak, the wind torque in the history is cleared from then on.
+        """Reports a fact to the user, to the history and to the display, unless it repeats one that was just reported.
 
         Args:
             fact: its time, where it has one, is in s of the boot clock.
         """
-        now = clock.monotonic()
-        repetition_key = _repetition_key(fact)
-        # Only kinds of the last seconds are kept, which bounds the memory.
-        self._report_times = {
-            reported_key: time
-            for reported_key, time in self._report_times.items()
-            if now - time < REPEAT_SECONDS
-        }
-        if repetition_key in self._report_times and fact.time is None:
+        if self._is_repetition(fact):
             return
-        self._report_times[repetition_key] = now
         start_time = nan
         if fact.time is not None:
             start_time = fact.time + self.history.timeline_offset
-        # An alarm about a motor has the time since which the estimated torque is the motor's, not the wind's.
-        if self._motor_alarms.change_time == fact.time:
-            self.history.clear_wind_torque(start_time)
+            if fact.time == self._motor_alarms.change_time:
+                # The fact is about a motor that became weak then: since that time the estimated wind torque was in
+                # truth the torque of the motor.
+                self.history.clear_wind_torque(start_time)
         event = Event(
             self.history.now,
             fact,
@@ -226,6 +214,28 @@ class Presentation:
         self.history.events.append(event)
         if self._display is not None:
             self._display.log(event)
+
+    def _is_repetition(self, fact: Fact) -> bool:
+        """Returns whether a fact was reported in the last ``REPEAT_SECONDS``; if not, notes that it is reported now.
+
+        So a state that changes all the time does not flood the user. Facts with a time, as each alarm and each recovery
+        has, are no repetitions.
+
+        Args:
+            fact: the fact to be reported.
+        """
+        now = clock.monotonic()
+        # Older reports are forgotten, which bounds the memory.
+        recent_times = {}
+        for reported_key, time in self._report_times.items():
+            if now - time < REPEAT_SECONDS:
+                recent_times[reported_key] = time
+        self._report_times = recent_times
+        key = _repetition_key(fact)
+        if fact.time is None and key in recent_times:
+            return True
+        recent_times[key] = now
+        return False
 
 
 def _repetition_key(fact: Fact) -> tuple[object, ...]:
