@@ -100,15 +100,7 @@ class BootClock:
         return TimedMessage(message, time, self.boot, has_own_stamp)
 
     def _advance_to_attitude(self, message: Message) -> float | None:
-        """Returns the time of an attitude on the boot clock, and advances the clock to it.
-
-        There are two cases:
-
-        1. The stamp, with the wraps of its counter added, continues the clock.
-        2. It does not: the vehicle may have rebooted, its clock may have jumped, or this stamp is damaged. Such stamps
-           are collected as long as they continue each other, and their messages are dropped. When they prove that there
-           is a new clock (:meth:`_is_new_clock`), the clock restarts at the first of them. A stamp that continues the
-           present clock proves that this clock is still in use, and the collected ones are forgotten.
+        """Advances the clock to an attitude, and returns the time of the attitude.
 
         Args:
             message: an attitude with a stamp, s, whose counter begins again after ``wrap_period``, s.
@@ -117,18 +109,13 @@ class BootClock:
             The time, s of the boot clock; None if the stamp does not continue the clock, and no new clock is proven.
         """
         time = self._unwrapped_time(message)
-        continues_clock = _continues(time, self.now)
-        if not continues_clock or self._restarted_clock_has_caught_up(message.stamp):
+        has_caught_up = self._restarted_clock_has_caught_up(message.stamp)
+        continues_clock = _continues(time, self.now) and not has_caught_up
+        if not continues_clock:
+            if not self._begins_new_clock(message.stamp):
+                return None
             # A new clock has not wrapped yet.
             time = message.stamp
-            stamps = self._stamps_of_new_clock
-            if stamps and _continues(time, stamps[-1]):
-                stamps.append(time)
-            else:
-                stamps[:] = [time]
-            if not self._is_new_clock(stamps):
-                return None
-            self._restart(stamps[0])
         # The two attitude messages may wrap differently, so the wraps are counted again from the time that was found.
         self._wraps = 0
         if isfinite(message.wrap_period):
@@ -138,8 +125,31 @@ class BootClock:
             self._mean_step += (step - self._mean_step) / STEP_MEMORY
             self.now = time
         self._boot_time = self._reception_time - time
+        # The present clock is still in use, so that the stamps of another one were none of this vehicle's.
         self._stamps_of_new_clock.clear()
         return time
+
+    def _begins_new_clock(self, stamp: float) -> bool:
+        """Collects a stamp that does not continue the clock, and restarts the clock if a new clock is proven by it.
+
+        The vehicle may have rebooted, its clock may have jumped, or the stamp is damaged. Such stamps are collected as
+        long as they continue each other, and their messages are dropped, until they prove a new clock.
+
+        Args:
+            stamp: stamp of an attitude, s.
+
+        Returns:
+            Whether there is a new clock, which began with the first of these stamps.
+        """
+        stamps = self._stamps_of_new_clock
+        if stamps and _continues(stamp, stamps[-1]):
+            stamps.append(stamp)
+        else:
+            stamps[:] = [stamp]
+        if not self._is_new_clock(stamps):
+            return False
+        self._restart(stamps[0])
+        return True
 
     def _unwrapped_time(self, message: Message) -> float:
         """Returns the time of a stamp if it is of the present clock, s: one wrap period is added for each wrap.
@@ -180,8 +190,8 @@ class BootClock:
     def _is_new_clock(self, stamps: list[float]) -> bool:
         """Returns whether successive stamps prove that the vehicle's clock has changed.
 
-        They were collected since the last stamp that continued the former clock (:meth:`_advance_to_attitude`). So
-        delayed messages, or those of another vehicle with the same ids, prove nothing while the former clock continues.
+        They were collected since the last stamp that continued the former clock. So delayed messages, or messages of
+        another vehicle with the same ids, prove nothing while the former clock continues.
 
         ``MIN_RESET_STAMPS`` suffice if the clock jumped ahead, or fell far to a time near zero, as in a restart.
         Otherwise the stamps may come from a second link with a delay. Then they must continue for ``MAX_LATE_SECONDS``,
@@ -208,8 +218,8 @@ class BootClock:
 
         After any step back the boot number increases, so that times before and after it are never compared. The step
         back is a reboot if the new clock begins near zero, or if it read 0 after the last message of the former clock:
-        the vehicle may have booted while nothing was received. A step ahead is a jump within the same boot. The first
-        clock of all is not reported.
+        then the vehicle booted while nothing was received. A step ahead is a jump within the same boot. The first clock
+        of all is not reported.
 
         Args:
             first_stamp: first attitude stamp of the new clock, s.
@@ -218,11 +228,11 @@ class BootClock:
         self.now = first_stamp
         if first_stamp < former_now:
             self.boot += 1
-            # Both are times of reception, UNIX s: when the new clock read 0, and when the former one was heard last.
-            boot_time = self._reception_time - self._stamps_of_new_clock[-1]
+            # Times on this computer's clock, UNIX s: when the new clock read 0, and the last message of the former one.
+            new_clock_start = self._reception_time - self._stamps_of_new_clock[-1]
             last_former_reception = self._boot_time + former_now
-            booted_unheard = boot_time >= last_former_reception - MAX_UTC_DIFFERENCE
-            if first_stamp <= MAX_RESTART_TIME or booted_unheard:
+            has_begun_since = new_clock_start >= last_former_reception - MAX_UTC_DIFFERENCE
+            if first_stamp <= MAX_RESTART_TIME or has_begun_since:
                 self._report(Fact(VehicleFact.VEHICLE_REBOOTED, clock=former_now))
             else:
                 self._report(Fact(VehicleFact.CLOCK_WENT_BACK, clock=former_now, time=first_stamp))

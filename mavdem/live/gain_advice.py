@@ -4,7 +4,7 @@ They are computed in a process of its own, which begins when the vehicle has lan
 ends with its advice. Nothing is sent to the vehicle.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from concurrent.futures import Executor, Future
 from contextlib import ExitStack
 from dataclasses import replace
@@ -87,10 +87,11 @@ class GainAdviser:
             is_at_end: whether the session ends.
 
         Returns:
-            The advice, once, when it is ready; the fact that it is put off; otherwise nothing.
+            The facts of the advice, once, when it is ready; the fact that it is put off; otherwise nothing. The
+            judgement of the recording, which comes with advice, is then in ``judgement``.
         """
         if self.is_due:
-            # The judgement so far is that of an earlier flight.
+            # The judgement that came with the last advice is about an earlier flight.
             self.judgement = None
             if is_busy and not is_at_end:
                 return (Fact(GainFact.ADVICE_WAITS),)
@@ -154,9 +155,9 @@ def advise_gains(recording: Path, vehicle: str) -> GainAdvice:
         vehicle: "system:component" of the vehicle in it.
 
     Returns:
-        Facts, and with them the judgement of the vehicle. The facts are the gains of each axis, their effect on the
-        vehicle's twin, a simulation of it, and the files; for axes without new gains, the decision on their loops; or
-        the reason why no gains are advised at all.
+        The judgement of the vehicle, and facts: the new gains of each axis, their effect in a simulation of the vehicle
+        (its twin), and the files; for axes without new gains, the decision on their control loops; or why no gains are
+        advised at all.
 
     Raises:
         OSError: the files cannot be written.
@@ -176,18 +177,28 @@ def advise_gains(recording: Path, vehicle: str) -> GainAdvice:
     if not tuning.parameters:
         return GainAdvice(facts, tuning.judgement)
 
-    twin_facts = predicted_errors(assessment.evidence, tuning.parameters)
-    # Text of each file by the ending of its name.
+    simulated_effects = predicted_errors(assessment.evidence, tuning.parameters)
     texts = tuning.files(assessment.evidence.signals.telemetry)
+    files_fact = _write_gain_files(recording, texts, tuning.judgement.next_step)
+    return GainAdvice((*facts, *simulated_effects, files_fact), tuning.judgement)
+
+
+def _write_gain_files(recording: Path, texts: Mapping[str, str], next_step: Fact) -> Fact:
+    """Writes files with new gains next to a recording, and returns the fact that says where they are.
+
+    Args:
+        recording: path of the recording.
+        texts: text of each file by the ending of its name.
+        next_step: what the user should do with the files.
+
+    Raises:
+        OSError: a file cannot be written.
+    """
     stem = _new_stem(recording, list(texts))
     for ending, text in texts.items():
         Path(stem + ending).write_text(text, encoding="utf-8")
-    files_fact = Fact(
-        GainFact.GAINS_WRITTEN,
-        path=stem + " and ".join(texts),
-        reason=tuning.judgement.next_step,
-    )
-    return GainAdvice((*facts, *twin_facts, files_fact), tuning.judgement)
+    path = stem + " and ".join(texts)
+    return Fact(GainFact.GAINS_WRITTEN, path=path, reason=next_step)
 
 
 def last_flown_boot(log: Log) -> Log:
@@ -230,39 +241,48 @@ def _last_flown_boot_of(telemetry: Telemetry) -> Telemetry:
 
 
 def facts_of_tuning(tuning: Tuning) -> Facts:
-    """Returns the new gains of each axis and, of the other axes, what was decided on their loops.
+    """Returns the new gains of each axis and, for the other axes, what was decided on their control loops.
 
     Args:
         tuning: the advice on all axes.
 
     Returns:
         The new gains, and then the decisions on other axes that ask for an action. If there is neither, one fact: why
-        the gains stay as they are, for the axis whose identified loop is least certain.
+        the gains stay as they are, for the axis whose advice is least certain.
     """
-    new_gains = []
+    facts = []
     decisions = []
     for axis, advice in tuning.axes.items():
         if isinstance(advice, Advice) and advice.parameters:
-            new_gains.append(
-                Fact(
-                    GainFact.GAINS_ADVISED,
-                    subject=axis,
-                    changes=[(name, *gain) for name, gain in advice.gains.items()],
-                    reason=advice.conclusion,
-                    expected_error=advice.after.lean_in_wind,
-                    present_error=advice.before.lean_in_wind,
-                )
-            )
+            facts.append(_new_gains_fact(axis, advice))
             continue
         decision = tuning.judgement.loop_decisions.get(axis)
         if decision is not None and decision.action is not None:
             # In a list of events nothing else names the axis.
             decisions.append(decision.fact.replace(is_named=True))
-    if new_gains or decisions:
-        return (*new_gains, *decisions)
+    if facts or decisions:
+        return (*facts, *decisions)
     least_certain = min(tuning.advice, key=lambda advice: advice.sure)
     axis = least_certain.before.axis
     return (Fact(GainFact.GAINS_LEFT, subject=axis, reason=least_certain.conclusion),)
+
+
+def _new_gains_fact(axis: str, advice: Advice) -> Fact:
+    """Returns the fact with the new gains of an axis, and the lean errors in wind with and without them.
+
+    Args:
+        axis: name of the axis.
+        advice: the advice on this axis, with new values of parameters.
+    """
+    return Fact(
+        GainFact.GAINS_ADVISED,
+        subject=axis,
+        # Name of each parameter with its present and its new value.
+        changes=[(name, *gain) for name, gain in advice.gains.items()],
+        reason=advice.conclusion,
+        expected_error=advice.after.lean_in_wind,
+        present_error=advice.before.lean_in_wind,
+    )
 
 
 def _new_stem(recording: Path, endings: list[str]) -> str:

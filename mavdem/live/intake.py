@@ -76,11 +76,6 @@ class LinkIntake:
     def receive(self, timeout: float) -> list[FrameBatch]:
         """Receives and records what has arrived, or waits until something arrives; opens a lost link again.
 
-        The link stamps arrivals by the wall clock, which recordings need. The analysis needs the monotonic clock, which
-        nobody sets, so the stamps are converted here. If the wall clock is set at this moment, the conversion is wrong.
-        So the result is limited to the possible times: a piece arrived after the link was last empty
-        (``_emptied_time``), and not in the future.
-
         Args:
             timeout: longest time to wait, s.
 
@@ -97,23 +92,36 @@ class LinkIntake:
             self._log(error.fact.replace(reopening=True))
             return []
         stamped_frames = self._frames_of_first_pieces() + self._record(pieces)
-        now = clock.monotonic()
-        wall_time = clock.unix_time()
-        emptied_time = self._emptied_time
+        batches = self._with_monotonic_times(stamped_frames)
         # With fewer pieces than a call can return the link is empty, and what comes next arrives after this call began.
         if len(pieces) < MAX_PIECES:
             self._emptied_time = start_time
+        return batches
+
+    def _with_monotonic_times(self, stamped_frames: Sequence[_StampedFrames]) -> list[FrameBatch]:
+        """Converts times of arrival to the monotonic clock, which the analysis needs, since nobody sets it.
+
+        The link stamps arrivals by the wall clock, which recordings need. If the wall clock is set at this moment, the
+        conversion is wrong. So the result is limited to the possible times: a piece arrived after the link was last
+        empty (``_emptied_time``), and not in the future.
+
+        Args:
+            stamped_frames: frames with their arrival, UNIX s.
+        """
+        now = clock.monotonic()
+        wall_time = clock.unix_time()
         batches = []
         for stamp, frames in stamped_frames:
             arrival_time = now - (wall_time - stamp)
-            batches.append(FrameBatch(min(max(arrival_time, emptied_time), now), stamp, frames))
+            possible_arrival_time = min(max(arrival_time, self._emptied_time), now)
+            batches.append(FrameBatch(possible_arrival_time, stamp, frames))
         return batches
 
     def _frames_of_first_pieces(self) -> list[_StampedFrames]:
         """Returns the frames that the link delivered before this session; none after the first call.
 
-        A reader of their own finds them: a frame that it keeps back, since its end is in doubt, must not be recorded
-        again with the next one.
+        They are in the recording already. So another frame reader than that of the link finds them: a frame that it
+        keeps back, since its end has not come yet, is not recorded a second time when the rest of it comes.
         """
         reader = FrameReader()
         stamped_frames = [

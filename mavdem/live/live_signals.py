@@ -1,4 +1,4 @@
-"""The last seconds of a live flight, and a live model's samples, in the form that the judgement of logs takes."""
+"""Messages and samples of a live flight in the form that logs have, so that functions for logs can judge them."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -76,9 +76,9 @@ class FlightMoment(NamedTuple):
 def attitude_from_samples(
     message: str, time: Array, boot: int, angle: Array, body_rate: Array
 ) -> Attitude:
-    """Converts live samples of one axis to the form of a log (``Attitude``), so that the rules for logs judge them.
+    """Returns live samples of one axis as ``Attitude``, the form that logs have, so that the rules for logs judge them.
 
-    Unusable samples were dropped before, so all of these count as used.
+    ``Attitude`` also counts messages that were not used. Live ones were dropped before, so the counts are 0.
 
     Args:
         message: name of the MAVLink message of the samples.
@@ -108,7 +108,7 @@ def attitude_from_samples(
 
 @dataclass(frozen=True)
 class LiveFindings:
-    """What a live vehicle is judged by, besides its signals and its condition."""
+    """Events and control loops of a live vehicle, by which it is judged besides its signals."""
 
     events: Facts = ()
     """Losses of thrust, or reports of the autopilot."""
@@ -120,19 +120,19 @@ class LiveFindings:
 def live_evidence(
     signals: Signals, condition: Condition, findings: LiveFindings | None = None
 ) -> Evidence:
-    """Converts live signals and figures to the evidence of a log, so that the same rules judge both.
+    """Returns the evidence by which a log is judged, filled in with the signals of a live vehicle.
 
-    Parts that only a whole log can show count as not judged.
+    So the functions that judge logs can judge live vehicles, too. Their arguments also have fields that only a whole
+    log can fill in, such as whether a model can be learned from it; these get neutral values.
 
     Args:
         signals: signals of the vehicle.
-        condition: figures of the vehicle; their duration counts as armed and airborne time.
-        findings: events and loops; None for none.
-
-    Returns:
-        The evidence.
+        condition: duration of the flight so far, s, which counts as armed and airborne time, and figures of the
+            vehicle.
+        findings: events and control loops; None for none.
     """
     findings = findings or LiveFindings()
+    # Whether a model can be learned is judged elsewhere in a live session.
     learnability = Learnability(
         signals.axis,
         learnable=True,

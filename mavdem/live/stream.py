@@ -288,23 +288,16 @@ class LiveStream:
     def status(self) -> SessionStatus:
         """Returns the status of the link and the vehicle after the latest frame.
 
-        The session adds the status of learning. Its ``no_model_reason`` is the first missing thing: a vehicle to
-        follow, then its attitude, which gives the boot clock, then the reason that the latest review found.
+        Fields of the status that concern learning and judging are left empty; ``StatusReport`` fills them in.
         """
         vehicle = self.followed_vehicle
-        now = self._clock.now
-        reason = self._vehicles.not_followed_reason
-        if reason is None:
-            # The boot clock is NaN until an attitude has come.
-            reason = self._rate_check.no_attitude if isnan(now) else self._review.no_rows_reason
         watchdog = self._review.watchdog
-        if watchdog.loss is not None and not self.is_flying:
-            # The usual reason on the ground, that learning waits for the next take-off, would be wrong for a wreck.
-            reason = Fact(SessionFact.FLIGHT_OVER, reason=watchdog.loss)
+        # Where the take-off was not seen, a position in the air was taken for its place.
+        is_takeoff_seen = isfinite(self.takeoff_time)
         return SessionStatus(
             vehicle=vehicle.name if vehicle else None,
-            no_model_reason=reason,
-            rates=self._rows.rates(now),
+            no_model_reason=self._no_rows_reason,
+            rates=self._rows.rates(self._clock.now),
             is_flying=self.is_flying,
             lost_messages=vehicle.lost_messages if vehicle else 0,
             gap_seconds=vehicle.uncounted_gap_seconds if vehicle else 0.0,
@@ -315,14 +308,28 @@ class LiveStream:
             loss=watchdog.loss,
             active_alarms=(*watchdog.active_alarms, *self.motor_alarms.active),
             position=None if self.pose is None else self.pose.position,
-            # Where the take-off was not seen, a position in the air was taken for its place.
-            takeoff_position=(self._pose.takeoff_position if isfinite(self.takeoff_time) else None),
+            takeoff_position=self._pose.takeoff_position if is_takeoff_seen else None,
             watch_facts=self.watch_facts,
             worst_lights=(watchdog.lights.latest if self.is_flying else watchdog.lights.of_session),
             wind=self.wind.latest,
             mean_wind=self.wind.mean,
             no_wind_reason=self.wind.no_estimate_reason,
         )
+
+    @property
+    def _no_rows_reason(self) -> Fact | None:
+        """Why no rows come: the first thing that is missing; None if nothing is.
+
+        It may be a vehicle to follow; its attitude, which gives the boot clock; or what the latest review found
+        missing. After a crash it is that the flight is over, since learning does not wait for another take-off then.
+        """
+        loss = self._review.watchdog.loss
+        if loss is not None and not self.is_flying:
+            return Fact(SessionFact.FLIGHT_OVER, reason=loss)
+        if self._vehicles.not_followed_reason is not None:
+            return self._vehicles.not_followed_reason
+        has_attitude = not isnan(self._clock.now)
+        return self._review.no_rows_reason if has_attitude else self._rate_check.no_attitude
 
     @property
     def watch_facts(self) -> Facts:
@@ -361,18 +368,16 @@ class LiveStream:
         yield from self._process_message(timed)
 
     def _message_of_followed_vehicle(self, frame: Frame) -> Message | None:
-        """Counts a frame, lets it show what its sender is, and decodes it if the followed vehicle sent it.
+        """Counts a frame for its sender, and returns its message if the sender is the followed vehicle.
 
-        1. The frame is counted by its sequence number, which shows lost messages, and copies, as some links send.
-           Copies and frames whose checksum does not match end here.
-        2. The message shows what its sender is, by which the vehicle to follow is chosen, maybe with this very message.
+        From the messages of all senders the vehicle to follow is chosen, perhaps by this very message.
 
         Args:
             frame: the next frame, intact or not.
 
         Returns:
-            The message; None for a frame that ends here, one that cannot be decoded, or one of another sender. The
-            ``STATUS_MESSAGES`` are without their stamp.
+            The message; None for a damaged frame, a copy of an earlier one, a message that nothing needs, or another
+            sender. The ``STATUS_MESSAGES`` are without their stamp.
         """
         sender = self._vehicles.sender(frame)
         is_intact = frame.checksum == CHECKSUM_MATCHES
@@ -391,11 +396,11 @@ class LiveStream:
         return message
 
     def _process_message(self, timed: TimedMessage) -> Iterator[AlignedRow]:
-        """Passes a message of the followed vehicle to the parts that need it, and yields the rows that it completes.
+        """Passes a message of the followed vehicle to all objects that need it, and yields the rows that it completes.
 
         Attitude, setpoints and motor outputs are used only if they have a time stamp of their own, since rows need
         exact times. Slow messages about state and phase are kept for the periodic review. After each message the next
-        part of that review is done if it is due, which may end the flight, and with it the segment of rows.
+        step of that review is performed if it is due, which may end the flight, and with it the segment of rows.
 
         Args:
             timed: the message, with its time in s of the boot clock.

@@ -165,7 +165,7 @@ def live_plot(title: str, origin: str) -> rrb.View:
 def figures(
     status: SessionStatus, row: DisplayRow, channels: Channels, training_end_time: float | None
 ) -> Names:
-    """Returns the texts that are shown next to the plots of the first tab.
+    """Returns the texts with the latest figures of a live flight, which are shown next to the plots of the first tab.
 
     Args:
         status: state of the session.
@@ -175,11 +175,13 @@ def figures(
             before the first model.
 
     Returns:
-        Markdown: state, prediction, wind, wind torque, physical parameters, free energy, and what is watched.
+        Markdown by the template "live_cards": state, prediction, wind, wind torque, physical parameters, free energy,
+        and what is watched.
     """
     judgement = status.model_judgement
     estimate = row.estimate
     physical = None if estimate is None else estimate.physical
+    # A wind torque that is smaller than its error is not shown.
     is_resolved = False
     if estimate is not None and physical is not None:
         is_resolved = is_torque_resolved(physical, estimate.wind_torque_band)
@@ -190,7 +192,7 @@ def figures(
         row=row,
         channels=channels,
         training_end_time=training_end_time,
-        reason=_missing_model_reason(status, training_end_time),
+        reason=_why_no_model(status, training_end_time),
         is_bad=judgement is not None and judgement.headline.is_bad,
         now=estimate,
         physical=physical,
@@ -202,7 +204,7 @@ def figures(
     return tuple(card.text for card in cards)
 
 
-def _missing_model_reason(status: SessionStatus, training_end_time: float | None) -> str:
+def _why_no_model(status: SessionStatus, training_end_time: float | None) -> str:
     """Returns the reason why there is no model, or no newer one, as a sentence; empty while learning proceeds.
 
     Args:
@@ -227,7 +229,8 @@ def status_document(
             before the first model.
 
     Returns:
-        Markdown, whose words come from the templates of live sessions.
+        Markdown: by the template "live_details" a title and the session; between them what the model is good for, once
+        it is judged.
     """
     title, *details = render_section(
         "live_details",
@@ -235,7 +238,7 @@ def status_document(
         row=row,
         channels=channels,
         training_end_time=training_end_time,
-        reason=_missing_model_reason(status, training_end_time),
+        reason=_why_no_model(status, training_end_time),
     )
     paragraphs = [title.text]
     if status.findings is not None:

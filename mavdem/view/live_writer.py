@@ -137,7 +137,7 @@ class LiveWriter:
         self.channels = channels
         self._recording = recording
         self.scene = scene
-        # Smallest and largest value that was drawn without clipping so far, by plot.
+        # Smallest and largest value that was drawn without clipping so far, by the path of the plot.
         self._plot_ranges: dict[str, Interval] = {}
         # Each plot of the first tab has the number of intervals between ticks for which it has room, and the ranges of
         # the batches of rows that are in sight.
@@ -206,10 +206,10 @@ class LiveWriter:
                 self._mark(Lines(f"{plot}/9_alarms", ("alarm",), (BAD,), is_filled=True), time)
 
     def _mark(self, line: Lines, time: float) -> None:
-        """Marks a time by a vertical line over the range of the values that were drawn in its plot so far.
+        """Marks a time by a vertical line over the range of the values that were drawn in a plot so far.
 
         Args:
-            line: the entity, shared by all marks of a kind in one plot.
+            line: the line, whose path begins with that of the plot; all marks with the same meaning share it.
             time: s on the timeline; NaN marks nothing.
         """
         plot_range = self._plot_ranges.get(plot_of(line))
@@ -255,42 +255,48 @@ class LiveWriter:
         if not new_samples:
             return
         values = np.array([sample.values for sample in new_samples.values()], np.float64)
-        finite_values = values[np.isfinite(values)]
         is_first = lines not in self._latest_samples
-        if is_first and not len(finite_values):
+        if is_first and not np.isfinite(values).any():
             return
         if is_first:
             lines.send_style(self._recording)
+        values = self._clipped_to_plot(lines, values, clip)
         time = np.array(list(new_samples))
+        self._store_range(lines, time[-1], values)
         segments = [latest.segment, *(sample.segment for sample in new_samples.values())]
         self._latest_samples[lines] = LatestSample(segments[-1], time[-1])
-        values = self._clipped_to_plot(lines, values, finite_values, clip)
-        finite_values = values[np.isfinite(values)]
-        # For the plots of the first tab the ranges of values are stored, from which ``_widen_axes`` chooses the axes.
-        if plot_of(lines) in self._tick_intervals and len(finite_values):
-            ranges = self._latest_ranges.setdefault(plot_of(lines), deque())
-            if not ranges:
-                # The viewer shows one entry in the legend for all lines of the same name, so that the two invisible
-                # lines have the name of a visible one.
-                style = rr.SeriesLines(names=[lines.names[0]] * 2, colors=[INVISIBLE] * 2)
-                self._recording.log(axis_path(plot_of(lines)), style, static=True)
-            plot_range = PlotRange(time[-1], float(finite_values.min()), float(finite_values.max()))
-            ranges.append(plot_range)
         # A NaN half a step before a new segment breaks the line.
         breaks = np.flatnonzero(np.diff(segments))
         values = np.insert(values, breaks, np.nan, axis=0)
         time = np.insert(time, breaks, time[breaks] - self.channels.dt / 2)
         lines.send(self._recording, time, values)
 
-    def _clipped_to_plot(
-        self, lines: Lines, values: Array, finite_values: Array, clip: bool
-    ) -> Array:
+    def _store_range(self, lines: Lines, time: float, values: Array) -> None:
+        """Stores the range of new values in a plot of the first tab, whose axis :meth:`_widen_axes` chooses by it.
+
+        Args:
+            lines: the lines that the values are drawn by; for those of another tab nothing is stored.
+            time: time of the last sample, s on the timeline.
+            values: (N, k) values of k lines.
+        """
+        plot = plot_of(lines)
+        finite_values = values[np.isfinite(values)]
+        if plot not in self._tick_intervals or not len(finite_values):
+            return
+        ranges = self._latest_ranges.setdefault(plot, deque())
+        if not ranges:
+            # Two invisible lines widen the axis. The viewer shows one entry in the legend for all lines of the same
+            # name, so that they have the name of a visible one.
+            style = rr.SeriesLines(names=[lines.names[0]] * 2, colors=[INVISIBLE] * 2)
+            self._recording.log(axis_path(plot), style, static=True)
+        ranges.append(PlotRange(time, float(finite_values.min()), float(finite_values.max())))
+
+    def _clipped_to_plot(self, lines: Lines, values: Array, clip: bool) -> Array:
         """Clips values to the range of their plot or, without ``clip``, extends this range so that it includes them.
 
         Args:
             lines: the lines, whose path begins with that of the plot.
             values: (N, k) values of k lines.
-            finite_values: (n,) all finite ones among the values.
             clip: whether to clip, to the range and ``CLIP_SPANS`` times its span beyond. In a plot without a range
                 nothing is clipped.
 
@@ -303,6 +309,7 @@ class LiveWriter:
             low, high = plot_range
             margin = CLIP_SPANS * (high - low)
             return np.clip(values, low - margin, high + margin)
+        finite_values = values[np.isfinite(values)]
         if len(finite_values):
             low, high = float(finite_values.min()), float(finite_values.max())
             if plot_range is not None:
@@ -382,40 +389,34 @@ class LiveWriter:
     def _draw_attitude(self, rows: list[DisplayRow]) -> None:
         """Draws the measured attitude of all axes, in degrees: angles, setpoints of roll and pitch, and body rates.
 
-        The measured angle of the model's axis is left out here, since it is drawn together with its prediction. The
-        values are taken from the pose of a row, the latest measured attitude, which has its own time on the boot clock;
-        ``timeline_offset``, s, converts that to the time of the plots. Setpoints are clipped, since a pilot's command
-        may lie far beyond the angles that are flown.
+        The measured angle of the model's axis is left out here, since it is drawn together with its prediction.
+        Setpoints are clipped, since a pilot's command may lie far beyond the angles that are flown.
 
         Args:
-            rows: rows in the order of their times; those without a pose are skipped.
+            rows: rows in the order of their times. The attitude is the pose of a row, which has a time of its own; rows
+                without a pose are skipped.
         """
-        poses = []
+        angles: list[Sample] = []
+        setpoints: list[Sample] = []
+        rates: list[Sample] = []
         for row in rows:
             if row.pose is not None:
-                poses.append((row.segment, row.pose.time + row.timeline_offset, row.pose))
+                time = row.pose.time + row.timeline_offset
+                angles.append(Sample(row.segment, time, np.degrees(row.pose.angles)))
+                setpoints.append(Sample(row.segment, time, np.degrees(row.pose.setpoint)))
+                rates.append(Sample(row.segment, time, np.degrees(row.pose.rates)))
         # The viewer draws lines in the order of their paths: by their numbers, setpoints lie below measurements.
         for number, axis in enumerate(AXES):
             if axis not in self.channels.output_names:
-                angle = Lines(f"axes/{axis}/1_measured", (axis,), (MEASURED,))
-                samples = [
-                    Sample(segment, time, [np.degrees(pose.angles[number])])
-                    for segment, time, pose in poses
-                ]
-                self._draw(angle, samples)
+                line = Lines(f"axes/{axis}/1_measured", (axis,), (MEASURED,))
+                self._draw(line, _of_one_line(angles, number))
         for number, axis in enumerate(TILT_AXES):
-            setpoint = Lines(f"axes/{axis}/0_asked", ("setpoint",), (TRUTH,))
-            samples = [
-                Sample(segment, time, [np.degrees(pose.setpoint[number])])
-                for segment, time, pose in poses
-            ]
-            self._draw(setpoint, samples, clip=True)
-        rates = Lines("rates", AXES, DISTINCT[: len(AXES)])
-        samples = [Sample(segment, time, np.degrees(pose.rates)) for segment, time, pose in poses]
-        self._draw(rates, samples)
+            line = Lines(f"axes/{axis}/0_asked", ("setpoint",), (TRUTH,))
+            self._draw(line, _of_one_line(setpoints, number), clip=True)
+        self._draw(Lines("rates", AXES, DISTINCT[: len(AXES)]), rates)
 
     def _draw_wind(self, rows: list[DisplayRow]) -> None:
-        """Draws the estimated wind speed and the ends of its 90 % interval, m/s.
+        """Draws the estimated wind speed and the ends of its 90 % interval, m/s, as lines that no gap interrupts.
 
         Args:
             rows: rows in the order of their times; those without an estimate of the wind are skipped.
@@ -428,10 +429,10 @@ class LiveWriter:
                 wind = row.wind.compass
                 speeds.append(Sample(CONTINUOUS_SEGMENT, time, [wind.speed]))
                 edges.append(Sample(CONTINUOUS_SEGMENT, time, [wind.speed_low, wind.speed_high]))
-        shade = colour_on_dark(DISTURBANCE, WIND_EDGE_OPACITY)
+        edge_colour = colour_on_dark(DISTURBANCE, WIND_EDGE_OPACITY)
         # Estimates are half a second apart, so that a band of vertical strokes would have gaps: its edges are lines.
         names = ("90 % band", "90 % band")
-        self._draw(Lines("air/0_band", names, (shade, shade)), edges)
+        self._draw(Lines("air/0_band", names, (edge_colour, edge_colour)), edges)
         self._draw(Lines("air/1_speed", ("wind",), (DISTURBANCE,)), speeds)
 
     def _draw_parameters(self, estimates: Sequence[tuple[DisplayRow, Estimate]]) -> None:
@@ -519,6 +520,16 @@ class LiveWriter:
         self._draw(Lines("free_energy_action", ("F̄",), (PREDICTED,)), actions)
         surprise_lines = Lines("surprise/samples", ("worst of 20", "surprise"), (BOUND, PREDICTED))
         self._draw(surprise_lines, surprises)
+
+
+def _of_one_line(samples: Sequence[Sample], column: int) -> list[Sample]:
+    """Returns the samples of one of several lines.
+
+    Args:
+        samples: samples of k lines.
+        column: index of the line.
+    """
+    return [sample._replace(values=sample.values[column : column + 1]) for sample in samples]
 
 
 def axis_path(plot: str) -> str:

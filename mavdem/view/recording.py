@@ -108,12 +108,14 @@ def write_recording(target: Target, assessment: Assessment) -> None:
 
 
 def write_words(target: Target, name: str, blocks: Sequence[Block]) -> None:
-    """Writes a recording that contains only a text; it replaces the text that was written before.
+    """Writes a recording whose only content is a text, such as that a log is being read, or why it cannot be.
+
+    In a stream it replaces the text that was written before.
 
     Args:
         target: a file or a stream.
         name: name of the log.
-        blocks: the text.
+        blocks: sentences, tables and lists of the text.
 
     Raises:
         OSError: the file cannot be written.
@@ -159,7 +161,7 @@ class RecordingTabs:
         Returns:
             The tab.
         """
-        conclusion = self.conclusion()
+        summary = self.summary()
         events = log_text(self._recording, "events", "", events_text(self._timeline.events))
 
         energy = series[FREE_ENERGY]
@@ -193,18 +195,20 @@ class RecordingTabs:
                 PLOTS[name].tick_intervals,
             )
             plots[name] = view
-        return first_tab(plots, SideTexts([conclusion, events], [60, 40]))
+        return first_tab(plots, SideTexts([summary, events], [60, 40]))
 
-    def conclusion(self) -> rrb.View:
-        """Writes headline, next step and lights, and returns their view.
+    def summary(self) -> rrb.View:
+        """Writes the text with the headline, the next step, and the judgement of each part of the vehicle.
 
-        A light is the judgement of one part of the vehicle, such as its motors: good, watch, bad or unknown.
+        Returns:
+            The view of the text.
         """
         judgement = self._assessment.judgement
         lines = [
             f"**{headline(judgement.headline)}**",
             f"**Next:** {judgement.next_step.sentence_and_remedy}",
         ]
+        # The light of a part, such as the motors, is a fact with a level: good, watch, bad or unknown.
         for name, fact in judgement.lights.items():
             lines.append(f"**{name.capitalize()} – {fact.level}:** {fact.sentence_and_remedy}")
         return log_text(self._recording, "headline", "", "\n\n".join(lines))

@@ -10,7 +10,7 @@ Source: https://mavlink.io/en/guide/serialization.html (each channel counts its 
 import struct
 from collections import OrderedDict, deque
 from collections.abc import Sequence
-from math import atan2, copysign, cos, hypot, inf, pi, radians, sin
+from math import atan2, copysign, cos, hypot, inf, isfinite, pi, radians, sin
 from typing import NamedTuple
 
 from mavdem.ingest.mavlink.dialect import mavlink_message_id
@@ -299,8 +299,8 @@ def attitude_reading(payload: bytes, message_id: int) -> AttitudeReading | None:
         message_id: number of the message.
 
     Returns:
-        Time, s, quaternion, and body rates, rad/s; None for a message without an attitude, and for one with a time of
-        0: the boot clock has not begun.
+        Time, s, quaternion, and body rates, rad/s; None for a message without an attitude, for angles that are not
+        finite, and for a time of 0: the boot clock has not begun.
     """
     layout = ATTITUDE_LAYOUTS.get(message_id)
     if layout is None:
@@ -312,6 +312,8 @@ def attitude_reading(payload: bytes, message_id: int) -> AttitudeReading | None:
     if not clock:
         return None
     attitude = list(values[1:-3])
+    if not all(map(isfinite, attitude)):
+        return None
     rates = list(values[-3:])
     if layout is EULER_LAYOUT:
         return AttitudeReading(clock, _quaternion(*attitude), rates)
