@@ -148,9 +148,10 @@ class FlightPhase:
             airborne: intervals of the last seconds from the begin of a take-off to the end of a landing, s.
         """
         present_flight = _interval_at(now, airborne)
-        has_taken_off = present_flight is not None and not self.is_flying
-        if present_flight is not None and has_taken_off:
-            # Only the first review of a flight sees its beginning.
+        is_takeoff_unknown = not self.is_flying or self._airborne_since == -inf
+        if present_flight is not None and is_takeoff_unknown:
+            # The first review of a flight sees its beginning, unless the motors were not known yet: then a later one
+            # does. In a flight that began before the first message all reviews find minus infinity.
             self._airborne_since, _ = present_flight
         self.is_flying = present_flight is not None
 

@@ -1,5 +1,7 @@
 """What counts as settled flight while it is flown, and what is taken back when it turns out to have been a landing."""
 
+from math import inf
+
 import numpy as np
 from hover import Hover
 from live_hover import Flight, replay
@@ -9,7 +11,7 @@ from mavdem.dataset.phases import TRANSIENT_SECONDS
 from mavdem.dataset.time_series import TimeSeries
 from mavdem.facts.session import SessionFact
 from mavdem.ingest.telemetry import Telemetry
-from mavdem.ingest.vocabulary import ARMED, IN_AIR, LANDING, ON_GROUND
+from mavdem.ingest.vocabulary import ARMED, IN_AIR, LANDING, ON_GROUND, TAKING_OFF
 from mavdem.live.flight_phase import FlightPhase
 from mavdem.live.recent_messages import RecentMessages
 from mavdem.live.wind import WindEstimate
@@ -53,6 +55,26 @@ def test_what_shows_nothing_is_not_called_the_ground():
     vehicle = Vehicle()
     vehicle.fly(3.0, collective=ON_THE_GROUND, landed=ON_GROUND)
     assert vehicle.phase.not_flying_reason.code is SessionFact.NOT_FLYING
+
+
+def test_a_take_off_is_seen_once_the_motors_are_known():
+    # The first review of the flight has the autopilot's report alone.
+    recent = RecentMessages()
+    recent.add("HEARTBEAT", 1.0, (2, 3, ARMED, 0, 4))
+    recent.add("EXTENDED_SYS_STATE", 3.0, (TAKING_OFF,))
+    phase = FlightPhase(recent)
+    phase.review(3.1, VEHICLE, None)
+    assert phase.is_flying and phase.takeoff_time == -inf
+    time = np.arange(1.0, 4.0, 0.01)
+    collective = np.where(time < 3.0, 0.0, IN_FLIGHT)
+    phase.review(4.0, VEHICLE, TimeSeries(time, np.zeros(len(time), int), collective))
+    assert phase.takeoff_time == approx(3.0, abs=1.0)
+    # In flight from the first message on.
+    flown = FlightPhase(recent)
+    for now in (3.1, 4.0):
+        series = TimeSeries(time, np.zeros(len(time), int), np.full(len(time), IN_FLIGHT))
+        flown.review(now, VEHICLE, series)
+    assert flown.is_flying and flown.takeoff_time == -inf
 
 
 @mark.slow

@@ -298,8 +298,10 @@ def table_row(run: LiveRun, rate: float) -> dict[str, object]:
     share = (usages[-1].processor - usages[0].processor) / seconds
     document: dict[str, dict[str, float]] = run.document  # type: ignore[assignment]
     latency = document["latency"]
-    # Lines begin with the time of day.
-    first_models = [line for _, line in run.lines if "First model" in line]
+    # Lines begin with the time of day and that of the vehicle's clock.
+    first_models = [
+        line[line.index("First model") :] for _, line in run.lines if "First model" in line
+    ]
     return {
         "Hz": rate,
         "rows": sum(document["samples"].values()),
@@ -310,7 +312,7 @@ def table_row(run: LiveRun, rate: float) -> dict[str, object]:
         "memory, MB": max(use.memory for use in run.usages),
         "frames lost": document["lost"],
         "recorded": run.document["recorded"],
-        "first model": first_models[0].partition(" ")[2] if first_models else "none",
+        "first model": first_models[0] if first_models else "none",
     }
 
 
