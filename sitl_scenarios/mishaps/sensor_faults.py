@@ -1,8 +1,7 @@
-"""Faults of sensors and estimator: what the autopilot measures and estimates wrongly, cycle by cycle.
+"""Errors of sensors and of the state estimate, cycle by cycle, that a simulated mishap such as a GPS loss causes.
 
-The estimated height comes from a complementary filter: the accelerometer integrated twice, and drawn to the barometer
-with the natural frequency ``HEIGHT_FILTER_FREQUENCY``, critically damped. Its error e (upwards, m) by a bias b of the
-accelerometer and an error z of the barometer follows ë = −b − 2ω ė − ω² (e − z).
+The estimated height comes from a complementary filter: the accelerometer integrated twice, and corrected towards the
+barometer with the natural frequency ``HEIGHT_FILTER_FREQUENCY``, critically damped.
 """
 
 from dataclasses import dataclass, field
@@ -49,8 +48,8 @@ POSITION_LIMIT = 25.0
 USUAL_COMPASS_ERROR = 60.0
 """Error of the heading, degrees, at which the compass would just be rejected; a choice."""
 
-FOLLOWED_SHARE = 5.0
-"""How many times better the height agrees with a barometer that the filter follows."""
+BAROMETER_AGREEMENT = 5.0
+"""How many times smaller the innovation is of a barometer that the filter follows: the filter moves towards it."""
 
 
 @dataclass
@@ -81,7 +80,7 @@ class Readings:
 
 @dataclass
 class SensorFaults:
-    """The faults of one flight, advanced once per cycle of the autopilot."""
+    """Errors of sensors and state estimate by the mishap of one flight, advanced once per cycle of the autopilot."""
 
     mishap: Mishap | None
     """What goes wrong; None: nothing does."""
@@ -101,7 +100,7 @@ class SensorFaults:
     """Height at which the barometer got stuck, m; None before."""
 
     def faulty_estimate(self, time: float, state: State, estimate: State) -> State:
-        """Distorts the estimated state as faulty sensors do, and sets the ``readings`` of this cycle.
+        """Adds the errors of the mishap to the estimated state, and sets the ``readings`` of this cycle.
 
         Args:
             time: Seconds after arming; negative before.
@@ -109,32 +108,36 @@ class SensorFaults:
             estimate: Estimate with sound sensors.
 
         Returns:
-            The estimate with drift, error of height and error of climb rate.
+            The estimate with errors of east position and speed, height and climb rate; or, before the autopilot resets
+            a wrong heading, with an error of the heading alone.
         """
         self.readings = Readings()
         match self.mishap:
             case LoosePropeller(start=start, vibration=vibration) if time >= start:
                 self.readings.vibration = vibration
             case HeightRunaway():
-                self._advance_height_error(self.mishap, time)
+                self._advance_runaway(self.mishap, time)
             case VibrationRectification(start=start) if time >= start:
                 self.readings.vibration = self.mishap.vibration
                 self.readings.force_bias = self.mishap.bias
-                self._filter_height(self.mishap.bias, 0.0)
+                self._advance_height_filter(self.mishap.bias, barometer_error=0.0)
             case BarometerDrift(start=start, seconds=seconds, metres=metres) if time >= start:
                 self.readings.height_error = metres * min((time - start) / seconds, 1.0)
-                self._filter_height(0.0, self.readings.height_error)
+                self._advance_height_filter(0.0, barometer_error=self.readings.height_error)
             case BarometerStuck(start=start) if time >= start:
-                self._stick(state)
+                self._hold_barometer_height(state)
             case GpsLoss(start=start) if time >= start:
                 self.readings.fix_type = NO_FIX
                 self.readings.satellites = LOST_SATELLITES
+                # Without satellites the error of the acceleration is integrated to speed and position.
                 self.drift_speed += DRIFT_ACCELERATION * self.cycle
                 self.drift += self.drift_speed * self.cycle
             case GpsGlitch(start=start) if start <= time < start + self.mishap.seconds:
+                # The filter rejects the jump, so that the estimate stays right.
                 self.readings.east_error = self.mishap.metres
                 self.readings.position_ratio = abs(self.mishap.metres) / POSITION_LIMIT
             case YawReset(start=start, degrees=degrees) if time < start:
+                # The heading is wrong from the beginning, and right from the reset on.
                 self.readings.compass_ratio = abs(degrees) / USUAL_COMPASS_ERROR
                 return estimate._replace(attitude=_with_turned_heading(estimate.attitude, degrees))
         north, east, down = estimate.position
@@ -144,44 +147,55 @@ class SensorFaults:
             velocity=(north_speed, east_speed + self.drift_speed, down_speed - self.climb_error),
         )
 
-    def _advance_height_error(self, mishap: HeightRunaway, time: float) -> None:
-        """Lets the estimated height fall while the mishap lasts, and returns it to the true height afterwards.
+    def _advance_runaway(self, mishap: HeightRunaway, time: float) -> None:
+        """Advances the errors of height and climb rate by a cycle in a flight whose height estimate runs away.
 
-        The accelerometer measures too little upward force. The filter integrates that to a climb rate and a height that
-        are too low, and rejects the barometer, which disagrees.
+        While the mishap lasts, the accelerometer measures too little upward force because of its vibration. The filter
+        integrates that to a climb rate and a height that are too low, and rejects the barometer, which disagrees.
+        Afterwards both errors decay with the time constant ``RESET_SECONDS``.
 
         Args:
             mishap: Mishap with its start and duration, s, bias of the accelerometer and vibration, m/s².
             time: Seconds after arming.
         """
         seconds_since_start = time - mishap.start
-        if 0.0 <= seconds_since_start < mishap.seconds:
+        if seconds_since_start < 0.0:
+            return
+        if seconds_since_start < mishap.seconds:
             self.readings.vibration = mishap.vibration
             self.readings.force_bias = mishap.bias
             self.climb_error -= mishap.bias * self.cycle
             self.height_error += self.climb_error * self.cycle
             self.readings.height_ratio = abs(self.height_error) / HEIGHT_GATE
-        elif seconds_since_start >= mishap.seconds:
+        else:
             decay = 1.0 - self.cycle / RESET_SECONDS
             self.climb_error *= decay
             self.height_error *= decay
 
-    def _filter_height(self, bias: float, barometer_error: float) -> None:
-        """Advances the error of the estimated height and climb rate by a cycle.
+    def _advance_height_filter(self, bias: float, barometer_error: float) -> None:
+        """Advances the errors of estimated height and climb rate by a cycle, where the filter follows the barometer.
+
+        The height is estimated by a critically damped complementary filter of accelerometer and barometer with the
+        natural frequency ω. Its error e, m upwards, follows ë = −b − 2ω ė − ω² (e − z) with the errors b and z of the
+        two sensors.
 
         Args:
-            bias: Amount by which the accelerometer reads too low, m/s².
-            barometer_error: Error of the barometer, m upwards.
+            bias: Amount b by which the accelerometer reads too low, m/s².
+            barometer_error: Error z of the barometer, m upwards.
         """
         frequency = HEIGHT_FILTER_FREQUENCY
         difference = self.height_error - barometer_error
         acceleration = -bias - 2 * frequency * self.climb_error - frequency**2 * difference
         self.climb_error += acceleration * self.cycle
         self.height_error += self.climb_error * self.cycle
-        self.readings.height_ratio = abs(difference) / HEIGHT_GATE / FOLLOWED_SHARE
+        self.readings.height_ratio = abs(difference) / HEIGHT_GATE / BAROMETER_AGREEMENT
 
-    def _stick(self, state: State) -> None:
-        """Holds the barometer's height; the filter rejects it, and keeps the height by the satellites."""
+    def _hold_barometer_height(self, state: State) -> None:
+        """Keeps the barometer at the height where it got stuck; the filter rejects it and uses the satellites' height.
+
+        Args:
+            state: True state, which the stuck height is compared with.
+        """
         height = -state.position[2]
         if self.stuck_height is None:
             self.stuck_height = height

@@ -46,6 +46,9 @@ LATE_RECORD_SECONDS = 2.0
 CLIMB_SECONDS = 5.0
 """Time of the climb, and of the descent, of a flight whose barometer is stuck, s."""
 
+FLIGHT_THROTTLE = 0.3
+"""Throttle stick above which a land detector takes a vehicle on a bench for flying, 0 to 1; a choice."""
+
 CLIMB_DELAY = 2.0
 """Time from the fault to that climb, s."""
 
@@ -110,7 +113,10 @@ class InstrumentedSimulation(Simulation):
         return self._sensor_faults.faulty_estimate(self._flight_time, state, estimate)
 
     def _reference(self, estimate: State) -> Reference:
-        """Returns the setpoints that are flown: the plan's, as pilot, failsafe and mishap change them.
+        """Returns the setpoints that are flown: the flight plan's, as pilot, failsafe and mishap change them.
+
+        Where the barometer is stuck, the vehicle climbs and descends once, so that the height by the barometer differs
+        from the true one.
 
         Args:
             estimate: The estimated state.
@@ -118,12 +124,14 @@ class InstrumentedSimulation(Simulation):
         Returns:
             The setpoints.
         """
-        reference = self._pilot.reference(self._flight_time, estimate, super()._reference(estimate))
+        planned = super()._reference(estimate)
+        reference = self._pilot.reference(self._flight_time, estimate, planned)
         self._planned_state = reference.landed_state
         mishap = self.scenario.mishap
         if isinstance(mishap, BarometerStuck):
-            height = mishap.climb * _trapezoid(self._flight_time - mishap.start - CLIMB_DELAY)
-            return reference._replace(height=reference.height + height)
+            climb_start = mishap.start + CLIMB_DELAY
+            added_height = mishap.climb * _climb_fraction(self._flight_time - climb_start)
+            return reference._replace(height=reference.height + added_height)
         return reference
 
     def _update_arming(self) -> None:
@@ -146,30 +154,38 @@ class InstrumentedSimulation(Simulation):
             self._lying_since = time
         if self.armed and time >= self._lying_since + CRASH_CHECK_SECONDS:
             self.armed = False
-            # The text of ArduCopter's crash check. PX4 takes the vehicle for landed; so does ArduCopter after a landing
-            # with the throttle closed, and sends no text.
-            text, severity = "Crash: Disarming: AngErr=87>30, Accel=0.3<3.0", CRITICAL
             if self._is_px4:
-                text, severity = "Disarmed by landing", INFO
-            if not isinstance(mishap, ToppleAtLanding) or self._is_px4:
-                self._announcements.appendleft(Announcement(time, text, severity))
+                # PX4 takes the vehicle for landed.
+                announcement = Announcement(time, "Disarmed by landing", INFO)
+                self._announcements.appendleft(announcement)
+            elif not isinstance(mishap, ToppleAtLanding):
+                # ArduCopter's crash check. After a landing with the throttle closed it does not act, and sends no text.
+                text = "Crash: Disarming: AngErr=87>30, Accel=0.3<3.0"
+                self._announcements.appendleft(Announcement(time, text, CRITICAL))
 
     def _control_output(self, estimate: State, reference: Reference) -> ControlOutput:
-        """Returns the output of the pilot or the failsafe, if one of them flies, or else of the plan's autopilot.
+        """Returns the motors' output in this cycle: the pilot's, a failsafe's, or the one of the autopilot.
+
+        It also sets the pilot's throttle stick, which is recorded.
 
         Args:
             estimate: The estimated state.
             reference: Setpoints of this cycle.
+
+        Returns:
+            Pulse widths of the motors, µs, and the demands and setpoints that led to them.
         """
-        output = None
+        pilot_output = None
         if self.armed:
-            output = self._pilot.control(self._flight_time, estimate, reference)
+            # None unless a pilot or a failsafe flies in this cycle.
+            pilot_output = self._pilot.control(self._flight_time, estimate, reference)
         else:
             self._pilot.set_disarmed_stick(self._flight_time)
         if self._has_landed and isinstance(self.scenario.mishap, ToppleAtLanding):
+            # The pilot of such a flight has closed the throttle at the touch-down, before the vehicle tips over.
             self._pilot.throttle_stick = 0.0
-        if output is not None:
-            return output
+        if pilot_output is not None:
+            return pilot_output
         return super()._control_output(estimate, reference)
 
     def _row(
@@ -223,10 +239,10 @@ class InstrumentedSimulation(Simulation):
         """
         mishap = self.scenario.mishap
         if isinstance(mishap, BenchRun):
-            # The land detector takes a throttle above 0.3 for flight; a choice.
-            is_running = self.armed and self._pilot.throttle_stick > 0.3
-            return IN_AIR if mishap.reports_flight and is_running else ON_GROUND
+            is_throttle_raised = self.armed and self._pilot.throttle_stick > FLIGHT_THROTTLE
+            return IN_AIR if mishap.reports_flight and is_throttle_raised else ON_GROUND
         if self._contact is not None:
+            # The land detector does not notice a crash: the vehicle counts as flying until it is disarmed.
             return IN_AIR if self.armed and not self._has_landed else ON_GROUND
         return super()._landed_state(reference)
 
@@ -250,31 +266,33 @@ class InstrumentedSimulation(Simulation):
         self._state = self._contact.state_on_ground(self._state)
 
     def _spin_on_ground(self, settled_speeds: Vector4) -> None:
-        """Turns the rotors for one cycle on the ground.
+        """Moves a vehicle on the ground by one cycle: its rotors turn, and it may tip over or lift off.
 
-        A vehicle that lies on the ground, or is tied down, does not lift off. One that topples at take-off begins to
-        tip over when its lift exceeds ``TOPPLE_LIFT``.
+        A vehicle that lies on the ground, or is tied to a bench, does not lift off. One that topples at take-off begins
+        to tip over when its lift exceeds ``TOPPLE_LIFT``.
 
         Args:
-            settled_speeds: Speeds (n,) that the rotors tend to, rad/s.
+            settled_speeds: Speeds (n,) that the rotors tend to with their lag, rad/s.
         """
-        was_on_ground = self._contact is None
+        # This turns the rotors, and lets the vehicle lift off where their thrust exceeds its weight.
         super()._spin_on_ground(settled_speeds)
         mishap = self.scenario.mishap
         if isinstance(mishap, BenchRun):
+            # The vehicle is tied down.
             self._on_ground = True
             return
-        if isinstance(mishap, ToppleAtTakeOff) and was_on_ground:
-            lift = self._lift_ratio()
-            if lift > TOPPLE_LIFT and self._planned_state == TAKING_OFF:
+        stands_upright = self._contact is None
+        if isinstance(mishap, ToppleAtTakeOff) and stands_upright:
+            is_taking_off = self._planned_state == TAKING_OFF
+            if is_taking_off and self._lift_ratio() > TOPPLE_LIFT:
                 self._contact = topple(self._state, mishap.bearing)
+        measured_rates = NO_ROTATION
         if self._contact is not None:
+            # The vehicle tips over or lies: the contact with the ground moves it.
             self._on_ground = True
             self._contact.advance(self.cycle)
             self._state = self._contact.state_on_ground(self._state)
             measured_rates = self._state.rates
-        else:
-            measured_rates = NO_ROTATION
         # On the ground the gyro measures the rotation alone: its vibration and its filters are left out.
         self._gyro.raw_rates = measured_rates
         self._gyro.filtered_rates = measured_rates
@@ -286,8 +304,16 @@ class InstrumentedSimulation(Simulation):
         return thrust / (body.rotors * body.thrust_at(body.hover_speed))
 
 
-def _trapezoid(since: float) -> float:
-    """Returns 0 to 1: the share of a climb, hold and descent that began so many seconds before."""
-    rising = min(max(since / CLIMB_SECONDS, 0.0), 1.0)
-    falling = min(max((since - CLIMB_SECONDS - CLIMB_HOLD) / CLIMB_SECONDS, 0.0), 1.0)
-    return rising - falling
+def _climb_fraction(seconds: float) -> float:
+    """Returns the fraction of a climb that a vehicle has reached which climbs, holds the height and descends again.
+
+    Args:
+        seconds: Time since the beginning of the climb, s.
+
+    Returns:
+        The fraction, 0 to 1, a trapezoid over time.
+    """
+    climbed = min(max(seconds / CLIMB_SECONDS, 0.0), 1.0)
+    descent_start = CLIMB_SECONDS + CLIMB_HOLD
+    descended = min(max((seconds - descent_start) / CLIMB_SECONDS, 0.0), 1.0)
+    return climbed - descended

@@ -1,5 +1,5 @@
 #!/usr/bin/env python
-"""Cost of a growing fleet: one more log among thousands, and the gain by a cluster; prints Markdown tables.
+"""Cost of a fleet (a store of many vehicles' logs) as it grows, and speed of reading logs on a cluster of workers.
 
 The index of thousands of logs is made of real ones: of each row that `mavdem track` has stored, jittered copies stand
 for further flights of further vehicles. The generator is seeded, so that the same logs make the same index.
@@ -56,6 +56,10 @@ DAYS_BETWEEN_FLIGHTS = 3.5
 FIRST_DAY = datetime(2026, 1, 5, 9, tzinfo=UTC)
 """Date of each vehicle's first flight."""
 
+PERIOD_BEFORE = "2026-01-05..2026-01-18"
+PERIOD_AFTER = "2026-03-02..2026-03-15"
+"""The two weeks from ``FIRST_DAY`` on, and two later ones, whose flights are compared."""
+
 JITTER = 0.03
 """Relative standard deviation of each figure of a generated flight about the real one."""
 
@@ -97,86 +101,107 @@ def main() -> None:
 
 
 class GeneratedLog(NamedTuple):
-    """A log that was never flown, with the rows that its reading would have given."""
+    """A log that does not exist, with the rows for the fleet's table that reading it would have given."""
 
     source: LogSource
-    """Its path, under which no file lies."""
+    """Its path, at which there is no file."""
     outcome: JobOutcome
-    """What its reading gave."""
+    """Its rows, as a job that reads a log returns them."""
+
+
+class LogIdentity(NamedTuple):
+    """What names a generated log in the fleet's table; each differs from log to log."""
+
+    path: str
+    """Path of the log."""
+    key: str
+    """Digest of the log's content and size in bytes."""
+    date: datetime
+    """Date of its flight."""
+    vehicle: str
+    """Number of its vehicle, three digits."""
 
 
 def generated_logs(rows: FlightRows, count: int) -> Iterator[GeneratedLog]:
-    """Yields logs of a fleet, each a jittered copy of a real one.
+    """Yields the logs of a generated fleet, each a copy of a real log whose figures are changed at random.
 
-    The flights of a vehicle are all copies of one real log, and differ by the jitter alone. Logs without a flight are
-    as frequent as among the real ones.
+    All flights of a vehicle are copies of one real log. Vehicles take the real logs in turn, so that logs without a
+    flight are as frequent as among the real ones.
 
     Args:
-        rows: rows of real logs.
-        count: number of logs.
+        rows: rows of the fleet's table for real logs; a log has a row for each of its flights.
+        count: number of logs to generate.
 
     Yields:
         The source of each log, and the rows that reading it would have given.
     """
-    chance = random.Random(SEED)
+    random_numbers = random.Random(SEED)
     real_logs = list(group_by(rows, lambda row: row.key or row.file).values())
     for number in range(count):
         vehicle, flight = divmod(number, FLIGHTS_OF_A_VEHICLE)
         real_rows = real_logs[vehicle % len(real_logs)]
-        # A key is the digest of a log's content and its size in bytes; both only have to differ from log to log.
+        # Digest and size in bytes only have to differ from log to log.
         size = 1_000_000 + number
-        key = f"{number:032x}-{size}"
-        path = f"/flights/vehicle_{vehicle:03}/{flight:03}.bin"
-        date = FIRST_DAY + timedelta(days=DAYS_BETWEEN_FLIGHTS * flight, minutes=vehicle)
-        scale = {column: chance.gauss(1.0, JITTER) for column in JITTERED_COLUMNS}
-        copies = tuple(
-            _jittered_row(
-                row, scale, chance, file=path, key=key, date=date, vehicle=f"{vehicle:03}"
-            )
-            for row in real_rows
+        identity = LogIdentity(
+            path=f"/flights/vehicle_{vehicle:03}/{flight:03}.bin",
+            key=f"{number:032x}-{size}",
+            date=FIRST_DAY + timedelta(days=DAYS_BETWEEN_FLIGHTS * flight, minutes=vehicle),
+            vehicle=f"{vehicle:03}",
         )
+        factors = {column: random_numbers.gauss(1.0, JITTER) for column in JITTERED_COLUMNS}
         outcome = JobOutcome(
-            path, ended="read", rows=copies, key=key, pages={}, seconds=1.0, megabytes=200.0
+            identity.path,
+            ended="read",
+            rows=tuple(_jittered_row(row, identity, factors, random_numbers) for row in real_rows),
+            key=identity.key,
+            pages={},
+            seconds=1.0,
+            megabytes=200.0,
         )
-        yield GeneratedLog(LogSource(path, size, version="1"), outcome)
+        yield GeneratedLog(LogSource(identity.path, size, version="1"), outcome)
 
 
 def _jittered_row(
-    row: FlightRow, scale: dict[str, float], chance: random.Random, **columns: Any
+    row: FlightRow, identity: LogIdentity, factors: dict[str, float], random_numbers: random.Random
 ) -> FlightRow:
-    """Returns a copy of a row whose figures are scaled at random.
+    """Returns a copy of a row of a real log, with figures that are changed at random, for a generated log.
 
     Args:
-        row: a row of a real log.
-        scale: factor of each jittered column, which all rows of a log share.
-        chance: the random numbers by which entries of lists differ beyond that.
-        columns: further columns, such as those that name the log.
+        row: the row of the real log.
+        identity: names of the generated log, of its vehicle and of its page.
+        factors: factor on each jittered column, which is the same for all rows of a log.
+        random_numbers: source of further factors: each entry of a column that has several, such as one for each motor,
+            gets one of its own.
 
     Returns:
-        The row with the scaled figures and the further columns.
+        The row of the generated log.
     """
-    for name, factor in scale.items():
+    changes: dict[str, Any] = {
+        "file": identity.path,
+        "key": identity.key,
+        "date": identity.date,
+    }
+    for name, factor in factors.items():
         value = getattr(row, name)
         if isinstance(value, tuple):
-            columns[name] = [entry * factor * chance.gauss(1.0, JITTER) for entry in value]
+            changes[name] = [entry * factor * random_numbers.gauss(1.0, JITTER) for entry in value]
         elif value is not None:
-            columns[name] = value * factor
-    if row.vehicle_basis is not None:
-        # The name of the real vehicle stays part of the name, which is as long as real names.
-        columns["vehicle"] = f"{row.vehicle}{columns['vehicle']}"
-    else:
-        del columns["vehicle"]
+            changes[name] = value * factor
+    has_vehicle_name = row.vehicle_basis is not None
+    if has_vehicle_name:
+        # Names are as long as real ones, since the sizes of pages are measured: the number follows the real name.
+        changes["vehicle"] = f"{row.vehicle}{identity.vehicle}"
     if row.page is not None:
-        columns["page"] = f"{PAGES}/{columns['key']}.html"
-    return replace(row, **columns)
+        changes["page"] = f"{PAGES}/{identity.key}.html"
+    return replace(row, **changes)
 
 
 def fill_store(store: Store, rows: FlightRows, count: int) -> None:
-    """Fills a store with generated logs, judges their vehicles and writes its table.
+    """Fills a fleet's store with generated logs, assesses its vehicles and writes its table, as `mavdem track` does.
 
     Args:
         store: an empty store.
-        rows: rows of real logs.
+        rows: rows of real logs, which the generated logs are copies of.
         count: number of logs.
     """
     limits = JobLimits()
@@ -340,14 +365,17 @@ def growth(logs: tuple[Path, ...], plot: Path | None) -> None:
         draw_growth(table, plot)
 
 
-def _growth_figures(fleet: Path, rows: FlightRows, size: int, log: Path) -> list[str]:
-    """Makes a fleet, and measures how a log is added, two spans of two weeks of a vehicle compared, and a page opened.
+def _growth_figures(fleet: Path, rows: FlightRows, size: int, added_log: Path) -> list[str]:
+    """Generates a fleet of a size, and measures the cost of three operations on it.
+
+    They are: `mavdem track` adds a log, `mavdem diff` compares two periods of two weeks of one vehicle, and a browser
+    opens, sorts and searches the index page.
 
     Args:
-        fleet: folder of the fleet, which is made.
+        fleet: folder in which the fleet is made.
         rows: rows of real logs, which the fleet's logs are copies of.
         size: number of the fleet's logs.
-        log: path of the log that is added.
+        added_log: path of the log that is added.
 
     Returns:
         The cells of ``GROWTH_HEADER`` after the number of logs, in the units that the header states.
@@ -355,26 +383,30 @@ def _growth_figures(fleet: Path, rows: FlightRows, size: int, log: Path) -> list
     with open_store(fleet) as store:
         fill_store(store, rows, size)
         write_stand_in_pages(fleet)
-        # The last run of such a fleet has left its index page.
+        # A fleet in use already has the index page of its last run.
         write_fleet_pages(store, {})
-    added = run_mavdem("track", log, "--out", fleet, "--jobs", "1")
-    named_rows = [row for row in read_brief_rows(fleet) if row.is_read and row.has_own_name]
-    # Two spans of two weeks in the generated flights, whose first day is ``FIRST_DAY``.
-    weeks = ("--days-a", "2026-01-05..2026-01-18", "--days-b", "2026-03-02..2026-03-15")
-    vehicle = named_rows[0].vehicle
-    out = fleet / "compared"
-    compared = run_mavdem("diff", fleet, fleet, "--vehicle", vehicle, *weeks, "--out", out)
+    cost_of_adding = run_mavdem("track", added_log, "--out", fleet, "--jobs", "1")
+    cost_of_comparing = _cost_of_comparing(fleet)
     index = fleet / INDEX_FILE
     times = page_times(index)
     return [
-        f"{added.processor_seconds:.1f}",
-        f"{added.megabytes:.0f}",
-        f"{compared.processor_seconds:.1f}",
+        f"{cost_of_adding.processor_seconds:.1f}",
+        f"{cost_of_adding.megabytes:.0f}",
+        f"{cost_of_comparing.processor_seconds:.1f}",
         f"{index.stat().st_size / 1e6:.1f}",
         f"{times.opening:.0f}",
         f"{times.sorting:.0f}",
         f"{times.searching:.0f}",
     ]
+
+
+def _cost_of_comparing(fleet: Path) -> Cost:
+    """Runs `mavdem diff` on two periods of the flights of a fleet's first vehicle, and returns what it cost."""
+    named_rows = [row for row in read_brief_rows(fleet) if row.is_read and row.has_own_name]
+    vehicle = named_rows[0].vehicle
+    periods = ("--days-a", PERIOD_BEFORE, "--days-b", PERIOD_AFTER)
+    out = fleet / "compared"
+    return run_mavdem("diff", fleet, fleet, "--vehicle", vehicle, *periods, "--out", out)
 
 
 def draw_growth(table: Sequence[Sequence[str]], path: Path) -> None:

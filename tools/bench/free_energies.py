@@ -1,5 +1,5 @@
 #!/usr/bin/env python
-"""Free energy and forecasts of the plant in its closed loop, compared with other models of the same samples.
+"""Free energy and forecast errors of the closed-loop model (plant and controller), compared with other models.
 
 The first table has two figures of each recorded flight.
 
@@ -51,7 +51,7 @@ MODELS = ("closed loop", "DEM's joint model")
 
 
 class FlightFigures(NamedTuple):
-    """Figures of one window of a flight."""
+    """Free energies and errors of the models that were trained on one window of a flight."""
 
     flight: str
     """Name of the flight."""
@@ -73,12 +73,14 @@ class FlightFigures(NamedTuple):
 
 
 def held_out_log_density(one_step: Array, forecast: Array, window: Window) -> float:
-    """Returns the mean log density of a sample of the test part, if errors of one-step predictions are normal.
+    """Returns the mean log density of the held-out samples under a normal distribution of one-step prediction errors.
+
+    The covariance of the distribution is the errors' in the training samples.
 
     Args:
-        one_step: (T, 2) one-step predictions of the training part, whose errors give the covariance.
-        forecast: (H, 2) one-step predictions of the test part.
-        window: the window, with its training part and its test part.
+        one_step: (T, 2) one-step predictions of the T training samples: angle, rad, and rate, rad/s.
+        forecast: (H, 2) one-step predictions of the H held-out samples after them.
+        window: the window, with its training samples and its held-out samples.
 
     Returns:
         Log density per sample, nats.
@@ -86,8 +88,10 @@ def held_out_log_density(one_step: Array, forecast: Array, window: Window) -> fl
     training_errors = (window.train.outputs - one_step)[GIVEN_SAMPLES:]
     covariance = training_errors.T @ training_errors / len(training_errors)
     errors = window.test.outputs - forecast
-    squares = np.sum(errors @ np.linalg.inv(covariance) * errors, axis=1)
-    return float(-0.5 * (np.linalg.slogdet(2 * np.pi * covariance)[1] + squares.mean()))
+    # Squared Mahalanobis distance of each sample, eᵀ C⁻¹ e.
+    squared_distances = np.sum(errors @ np.linalg.inv(covariance) * errors, axis=1)
+    _, log_determinant = np.linalg.slogdet(2 * np.pi * covariance)
+    return float(-0.5 * (log_determinant + squared_distances.mean()))
 
 
 def flight_figures(window: Window) -> FlightFigures:
@@ -149,27 +153,30 @@ def flight_figures(window: Window) -> FlightFigures:
 
 
 def _errors(model: Forecaster, kind: ForecastKind, window: Window) -> dict[int, float]:
-    """Returns the error ratios of a model's forecasts by the number of steps at 100 Hz.
+    """Returns the relative errors of a trained model's forecasts of the held-out samples, by how far they look ahead.
 
     Args:
-        model: the model.
-        kind: kind of forecast, by the data that it may use.
-        window: the window.
+        model: the trained model.
+        kind: whether the forecasts know the motors ("inputs") of the time that they look ahead to.
+        window: the window with the held-out samples.
 
     Returns:
-        Mean squared error of the forecasts over the constant mean's, by number of steps.
+        Mean squared error relative to that of a forecast of the training mean, by the number of samples from one
+        forecast to the next.
     """
+    # The name and the training function of a method are not used, since the model is trained already.
     method = Method("", learn, predicts=True)
     scores, _ = evaluate_model(method, window, model)
-    numbers = sorted({*STEPS[KNOWN_INPUTS], *STEPS[UNKNOWN_INPUTS]})
-    return dict(zip(numbers, scores[kind].ratio.tolist(), strict=True))
+    # Scores are in the order of all numbers of steps, of forecasts of both kinds.
+    step_counts = sorted({*STEPS[KNOWN_INPUTS], *STEPS[UNKNOWN_INPUTS]})
+    return dict(zip(step_counts, scores[kind].ratio.tolist(), strict=True))
 
 
 def free_energy_table(figures: list[FlightFigures]) -> Table:
     """Returns the first table, with a row for each flight: free energies, nats, and log densities of held-out samples.
 
     Args:
-        figures: figures of each flight.
+        figures: results of the models on each flight.
     """
     columns = [
         "flight",
@@ -197,28 +204,31 @@ def free_energy_table(figures: list[FlightFigures]) -> Table:
 
 
 def forecast_table(figures: list[FlightFigures]) -> Table:
-    """Returns the second table: a row for each model and half, a column for each kind of forecast and number of steps.
+    """Returns the second table: squared forecast errors of each model relative to a joint VAR's.
 
     Args:
-        figures: figures of each flight. A cell has the geometric mean of their error ratios.
+        figures: results of the models on each flight.
 
     Returns:
-        The table; in a cell below 1 the model has smaller errors than the joint VAR.
+        A row for each model and each half of the flights, "A", "B" and "all"; a column for each kind of forecast and
+        number of samples from one forecast to the next. Cells are geometric means over the flights: below 1 the model
+        has smaller errors than the joint VAR.
     """
     columns = ["model", "flights"]
-    for kind, steps in STEPS.items():
-        columns += [f"{kind}, {step}" for step in steps]
+    for kind, step_counts in STEPS.items():
+        columns += [f"{kind}, {step_count}" for step_count in step_counts]
     rows = []
     for model in MODELS:
-        for name in ("A", "B", "all"):
-            chosen = [flight for flight in figures if name in ("all", flight.half)]
-            if not chosen:
+        for half in ("A", "B", "all"):
+            flights = [flight for flight in figures if half in ("all", flight.half)]
+            if not flights:
                 continue
-            row = [model, f"{name} ({len(chosen)})"]
-            for kind, steps in STEPS.items():
-                for step in steps:
-                    ratios = [flight.error_ratios[model, kind, step] for flight in chosen]
-                    row.append(f"{np.exp(np.mean(np.log(ratios))):.2f}")
+            row = [model, f"{half} ({len(flights)})"]
+            for kind, step_counts in STEPS.items():
+                for step_count in step_counts:
+                    ratios = [flight.error_ratios[model, kind, step_count] for flight in flights]
+                    geometric_mean = np.exp(np.mean(np.log(ratios)))
+                    row.append(f"{geometric_mean:.2f}")
             rows.append(row)
     return Table(columns, rows)
 
@@ -227,7 +237,10 @@ def margin_table(figures: list[FlightFigures]) -> Table:
     """Returns the third table: the margins of the rate loop, with a row for each flight whose gains are known.
 
     Args:
-        figures: figures of each flight.
+        figures: results of the models on each flight.
+
+    Returns:
+        The table; margins have their 90 % intervals in parentheses.
     """
     columns = ["flight", "crossover", "phase margin", "gain margin", "Ms"]
     rows = []
@@ -250,23 +263,25 @@ def margin_table(figures: list[FlightFigures]) -> Table:
 
 
 @click.command(help=__doc__)
-@click.option("--window", "index", default=0, help="Which window of each flight, from 0.")
-@click.option("--flight", "text", default="", help="Only flights whose name contains this text.")
+@click.option("--window", "window_index", default=0, help="Which window of each flight, from 0.")
+@click.option(
+    "--flight", "name_part", default="", help="Only flights whose name contains this text."
+)
 @click.option("--margins", "with_margins", is_flag=True, help="Also margins of the rate loop.")
-def main(index: int, text: str, with_margins: bool) -> None:
+def main(window_index: int, name_part: str, with_margins: bool) -> None:
     """Trains the closed loop, DEM and joint VARs on a window of each recorded flight, and prints tables of errors.
 
     Args:
-        index: which window of each flight, from 0; the last one where a flight has fewer.
-        text: text in the names of the flights; all flights if it is empty.
+        window_index: which window of each flight, from 0; the last one where a flight has fewer.
+        name_part: text in the names of the flights; all flights if it is empty.
         with_margins: whether to print stability margins of the rate loops, too.
     """
     figures = []
     for name, flight in recorded_flights():
-        if text not in name:
+        if name_part not in name:
             continue
         flight_windows = windows(name, flight)
-        window = flight_windows[min(index, len(flight_windows) - 1)]
+        window = flight_windows[min(window_index, len(flight_windows) - 1)]
         try:
             figures.append(flight_figures(window))
         except ValueError as error:

@@ -53,14 +53,14 @@ PEAK_INTERVAL = 0.02
 
 
 class ClockFields(NamedTuple):
-    """A field with a time in the frames of one message."""
+    """The places in a log of one field of a message that has a time since boot."""
 
     first_bytes: np.ndarray
-    """Offset (n,) of the field in the log, of each frame."""
-    bytes_of_field: int
+    """Offset in the log of the field's first byte in each of n frames (n,)."""
+    width: int
     """Number of bytes of the field."""
     units_per_second: float
-    """Its unit."""
+    """Unit of the time, such as 1000 for ms."""
 
 
 class Cost(NamedTuple):
@@ -73,7 +73,7 @@ class Cost(NamedTuple):
 
 
 class Flight:
-    """A recorded flight, of which copies at later times are made."""
+    """A recorded MAVLink flight, of which copies with later times are made, to build a long log."""
 
     def __init__(self, stream: FrameStream) -> None:
         """Finds the clocks in the frames whose checksum matches; all other bytes are left out.
@@ -113,23 +113,25 @@ class Flight:
         content = self.content.copy()
         shift = number * self.seconds
         stamp_starts = self._starts - STAMP_BYTES
+        # Stamps of a telemetry log are big-endian, fields of messages little-endian.
         self._add(content, stamp_starts, STAMP_BYTES, round(shift * MICROSECONDS), ">")
-        for first_bytes, bytes_of_field, units_per_second in self._clocks:
-            self._add(content, first_bytes, bytes_of_field, round(shift * units_per_second), "<")
+        for first_bytes, width, units_per_second in self._clocks:
+            self._add(content, first_bytes, width, round(shift * units_per_second), "<")
         recording = bytearray(content.tobytes())
         frames = zip(
             self._starts.tolist(), self._ends.tolist(), self._message_ids.tolist(), strict=True
         )
         for start, end, message_id in frames:
-            payload_end = (
-                start + self._header_bytes(recording[start]) + recording[start + LENGTH_BYTE]
-            )
+            payload_bytes = recording[start + LENGTH_BYTE]
+            payload_end = start + self._header_bytes(recording[start]) + payload_bytes
+            checksum_end = payload_end + CHECKSUM_BYTES
+            assert checksum_end <= end, "a checksum lies outside its frame"
+            # The checksum covers all of the frame before it but the marker.
             checksum = frame_checksum(
                 bytes(recording[start + 1 : payload_end]),
                 definitions_by_id()[message_id].crc_extra,
             )
-            assert payload_end + CHECKSUM_BYTES <= end
-            recording[payload_end : payload_end + CHECKSUM_BYTES] = checksum.to_bytes(2, "little")
+            recording[payload_end:checksum_end] = checksum.to_bytes(CHECKSUM_BYTES, "little")
         return bytes(recording)
 
     @staticmethod
@@ -138,7 +140,7 @@ class Flight:
         return HEADER_BYTES_V1 if marker == MARKER_V1 else HEADER_BYTES_V2
 
     def _clock_fields(self, message_id: int) -> list[ClockFields]:
-        """Finds the fields of a message that are times of the boot clock, in all its frames.
+        """Finds the fields of a message that have a time since boot, in all frames of the message.
 
         A frame is left out where the field was not sent whole, since MAVLink 2 cuts off zeros at the end of a payload.
 
@@ -146,23 +148,27 @@ class Flight:
             message_id: number of the message in its dialect.
 
         Returns:
-            For each field the index of its first byte in each frame, its width and its unit.
+            The places of each such field; none for a message without one.
         """
         definition = definitions_by_id()[message_id]
-        assert definition.payload_type.fields is not None
-        starts = self._starts[self._message_ids == message_id]
-        headers = np.where(self.content[starts] == MARKER_V1, HEADER_BYTES_V1, HEADER_BYTES_V2)
-        clocks = []
+        payload_fields = definition.payload_type.fields
+        assert payload_fields is not None
+        frame_starts = self._starts[self._message_ids == message_id]
+        markers = self.content[frame_starts]
+        header_bytes = np.where(markers == MARKER_V1, HEADER_BYTES_V1, HEADER_BYTES_V2)
+        payload_bytes = self.content[frame_starts + LENGTH_BYTE]
+        clock_fields = []
         for name, units_per_second in BOOT_CLOCK_UNITS.items():
-            if name in definition.fields:
-                field_type, offset = definition.payload_type.fields[name][:2]
-                is_whole = self.content[starts + LENGTH_BYTE] >= offset + field_type.itemsize
-                first_bytes = (starts + headers + offset)[is_whole]
-                clocks.append(ClockFields(first_bytes, field_type.itemsize, units_per_second))
-        return clocks
+            if name not in definition.fields:
+                continue
+            field_type, offset = payload_fields[name][:2]
+            is_whole = payload_bytes >= offset + field_type.itemsize
+            first_bytes = (frame_starts + header_bytes + offset)[is_whole]
+            clock_fields.append(ClockFields(first_bytes, field_type.itemsize, units_per_second))
+        return clock_fields
 
     def _integers(self, first_bytes: np.ndarray, width: int, byte_order: str) -> np.ndarray:
-        """Reads integers of some bytes at offsets (n,) of the flight."""
+        """Reads unsigned integers of ``width`` bytes at offsets (n,) of the flight."""
         return rows_of(self.content, first_bytes, width).view(f"{byte_order}u{width}")[:, 0]
 
     def _add(
@@ -178,12 +184,13 @@ class Flight:
             byte_order: ">" for big-endian, "<" for little-endian.
         """
         integer_type = np.dtype(f"{byte_order}u{width}")
-        limit = 1 << (8 * width)
-        moved = self._integers(first_bytes, width, byte_order) + np.array(
-            units % limit, integer_type
-        )
-        moved_bytes = moved.astype(integer_type)[:, None].view(np.uint8)
-        content[first_bytes[:, None] + np.arange(width)] = moved_bytes
+        integers = self._integers(first_bytes, width, byte_order)
+        number_of_values = 1 << (8 * width)
+        sums = integers + np.array(units % number_of_values, integer_type)
+        # (n, width) bytes of the sums, and the places of these bytes in the log.
+        sum_bytes = sums.astype(integer_type)[:, None].view(np.uint8)
+        places = first_bytes[:, None] + np.arange(width)
+        content[places] = sum_bytes
 
 
 def write_long_log(flight: Flight, path: Path, size: int) -> None:
@@ -228,12 +235,12 @@ def info_cost(path: Path, checkout: Path) -> Cost:
 def plot_costs(
     path: Path, sizes: Sequence[float], costs_of_checkouts: dict[str, list[Cost]]
 ) -> None:
-    """Draws memory and time by size.
+    """Draws memory and processor time of `mavdem info` over the size of the log.
 
     Args:
-        path: The picture, SVG.
-        sizes: Sizes of the logs (n,), MB.
-        costs_of_checkouts: What `info` cost of each log (n,), by the name of the checkout.
+        path: file of the picture, SVG.
+        sizes: sizes of the n logs, MB.
+        costs_of_checkouts: costs of the n logs, by the name of the checkout.
     """
     import matplotlib as mpl
     import matplotlib.pyplot as plt
@@ -264,27 +271,29 @@ def plot_costs(
 )
 @click.option("--plot", type=click.Path(dir_okay=False, path_type=Path), help="A picture, SVG.")
 def main(flight: Path, sizes: tuple[int, ...], before: Path | None, plot: Path | None) -> None:
-    """Makes logs of these sizes of a flight, one at a time, and prints what `mavdem info` of each costs.
+    """Repeats a flight up to each size of log, and prints memory and processor time of `mavdem info` on each log.
 
     Args:
-        flight: A telemetry log.
-        sizes: Sizes of the logs, MB.
-        before: Another checkout of the repository that is compared with this one.
-        plot: Where a picture of memory and time is written.
+        flight: a telemetry log.
+        sizes: sizes of the logs, MB.
+        before: another checkout of the repository that is compared with this one.
+        plot: file for a picture of memory and time; None for no picture.
     """
     checkouts = {"now": Path.cwd()}
     if before is not None:
         checkouts["before"] = before.resolve()
     recorded_flight = Flight(tlog_stream(flight))
     costs_of_checkouts: dict[str, list[Cost]] = {name: [] for name in checkouts}
-    megabytes = []
+    written_sizes = []
     rows = []
     for size in sizes:
+        # One log at a time lies on the disk.
         with TemporaryDirectory() as folder:
             path = Path(folder, "long.tlog")
             write_long_log(recorded_flight, path, size)
-            megabytes.append(path.stat().st_size / 1e6)
-            row = [f"{megabytes[-1]:.0f}"]
+            megabytes = path.stat().st_size / 1e6
+            written_sizes.append(megabytes)
+            row = [f"{megabytes:.0f}"]
             for name, checkout in checkouts.items():
                 cost = info_cost(path, checkout)
                 costs_of_checkouts[name].append(cost)
@@ -295,7 +304,7 @@ def main(flight: Path, sizes: tuple[int, ...], before: Path | None, plot: Path |
         header += [f"memory {name}, MB", f"processor {name}, s"]
     print(markdown([Table(header, rows)]))
     if plot is not None:
-        plot_costs(plot, megabytes, costs_of_checkouts)
+        plot_costs(plot, written_sizes, costs_of_checkouts)
 
 
 if __name__ == "__main__":

@@ -1,5 +1,5 @@
 #!/usr/bin/env python
-"""Processor time of ``mavdem LOG`` by stage; prints a table, also of an earlier version for comparison.
+"""Processor time of a review (``mavdem LOG``) by stage, such as reading the log; prints a table.
 
 Usage: tools/bench/review_profile.py LOG [--before CHECKOUT]
 
@@ -58,46 +58,51 @@ RESULT_FILE = "MAVDEM_MEASURED_RESULT"
 
 
 class StageClock:
-    """Adds up the processor time of stages, of which one may interrupt another."""
+    """Adds up the processor time of stages; while one calls a function of another one, only the inner one counts."""
 
     def __init__(self) -> None:
         self.seconds: dict[str, float] = defaultdict(float)
-        self._running = [REST]
-        self._last_change = time.process_time()
+        """Processor time by stage, s."""
+        self._running_stages = [REST]
+        """Stages that have begun and not ended, the innermost last."""
+        self._last_count = time.process_time()
+        """Processor time up to which all time is counted, s."""
 
     def measured(self, stage: str, function: Callable[..., Any]) -> Callable[..., Any]:
-        """Returns a function that does the same as another, and adds the time that it takes to a stage.
+        """Wraps a function so that the processor time of its calls is added to a stage.
 
         Args:
             stage: name of the stage.
             function: the function to measure.
 
         Returns:
-            The measuring function.
+            A function with the same arguments and results.
         """
 
         @functools.wraps(function)
         def measured_function(*arguments: Any, **keywords: Any) -> Any:
-            """Calls the function while its stage is the innermost one that runs, to which the time is added."""
-            self._change()
-            self._running.append(stage)
+            """Calls ``function``, and counts the time of the call to ``stage``."""
+            # The time until now belongs to the stage that calls the function.
+            self._count_to_innermost_stage()
+            self._running_stages.append(stage)
             try:
                 return function(*arguments, **keywords)
             finally:
-                self._change()
-                self._running.pop()
+                self._count_to_innermost_stage()
+                self._running_stages.pop()
 
         return measured_function
 
-    def _change(self) -> None:
-        """Adds the time since the last change to the stage that has run since."""
+    def _count_to_innermost_stage(self) -> None:
+        """Adds the processor time since the last count to the innermost stage that runs."""
         now = time.process_time()
-        self.seconds[self._running[-1]] += now - self._last_change
-        self._last_change = now
+        innermost_stage = self._running_stages[-1]
+        self.seconds[innermost_stage] += now - self._last_count
+        self._last_count = now
 
     def stop(self) -> None:
-        """Adds the time of the stage that runs now."""
-        self._change()
+        """Counts the time that is not counted yet; call it at the end of the measurement."""
+        self._count_to_innermost_stage()
 
 
 def measure(log: str) -> dict[str, float]:
@@ -180,30 +185,32 @@ def stage_seconds(log: Path, checkout: Path) -> dict[str, float]:
     help="An earlier checkout to compare with.",
 )
 def main(log: Path, before: Path | None) -> None:
-    """Prints the processor seconds of each stage, and its share of the whole.
+    """Reviews a log, and prints the processor seconds of each stage and its share of the whole.
 
     Args:
         log: the log to review.
-        before: another checkout of the repository.
+        before: another checkout of the repository, whose seconds are printed beside this one's.
     """
     checkouts = {"now": Path(__file__).resolve().parents[2]}
     if before is not None:
         checkouts = {"before": before.resolve(), **checkouts}
-    measurements = {}
+    seconds_by_checkout = {}
     for name, checkout in checkouts.items():
         # The first run compiles modules and templates.
         stage_seconds(log.resolve(), checkout)
-        measurements[name] = stage_seconds(log.resolve(), checkout)
+        seconds_by_checkout[name] = stage_seconds(log.resolve(), checkout)
+    # Each checkout has two columns, seconds and share.
     titles = [f"{name}, s|share" for name in checkouts]
     print("|stage|" + "|".join(titles) + "|")
     print("|---|" + "---:|---:|" * len(checkouts))
     for stage in (IMPORTS, *STAGES, REST):
         cells = []
-        for seconds in measurements.values():
-            share = seconds.get(stage, 0.0) / sum(seconds.values())
-            cells.append(f"{seconds.get(stage, 0.0):.2f}|{100 * share:.0f} %")
+        for seconds_by_stage in seconds_by_checkout.values():
+            seconds = seconds_by_stage.get(stage, 0.0)
+            share = seconds / sum(seconds_by_stage.values())
+            cells.append(f"{seconds:.2f}|{100 * share:.0f} %")
         print(f"|{stage}|" + "|".join(cells) + "|")
-    totals = [f"{sum(seconds.values()):.2f}|" for seconds in measurements.values()]
+    totals = [f"{sum(seconds.values()):.2f}|" for seconds in seconds_by_checkout.values()]
     print("|all|" + "|".join(totals) + "|")
 
 

@@ -1,5 +1,5 @@
 #!/usr/bin/env python
-"""Speed of reading logs, of a fleet's rows, and of live estimates; prints tables.
+"""Processor time of reading logs, of a fleet's rows, of reviews, and latency of live estimates; prints tables.
 
 Usage: tools/bench/speed.py read FILE.tlog|FILE.bin|FILE.ulg|FILE.mcap ...
        tools/bench/speed.py fleet LOG ...
@@ -113,9 +113,9 @@ def read(logs: tuple[Path, ...]) -> None:
 
     mavdem decodes attitude, motor outputs and the roll demand of each vehicle, and the times of every message. The
     libraries: pymavlink, of .bin with the message types that mavdem reads; pyulog with all topics; mcap with all
-    messages in file order, undecoded. Each log is also read with damaged places, behind which a reader must find
-    messages again. A library that gives up at damage has fewer messages. Memory is what the process grows by when it
-    reads the log.
+    messages in file order, undecoded. Each log is also read with some of its bytes overwritten, after which a reader
+    must find the next message. A library that gives up at damage has fewer messages. Memory is what the process grows
+    by when it reads the log.
 
     Args:
         logs: paths of the logs.
@@ -196,8 +196,8 @@ def reading_costs(path: Path) -> list[str]:
 def fleet(logs: tuple[Path, ...]) -> None:
     """Prints the processor time that each log costs a fleet, for its rows and its page, on one core.
 
-    The table has the number of logs, mean, median and maximum, s, by the format of the log and by its tier: a
-    allows a full model, b slow motion only, c no model.
+    The table has the number of logs, and mean, median and maximum of their processor time, s. It has a row for each
+    format and each tier of logs: tier a allows a full model, b a model of slow motion only, c no model.
 
     Args:
         logs: paths of the logs. The first is read once before, so that importing libraries does not count.
@@ -206,52 +206,62 @@ def fleet(logs: tuple[Path, ...]) -> None:
     threadpool_limits(limits=1, user_api="blas")
     # This imports the libraries.
     rows_of_log(logs[0], "", flight_page)
-    rows = []
+    measurements = []
     for path in logs:
+        log_format = path.suffix.lower()
         began = time.process_time()
-        kind = f"{path.suffix.lower()}, no flight"
+        group = f"{log_format}, no flight"
         with suppress(Unreadable):
             tier = best_tier(rows_of_log(path, path.name, flight_page).rows)
             if tier:
-                kind = f"{path.suffix.lower()}, tier {tier}"
-        rows.append({"logs": kind, "CPU s": time.process_time() - began})
-    table = pd.DataFrame(rows)
+                group = f"{log_format}, tier {tier}"
+        measurements.append({"logs": group, "CPU s": time.process_time() - began})
+    table = pd.DataFrame(measurements)
     with_all_logs = pd.concat([table, table.assign(logs="all")])
-    seconds_by_kind = with_all_logs.groupby("logs")["CPU s"]
-    show(seconds_by_kind.agg(["size", "mean", "median", "max"]).reset_index())
+    seconds_by_group = with_all_logs.groupby("logs")["CPU s"]
+    show(seconds_by_group.agg(["size", "mean", "median", "max"]).reset_index())
 
 
 LINK = "127.0.0.1:14598"
-HOVER = """
+"""Address at which the live session receives datagrams, and to which the simulated flight sends them."""
+
+LIVE_RATES = (50.0, 100.0, 200.0, 400.0)
+"""Message rates of the simulated flights that are sent to live sessions, Hz."""
+
+START_SECONDS = 10.0
+"""Time after which a live session has started and receives datagrams, s: a choice."""
+
+HOVER_SCENARIO = """
 duration = 30
 [stream]
 autopilot = "ardupilot"
 only_when_asked = true
 rates = {{ ATTITUDE = {rate}, SERVO_OUTPUT_RAW = {rate} }}
 """
+"""Scenario file of the simulated flight, a hover of half a minute."""
 
 
 def udp_speed(rate: float, folder: Path) -> JsonValues:
-    """Returns the row of a live session that receives a simulated flight of half a minute over UDP.
+    """Measures a live session that receives a simulated flight of half a minute over UDP.
 
     Args:
         rate: rate of the messages, Hz.
         folder: folder for the files of the session.
 
     Returns:
-        Rate, rows, lost messages, latencies, ms, and processor time, s, by the header of the table.
+        The row of the table: message rate, Hz; number of samples ("rows") and of lost messages; latencies from a
+        datagram's arrival to its estimate, ms; and processor time of the session, s.
     """
     scenario = folder / "hover.toml"
-    scenario.write_text(HOVER.format(rate=rate))
+    scenario.write_text(HOVER_SCENARIO.format(rate=rate))
     mavdem = [sys.executable, "-m", "mavdem"]
-    words = [*mavdem, *f"live udpin:{LINK} --duration 50 --json".split()]
-    words += [f"--rrd={folder}/live.rrd", f"--record={folder}/live.tlog"]
+    live_command = [*mavdem, *f"live udpin:{LINK} --duration 50 --json".split()]
+    live_command += [f"--rrd={folder}/live.rrd", f"--record={folder}/live.tlog"]
     with (folder / "live.json").open("w+") as output:
-        session = subprocess.Popen(words, stdout=output)
-        # By then the session listens.
-        time.sleep(10.0)
+        session = subprocess.Popen(live_command, stdout=output)
+        time.sleep(START_SECONDS)
         subprocess.run([*mavdem, "fly", str(scenario), "--udp", LINK], check=True)
-        usage = os.wait4(session.pid, 0)[2]
+        _, _, usage = os.wait4(session.pid, 0)
         output.seek(0)
         document = json.load(output)
     row = {"Hz": rate, "rows": sum(document["samples"].values()), "lost": document["lost"]}
@@ -259,18 +269,17 @@ def udp_speed(rate: float, folder: Path) -> JsonValues:
     return row | {"CPU s": usage.ru_utime + usage.ru_stime}
 
 
-def live(_: tuple[Path, ...]) -> None:
+def live() -> None:
     """Prints what `mavdem live` costs: latency from a datagram's arrival to its estimate, and CPU seconds in all.
 
-    The kernel stamps the arrival. A simulated flight is sent by another process over UDP for half a minute; dashboard
-    and raw stream are recorded. CPU seconds are spent by the session with its workers.
-
-    Args:
-        _: logs, which this benchmark does not use.
+    A table of one row is printed for each message rate. The kernel stamps the arrival. A simulated flight is sent by
+    another process over UDP for half a minute; dashboard and raw stream are recorded. The session and its workers spend
+    the CPU seconds.
     """
-    for rate in (50.0, 100.0, 200.0, 400.0):
+    for rate in LIVE_RATES:
         with TemporaryDirectory() as folder:
-            show(pd.DataFrame([udp_speed(rate, Path(folder))]))
+            row = udp_speed(rate, Path(folder))
+            show(pd.DataFrame([row]))
 
 
 REVIEW_RUNS = 3
@@ -303,25 +312,42 @@ def review(logs: tuple[Path, ...], before: Path | None) -> None:
         checkouts["before"] = before.resolve()
     rows = []
     for path in logs:
-        runs = [
-            {name: review_cost(path.resolve(), checkout) for name, checkout in checkouts.items()}
-            for _ in range(REVIEW_RUNS)
-        ]
-        costs = {}
-        for name in checkouts:
-            costs_of_runs = [run[name] for run in runs]
-            # The least of each field, which may be of different runs.
-            costs[name] = ReviewCost(
-                *(min(seconds) for seconds in zip(*costs_of_runs, strict=True))
-            )
+        costs = least_costs(path.resolve(), checkouts)
         row: dict[str, object] = {"file": path.name}
-        for part in ReviewCost._fields:
+        for stage in ReviewCost._fields:
             for name, cost in costs.items():
-                row[f"{part}, {name}"] = getattr(cost, part)
+                row[f"{stage}, {name}"] = getattr(cost, stage)
             if before is not None:
-                row[f"{part}, ratio"] = getattr(costs["now"], part) / getattr(costs["before"], part)
+                seconds_now = getattr(costs["now"], stage)
+                row[f"{stage}, ratio"] = seconds_now / getattr(costs["before"], stage)
         rows.append(row)
+    # Logs become columns, and stages rows.
     show(pd.DataFrame(rows).set_index("file").T.reset_index(names="CPU s"))
+
+
+def least_costs(log: Path, checkouts: dict[str, Path]) -> dict[str, ReviewCost]:
+    """Reviews a log by each checkout in turn, ``REVIEW_RUNS`` times, and returns the least cost of each.
+
+    Args:
+        log: the log to review.
+        checkouts: checkouts of the repository by name.
+
+    Returns:
+        Costs by the names of the checkouts. Each field is the least of all runs, so that fields may be of different
+        runs.
+    """
+    costs_by_checkout: dict[str, list[ReviewCost]] = {name: [] for name in checkouts}
+    for _ in range(REVIEW_RUNS):
+        for name, checkout in checkouts.items():
+            costs_by_checkout[name].append(review_cost(log, checkout))
+    least_cost_by_checkout = {}
+    for name, costs in costs_by_checkout.items():
+        least_cost_by_checkout[name] = ReviewCost(
+            first_words=min(cost.first_words for cost in costs),
+            screen=min(cost.screen for cost in costs),
+            total=min(cost.total for cost in costs),
+        )
+    return least_cost_by_checkout
 
 
 def review_cost(log: Path, checkout: Path) -> ReviewCost:
@@ -387,8 +413,12 @@ def main(benchmark: str, logs: tuple[Path, ...], before: Path | None) -> None:
     """
     if benchmark == "review":
         review(logs, before)
-        return
-    {"read": read, "fleet": fleet, "live": live}[benchmark](logs)
+    elif benchmark == "read":
+        read(logs)
+    elif benchmark == "fleet":
+        fleet(logs)
+    else:
+        live()
 
 
 if __name__ == "__main__":

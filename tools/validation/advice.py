@@ -1,5 +1,5 @@
 #!/usr/bin/env python
-"""Gains of mavdem, of AutoTune and of QuickTune, judged by the true plants of the simulated flights of loops.py.
+"""Controller gains by mavdem, AutoTune and QuickTune, judged by the stability margins that true, simulated plants have.
 
 mavdem advises gains in steps, one for each later flight (``mavdem tune --more``), always by the plant that was
 identified from the first flight. The goal is the margins that --margins names, in the rate and the attitude loop of the
@@ -14,7 +14,7 @@ those before, the largest sensitivity Ms of the rate loop, and the flights after
 Usage: tools/validation/advice.py [--half NAME] [--rate HZ of the messages] [--margins NAME] [--flights N] [--jobs N]
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -34,8 +34,8 @@ from mavdem.loops.gain_design import bandwidth_of_estimate
 from mavdem.loops.margins import FrequencyGrid
 from mavdem.plant.parameters import ESTIMATE
 
-EFFECTS = {"met": 1.0, "0.8 times": 0.8, "1.2 times": 1.2, "1.44 times": 1.44}
-"""Factors on the control effectiveness of the flight, by the column of the table."""
+EFFECTIVENESS_FACTORS = {"met": 1.0, "0.8 times": 0.8, "1.2 times": 1.2, "1.44 times": 1.44}
+"""Factors on the control effectiveness with which final gains are judged, by column: voltage and load change it."""
 
 MAX_FLIGHTS = 6
 """Most flights with gains of mavdem. An autopilot's tuner flies once."""
@@ -66,63 +66,73 @@ def meets(loop: Loop, target: MarginTarget) -> bool:
 
 
 def advised_gains(loop: Loop, margins: str) -> Iterator[Parameters]:
-    """Yields the gains to set for one flight after the other; nothing if no gains are advised.
+    """Yields the gains that mavdem advises after one flight after the other; nothing if it refuses to advise.
+
+    mavdem changes a gain by a limited factor in one flight, so that several are needed. No later flight is simulated:
+    the plant that the first one identified is used with the changed gains.
 
     Args:
-        loop: identified loop of the axis, which stands for the loops that later flights would identify.
+        loop: loop of the axis, as identified from the first flight.
         margins: name of the stability margins that are the goal, a key of ``MARGIN_TARGETS``.
 
     Yields:
-        All parameters that have been changed so far, by name, after each flight.
+        All parameters that have been changed so far, by name, after each flight. The last two are equal where nothing
+        is left to change within ``MAX_FLIGHTS``.
     """
     gains: Parameters = {}
+    loop_with_gains = loop
     for _ in range(MAX_FLIGHTS):
-        advice = advise(
-            loop.with_parameters(gains) if gains else loop, margins, raises_sound_gains=True
-        )
+        advice = advise(loop_with_gains, margins, raises_sound_gains=True)
         if advice.refusals:
             return
         gains = {**gains, **advice.parameters}
         yield gains
         if not advice.parameters:
             return
+        loop_with_gains = loop.with_parameters(gains)
 
 
 def evaluate_gains(
-    loop: Loop, plant: AxisPlant, steps: Iterator[Parameters], target: MarginTarget
+    loop: Loop, plant: AxisPlant, gains_by_flight: Sequence[Parameters], target: MarginTarget
 ) -> Values:
     """Judges the gains with which a tuner ends, by the loops that they give with the true plant.
 
     Args:
         loop: identified loop of the axis, with its controller and the wind.
         plant: the true plant.
-        steps: gains after each flight of the tuner, as all parameters that it has changed so far. Without a step the
-            tuner refuses to tune, and with an empty one it leaves the gains as they are.
+        gains_by_flight: gains after each flight of the tuner: all parameters that it has changed so far, none if it
+            leaves the gains as they are. The sequence is empty if the tuner refuses to tune.
         target: stability margins that are the goal.
 
     Returns:
-        Values by name. "met before": whether the loop meets the target with the logged gains. The names of ``EFFECTS``:
-        whether it does so with the final gains if the plant's effect is multiplied by that factor. "flights": number of
-        flights until it first does so, if it did not before. "refused": whether the tuner refused to tune, and then
-        "met before" is the only other value. "bandwidth" and "lean": those with the final gains over those with the
-        logged ones. "Ms": maximum sensitivity with the final gains.
+        Values by column: "refused", whether the tuner refused, and "met before", whether the loop meets the target with
+        the logged gains. Only if the tuner did not refuse, also:
+
+        - The columns of ``EFFECTIVENESS_FACTORS``: whether the final gains meet the target where the plant's control
+          effectiveness is multiplied by that factor.
+        - "flights": number of flights until the target is first met; missing if it was met before, or never is.
+        - "bandwidth" of the rate loop and "lean" in wind, relative to the values with the logged gains.
+        - "Ms": largest sensitivity of the rate loop with the final gains.
     """
-    before = true_loop(loop, plant)
-    row: Values = {"met before": meets(before, target), "refused": True}
-    final = before
-    for number, gains in enumerate(steps, start=1):
-        row["refused"] = False
-        if gains:
-            final = before.with_parameters(gains)
-        if "flights" not in row and not row["met before"] and meets(final, target):
-            row["flights"] = number
-    if row["refused"]:
+    loop_before = true_loop(loop, plant)
+    row: Values = {"met before": meets(loop_before, target), "refused": not gains_by_flight}
+    if not gains_by_flight:
         return row
-    for name, factor in EFFECTS.items():
-        row[name] = meets(true_loop(final, plant, factor), target)
-    row["bandwidth"] = bandwidth_of_estimate(final.rate) / bandwidth_of_estimate(before.rate)
-    row["Ms"] = final.rate.ms
-    row["lean"] = final.lean_in_wind / before.lean_in_wind
+    loops_by_flight = [
+        loop_before.with_parameters(gains) if gains else loop_before for gains in gains_by_flight
+    ]
+    if not row["met before"]:
+        for number, loop_after in enumerate(loops_by_flight, start=1):
+            if meets(loop_after, target):
+                row["flights"] = number
+                break
+    final_loop = loops_by_flight[-1]
+    for name, factor in EFFECTIVENESS_FACTORS.items():
+        row[name] = meets(true_loop(final_loop, plant, factor), target)
+    bandwidth_before = bandwidth_of_estimate(loop_before.rate)
+    row["bandwidth"] = bandwidth_of_estimate(final_loop.rate) / bandwidth_before
+    row["Ms"] = final_loop.rate.ms
+    row["lean"] = final_loop.lean_in_wind / loop_before.lean_in_wind
     return row
 
 
@@ -139,46 +149,56 @@ def evaluate_loop(loop: Loop, plant: AxisPlant, margins: str) -> list[Values]:
     """
     target = MARGIN_TARGETS[margins]
     flown_loop = replace(true_loop(loop, plant), grid=TUNER_GRID)
-    tuners = {
-        "mavdem": advised_gains(loop, margins),
-        "AutoTune": iter([autotune(flown_loop)]),
-        "QuickTune": iter([quicktune(flown_loop)]),
+    # The autopilot's tuners end in one flight.
+    gains_by_tuner = {
+        "mavdem": list(advised_gains(loop, margins)),
+        "AutoTune": [autotune(flown_loop)],
+        "QuickTune": [quicktune(flown_loop)],
     }
     autopilot = "ArduPilot" if loop.controller.is_ardupilot else "PX4"
     rows = []
-    for name, steps in tuners.items():
-        row = {"tuner": name, "autopilot": autopilot, "axis": loop.axis}
-        rows.append(row | evaluate_gains(loop, plant, steps, target))
+    for tuner, gains_by_flight in gains_by_tuner.items():
+        row = {"tuner": tuner, "autopilot": autopilot, "axis": loop.axis}
+        rows.append(row | evaluate_gains(loop, plant, gains_by_flight, target))
     return rows
 
 
 def evaluate_flight(seed: int, rate: float, margins: str, cache: Path) -> list[Values]:
-    """Returns the rows of all axes with a loop in the simulated flight of a seed.
+    """Simulates a flight, and tunes each axis whose loop is identified from its log by mavdem and the two tuners.
 
     Args:
         seed: seed of the flight.
         rate: rate of the messages, Hz.
         margins: name of the stability margins that are the goal, a key of ``MARGIN_TARGETS``.
         cache: folder with the simulated flights.
+
+    Returns:
+        The rows of :func:`evaluate_loop` for all of these axes.
     """
     log, true_figures = simulated_log(seed, cache)
     rows = []
     for axis, loop in identified_loops(log, rate).items():
         if isinstance(loop, NoLoop):
             continue
-        rows += evaluate_loop(loop, AxisPlant.from_figures(true_figures[axis]), margins)
+        plant = AxisPlant.from_figures(true_figures[axis])
+        rows += evaluate_loop(loop, plant, margins)
     return rows
 
 
-def summary(rows: pd.DataFrame) -> pd.DataFrame:
-    """Returns the table: counts of loops and medians by tuner and autopilot, and by tuner for both autopilots.
+def summary_by_tuner(rows: pd.DataFrame) -> pd.DataFrame:
+    """Summarises tuned loops by tuner and autopilot, and by tuner for both autopilots together.
 
     Args:
-        rows: rows of :func:`evaluate_gains` with tuner and autopilot.
+        rows: rows of :func:`evaluate_loop`, one for each tuner and loop.
+
+    Returns:
+        The table: number of loops, how many of them the tuner refuses and meet the goal before and after, and medians
+        of the columns ``MEDIANS``.
     """
     with_both_autopilots = pd.concat([rows, rows.assign(autopilot="both")])
     rows_by_tuner = with_both_autopilots.groupby(["tuner", "autopilot"], sort=False)
-    table = rows_by_tuner[["refused", "met before", *EFFECTS]].sum().astype(int)
+    counted_columns = ["refused", "met before", *EFFECTIVENESS_FACTORS]
+    table = rows_by_tuner[counted_columns].sum().astype(int)
     table.insert(0, "loops", rows_by_tuner.size())
     table[MEDIANS] = rows_by_tuner[MEDIANS].median()
     return table.reset_index()
@@ -191,10 +211,19 @@ def summary(rows: pd.DataFrame) -> pd.DataFrame:
 @HALF
 @CACHE
 def main(half: str, rate: float, margins: str, flights: int, cache: Path, jobs: int) -> None:
-    """Prints a row for each tuner and autopilot: how many loops meet the goal, and how the loops have changed."""
+    """Prints a row for each tuner and autopilot: how many loops meet the goal, and how the loops have changed.
+
+    Args:
+        half: name of the set of flights, a key of ``HALVES``: "choose" to choose methods on, "report" for results.
+        rate: rate of the messages, Hz.
+        margins: name of the stability margins that are the goal, a key of ``MARGIN_TARGETS``.
+        flights: number of simulated flights.
+        cache: folder that keeps the simulated flights.
+        jobs: number of processes.
+    """
     evaluate = partial(evaluate_flight, rate=rate, margins=margins, cache=cache)
     rows = evaluate_flights(evaluate, HALVES[half][:flights], jobs)
-    print_table(f"Half {half}, {rate:g} Hz, margins {margins}", summary(rows))
+    print_table(f"Half {half}, {rate:g} Hz, margins {margins}", summary_by_tuner(rows))
 
 
 if __name__ == "__main__":

@@ -38,7 +38,7 @@ ANGLE_TWITCH_SECONDS = 1.5
 
 QUICKTUNE_FACTOR = 0.4
 """Factor on the gain at which the vehicle oscillates: QUIK_GAIN_MARGIN is 60 %."""
-MAX_REDUCTION = 0.8
+MIN_GAIN_FACTOR = 0.8
 """Least factor on a gain in one run of QuickTune (QUIK_MAX_REDUCE is 20 %)."""
 GAIN_GROWTH = 2 ** (1 / 8)
 """Factor between two gains that QuickTune is simulated at; it doubles a gain in 10 s."""
@@ -75,7 +75,7 @@ def _logged_gains(loop: Loop) -> TunedGains:
 
 
 def parameters_of(loop: Loop, gains: TunedGains, integral_ratio: float | None = None) -> Parameters:
-    """Returns gains as parameters of the autopilot, by name.
+    """Returns P, I, D and the angle's gain by the autopilot's parameter names; I follows from P.
 
     Args:
         loop: the loops, which give the autopilot and the axis.
@@ -96,9 +96,11 @@ def parameters_of(loop: Loop, gains: TunedGains, integral_ratio: float | None = 
 
 
 def quicktune(loop: Loop) -> Parameters:
-    """Returns the gains after one run of QuickTune: D, then P, each raised until the vehicle oscillates, then × 0.4.
+    """Returns the gains after one run of QuickTune.
 
-    Where D ends lower than it was, P is lowered with it, by half at most.
+    It raises D until the vehicle oscillates, sets 0.4 times that value, and does the same with P. Where D becomes lower
+    than it was, P is first lowered in the same ratio, by half at most. In all, one run lowers no gain below 0.8 times
+    its value before the run.
 
     Args:
         loop: the loops of the true plant, with the gains before.
@@ -107,41 +109,46 @@ def quicktune(loop: Loop) -> Parameters:
         The new gains by the autopilot's parameter names.
     """
     logged = _logged_gains(loop)
+    least_p = MIN_GAIN_FACTOR * logged.p
+    least_d = MIN_GAIN_FACTOR * logged.d
     gains = logged
     if logged.d:
         d = QUICKTUNE_FACTOR * _gain_at_oscillation(loop, gains, "d")
-        p = gains.p * max(min(d / logged.d, 1.0), MIN_PROPORTIONAL_FACTOR)
-        gains = gains._replace(
-            d=max(d, MAX_REDUCTION * logged.d), p=max(p, MAX_REDUCTION * logged.p)
-        )
+        ratio_of_d = min(d / logged.d, 1.0)
+        p = logged.p * max(ratio_of_d, MIN_PROPORTIONAL_FACTOR)
+        gains = gains._replace(d=max(d, least_d), p=max(p, least_p))
     p = QUICKTUNE_FACTOR * _gain_at_oscillation(loop, gains, "p")
-    gains = gains._replace(p=max(p, MAX_REDUCTION * logged.p))
+    gains = gains._replace(p=max(p, least_p))
     return parameters_of(loop, gains)
 
 
-def _gain_at_oscillation(loop: Loop, gains: TunedGains, field: str) -> float:
+def _gain_at_oscillation(loop: Loop, gains: TunedGains, raised_gain: str) -> float:
     """Raises one gain of the rate controller in small steps until the rate loop becomes unstable.
 
     Args:
         loop: the loops of the true plant.
         gains: all gains, with the value to begin with.
-        field: the gain to raise, "p" or "d".
+        raised_gain: the gain to raise, "p" or "d".
 
     Returns:
         The first value, in the unit of the gain, with which the loop is unstable; after ``MAX_GROWTHS`` steps without
         one, the last value.
     """
-    value: float = getattr(gains, field)
+    value: float = getattr(gains, raised_gain)
     for _ in range(MAX_GROWTHS):
-        raised = gains._replace(**{field: value})
-        if not loop.with_parameters(parameters_of(loop, raised)).rate.is_stable:
+        changed_gains = gains._replace(**{raised_gain: value})
+        changed_loop = loop.with_parameters(parameters_of(loop, changed_gains))
+        if not changed_loop.rate.is_stable:
             break
         value *= GAIN_GROWTH
     return value
 
 
 def autotune(loop: Loop) -> Parameters:
-    """Returns the gains after AutoTune: D up, D down, P up, back-off of both, then the angle's gain down and up.
+    """Returns the gains after AutoTune: it tunes D, then P of the rate, lowers both, and tunes the gain of the angle.
+
+    Each gain is tuned by twitches (steps of the setpoint) up to a limit of stability, and then lowered for a margin:
+    AUTOTUNE_GMBK lowers all of them, and the gain of the angle is lowered by AUTOTUNE_AGGR besides.
 
     Args:
         loop: the loops of the true plant, with the gains before.
@@ -168,23 +175,26 @@ class Twitch(NamedTuple):
 
 
 def _rate_twitch(loop: Loop, gains: TunedGains) -> Twitch:
-    """Simulates a twitch: the response of the rate to a step of its setpoint, with the I gain of AutoTune's tests.
+    """Simulates AutoTune's twitch of the rate: the response to a step of the rate's setpoint, relative to the step.
 
     Args:
         loop: the loops of the true plant.
-        gains: gains to test.
+        gains: gains to test; I is small, as during AutoTune's tests.
 
     Returns:
-        Peak and bounce back; of an unstable loop, values that count as too high a peak and a full bounce.
+        Peak of the response, and its fall after the peak.
     """
-    rate = loop.with_parameters(parameters_of(loop, gains, TESTING_INTEGRAL_RATIO)).rate
+    tested_loop = loop.with_parameters(parameters_of(loop, gains, TESTING_INTEGRAL_RATIO))
+    rate = tested_loop.rate
     if not rate.is_stable:
+        # Its response has no peak: it counts as one of twice the step, from which the rate falls to 0.
         return Twitch(peak=2.0, bounce=1.0)
     time = np.linspace(0.01, TWITCH_SECONDS, 50)
     response = step_from_frequency_response(rate.frequency, rate.closed_loop_of_estimate, time)
-    peak_row = int(response.argmax())
-    peak = float(response[peak_row])
-    return Twitch(peak, (peak - float(response[peak_row:].min())) / peak)
+    peak_sample = int(response.argmax())
+    peak = float(response[peak_sample])
+    lowest_after_peak = float(response[peak_sample:].min())
+    return Twitch(peak, (peak - lowest_after_peak) / peak)
 
 
 def _tuned_derivative(loop: Loop, gains: TunedGains) -> TunedGains:
@@ -217,9 +227,10 @@ def _tuned_derivative(loop: Loop, gains: TunedGains) -> TunedGains:
 
 
 def _tuned_proportional(loop: Loop, gains: TunedGains) -> TunedGains:
-    """Returns the gains after AutoTune's step P up: P is raised until the rate exceeds its target.
+    """Returns the gains after AutoTune's step "P up": P is raised until the rate exceeds its target.
 
-    Where the rate bounces back too far before that, P and D are both lowered.
+    The rate may exceed the target by half of AUTOTUNE_AGGR. Where it bounces back too far before it has reached the
+    target, P and D are both lowered.
 
     Args:
         loop: the loops of the true plant.
@@ -232,8 +243,9 @@ def _tuned_proportional(loop: Loop, gains: TunedGains) -> TunedGains:
         twitch = _rate_twitch(loop, gains)
         if twitch.peak > 1 + AGGRESSIVENESS / 2:
             break
-        is_high = 1 - PEAK_MARGIN < twitch.peak < 1
-        if is_high and twitch.bounce > AGGRESSIVENESS and gains.d:
+        # A lower peak is too small to judge the bounce by.
+        almost_reaches_target = 1 - PEAK_MARGIN < twitch.peak < 1
+        if almost_reaches_target and twitch.bounce > AGGRESSIVENESS and gains.d:
             gains = gains._replace(p=gains.p * (1 - TWITCH_STEP), d=gains.d * (1 - TWITCH_STEP))
         else:
             gains = gains._replace(p=gains.p * (1 + TWITCH_STEP))

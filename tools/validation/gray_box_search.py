@@ -1,5 +1,5 @@
 #!/usr/bin/env python
-"""Cost and result of the search in the gray-box fit, compared with Fisher scoring from the prior mean; prints a table.
+"""Cost and evidence of the search that fits gray-box models, compared with Fisher scoring from the prior mean.
 
 The form of the model is chosen on each axis of each log, as in ``mavdem.plant.physical``, once with each search. The
 logs are split into two halves by a hash of their names. What is chosen is chosen on half A; half B only tests.
@@ -33,22 +33,22 @@ from mavdem.plant.windows import FlightWindows, cut_windows
 
 
 class Search(NamedTuple):
-    """What one search of an axis cost and found."""
+    """Cost and result of one search for the gray-box model of an axis."""
 
     evaluations: float
-    """Prediction errors that were computed, in passes through all windows."""
+    """How often the prediction errors of all windows were computed."""
     evidence: float
     """Log evidence of the chosen model, nats."""
 
 
 def counted_search(windows: FlightWindows, directions: Array | None) -> Search:
-    """Chooses the model of an axis, and counts how often the prediction errors of all windows were computed for it.
+    """Fits the gray-box model of an axis, and counts how often that computes the prediction errors of all windows.
 
-    While the model is chosen, the two methods of ``LogPosterior`` that compute them are replaced by ones that count.
+    During the fit, the two methods of ``LogPosterior`` that compute prediction errors are replaced by ones that count.
 
     Args:
         windows: windows of the flight.
-        directions: relative effect of each input (r,), or None.
+        directions: relative effect of each motor about the axis by the mixer (r,), or None where not known.
 
     Returns:
         The number of evaluations, and the log evidence of the chosen model.
@@ -81,43 +81,45 @@ def counted_search(windows: FlightWindows, directions: Array | None) -> Search:
 
 
 def plain_search(windows: FlightWindows, directions: Array | None) -> Search:
-    """Does the same as :func:`counted_search` by Fisher scoring alone, from the prior mean, for comparison.
+    """Fits the model as :func:`counted_search` does, but by Fisher scoring alone, from the prior mean.
 
-    Two functions of the search are replaced meanwhile: the one that corrects the curvature of Fisher scoring, and the
-    one that chooses the best of several starts.
+    mavdem's own search begins at the best of several starts, and corrects the curvature that Fisher scoring
+    approximates. The functions that do both are replaced during the fit.
 
     Args:
         windows: windows of the flight.
-        directions: relative effect of each input (r,), or None.
+        directions: relative effect of each motor about the axis by the mixer (r,), or None where not known.
 
     Returns:
         The number of evaluations, and the log evidence of the chosen model.
     """
-
-    def fisher_scoring(*arguments: Any, corrects_curvature: bool) -> Any:
-        """Calls ``gauss_newton`` without the correction of the curvature, whatever the caller passes."""
-        return gauss_newton(*arguments)
-
-    def prior_mean(_: object, start: Array, __: FlightWindows) -> Array:
-        """Returns the start that is tried first, the prior mean, in the place of ``best_start``."""
-        return start
-
     with (
-        patch.object(fitting, "gauss_newton", fisher_scoring),
-        patch.object(estimation, "best_start", prior_mean),
+        patch.object(fitting, "gauss_newton", _fisher_scoring),
+        patch.object(estimation, "best_start", _prior_mean),
     ):
         return counted_search(windows, directions)
 
 
+def _fisher_scoring(*arguments: Any, corrects_curvature: bool) -> Any:
+    """Stands in for ``gauss_newton``: calls it without the correction of the curvature, whatever is asked for."""
+    return gauss_newton(*arguments)
+
+
+def _prior_mean(_: object, start: Array, __: FlightWindows) -> Array:
+    """Stands in for ``best_start``: returns the first start that it would try, the prior mean."""
+    return start
+
+
 def rows_of_log(path: Path) -> Iterator[dict[str, object]]:
-    """Compares the two searches on each axis of a log of which parameters can be estimated.
+    """Compares mavdem's search with Fisher scoring alone on each axis of a log, as far as it can be fitted.
 
     Args:
-        path: a telemetry log, whose name decides to which half of all logs it belongs.
+        path: a telemetry log.
 
     Yields:
-        A row for each axis: the half, the evaluations before (Fisher scoring alone) and now, and the log evidence that
-        was gained, nats.
+        A row for each axis: the "half" of the logs that this one belongs to; the evaluations of prediction errors by
+        Fisher scoring ("before") and by the search ("now"); and the "gain", by how much the log evidence of the
+        search's model is larger, nats.
     """
     log = read_log(path)
     # A digest of the name assigns each log to one half, A or B, whatever other logs there are.
@@ -134,40 +136,43 @@ def rows_of_log(path: Path) -> Iterator[dict[str, object]]:
         except NotLearnable:
             continue
         directions = estimation._mixer_directions(record)
-        plain = plain_search(windows, directions)
-        current = counted_search(windows, directions)
+        fisher_scoring = plain_search(windows, directions)
+        search = counted_search(windows, directions)
         yield {
             "half": half,
-            "before": plain.evaluations,
-            "now": current.evaluations,
-            "gain": current.evidence - plain.evidence,
+            "before": fisher_scoring.evaluations,
+            "now": search.evaluations,
+            "gain": search.evidence - fisher_scoring.evidence,
         }
 
 
 @click.command(help=__doc__)
 @click.argument("folders", nargs=-1, type=click.Path(exists=True, file_okay=False, path_type=Path))
 def main(folders: tuple[Path, ...]) -> None:
-    """Prints the table.
+    """Fits all axes of the logs by both searches, and prints a row for each half of the logs.
+
+    The row has the evaluations of prediction errors by mavdem's search relative to those by Fisher scoring, and how
+    much log evidence the search gains over it.
 
     Args:
-        folders: folders with telemetry logs; those at less than 40 Hz have no rows.
+        folders: folders with telemetry logs; a log at less than 40 Hz cannot be fitted and has no rows.
     """
     logs = [path for folder in folders for path in sorted(folder.glob("*.tlog"))]
     rows = pd.DataFrame([row for path in logs for row in rows_of_log(path)])
     table = []
     for half, axes in rows.groupby("half"):
-        gain = axes["gain"]
-        table.append(
-            {
-                "half": half,
-                "axes": len(axes),
-                "evaluations, ratio": f"{axes['now'].sum() / axes['before'].sum():.2f}",
-                "evidence gained, nats: median": f"{gain.median():+.2f}",
-                "mean": f"{gain.mean():+.1f}",
-                "by more than 1": int((gain > 1).sum()),
-                "lost, by more than 1": int((gain < -1).sum()),
-            }
-        )
+        evaluation_ratio = axes["now"].sum() / axes["before"].sum()
+        evidence_gain = axes["gain"]
+        cells = {
+            "half": half,
+            "axes": len(axes),
+            "evaluations, ratio": f"{evaluation_ratio:.2f}",
+            "evidence gained, nats: median": f"{evidence_gain.median():+.2f}",
+            "mean": f"{evidence_gain.mean():+.1f}",
+            "by more than 1": int((evidence_gain > 1).sum()),
+            "lost, by more than 1": int((evidence_gain < -1).sum()),
+        }
+        table.append(cells)
     print_table("**Search of the gray-box fit**", table)
 
 

@@ -1,5 +1,5 @@
 #!/usr/bin/env python
-"""Number of flights until the goal is met, where each flight is flown with the advised gains and identified anew.
+"""Number of simulated flights, each with the gains that mavdem advises after the one before, until margins are met.
 
 The vehicles are the ones of loops.py. After each flight the gains that mavdem advises with --more for all axes are
 loaded, and the vehicle flies again, in other wind of the same kind. The goal is that rate and attitude loop of the true
@@ -53,25 +53,25 @@ FLIGHT_SEED_STEP = 100_000
 
 
 class FirstLoop(NamedTuple):
-    """The loops of one axis after the first flight, as identified, and the true plant of that axis."""
+    """The control loops of one axis in the first flight, as identified from its log, and the true plant of the axis."""
 
     identified: Loop
     """The rate and attitude loop that were identified from the first flight, with its gains."""
-    plant: AxisPlant
+    true_plant: AxisPlant
     """The true plant."""
 
     def with_gains(self, gains: Parameters) -> Loop:
         """Returns the loops that the true plant has with other gains."""
-        return true_loop(self.identified, self.plant).with_parameters(gains)
+        return true_loop(self.identified, self.true_plant).with_parameters(gains)
 
 
 def thinned_log_of_flight(scenario: Scenario, gains: Parameters, number: int, rate: float) -> Log:
-    """Flies a vehicle with other gains, in other wind of the same kind, and returns its log, thinned to a rate.
+    """Simulates a further flight of a vehicle with other gains, and returns its log, thinned to a rate of messages.
 
     Args:
-        scenario: the first flight.
+        scenario: scenario of the vehicle's first flight.
         gains: gains to set, by the autopilot's names.
-        number: number of the flight, which changes its seed.
+        number: number of the flight, which changes the seed, and with it the wind.
         rate: rate of the messages, Hz.
 
     Returns:
@@ -83,23 +83,24 @@ def thinned_log_of_flight(scenario: Scenario, gains: Parameters, number: int, ra
     values = scenario.model_dump(mode="json")
     values["seed"] += FLIGHT_SEED_STEP * number
     values["vehicle"]["parameters"] |= gains
-    changed = scenario_of(values)
+    later_scenario = scenario_of(values)
     with TemporaryDirectory() as folder:
         path = Path(folder) / "flight.tlog"
-        write_log(path, changed, fly(changed))
+        write_log(path, later_scenario, fly(later_scenario))
         log = exact_log(path)
-    return replace(
-        log, vehicles=tuple(thinned_telemetry(vehicle, rate) for vehicle in log.vehicles)
-    )
+    vehicles = tuple(thinned_telemetry(vehicle, rate) for vehicle in log.vehicles)
+    return replace(log, vehicles=vehicles)
 
 
-def reflown(scenario: Scenario, gains: Parameters, number: int) -> dict[str, Loop | NoLoop]:
-    """Flies a vehicle with other gains, in other wind of the same kind, and identifies its loops.
+def loops_of_later_flight(
+    scenario: Scenario, gains: Parameters, number: int
+) -> dict[str, Loop | NoLoop]:
+    """Simulates a further flight of a vehicle with other gains, and identifies its control loops.
 
     Args:
-        scenario: the first flight.
+        scenario: scenario of the vehicle's first flight.
         gains: gains to set, by the autopilot's names.
-        number: number of the flight.
+        number: number of the flight; 0 for the first one.
 
     Returns:
         By axis the identified loop, or why there is none.
@@ -111,7 +112,10 @@ def reflown(scenario: Scenario, gains: Parameters, number: int) -> dict[str, Loo
 
 
 def evaluate_vehicle(seed: int, margins: str) -> list[Values]:
-    """Counts the flights until each axis of a vehicle meets the goal, with and without later flights.
+    """Counts the flights until each axis of a vehicle has the wanted margins, by two ways to tune it.
+
+    Either gains are advised once and for all, from the plant that the first flight identified. Or the vehicle flies
+    again with the advised gains, and the next advice follows from the loops that this flight identifies.
 
     Args:
         seed: seed of the first flight.
@@ -119,16 +123,11 @@ def evaluate_vehicle(seed: int, margins: str) -> list[Values]:
 
     Returns:
         A row for each axis whose loop the first flight identifies: whether the goal was "met before" and is "met" in
-        the end, the number of flights by the "first plant" and "flown again", and whether the vehicle was "lost".
+        the end, the number of flights until then by the "first plant" and "flown again", and whether the vehicle was
+        "lost", because it tumbled with advised gains.
     """
     target = MARGIN_TARGETS[margins]
-    scenario, motion = drawn_flight(seed)
-    true_figures = true_figures_of_flight(scenario, motion)
-    first_loops = {}
-    for axis, loop in reflown(scenario, {}, 0).items():
-        if isinstance(loop, Loop):
-            plant = AxisPlant.from_figures(true_figures[axis])
-            first_loops[axis] = FirstLoop(loop, plant)
+    first_scenario, first_loops = _first_flight(seed)
     rows = {}
     for axis, first in first_loops.items():
         rows[axis] = _row_by_first_plant(axis, first, margins)
@@ -137,17 +136,17 @@ def evaluate_vehicle(seed: int, margins: str) -> list[Values]:
         axis: first.identified for axis, first in first_loops.items()
     }
     for number in range(1, MAX_FLIGHTS + 1):
-        advised_loops = [loops[axis] for axis in first_loops]
-        changes = _advised_changes(advised_loops, margins)
+        changes = _advised_changes([loops[axis] for axis in first_loops], margins)
         gains = {**gains, **changes}
         for axis, first in first_loops.items():
-            rows[axis]["met"] = meets(first.with_gains(gains), target)
-            if rows[axis]["met"]:
-                rows[axis].setdefault("flown again", number)
+            row = rows[axis]
+            row["met"] = meets(first.with_gains(gains), target)
+            if row["met"] and "flown again" not in row:
+                row["flown again"] = number
         if not changes:
             break
         try:
-            loops = reflown(scenario, gains, number)
+            loops = loops_of_later_flight(first_scenario, gains, number)
         except ValueError:
             # The vehicle tumbles.
             for row in rows.values():
@@ -156,8 +155,27 @@ def evaluate_vehicle(seed: int, margins: str) -> list[Values]:
     return list(rows.values())
 
 
+def _first_flight(seed: int) -> tuple[Scenario, dict[str, FirstLoop]]:
+    """Simulates the first flight of a vehicle, and returns its scenario and the loops that are identified from its log.
+
+    Args:
+        seed: seed of the flight.
+
+    Returns:
+        The scenario, and the loops by axis, without the axes that have no identified loop.
+    """
+    scenario, motion = drawn_flight(seed)
+    true_figures = true_figures_of_flight(scenario, motion)
+    first_loops = {}
+    for axis, loop in loops_of_later_flight(scenario, {}, 0).items():
+        if isinstance(loop, Loop):
+            true_plant = AxisPlant.from_figures(true_figures[axis])
+            first_loops[axis] = FirstLoop(loop, true_plant)
+    return scenario, first_loops
+
+
 def _row_by_first_plant(axis: str, first: FirstLoop, margins: str) -> Values:
-    """Returns the results of the first flight alone for an axis, as the beginning of its row in the table.
+    """Tunes an axis by the plant of the first flight alone, and returns the beginning of its row in the table.
 
     mavdem limits the change of a gain in one flight. Here the advice is repeated with the plant of the first flight
     until nothing is left to change (at most ``MAX_FLIGHTS`` times), as if no later flight were needed.
@@ -168,14 +186,15 @@ def _row_by_first_plant(axis: str, first: FirstLoop, margins: str) -> Values:
         margins: name of the stability margins that are the goal, a key of ``MARGIN_TARGETS``.
 
     Returns:
-        "axis"; "met before", whether the flown gains meet the goal with the true plant; "lost", False so far; and, if
-        the goal is met, "first plant", the number of advices until then.
+        "axis"; "met before", whether the first flight's gains meet the goal with the true plant; "lost", False so far;
+        and, if the goal is met, "first plant", how often gains were advised until then.
     """
     target = MARGIN_TARGETS[margins]
     row: Values = {"axis": axis, "met before": meets(first.with_gains({}), target), "lost": False}
     for number, gains in enumerate(advised_gains(first.identified, margins), start=1):
-        if "first plant" not in row and meets(first.with_gains(gains), target):
+        if meets(first.with_gains(gains), target):
             row["first plant"] = number
+            break
     return row
 
 
@@ -202,10 +221,10 @@ def _advised_changes(loops: Sequence[Loop | NoLoop], margins: str) -> dict[str, 
 )
 @HALF
 def main(half: str, margins: str, flights: int, jobs: int) -> None:
-    """Prints one row: how many loops meet the goal, and after how many flights, flying again or by the first plant.
+    """Prints one row: how many loops have the wanted margins, and after how many flights, by two ways to tune them.
 
     Args:
-        half: half of the simulated flights, a key of ``HALVES``.
+        half: name of the set of vehicles, a key of ``HALVES``: "choose" to choose methods on, "report" for results.
         margins: name of the stability margins that are the goal, a key of ``MARGIN_TARGETS``.
         flights: number of vehicles, each with a first flight of its own.
         jobs: number of processes.

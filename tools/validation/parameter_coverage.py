@@ -1,9 +1,9 @@
 #!/usr/bin/env python
-"""Counts how often the 90 % intervals of physical parameters hold the truth of simulated flights, hot loops included.
+"""Coverage of physical parameters: how often their 90 % intervals hold the truth of simulated flights, by loop gain.
 
-A loop is hot where its gains are several times those that suit the vehicle. The noise of the gyro then moves the
-motors from one cycle of the controller to the next, more quickly than a log has samples. Each scenario of
-``SCENARIOS`` is flown with each multiple of the rate loop's gain, and with several seeds of wind and noise.
+Where the gains of a loop are several times the suitable ones, the noise of the gyro moves the motors from one cycle of
+the controller to the next, more quickly than a log has samples. Each scenario of ``SCENARIOS`` is flown with each
+multiple of the rate loop's gain, and with several seeds of wind and noise.
 
 Further flights are steered by doublets so hard that motors reach their limits: the effect changes with the command.
 
@@ -52,7 +52,7 @@ HARD_DOUBLETS = {
     "ardrone2, hard doublets": "ardrone2",
     "crazyflie, hard doublets": "crazyflie",
 }
-"""Vehicles that are steered by ``DOUBLETS``, by the name of the case."""
+"""Models of vehicles that ``DOUBLETS`` excite so strongly that motors reach their limits, by the name of the case."""
 
 DOUBLETS = {"kind": "doublets", "axis": "all", "amplitude": 14.0, "width": 0.1, "period": 1.2}
 """Doublets that drive motors to their limits."""
@@ -83,24 +83,28 @@ class Case(NamedTuple):
         return "AB"[hashlib.sha256(name.encode()).digest()[0] % 2]
 
     def flown_scenario(self) -> Scenario:
-        """Returns the scenario with this gain and seed, shortened to ``FLIGHT_SECONDS``."""
+        """Returns the scenario that is flown: the named one with this gain and seed, for ``FLIGHT_SECONDS``.
+
+        A case of ``HARD_DOUBLETS`` is the scenario "iris_doublets" with another vehicle and stronger doublets.
+        """
         changes = {"seed": self.seed, "duration": FLIGHT_SECONDS}
         if self.scenario in HARD_DOUBLETS:
             vehicle = {"model": HARD_DOUBLETS[self.scenario]}
-            steered = load_scenario("iris_doublets").model_dump(mode="json")
-            return scenario_of(steered | changes | {"vehicle": vehicle, "excitation": DOUBLETS})
+            values = load_scenario("iris_doublets").model_dump(mode="json")
+            return scenario_of(values | changes | {"vehicle": vehicle, "excitation": DOUBLETS})
         scenario = load_scenario(self.scenario)
-        gained = scenario.vehicle.model_copy(update={"rate_gain": self.gain})
-        return scenario.model_copy(update={**changes, "vehicle": gained})
+        vehicle_with_gain = scenario.vehicle.model_copy(update={"rate_gain": self.gain})
+        return scenario.model_copy(update={**changes, "vehicle": vehicle_with_gain})
 
 
 def cases(seeds: int) -> Iterator[Case]:
-    """Yields all flights: each scenario with each gain and each of ``seeds`` seeds, and as many hard steered ones.
+    """Yields all flights: each scenario with each gain and each seed, and the flights with strong doublets.
 
     Args:
-        seeds: number of flights of each scenario with each gain; of each hard steered vehicle it is three times that.
+        seeds: number of flights of each scenario with each gain.
     """
     for name in HARD_DOUBLETS:
+        # One gain only, but as many flights as a scenario with all gains has.
         for number in range(len(GAINS) * seeds):
             yield Case(name, 1.0, FIRST_SEED + number)
     for name in SCENARIOS:
@@ -115,7 +119,7 @@ def interval_rows(plant: Physical, truths: Values, true_delay: float) -> list[Va
     Args:
         plant: the estimate.
         truths: "effect" of each motor (r,), "damping" and "lag", as from :func:`physical.true_values`.
-        true_delay: delay from the motion to the motors' output, s.
+        true_delay: dead time of the control loop from the gyro's measurement to the motors, s.
 
     Returns:
         A row for each motor's effect, for damping, lag and delay: name of the parameter, status, relative error, and
@@ -132,9 +136,13 @@ def interval_rows(plant: Physical, truths: Values, true_delay: float) -> list[Va
         names, estimates, true_parameters, widths, strict=True
     ):
         # The delay is identified together with the lag, and has no status of its own.
-        status = plant.status["lag" if name == "delay" else name]
-        row = {"parameter": name, "status": status, "error": estimate / true_value - 1}
-        row["inside"] = abs(estimate - true_value) <= width
+        status_name = "lag" if name == "delay" else name
+        row = {
+            "parameter": name,
+            "status": plant.status[status_name],
+            "error": estimate / true_value - 1,
+            "inside": abs(estimate - true_value) <= width,
+        }
         rows.append(row)
     return rows
 
@@ -142,8 +150,8 @@ def interval_rows(plant: Physical, truths: Values, true_delay: float) -> list[Va
 def evaluate_case(case: Case) -> list[Values]:
     """Simulates a flight, estimates the physical parameters of roll from its log, and compares them with the truth.
 
-    The flight is written to a telemetry log and read from it again, so that the estimates have the resolution, rates
-    and delays of a log.
+    The simulated flight is written to a telemetry log and read again, so that the estimates are affected by the
+    resolution, rates and delays of a log.
 
     Args:
         case: the flight to simulate.
@@ -167,10 +175,10 @@ def evaluate_case(case: Case) -> list[Values]:
     if isinstance(estimate, NotIdentifiable):
         click.echo(f"{case}: refused: {estimate.reason}", err=True)
         return []
-    # The motors' output is held for one cycle: half of it on average.
+    # The controller holds its output for a cycle, which delays it by half a cycle on average.
     true_delay = scenario.sensors.delay + scenario.cycle / 2
-    truths = true_values(motion, scenario, flight)
-    rows = interval_rows(estimate, truths, true_delay)
+    true_parameters = true_values(motion, scenario, flight)
+    rows = interval_rows(estimate, true_parameters, true_delay)
     return [{"half": case.half, **case._asdict(), **row} for row in rows]
 
 
@@ -185,18 +193,23 @@ def coverage(rows: Any) -> str:
 
 
 def table_row(rows: Any) -> pd.Series:
-    """Returns the row of a table for intervals of one parameter: coverage in both halves, of reported and biased.
+    """Summarises the intervals of one parameter: how many hold the truth, and the worst error.
 
     Args:
-        rows: rows of :func:`evaluate_case`.
+        rows: rows of :func:`evaluate_case` with this parameter.
+
+    Returns:
+        By column: how many intervals of reported estimates hold the truth, as "12/13", in half A of the flights, on
+        which settings were chosen, and in half B; the worst relative error of a reported estimate; how many intervals
+        of biased estimates hold the truth; and how many estimates are "withheld", since they are not identifiable.
     """
     reported_rows = rows[rows["status"] == Status.REPORTED]
     biased_rows = rows[rows["status"] == Status.BIASED]
-    worst = max(reported_rows["error"], key=abs, default=np.nan)
+    worst_error = max(reported_rows["error"], key=abs, default=np.nan)
     cells = {
         "inside, half A": coverage(rows[rows["half"] == "A"]),
         "inside, half B": coverage(rows[rows["half"] == "B"]),
-        "worst error": "–" if np.isnan(worst) else f"{worst:+.0%}",
+        "worst error": "–" if np.isnan(worst_error) else f"{worst_error:+.0%}",
         "inside, where biased": f"{biased_rows['inside'].sum()}/{len(biased_rows)}",
         "withheld": (rows["status"] == Status.NOT_IDENTIFIABLE).sum(),
     }
@@ -205,31 +218,32 @@ def table_row(rows: Any) -> pd.Series:
 
 @command(__doc__, seeds=2)
 def main(seeds: int, jobs: int) -> None:
-    """Prints one table: coverage by gain and parameter.
+    """Prints two tables: coverage by gain and parameter, and by vehicle and parameter with motors at their limits.
 
     Args:
         seeds: number of flights of each scenario with each gain.
         jobs: number of processes.
     """
     rows = evaluate_flights(evaluate_case, cases(seeds), jobs)
-    is_hard_steered = rows["scenario"].isin(HARD_DOUBLETS)
-    print_coverage("Intervals that hold the truth", rows[~is_hard_steered], "gain")
+    has_hard_doublets = rows["scenario"].isin(HARD_DOUBLETS)
+    print_coverage("Intervals that hold the truth", rows[~has_hard_doublets], "gain")
     click.echo()
-    print_coverage("The same with motors at their limits", rows[is_hard_steered], "scenario")
+    print_coverage("The same with motors at their limits", rows[has_hard_doublets], "scenario")
 
 
-def print_coverage(title: str, rows: Any, kind: str) -> None:
-    """Prints a table with the coverage of each parameter and of all.
+def print_coverage(title: str, rows: Any, group_column: str) -> None:
+    """Prints a table with the coverage of each parameter, and a last row for all parameters.
 
     Args:
         title: title of the table.
         rows: rows of :func:`evaluate_case`.
-        kind: column of the rows whose values have lines of their own, "gain" or "scenario".
+        group_column: column by whose values the table has separate rows, "gain" or "scenario".
     """
     flights = rows[["scenario", "gain", "seed"]].drop_duplicates()
-    lines = rows.groupby([kind, "parameter"], sort=False).apply(table_row)
-    total = rows.assign(**{kind: "all"}, parameter="all").groupby([kind, "parameter"])
-    table = pd.concat([lines, total.apply(table_row)]).reset_index()
+    table_rows = rows.groupby([group_column, "parameter"], sort=False).apply(table_row)
+    rows_as_one_group = rows.assign(**{group_column: "all"}, parameter="all")
+    total_row = rows_as_one_group.groupby([group_column, "parameter"]).apply(table_row)
+    table = pd.concat([table_rows, total_row]).reset_index()
     print_table(f"**{title}**, {len(flights)} flights", table)
 
 

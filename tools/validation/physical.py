@@ -1,5 +1,5 @@
 #!/usr/bin/env python
-"""Compares estimated physical parameters with the truth of simulated flights, and estimates a Crazyflie's parameters.
+"""Compares estimated physical parameters (control effectiveness, damping, lag) with the truth of simulated flights.
 
 "simulated" flies each vehicle in each wind with each steering. Sampling rate and autopilot take turns, and three
 flights in ten have another thrust curve, lag, inertia and battery. The tables have the shares of estimates by status,
@@ -62,6 +62,9 @@ PARAMETERS = ("effect", "damping", "lag")
 STATUSES = {Status.REPORTED: "", Status.BIASED: " (biased)", Status.NOT_IDENTIFIABLE: " (no)"}
 """Mark of an estimate in a table, by its status."""
 
+WIND_TORQUE_COLUMNS = ["standard deviation inside", "mean inside", "course inside"]
+"""Columns of :func:`wind_torque_results`."""
+
 CONDITIONS = load_adjacent_toml(__file__, "physical.toml")
 """Winds, steering and moments of the simulated flights."""
 
@@ -77,8 +80,28 @@ WINDOW_SECONDS = 7.0
 CRAZYFLIE_RATE = 200.0
 """Rate to which the Crazyflie's log is resampled, Hz."""
 
-AXES = {"roll": ("gyro.x", [-1.0, -1.0, 1.0, 1.0]), "pitch": ("gyro.y", [-1.0, 1.0, 1.0, -1.0])}
-"""Column of the Crazyflie's gyro, and the sign of each motor's torque, by axis."""
+
+class CrazyflieAxis(NamedTuple):
+    """An axis of the Crazyflie."""
+
+    gyro_column: str
+    """Column of the log with the body rate, degrees/s."""
+
+    effect_directions: tuple[float, ...]
+    """Sign of each motor's torque about the axis (4,)."""
+
+
+CRAZYFLIE_AXES = {
+    "roll": CrazyflieAxis("gyro.x", (-1.0, -1.0, 1.0, 1.0)),
+    "pitch": CrazyflieAxis("gyro.y", (-1.0, 1.0, 1.0, -1.0)),
+}
+"""Axes of the Crazyflie that its flight excites."""
+
+CRAZYFLIE_EXCITATION = (56.0, 89.0)
+"""Beginning and end of the excitation in the Crazyflie's log, s."""
+
+CRAZYFLIE_FULL_COMMAND = 65535
+"""Largest command of a motor in the Crazyflie's log."""
 
 
 STEADY_SCENARIOS = (
@@ -93,7 +116,7 @@ STEADY_SCENARIOS = (
 
 
 class Case(NamedTuple):
-    """A simulated flight of the bank: what flies, in which wind, and how."""
+    """One simulated flight: what flies, in which wind, and how it is excited."""
 
     vehicle: str
     """Model of the vehicle, such as "iris"."""
@@ -110,42 +133,39 @@ class Case(NamedTuple):
     autopilot: str
     """"px4" or "ardupilot"."""
 
-    varied: dict[str, float]
-    """Values of the vehicle that are not the published ones."""
+    vehicle_changes: dict[str, float]
+    """Values that replace published ones of the vehicle, by the keys of a scenario."""
 
     seed: int
     """Seed of wind and noise."""
 
 
 def cases(seed: int, every: int) -> Iterator[Case]:
-    """Yields the flights of the bank: every vehicle in every wind with every steering, or a part of them.
+    """Yields flights of every vehicle in every wind with every kind of steering, or of a random subset of them.
 
     Args:
-        seed: seed by which the part, and what varies, is drawn.
-        every: number of flights of which one is drawn; 1 for all.
+        seed: seed of the subset, of the vehicles' changes, and of the flights' seeds.
+        every: number of pairs of vehicle and wind of which one is drawn; 1 for all.
 
     Yields:
-        The flights: pairs of vehicle and wind in random order, each with every steering in turn.
+        The flights: pairs of vehicle and wind in random order, each with every kind of steering. From flight to flight
+        the next pair of sampling rate and autopilot is taken, so that all are equally frequent in a subset, too.
     """
     rng = default_rng(seed)
     vehicles_and_winds = list(product(TABLES["scales"]["wind"], CONDITIONS["winds"]))
     count = len(vehicles_and_winds) // every
-    # Steering, and rates with autopilots, take turns: a part of the bank has as many of each.
-    chosen_rows = rng.permutation(len(vehicles_and_winds))[:count]
-    flights_by_steering = [
-        [(*vehicles_and_winds[number], steering) for number in chosen_rows]
-        for steering in CONDITIONS["steering"]
-    ]
-    flights = [flight for turn in zip(*flights_by_steering, strict=True) for flight in turn]
-    combinations = product(SAMPLE_RATES, ("px4", "ardupilot"))
-    streams = cycle(combinations)
-    for (vehicle, wind, steering), (rate, autopilot) in zip(flights, streams, strict=False):
-        # Values are drawn for every flight, so that the other random numbers do not depend on their use.
-        drawn_values = draw_vehicle_values(rng)
-        is_varied = rng.random() < VARIED_SHARE
-        case_seed = int(rng.integers(1_000_000))
-        values = drawn_values if is_varied else {}
-        yield Case(vehicle, wind, steering, rate, autopilot, values, case_seed)
+    chosen_pairs = rng.permutation(len(vehicles_and_winds))[:count]
+    streams = cycle(product(SAMPLE_RATES, ("px4", "ardupilot")))
+    for pair_number in chosen_pairs:
+        vehicle, wind = vehicles_and_winds[pair_number]
+        for steering in CONDITIONS["steering"]:
+            rate, autopilot = next(streams)
+            # Changes are drawn for every flight, so that the other random numbers do not depend on their use.
+            drawn_changes = draw_vehicle_values(rng)
+            is_changed = rng.random() < VARIED_SHARE
+            changes = drawn_changes if is_changed else {}
+            case_seed = int(rng.integers(1_000_000))
+            yield Case(vehicle, wind, steering, rate, autopilot, changes, case_seed)
 
 
 def draw_vehicle_values(rng: Generator) -> dict[str, float]:
@@ -181,7 +201,7 @@ def scenario(case: Case) -> Scenario:
         "duration": 60.0,
         "seed": case.seed,
         "height": 1.5 if case.wind == "jet" else 8.0,
-        "vehicle": {"model": case.vehicle, **case.varied},
+        "vehicle": {"model": case.vehicle, **case.vehicle_changes},
         "wind": CONDITIONS["winds"][case.wind],
         "moments": CONDITIONS["moments"].get(case.wind, []),
         "stream": {"rate": case.rate, "autopilot": case.autopilot},
@@ -189,34 +209,40 @@ def scenario(case: Case) -> Scenario:
     return scenario_from_values(values | {"excitation": CONDITIONS["steering"][case.steering]})
 
 
-def true_values(motion: Motion, flown_scenario: Scenario, part: Flight) -> Values:
-    """Returns the true physical parameters of roll in a part of a simulated flight.
+def true_values(motion: Motion, flown_scenario: Scenario, segment: Flight) -> Values:
+    """Returns the true physical parameters of roll in a segment of a simulated flight.
 
-    The true effect of a motor depends on the speed of its rotor, so it is averaged over the part alone.
+    The true effect of a motor depends on the speed of its rotor, so it is averaged over the segment alone.
 
     Args:
-        motion: the simulated motion.
+        motion: the simulated motion of the whole flight.
         flown_scenario: the scenario that was flown.
-        part: the part of the flight.
+        segment: samples from the log of the flight, the whole of it or a window.
 
     Returns:
-        "effect" of each motor (r,) at the trim of the part, "damping", 1/s, "lag", s, the mean of speeding up and
-        slowing down, and "wind", the wind torque at the samples of the part (T,), rad/s².
+        "effect" of each motor (r,), rad/s² per µs of pulse width, at the mean motor outputs of the segment; "damping",
+        1/s; "lag", s, the mean of speeding up and slowing down; and "wind", the wind torque divided by the moment of
+        inertia at the samples of the segment (T,), rad/s².
     """
-    is_in_part = (motion.time >= part.time[0]) & (motion.time <= part.time[-1])
-    is_airborne = is_in_part & (motion.landed_state == IN_AIR)
-    # ``truth`` averages the effects over all samples whose landed state is "in air". Samples outside the part are
+    is_in_segment = (motion.time >= segment.time[0]) & (motion.time <= segment.time[-1])
+    is_airborne = is_in_segment & (motion.landed_state == IN_AIR)
+    # ``truth`` averages the effects over all samples whose landed state is "in air". Samples outside the segment are
     # therefore declared to be on the ground.
     landed_state = np.where(is_airborne, IN_AIR, ON_GROUND).astype(np.uint8)
-    truths = truth(flown_scenario, replace(motion, landed_state=landed_state))
-    wind_torque = np.interp(part.time, motion.time, truths["roll_disturbance"])
-    damping = -float(truths["roll_A"][1, 1])
-    lag = truths["lag"][0]
-    return {"effect": truths["roll_effect"], "damping": damping, "lag": lag, "wind": wind_torque}
+    true_arrays = truth(flown_scenario, replace(motion, landed_state=landed_state))
+    wind_torque = np.interp(segment.time, motion.time, true_arrays["roll_disturbance"])
+    # The states are angle and rate: the rate's own coefficient is the negative damping.
+    damping = -float(true_arrays["roll_A"][1, 1])
+    return {
+        "effect": true_arrays["roll_effect"],
+        "damping": damping,
+        "lag": true_arrays["lag"][0],
+        "wind": wind_torque,
+    }
 
 
 def estimate_with_half_width(plant: Physical, name: str) -> tuple[float, float]:
-    """Returns an estimate and the half width of its 90 % interval, NaN where it is not identifiable.
+    """Returns a physical parameter and the half width of its 90 % interval, which is NaN if it is not identifiable.
 
     Args:
         plant: physical parameters.
@@ -231,33 +257,25 @@ def estimate_with_half_width(plant: Physical, name: str) -> tuple[float, float]:
     return float(getattr(plant, name)), half_width
 
 
-def flight_and_windows(flight: Flight) -> dict[int | None, Flight]:
-    """Cuts a flight into windows of ``WINDOW_SECONDS``.
-
-    Args:
-        flight: the flight; a rest at its end that is shorter than a window is in none.
-
-    Returns:
-        The whole flight by the key ``None``, and the windows by their numbers from 0.
-    """
-    size = round(WINDOW_SECONDS / flight.dt)
-    parts: dict[int | None, Flight] = {None: flight}
-    for number in range(len(flight) // size):
-        parts[number] = flight[number * size : (number + 1) * size]
-    return parts
+def windows(flight: Flight) -> list[Flight]:
+    """Cuts a flight into windows of ``WINDOW_SECONDS``; a shorter remainder at its end is left out."""
+    window_samples = round(WINDOW_SECONDS / flight.dt)
+    starts = range(0, len(flight) - window_samples + 1, window_samples)
+    return [flight[start : start + window_samples] for start in starts]
 
 
 def evaluate_case(case: Case) -> list[Values]:
-    """Simulates a flight, and compares the estimated physical parameters with the true ones.
+    """Simulates a flight, and compares the estimated physical parameters of roll with the true ones.
+
+    Parameters are estimated from the whole flight, and from each window of ``WINDOW_SECONDS`` by itself.
 
     Args:
         case: what flies, in which wind, and how.
 
     Returns:
-        A row for the whole flight ("of" is "flights") and for each of its windows ("7 s"). For each parameter it has
-        the status, the relative error of the estimate, and whether the 90 % interval holds the truth ("inside"). The
-        row of the whole flight has the results of the wind torque, too. Refused flights and windows are named on
-        standard error, and have no row.
+        A row for the whole flight (column "of" is "flights") and for each window ("7 s"), with the columns of
+        :func:`parameter_results`; the whole flight has the columns of :func:`wind_torque_results`, too. Flights and
+        windows whose parameters cannot be estimated have no row; the reason goes to standard error.
     """
     try:
         flown_scenario = scenario(case)
@@ -267,72 +285,94 @@ def evaluate_case(case: Case) -> list[Values]:
         click.echo(f"{case}: refused: {reason}", err=True)
         return []
     rows = []
-    for window, part in flight_and_windows(flight).items():
-        plant = physical(part)
+    for segment in (flight, *windows(flight)):
+        plant = physical(segment)
         if isinstance(plant, NotIdentifiable):
             click.echo(f"{case}: refused: {plant.reason}", err=True)
             continue
-        truths = true_values(motion, flown_scenario, part)
+        is_whole_flight = segment is flight
+        true_parameters = true_values(motion, flown_scenario, segment)
         row = {"steering": case.steering, "rate": case.rate, "seed": case.seed}
-        row["of"] = "flights" if window is None else "7 s"
-        for name in PARAMETERS:
-            value, half_width = estimate_with_half_width(plant, name)
-            true_value = float(np.mean(abs(truths[name])))
-            error = value / true_value - 1
-            row |= {f"{name} status": plant.status[name], f"{name} error": error}
-            row[f"{name} inside"] = abs(value - true_value) <= half_width
-        if window is None:
-            torque = estimate_wind_torque(plant, Record.from_flights(part))
-            row |= wind_torque_results(torque, truths["wind"])
+        row["of"] = "flights" if is_whole_flight else "7 s"
+        row |= parameter_results(plant, true_parameters)
+        if is_whole_flight:
+            wind_torque = estimate_wind_torque(plant, Record.from_flights(segment))
+            row |= wind_torque_results(wind_torque, true_parameters["wind"])
         rows.append(row)
     return rows
 
 
-def wind_torque_results(torque: WindTorque, true_torque: Array) -> Values:
-    """Compares an estimated wind torque with the true one: by standard deviation, by mean, and sample by sample.
+def parameter_results(plant: Physical, true_parameters: Values) -> Values:
+    """Compares estimated physical parameters with the true ones.
 
     Args:
-        torque: estimated wind torque; nothing is returned where it is not resolved.
+        plant: the estimates.
+        true_parameters: the true values, as :func:`true_values` returns them.
+
+    Returns:
+        For each of ``PARAMETERS`` its name with "status", with "error" for the relative error of the estimate, and with
+        "inside" for whether the 90 % interval holds the truth. The effect is the mean magnitude over the motors.
+    """
+    results: Values = {}
+    for name in PARAMETERS:
+        estimate, half_width = estimate_with_half_width(plant, name)
+        true_value = float(np.mean(abs(true_parameters[name])))
+        results[f"{name} status"] = plant.status[name]
+        results[f"{name} error"] = estimate / true_value - 1
+        results[f"{name} inside"] = abs(estimate - true_value) <= half_width
+    return results
+
+
+def wind_torque_results(torque: WindTorque, true_torque: Array) -> Values:
+    """Compares an estimated wind torque with the true one: its standard deviation, its mean, and each sample.
+
+    Args:
+        torque: estimated wind torque of T samples.
         true_torque: true wind torque at the same samples (T,), rad/s².
 
     Returns:
-        Whether the 90 % intervals of standard deviation and mean hold the truth, and the share of the samples whose
-        true torque is in the 90 % band.
+        By the names of ``WIND_TORQUE_COLUMNS``: whether the 90 % intervals of standard deviation and mean hold the
+        truth, and the share of the samples whose true torque is in the 90 % band. Empty for an estimate that is not
+        resolved, because it is too small for the noise of the log.
     """
     if not torque.resolved:
         return {}
-    half_width = coverage_factor() * torque.scale_error * torque.sd
-    in_band = abs(torque.torque - true_torque) <= torque.band
-    return {
-        "standard deviation inside": abs(torque.sd - true_torque.std()) <= half_width,
-        "mean inside": abs(torque.mean - true_torque.mean()) <= torque.mean_band,
-        "course inside": np.mean(in_band),
-    }
+    sd_half_width = coverage_factor() * torque.scale_error * torque.sd
+    is_sd_inside = abs(torque.sd - true_torque.std()) <= sd_half_width
+    is_mean_inside = abs(torque.mean - true_torque.mean()) <= torque.mean_band
+    is_sample_inside = abs(torque.torque - true_torque) <= torque.band
+    results = (is_sd_inside, is_mean_inside, np.mean(is_sample_inside))
+    return dict(zip(WIND_TORQUE_COLUMNS, results, strict=True))
 
 
 def status_statistics(rows: Any, name: str) -> pd.Series:
-    """Returns the share of each status of a parameter, and how often its intervals hold the truth.
+    """Summarises the estimates of one physical parameter: the share of each status, and how often intervals hold.
 
     Args:
         rows: rows of flights or windows, as :func:`evaluate_case` returns them.
-        name: name of the parameter.
+        name: name of the parameter, one of ``PARAMETERS``.
 
     Returns:
-        Percentages as texts, the number of rows, and the worst relative error of a reported estimate.
+        By column: the number of rows; the percentage of each status; of reported estimates the percentage whose 90 %
+        interval holds the truth ("inside") and the "worst" relative error; and the percentage of biased estimates whose
+        interval holds the truth.
     """
     status = rows[f"{name} status"]
-    line = {"number": len(rows)} | {kind: percent_true(status == kind) for kind in STATUSES}
     reported_rows = rows[status == Status.REPORTED]
-    line["inside"] = percent_true(reported_rows[f"{name} inside"])
-    worst = max(reported_rows[f"{name} error"], key=abs, default=np.nan)
-    line["worst"] = f"{worst:+.0%}"
     biased_rows = rows[status == Status.BIASED]
-    line["inside, where biased"] = percent_true(biased_rows[f"{name} inside"])
-    return pd.Series(line)
+    worst_error = max(reported_rows[f"{name} error"], key=abs, default=np.nan)
+    cells = {
+        "number": len(rows),
+        **{status_name: percent_true(status == status_name) for status_name in STATUSES},
+        "inside": percent_true(reported_rows[f"{name} inside"]),
+        "worst": f"{worst_error:+.0%}",
+        "inside, where biased": percent_true(biased_rows[f"{name} inside"]),
+    }
+    return pd.Series(cells)
 
 
 def print_simulated(seed: int, every: int, jobs: int) -> None:
-    """Simulates the bank of flights, and prints a table for each physical parameter and one for the wind torque.
+    """Evaluates all simulated flights, and prints a table for each physical parameter and one for the wind torque.
 
     The tables of the parameters have a row for each steering, and for all flights at 50 Hz and above: the shares of
     estimates that are reported, biased and not identifiable, and how often the intervals hold the truth. The table of
@@ -340,7 +380,7 @@ def print_simulated(seed: int, every: int, jobs: int) -> None:
 
     Args:
         seed: seed by which the flights are drawn.
-        every: number of flights of which one is flown; 1 for all.
+        every: number of pairs of vehicle and wind of which one is flown; 1 for all.
         jobs: number of processes.
     """
     rows = evaluate_flights(evaluate_case, cases(seed, every), jobs)
@@ -348,30 +388,41 @@ def print_simulated(seed: int, every: int, jobs: int) -> None:
     is_slow = rows["rate"] == min(SAMPLE_RATES)
     slow = rows[is_slow].assign(steering="all, 50 Hz")
     quick = rows[~is_slow].assign(steering="all, 100 Hz or more")
-    grouped = pd.concat([slow, rows, quick]).groupby(["steering", "of"], sort=False)
+    # Whole flights and windows ("of") have rows of their own.
+    groups = pd.concat([slow, rows, quick]).groupby(["steering", "of"], sort=False)
     for name in PARAMETERS:
-        lines = grouped.apply(status_statistics, name)
-        print_table(f"**{name.capitalize()}**", lines.reset_index())
-    columns = ["standard deviation inside", "mean inside", "course inside"]
+        table = groups.apply(status_statistics, name)
+        print_table(f"**{name.capitalize()}**", table.reset_index())
+    print_table("**Wind torque**, where it is resolved", wind_torque_table(rows))
+
+
+def wind_torque_table(rows: pd.DataFrame) -> list[Values]:
+    """Returns how often intervals of the wind torque hold the truth, by the status of the control effectiveness.
+
+    Args:
+        rows: rows of :func:`evaluate_case`. Only those of whole flights with a resolved wind torque count.
+
+    Returns:
+        A row for each status: number of flights, and percentages by ``WIND_TORQUE_COLUMNS``.
+    """
     table = []
     for status in STATUSES:
         rows_of_status = rows[rows["effect status"] == status]
-        # Only rows of whole flights with a resolved wind torque have these columns.
-        resolved = rows_of_status.dropna(subset=columns)
-        shares = {column: percent_true(resolved[column]) for column in columns}
-        table.append({"effect": status, "flights": len(resolved), **shares})
-    print_table("**Wind torque**, where it is resolved", table)
+        resolved_rows = rows_of_status.dropna(subset=WIND_TORQUE_COLUMNS)
+        shares = {column: percent_true(resolved_rows[column]) for column in WIND_TORQUE_COLUMNS}
+        table.append({"effect": status, "flights": len(resolved_rows), **shares})
+    return table
 
 
 def row_of_estimates(flight: Flight) -> Values:
-    """Estimates the physical parameters of a real flight, of which no truth is known.
+    """Estimates the physical parameters of a real flight, whose true ones are not known.
 
     Args:
         flight: the flight, with the motors as inputs.
 
     Returns:
-        Each estimate as text with the half width of its 90 % interval, by name, such as "0.03 ± 0.004", and with a mark
-        of ``STATUSES`` where it is biased. Where nothing can be estimated, the reason takes the place of the effect.
+        Texts by the names of ``PARAMETERS``: estimate and half width of its 90 % interval, such as "0.03 ± 0.004", with
+        a mark of ``STATUSES`` where it is biased. Where nothing can be estimated, "effect" has the reason instead.
     """
     plant = physical(flight)
     if isinstance(plant, NotIdentifiable):
@@ -416,34 +467,35 @@ def crazyflie_rows(axis: str) -> list[Values]:
         axis: "roll" or "pitch".
 
     Returns:
-        The one row of the axis.
+        One row, with the axis and the columns of :func:`row_of_estimates`.
     """
     log_rows = crazyflie_log(DATA_FOLDER / "real/crazyflie/roll_pitch_excitation.usdlog")
-    gyro, directions = AXES[axis]
-    # Roll and pitch are excited from 56 to 89 s.
-    time = np.arange(56.0 * CRAZYFLIE_RATE, 89.0 * CRAZYFLIE_RATE) / CRAZYFLIE_RATE
+    gyro_column, effect_directions = CRAZYFLIE_AXES[axis]
+    start, end = CRAZYFLIE_EXCITATION
+    time = np.arange(start * CRAZYFLIE_RATE, end * CRAZYFLIE_RATE) / CRAZYFLIE_RATE
+    # The log's times are in µs, its rates in degrees/s.
     log_time = log_rows["time"] / 1e6
-    motors = []
+    rate = np.interp(time, log_time, np.radians(log_rows[gyro_column]))
+    commands = []
     for motor in range(1, 5):
-        # The largest command is 65535: inputs are shares of it.
-        motors.append(np.interp(time, log_time, log_rows[f"motor.m{motor}"] / 65535))
-    rate = np.interp(time, log_time, np.radians(log_rows[gyro]))
+        relative_command = log_rows[f"motor.m{motor}"] / CRAZYFLIE_FULL_COMMAND
+        commands.append(np.interp(time, log_time, relative_command))
     flight = Flight(
         time,
-        np.stack(motors, 1),
-        rate[:, None],
+        inputs=np.column_stack(commands),
+        outputs=rate[:, None],
         dt=1 / CRAZYFLIE_RATE,
-        effect_directions=np.array(directions),
+        effect_directions=np.array(effect_directions),
     )
     return [{"axis": axis} | row_of_estimates(flight)]
 
 
 def steady_torque(model: LinearModel) -> float:
-    """Returns the steady angular acceleration by one unit of one motor, rad/s², of a linear model of angle and rate.
+    """Returns the torque per moment of inertia, rad/s², that a unit of one motor's command gives in steady state.
 
-    A constant command takes the hidden states to a steady value, if angle and rate are held at zero. The angular
-    acceleration by the motor and by these hidden states is then the steady torque per inertia, which can be compared
-    with the control effectiveness of the gray-box model.
+    The hidden states of a learned model, such as the motors' lag, settle under a constant command if angle and rate are
+    held at zero. The angular acceleration by the command and by the settled hidden states is the torque per moment of
+    inertia, which can be compared with the control effectiveness of the gray-box model.
 
     Args:
         model: linear model whose states are angle, rate, and then hidden ones.
@@ -456,8 +508,8 @@ def steady_torque(model: LinearModel) -> float:
     hidden = slice(2, None)
     # In steady state 0 = A_hh x_h + B_h u.
     hidden_per_command = -np.linalg.solve(model.A[hidden, hidden], model.B[hidden])
-    torque = model.B[rate] + model.A[rate, hidden] @ hidden_per_command
-    return float(abs(torque).mean())
+    torque_per_command = model.B[rate] + model.A[rate, hidden] @ hidden_per_command
+    return float(abs(torque_per_command).mean())
 
 
 def steady_torques(name: str) -> Values:
@@ -467,22 +519,25 @@ def steady_torques(name: str) -> Values:
         name: name of the scenario that is flown, one of ``STEADY_SCENARIOS``.
 
     Returns:
-        A row of texts: the torque by each model, rad/s² per µs, the mean over the motors.
+        A row of texts: name of the flight, and the true torque and each model's, rad/s² per µs, the mean over motors.
     """
     flown_scenario = load_scenario(name)
     flight = simulated_flight(flown_scenario)
-    truths = true_values(fly(flown_scenario), flown_scenario, flight)
-    by_dem = learn(flight, Settings(horizon=None)).model
-    by_simulation = learn(flight, Settings()).model
+    true_effects = true_values(fly(flown_scenario), flown_scenario, flight)["effect"]
+    # Without a horizon, DEM is not followed by the fit of simulation errors.
+    dem_model = learn(flight, Settings(horizon=None)).model
+    simulation_fit_model = learn(flight, Settings()).model
     plant = physical(flight)
-    by_gray_box = np.nan if isinstance(plant, NotIdentifiable) else plant.mean_effect()[0]
-    figures = {
-        "truth": float(abs(truths["effect"]).mean()),
-        "DEM": steady_torque(by_dem),
-        "simulation fit": steady_torque(by_simulation),
-        "gray-box": by_gray_box,
+    gray_box_torque = np.nan
+    if not isinstance(plant, NotIdentifiable):
+        gray_box_torque, _ = plant.mean_effect()
+    torques = {
+        "truth": float(abs(true_effects).mean()),
+        "DEM": steady_torque(dem_model),
+        "simulation fit": steady_torque(simulation_fit_model),
+        "gray-box": gray_box_torque,
     }
-    return {"flight": name} | {title: f"{value:.3f}" for title, value in figures.items()}
+    return {"flight": name} | {title: f"{torque:.3f}" for title, torque in torques.items()}
 
 
 CRAZYFLIE_TITLE = (
@@ -507,7 +562,7 @@ def main(which: str, seed: int, every: int, jobs: int) -> None:
         title = "**Steady torque of one motor** (rad/s² per µs, mean over the motors)"
         print_table(title, [steady_torques(name) for name in STEADY_SCENARIOS])
     elif which == "crazyflie":
-        print_table(CRAZYFLIE_TITLE, evaluate_flights(crazyflie_rows, AXES, jobs))
+        print_table(CRAZYFLIE_TITLE, evaluate_flights(crazyflie_rows, CRAZYFLIE_AXES, jobs))
     else:
         print_simulated(seed, every, jobs)
 

@@ -23,21 +23,22 @@ from mavdem.motors.signatures import motor_signatures
 
 
 def health_figures(path: Path) -> HealthFigures:
-    """Returns the figures of a log by which its motors are judged: balance in steady flight, and effort.
+    """Measures in a log what the health of its motors is judged by: their balance in steady flight, and their effort.
 
     Args:
         path: a log that has motor outputs and the battery's voltage.
     """
     signals = Signals(read_log(path).vehicles[0], inputs="motors")
     condition = condition_of(signals)
-    assert signals.motors is not None
-    assert condition.battery is not None
+    assert signals.motors is not None, "the log has no motor outputs"
+    assert condition.battery is not None, "the log has no battery voltage"
     layout = signals.motors.geometry
     return HealthFigures(
         name=path.stem,
         motors=layout.names,
         signatures=motor_signatures(layout),
         balance=balance_of_steady_flight(signals),
+        # The healthy flights are chosen by their names, not by their dates.
         date=None,
         collective=condition.collective,
         voltage=condition.battery.voltage_mean,
@@ -45,11 +46,15 @@ def health_figures(path: Path) -> HealthFigures:
 
 
 def health_row(flight: HealthFigures, assessment: HealthAssessment) -> Values:
-    """Returns the row of a flight: health, probabilities, and the weak motor with its rise in percent.
+    """Returns the row of a flight: health, probabilities, and the suspect motor.
 
     Args:
-        flight: figures of the flight.
+        flight: the flight.
         assessment: health of its motors, compared with healthy flights.
+
+    Returns:
+        Texts by column. "motor" says by how many percent more than in healthy flights the suspect motor works, with the
+        90 % interval; it is empty without a suspect.
     """
     motor = ""
     if assessment.suspect_motor is not None:

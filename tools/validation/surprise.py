@@ -1,5 +1,5 @@
 #!/usr/bin/env python
-"""Causes of surprises in simulated flights: how often they are named rightly, how often falsely; prints two tables.
+"""Causes of surprise (a disturbance, or a misfit of the model) in simulated flights: how often they are named rightly.
 
 The surprise of a sample is the drop of its free energy F(t) below the recent median, in units of the usual drops. Its
 cause is a disturbance, or a misfit of the model in a manoeuvre (``mavdem.dem.online.surprise_cause``).
@@ -65,6 +65,12 @@ KINDS: Values = SURPRISE["kinds"]
 """Values of each kind of flight, by its name; a gust, a weak motor or a load is the disturbance of a kind."""
 
 
+LOOP_RATE = 200.0
+"""Rate of the autopilot's control loop, Hz: lower than usual, so that the simulation takes less time."""
+
+TOOL_SEED = 70
+"""Last entry of each seed, so that the flights differ from other tools' flights: an arbitrary number."""
+
 EVENT_SECONDS = 6.0
 """Time after the beginning of an event in which its largest surprise is looked for, s: a choice."""
 
@@ -95,7 +101,7 @@ class FlightPlan(NamedTuple):
 
 
 class Mark(NamedTuple):
-    """A marked sample of a stream."""
+    """A sample of a stream that the online learner reports as unusual, because surprise stays high."""
 
     time: float
     """Time of the sample, s."""
@@ -108,18 +114,17 @@ def flight_plan(kind: str, number: int) -> FlightPlan:
     """Draws the scenario of a flight, and states when its disturbance begins.
 
     Args:
-        kind: kind of the flight, a key of ``KINDS``.
+        kind: what disturbs the flight, or which manoeuvres are flown in it, a key of ``KINDS``.
         number: number of the flight among the flights of its kind. Kind and number seed the draw.
 
     Returns:
         The scenario, and the time since boot at which the disturbance begins, s; None for a flight without one.
     """
-    # The last entry of the seed keeps these flights apart from the flights of other tools.
-    rng = default_rng([list(KINDS).index(kind), number, 70])
+    rng = default_rng([list(KINDS).index(kind), number, TOOL_SEED])
     values = draw_values(SURPRISE["flight"], rng) | {"seed": number}
     kind_values = draw_values(KINDS[kind], rng)
-    # Gusts and weak motors are not in the scenario's own form yet: a gust is one more wind, and a weak motor is a
-    # property of the vehicle. A load already is.
+    # flights.toml has one table for a gust and one for a weak motor. In a scenario the gust is one more wind, and the
+    # weak motor a property of the vehicle. Other values, such as a load, are as in a scenario.
     gust = kind_values.pop("gust", None)
     weak_motor = kind_values.pop("weak", None)
     disturbance_start = None
@@ -135,9 +140,8 @@ def flight_plan(kind: str, number: int) -> FlightPlan:
         }
     if "load" in kind_values:
         disturbance_start = kind_values["load"]["start"]
-    # A slow control loop, 200 Hz, makes the simulation faster.
     loop_rate_parameter = SURPRISE["loop_rates"][values["stream"]["autopilot"]]
-    values["vehicle"]["parameters"] = {loop_rate_parameter: 200.0}
+    values["vehicle"]["parameters"] = {loop_rate_parameter: LOOP_RATE}
     scenario = scenario_from_values(values | kind_values, "SERVO_OUTPUT_RAW")
     if disturbance_start is None:
         return FlightPlan(scenario, None)
@@ -172,18 +176,21 @@ def event_starts(flight: Flight, disturbance_start: float | None) -> list[float]
     """
     if disturbance_start is not None:
         return [disturbance_start]
-    tilt = abs(flight.outputs[:, 0] - np.median(flight.outputs[:, 0]))
+    angle = flight.outputs[:, 0]
+    tilt = abs(angle - np.median(angle))
     starts = []
-    first = flight.time[0] + TRAINING_SECONDS
-    for start in np.arange(first, flight.time[-1] - EVENT_SECONDS, EVENT_SECONDS):
-        is_in_event = (flight.time >= start) & (flight.time < start + EVENT_SECONDS)
-        if tilt[is_in_event].max(initial=0.0) > MANOEUVRE_TILT:
+    # Before the first event the model of it is trained.
+    first_start = flight.time[0] + TRAINING_SECONDS
+    last_start = flight.time[-1] - EVENT_SECONDS
+    for start in np.arange(first_start, last_start, EVENT_SECONDS):
+        is_in_interval = (flight.time >= start) & (flight.time < start + EVENT_SECONDS)
+        if tilt[is_in_interval].max(initial=0.0) > MANOEUVRE_TILT:
             starts.append(float(start))
     return starts
 
 
 def learner_marks(flight: Flight) -> list[Mark]:
-    """Feeds the samples of a segment to an online learner, and returns those that it marks as unusual.
+    """Gives a segment to the online learner sample by sample, and returns the samples that it reports as unusual.
 
     Args:
         flight: the segment.
@@ -196,7 +203,7 @@ def learner_marks(flight: Flight) -> list[Mark]:
         n_inputs=flight.inputs.shape[1],
         effect_directions=flight.effect_directions,
     )
-    # The wind torque and the physical parameters play no part, and take most of the time.
+    # Marks do not depend on the wind torque and the physical parameters, which would take most of the time.
     learner.follows_torque = False
     learner.fits_physical = False
     marks = []
@@ -263,36 +270,40 @@ def cause_name(cause: SurpriseCause | None) -> str:
 
 
 def evaluate_flight(case: tuple[str, int], folder: Path, marks: bool) -> list[Values]:
-    """Evaluates one flight: simulates it, and decides the causes of its events and of the learner's marks.
+    """Simulates a flight, and decides the causes of its events (a disturbance, or six seconds of a manoeuvre).
 
     Args:
-        case: kind and number of the flight.
+        case: kind of the flight, a key of ``KINDS``, and its number.
         folder: where logs of flights are kept.
-        marks: whether the flight is also given to the online learner, sample by sample.
+        marks: whether the flight is also given to the online learner, whose unusual samples ("marks") get rows, too.
 
     Returns:
-        Rows of results. Each has the kind of the flight, its number, and whether that is even or odd. "what" says what
-        the row is of: the "hours" that were flown, an "event", or a "mark", whose "delay", s, counts from the beginning
-        of the disturbance (NaN without one).
+        Rows of three types, which column "what" names. All have the kind of the flight ("flights"), its "number" and
+        "half" (even or odd).
+
+        - "hours": the duration of a settled segment.
+        - "event": the columns of :func:`event_row`.
+        - "mark": the "cause" that the learner names, and the "delay" since the disturbance began, s (NaN without one).
     """
     kind, number = case
     plan = flight_plan(kind, number)
-    common = {"flights": kind, "half": half_name(number), "number": number}
+    flight_columns = {"flights": kind, "half": half_name(number), "number": number}
     rows: list[Values] = []
     for flight in flown_segments(plan, folder / f"{kind}_{number}.tlog"):
-        rows.append(common | {"what": "hours", "hours": len(flight) * flight.dt / 3600})
+        rows.append({"what": "hours", "hours": len(flight) * flight.dt / 3600})
         for start in event_starts(flight, plan.disturbance_start):
             row = event_row(flight, start)
             if row is not None:
-                rows.append(common | row)
-        if not marks:
-            continue
-        for mark in learner_marks(flight):
-            delay = np.nan
-            if plan.disturbance_start is not None:
-                delay = mark.time - plan.disturbance_start
-            rows.append(common | {"what": "mark", "delay": delay, "cause": cause_name(mark.cause)})
-    return rows
+                rows.append(row)
+        if marks:
+            rows += [mark_row(mark, plan.disturbance_start) for mark in learner_marks(flight)]
+    return [flight_columns | row for row in rows]
+
+
+def mark_row(mark: Mark, disturbance_start: float | None) -> Values:
+    """Returns the row of a mark: its cause, and its delay, s, since a disturbance began (NaN without one)."""
+    delay = np.nan if disturbance_start is None else mark.time - disturbance_start
+    return {"what": "mark", "delay": delay, "cause": cause_name(mark.cause)}
 
 
 def cause_counts(rows: pd.DataFrame) -> Values:
@@ -302,13 +313,15 @@ def cause_counts(rows: pd.DataFrame) -> Values:
 
 
 def event_statistics(rows: pd.DataFrame) -> pd.Series:
-    """Summarises the events of a group of flights: the number of each cause, and the ranges of the two shares.
+    """Summarises the events of a group of flights: how many are called a disturbance, a misfit, or undecided.
 
     Args:
         rows: rows of :func:`evaluate_flight` of one kind of flight, with even or with odd numbers.
 
     Returns:
-        The row of the first table.
+        The row of the first table: the number of events and of each cause, and the ranges of the two shares by which
+        ``surprise_cause`` decides: of the motion that the commands explain ("explained"), and of the commands that
+        are sustained.
     """
     events = rows[rows["what"] == "event"]
     line: Values = {"events": len(events)} | cause_counts(events)
@@ -319,27 +332,29 @@ def event_statistics(rows: pd.DataFrame) -> pd.Series:
 
 
 def mark_statistics(rows: pd.DataFrame) -> pd.Series:
-    """Summarises the learner's marks in a group of flights: the number of each cause, and of false ones.
+    """Summarises the learner's marks (unusual samples) in a group of flights: the number of each cause, and false ones.
 
-    Within ``MARK_SECONDS`` after a disturbance began, the cause of a mark is that disturbance. At all other times there
-    are only manoeuvres and light wind, so that a mark that is called a disturbance is false.
+    Within ``MARK_SECONDS`` after a disturbance began, the true cause of a mark is that disturbance. At all other times
+    there are only manoeuvres and light wind, so that a mark that is called a disturbance is false.
 
     Args:
         rows: rows of :func:`evaluate_flight` of one kind of flight, with even or with odd numbers.
 
     Returns:
-        The row of the second table.
+        The row of the second table, by its headers.
     """
     marks = rows[rows["what"] == "mark"]
     hours = rows["hours"].sum()
     follows_disturbance = (marks["delay"] >= 0.0) & (marks["delay"] <= MARK_SECONDS)
-    is_misfit = marks["cause"] == SurpriseCause.MODEL_MISFIT
+    is_called_misfit = marks["cause"] == SurpriseCause.MODEL_MISFIT
     is_called_disturbance = marks["cause"] == SurpriseCause.DISTURBANCE
-    line: Values = {"flights, hours": f"{hours:.2f}", "marks": len(marks)} | cause_counts(marks)
-    line["of the disturbance"] = int(follows_disturbance.sum())
-    line["of these named a misfit"] = int((follows_disturbance & is_misfit).sum())
-    line["others named a disturbance"] = int((~follows_disturbance & is_called_disturbance).sum())
-    return pd.Series(line)
+    false_misfits = follows_disturbance & is_called_misfit
+    false_disturbances = ~follows_disturbance & is_called_disturbance
+    cells: Values = {"flights, hours": f"{hours:.2f}", "marks": len(marks)} | cause_counts(marks)
+    cells["of the disturbance"] = int(follows_disturbance.sum())
+    cells["of these named a misfit"] = int(false_misfits.sum())
+    cells["others named a disturbance"] = int(false_disturbances.sum())
+    return pd.Series(cells)
 
 
 @command(__doc__, flights=6)

@@ -1,8 +1,9 @@
 #!/usr/bin/env python
-"""Estimates of the wind (m/s) compared with the truth of simulated flights; prints a row for each kind of flight.
+"""Estimates of the wind (m/s) from lean and drag, compared with the true wind of simulated flights of several kinds.
 
-Flown are the ``wind_*`` scenarios with other vehicles, drags, winds, misalignments and rates; "its drag" is after a
-flight with legs of the same vehicle. (Of a recorded flight, `mavdem wind LOG` prints the same.)
+Flown are the ``wind_*`` scenarios with other vehicles, drags, winds, misalignments and rates. A flight with legs (fast
+straight flight in several directions) identifies the vehicle's drag, which others are estimated with again ("its
+drag"). (Of a recorded flight, `mavdem wind LOG` prints the same.) A row is printed for each kind of flight.
 
 Usage: tools/validation/wind.py [--seed N] [--flights N of each kind: five take three minutes] [--jobs N]
 """
@@ -45,6 +46,12 @@ SHARES = ("speed inside", "direction inside", "band")
 COUNTS = ("speed reported", "speed right", "direction reported", "direction right")
 """Columns that are numbers of flights."""
 
+MISALIGNMENT_SD = 0.7
+"""Standard deviation of the sensors' misalignment about roll and pitch, degrees: a choice."""
+
+SPEED_FACTORS = (0.4, 1.7)
+"""Least and largest factor on the speed of a scenario's wind: a choice."""
+
 MIN_DIRECTION_SPEED = 0.3
 """m/s; a slower wind has no direction that an interval could miss."""
 
@@ -65,19 +72,19 @@ def draw_scenario(kind: str, vehicle: Values, rng: Generator) -> Scenario:
         rng: generator of random numbers.
 
     Returns:
-        The scenario. Ranges are choices: 0.4 to 1.7 times the wind, any direction, and sensors misaligned by 0.7° (one
-        standard deviation) about roll and pitch.
+        The validated scenario. All its winds are turned by the same random angle; gusts keep their speed.
     """
     values = load(f"wind_{kind}").model_dump(mode="json") | {"vehicle": vehicle}
-    speed_factor = rng.uniform(0.4, 1.7)
+    speed_factor = rng.uniform(*SPEED_FACTORS)
     rotation = rng.uniform(0, 360)
-    for part in values["wind"]:
-        if part["kind"] != "gust":
-            part["speed"] *= speed_factor
-        part["direction"] = (part["direction"] + rotation) % 360
-    misalignment = rng.normal(0, 0.7, 2)
+    for wind_component in values["wind"]:
+        if wind_component["kind"] != "gust":
+            wind_component["speed"] *= speed_factor
+        wind_component["direction"] = (wind_component["direction"] + rotation) % 360
+    misalignment = rng.normal(0, MISALIGNMENT_SD, 2)
     values["sensors"]["misalignment"] = misalignment.tolist()
     stream = draw_values(TABLES["wind"]["stream"], rng)
+    # flights.toml has the rate of the position's message among the values of the stream.
     stream["rates"] = {"LOCAL_POSITION_NED": stream.pop("position")}
     values["stream"] |= stream
     return scenario_of(values | {"seed": int(rng.integers(1_000_000))})
@@ -103,8 +110,13 @@ def evaluate_scenario(
         log = Path(folder) / "flight.tlog"
         write_log(log, scenario, motion)
         estimate = wind(log, drag=drag)
-    north, east = (np.interp(estimate.time, motion.time, part) for part in motion.wind[:, :2].T)
-    true_wind = np.column_stack([north, east])
+    true_north, true_east, _ = motion.wind.T
+    true_wind = np.column_stack(
+        [
+            np.interp(estimate.time, motion.time, true_north),
+            np.interp(estimate.time, motion.time, true_east),
+        ]
+    )
     mean_wind = true_wind.mean(axis=0)
     true_speed = float(np.hypot(*mean_wind))
     true_direction = meteorological_direction(*mean_wind)
@@ -145,8 +157,9 @@ def draw_vehicle(rng: Generator) -> Values:
     lowest = np.log([0.12, 0.003])
     highest = np.log([0.7, 0.04])
     linear_drag, quadratic_drag = np.exp(rng.uniform(lowest, highest))
-    # What one body axis has more than the mean, the other has less.
-    axis_factors = rng.uniform(0.85, 1.15) ** np.array([1, -1])
+    # The factors of the two horizontal body axes are reciprocal, so that the geometric mean of the drag stays.
+    factor = rng.uniform(0.85, 1.15)
+    axis_factors = factor ** np.array([1, -1])
     return {
         "model": str(rng.choice(["iris", "ardrone2"])),
         "drag_linear": (linear_drag * axis_factors).tolist(),
@@ -155,17 +168,18 @@ def draw_vehicle(rng: Generator) -> Values:
 
 
 def evaluate_vehicle(case: tuple[int, str], seed: int) -> list[Values]:
-    """Evaluates the flights of one vehicle.
+    """Simulates one or three flights of a vehicle, and compares the estimated wind of each with the true one.
 
-    A vehicle of ``KINDS_AFTER_LEGS`` flies three times: in that kind, with legs, and again in that kind with the drag
-    that the legs gave.
+    Some kinds of flight, such as a hover, do not show the vehicle's drag, and the wind is then estimated with a typical
+    one. A vehicle of these ``KINDS_AFTER_LEGS`` flies twice more: straight legs, which identify its drag, and a second
+    flight of its kind, whose wind is estimated with that drag.
 
     Args:
         case: number of the vehicle, and kind of its flight.
         seed: seed of all flights.
 
     Returns:
-        A row for each flight.
+        A row for each flight, as :func:`evaluate_scenario` returns it.
     """
     number, kind = case
     rng = default_rng([seed, number, KINDS.index(kind)])
@@ -173,11 +187,11 @@ def evaluate_vehicle(case: tuple[int, str], seed: int) -> list[Values]:
     row, _ = evaluate_scenario(kind, draw_scenario(kind, vehicle, rng))
     if kind not in KINDS_AFTER_LEGS:
         return [row]
-    legs_row, drag = evaluate_scenario("legs", draw_scenario("legs", vehicle, rng))
-    row_with_drag, _ = evaluate_scenario(
-        f"{kind}, its drag", draw_scenario(kind, vehicle, rng), drag
-    )
-    return [row, legs_row, row_with_drag]
+    legs = draw_scenario("legs", vehicle, rng)
+    legs_row, identified_drag = evaluate_scenario("legs", legs)
+    second_flight = draw_scenario(kind, vehicle, rng)
+    second_row, _ = evaluate_scenario(f"{kind}, its drag", second_flight, identified_drag)
+    return [row, legs_row, second_row]
 
 
 @command(__doc__, seed=0, flights=5)
@@ -191,12 +205,11 @@ def main(seed: int, flights: int, jobs: int) -> None:
     """
     cases = product(range(flights), KINDS)
     rows = evaluate_flights(partial(evaluate_vehicle, seed=seed), cases, jobs)
-    rows_and_total = pd.concat([rows, rows.assign(flights="all")])
-    grouped = rows_and_total.groupby("flights", sort=False)
-    table = grouped[[*SHARES]].agg(percent_true)
-    table.insert(0, "number", grouped.size())
-    sums = grouped[[*COUNTS]].sum()
-    table[[*COUNTS]] = sums.astype(int)
+    rows_with_total = pd.concat([rows, rows.assign(flights="all")])
+    groups = rows_with_total.groupby("flights", sort=False)
+    table = groups[[*SHARES]].agg(percent_true)
+    table.insert(0, "number", groups.size())
+    table[[*COUNTS]] = groups[[*COUNTS]].sum().astype(int)
     print_table(f"Seed {seed}", table.reset_index())
 
 
