@@ -29,7 +29,7 @@ from sitl_scenarios.mishaps.texts import (
 from sitl_scenarios.motion import Motion
 from sitl_scenarios.plan import IN_AIR, ON_GROUND, TAKING_OFF, Reference
 from sitl_scenarios.scenario import Scenario
-from sitl_scenarios.vectors import Vector4
+from sitl_scenarios.vectors import Vector3, Vector4
 
 TOPPLE_LIFT = 0.8
 """Lift by the weight at which a vehicle tips over at take-off; a choice."""
@@ -286,7 +286,7 @@ class InstrumentedSimulation(Simulation):
             is_taking_off = self._planned_state == TAKING_OFF
             if is_taking_off and self._lift_ratio() > TOPPLE_LIFT:
                 self._contact = topple(self._state, mishap.bearing)
-        measured_rates = NO_ROTATION
+        measured_rates: Vector3 = NO_ROTATION
         if self._contact is not None:
             # The vehicle tips over or lies: the contact with the ground moves it.
             self._on_ground = True

@@ -361,13 +361,11 @@ def status_statistics(rows: Any, name: str) -> pd.Series:
     reported_rows = rows[status == Status.REPORTED]
     biased_rows = rows[status == Status.BIASED]
     worst_error = max(reported_rows[f"{name} error"], key=abs, default=np.nan)
-    cells = {
-        "number": len(rows),
-        **{status_name: percent_true(status == status_name) for status_name in STATUSES},
-        "inside": percent_true(reported_rows[f"{name} inside"]),
-        "worst": f"{worst_error:+.0%}",
-        "inside, where biased": percent_true(biased_rows[f"{name} inside"]),
-    }
+    cells: dict[str, object] = {"number": len(rows)}
+    cells |= {status_name: percent_true(status == status_name) for status_name in STATUSES}
+    cells["inside"] = percent_true(reported_rows[f"{name} inside"])
+    cells["worst"] = f"{worst_error:+.0%}"
+    cells["inside, where biased"] = percent_true(biased_rows[f"{name} inside"])
     return pd.Series(cells)
 
 
