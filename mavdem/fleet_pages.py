@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 from mavdem.files import write_text_atomically
@@ -67,32 +68,59 @@ def write_fleet_pages(store: Store, changes: Mapping[str, Sequence[Block]]) -> F
         Unreadable: A page cannot be written.
     """
     folder = store.folder
-
-    def make_summary(vehicle: str) -> str:
-        """Returns the summary of a vehicle as JSON."""
-        summary = summary_of_vehicle(vehicle, read_brief_rows(folder, vehicle))
-        return summary_adapter().dump_json(summary).decode()
-
-    def charts(vehicle: str) -> str:
-        """Returns the charts of a vehicle as HTML."""
-        return kept_charts(store, vehicle, lambda name: vehicle_charts(read_rows(folder, name)))
-
     outdated_names = outdated_vehicles(store)
     for vehicle in outdated_names:
         _update_flight_pages(folder, read_brief_rows(folder, vehicle))
-    summary_texts = kept_summaries(store, SUMMARY_VERSION, outdated_names, make_summary)
-    try:
-        summaries = _read_summaries(summary_texts)
-    except ValueError:
-        # A stored summary is damaged. All summaries are made from the rows again.
-        vehicles = [name for (name,) in store.db.execute("select vehicle from vehicle_parts")]
-        summary_texts = kept_summaries(store, SUMMARY_VERSION, vehicles, make_summary)
-        summaries = _read_summaries(summary_texts)
+    summaries = _kept_summaries(store, outdated_names)
     names = read_names(store.db)
     index = folder / INDEX_FILE
+    charts = partial(_charts_html, store)
     write_text_atomically(index, fleet_page(summaries, changes, charts, names))
     mark_pages_updated(store, outdated_names)
     return FleetPages(index, summaries, names)
+
+
+def _kept_summaries(store: Store, outdated_names: Collection[str]) -> list[VehicleSummary]:
+    """Returns the summary of each vehicle, from the store if it is kept there and up to date.
+
+    Args:
+        store: The open store of the fleet.
+        outdated_names: Names of the vehicles with new results, whose summaries are made again.
+    """
+    summary_json = partial(_summary_json, store.folder)
+    texts = kept_summaries(store, SUMMARY_VERSION, outdated_names, summary_json)
+    try:
+        return _read_summaries(texts)
+    except ValueError:
+        # A stored summary is damaged. All summaries are made from the rows again.
+        all_names = [name for (name,) in store.db.execute("select vehicle from vehicle_parts")]
+        return _read_summaries(kept_summaries(store, SUMMARY_VERSION, all_names, summary_json))
+
+
+def _summary_json(folder: Path, vehicle: str) -> str:
+    """Returns the summary of a vehicle as JSON.
+
+    Args:
+        folder: Folder of the fleet.
+        vehicle: Name of the vehicle.
+    """
+    summary = summary_of_vehicle(vehicle, read_brief_rows(folder, vehicle))
+    return summary_adapter().dump_json(summary).decode()
+
+
+def _charts_html(store: Store, vehicle: str) -> str:
+    """Returns the charts of a vehicle as HTML, from the store if they are kept there.
+
+    Args:
+        store: The open store of the fleet.
+        vehicle: Name of the vehicle.
+    """
+
+    def draw_charts(name: str) -> str:
+        """Draws the charts anew, from the rows of all flights."""
+        return vehicle_charts(read_rows(store.folder, name))
+
+    return kept_charts(store, vehicle, draw_charts)
 
 
 def _read_summaries(texts: Iterable[str]) -> list[VehicleSummary]:

@@ -15,7 +15,7 @@ from mavdem.assessment.axis.analysis import analyse_without_model
 from mavdem.assessment.axis.figures import ALL_AXES, AxisEstimates
 from mavdem.assessment.axis.loops import AxisResults, loops_of_axes, results_of_axis
 from mavdem.assessment.axis.options import ShowStep, show_nothing
-from mavdem.assessment.ending import ending_of, weighed_reports
+from mavdem.assessment.ending import checked_reports, ending_of
 from mavdem.assessment.evidence import Evidence
 from mavdem.assessment.flights import loss_onset
 from mavdem.assessment.judgement import judge, lights_without_loops, unjudged
@@ -304,7 +304,7 @@ def _evidence_without_loops(
 
 def _events_without_motors(signals: Signals, reports: Facts) -> list[Fact]:
     """Returns the reports of the autopilot that sensors do not contradict, and events in the motion."""
-    return weighed_reports(signals, [*reports, *motion_events(signals, reports)])
+    return checked_reports(signals, [*reports, *motion_events(signals, reports)])
 
 
 @np.errstate(all="ignore")

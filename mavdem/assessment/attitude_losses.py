@@ -20,7 +20,7 @@ from mavdem.facts import Fact, Facts, Level
 from mavdem.facts.ending import MotionEvent
 from mavdem.facts.witnesses import SensorFact, Side
 from mavdem.witnesses.boot_sensors import BootSensors
-from mavdem.witnesses.sensor_facts import contradicting_fact, supporting_fact, weighed_event
+from mavdem.witnesses.sensor_facts import checked_event, contradicting_fact, supporting_fact
 from mavdem.witnesses.velocity import stopped_at
 
 FAR_ANGLE = np.pi / 4
@@ -219,7 +219,7 @@ class _AttitudeLoss(NamedTuple):
             return event.replace(witnesses=sensor_facts)
         if knock_time is not None and knock is not None:
             sensor_facts = (*sensor_facts, knock)
-        return weighed_event(event, sensor_facts)
+        return checked_event(event, sensor_facts)
 
     @property
     def _has_setpoint(self) -> bool:

@@ -15,7 +15,7 @@ from mavdem.facts.events import ReportedEvent
 from mavdem.facts.witnesses import SensorFact
 from mavdem.ingest.motors import name_without_place
 from mavdem.witnesses.boot_sensors import BootSensors
-from mavdem.witnesses.sensor_facts import supporting_fact, weighed_event
+from mavdem.witnesses.sensor_facts import checked_event, supporting_fact
 
 ENDINGS: dict[Code, Ending] = {
     MotionEvent.ATTITUDE_LOST: Ending.CONTROL_LOST,
@@ -117,11 +117,11 @@ def _throttle_closed(loss: Fact) -> Fact | None:
     return None
 
 
-def weighed_reports(signals: Signals, events: Sequence[Fact]) -> list[Fact]:
+def checked_reports(signals: Signals, events: Sequence[Fact]) -> list[Fact]:
     """Lowers the level of each report of a crash to "watch" unless sensors confirm it.
 
     ArduPilot's crash check also reports vehicles that never moved. So the report alone is not enough: a sensor must
-    confirm it (:func:`mavdem.witnesses.sensor_facts.weighed_event`), by a knock, a tumble, a fast descent or a rest on
+    confirm it (:func:`mavdem.witnesses.sensor_facts.checked_event`), by a knock, a tumble, a fast descent or a rest on
     the side near the report. If no sensor was recorded that could show any of these, the report keeps its level.
 
     Args:
@@ -132,7 +132,7 @@ def weighed_reports(signals: Signals, events: Sequence[Fact]) -> list[Fact]:
         All events, in the same order.
     """
     losses_by_motion = [event for event in events if event.code in ENDINGS]
-    weighed_events = []
+    checked_events = []
     for event in events:
         is_crash = event.code is ReportedEvent.CRASH_DETECTED and event.is_bad
         if is_crash and _has_measurements(signals, event):
@@ -141,9 +141,9 @@ def weighed_reports(signals: Signals, events: Sequence[Fact]) -> list[Fact]:
                 SensorFact.AUTOPILOT_REPORTED, cause=event.replace(witnesses=())
             )
             signs = _signs_of_crash(signals, event, losses_by_motion)
-            event = weighed_event(event, (quoted_report, *signs))
-        weighed_events.append(event)
-    return weighed_events
+            event = checked_event(event, (quoted_report, *signs))
+        checked_events.append(event)
+    return checked_events
 
 
 def _interval_of_crash(report: Fact) -> TimeInterval:

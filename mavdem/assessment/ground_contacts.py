@@ -25,10 +25,10 @@ from mavdem.facts.witnesses import SensorFact
 from mavdem.witnesses.boot_sensors import MIN_SINK_RATE, BootSensors, Rest
 from mavdem.witnesses.sensor_facts import (
     MIN_SUPPORT,
+    checked_event,
     support_count,
     supporting_fact,
     supporting_facts,
-    weighed_event,
 )
 
 SEARCH_SECONDS = 10.0
@@ -385,7 +385,7 @@ class _Contact:
             event = event.replace(onset=onset)
         if is_hit and self._is_near_rest(height, rest):
             event = event.replace(is_ground=True)
-        return weighed_event(event, sensor_facts)
+        return checked_event(event, sensor_facts)
 
     def _onset(self, time: float) -> float:
         """Determines when a contact began: with the loss of attitude, if the ground caused it, otherwise at ``time``.

@@ -24,7 +24,7 @@ from mavdem.vibration.vibration_message import reported_vibration
 from mavdem.witnesses.accelerometer import AccelerometerRecord
 from mavdem.witnesses.boot_sensors import MAX_FALL_SPEED, BootSensors
 from mavdem.witnesses.height import MIN_CONTRADICTION_SECONDS
-from mavdem.witnesses.sensor_facts import supporting_fact, weighed_event
+from mavdem.witnesses.sensor_facts import checked_event, supporting_fact
 
 MIN_TRUE_CLIMB = 1.0
 """Speed, m/s up or down, by the barometer, from which on the vehicle itself moves."""
@@ -135,7 +135,7 @@ def _divergence(sensors: BootSensors, interval: TimeInterval) -> Fact | None:
         cause=cause,
         boot=sensors.boot,
     )
-    return weighed_event(event, sensor_facts)
+    return checked_event(event, sensor_facts)
 
 
 class _ClimbRates(NamedTuple):

@@ -174,7 +174,7 @@ def _not_flown(signals: Signals, trust: SensorTrust) -> Fact | None:
     tilt = signals.tilts[0]
     times = tilt.time[tilt.boot == trust.boot]
     # What sensors show against a flight supports this event.
-    sensor_facts = tuple(fact.replace(side=Side.FOR) for fact in trust.flight_check.witnesses)
+    sensor_facts = tuple(fact.replace(side=Side.FOR) for fact in trust.flight_check.sensor_facts)
     return Fact(MotionEvent.NOT_FLOWN, time=times[0], boot=trust.boot, witnesses=sensor_facts)
 
 

@@ -29,9 +29,9 @@ from mavdem.facts.witnesses import SensorFact
 from mavdem.ingest.motors import name_without_place
 from mavdem.witnesses.boot_sensors import BootSensors
 from mavdem.witnesses.sensor_facts import (
+    checked_event,
     contradicting_fact,
     supporting_fact,
-    weighed_event,
 )
 
 STANDSTILL_SHARE = 0.05
@@ -223,7 +223,7 @@ def _standstill(
         share=share,
         boot=sensors.boot,
     )
-    return weighed_event(event, sensor_facts)
+    return checked_event(event, sensor_facts)
 
 
 def _reaction_of_command(command: TimeSeries, interval: TimeInterval) -> Facts:

@@ -13,7 +13,7 @@ import numpy as np
 
 from mavdem.assessment.attitude_error import WITHOUT_SETPOINT_SHARE, attitude_error
 from mavdem.assessment.attitude_losses import LOST_ANGLE, attitude_losses
-from mavdem.assessment.ending import ending_of, weighed_reports
+from mavdem.assessment.ending import checked_reports, ending_of
 from mavdem.assessment.flights import RECOVERY_SECONDS
 from mavdem.assessment.ground_contacts import flight_losses, ground_contact
 from mavdem.assessment.invalid_attitudes import MIN_INVALID_SECONDS, invalid_attitudes
@@ -289,7 +289,7 @@ class ControlWatch:
         Returns:
             All events, in the same order, as in the review of the recording.
         """
-        return weighed_reports(self.signals(vehicle, None), reports)
+        return checked_reports(self.signals(vehicle, None), reports)
 
     def setpoints(self, vehicle: Telemetry) -> dict[str, TimeSeries]:
         """Returns the setpoints of roll and pitch in the last seconds, rad, by axis; empty where none come.

@@ -288,22 +288,29 @@ def _track(windows: _LogSpectra, frequency: float) -> _Track:
         Exponent, its scores, mean of the aligned spectra, top bin, and frequency at the median drive, Hz.
     """
     for _ in range(EXPONENT_PASSES):
+        # (E, W) for each of E exponents the densities of the W windows where it predicts the line.
         scores = windows.density_along(frequency * windows.drive ** EXPONENTS[:, None])
         exponent = EXPONENTS[np.argmax(scores.mean(axis=1))]
         mean = windows.aligned_mean(exponent)
         nearest = round(frequency / windows.frequency_step)
+        # Each of the searched bins has a neighbour on each side, as the parabola needs.
         first = max(nearest - TOP_SEARCH_BINS, 1)
         end = min(nearest + TOP_SEARCH_BINS + 1, len(mean) - 1)
-        # Each of these bins has a neighbour on each side, as the parabola needs.
-        bins = np.arange(first, end)
-        top = bins[np.argmax(mean[bins])]
-        before, highest, after = mean[top - 1 : top + 2].tolist()
-        curvature = before - 2 * highest + after
-        # Distance of the vertex from the highest bin, in bins. At an end of the search range the parabola may open
-        # upwards; then the bin itself is taken.
-        offset = 0.5 * (before - after) / curvature if curvature < 0 else 0.0
-        frequency = (top + offset) * windows.frequency_step
+        top = first + int(np.argmax(mean[first:end]))
+        frequency = (top + _vertex_offset(mean[top - 1 : top + 2])) * windows.frequency_step
     return _Track(exponent, scores=scores, mean=mean, top=top, frequency=frequency)
+
+
+def _vertex_offset(heights: Array) -> float:
+    """Returns how far the vertex of the parabola through three neighbouring bins is from the middle one, in bins.
+
+    Args:
+        heights: (3,) heights of the bins. If the parabola opens upwards, as at an end of the search range, the offset
+            is 0.
+    """
+    before, middle, after = heights.tolist()
+    curvature = before - 2 * middle + after
+    return 0.5 * (before - after) / curvature if curvature < 0 else 0.0
 
 
 def _line_near(spectrum: Spectrum, windows: _LogSpectra, frequency: float) -> SpectralLine:
@@ -325,7 +332,7 @@ def _line_near(spectrum: Spectrum, windows: _LogSpectra, frequency: float) -> Sp
         The line, at the median drive.
     """
     track = _track(windows, frequency)
-    kind = _kind(track)
+    kind = _line_cause(track)
     # In a spectrum that ends at a low frequency, a line that rises fast may be the alias of a harmonic beyond it.
     is_slow = spectrum.nyquist_frequency < SLOW_NYQUIST_FREQUENCY
     if kind is LineKind.MOTOR and track.exponent > MAX_SLOW_SPECTRUM_EXPONENT and is_slow:
@@ -375,40 +382,42 @@ def _bins_above(track: _Track, threshold: float) -> int:
     return int(np.argmax(spectrum_from_line_on <= threshold))
 
 
-def _kind(track: _Track) -> LineKind:
-    """Identifies the cause of a line: motors, frame or an alias.
+def _line_cause(track: _Track) -> LineKind:
+    """Identifies the cause of a line by a paired test: motors, frame or an alias.
 
     The frequency of a line is proportional to the drive (motors' speed or throttle) to the power of an exponent γ. Each
     cause has a range of exponents: near 0 for the frame, positive for motors. The scores of an exponent are the
     logarithmic densities of the W windows at the frequencies that it predicts; the line's exponent is the one with the
     highest mean score.
 
-    The line is named only if the best exponent of every other cause scores significantly lower. This is a paired test:
-    the mean of the W differences of the scores must exceed ``SIGNIFICANT_SIGMAS`` of its standard errors.
+    Its cause is certain only if the best exponent of every other cause scores significantly lower: the mean of the W
+    differences of the scores must exceed ``SIGNIFICANT_SIGMAS`` of its standard errors.
 
     Args:
-        track: track of the line, with its exponent and the scores (E, W) of all ``EXPONENTS``.
+        track: track of the line, with its exponent and the scores (E, W) of all E ``EXPONENTS``.
 
     Returns:
         The cause; UNNAMED if it is not certain.
     """
-    # Cause by each of the E exponents.
-    kinds = np.array(
-        [_kind_of_exponent(exponent, track.frequency) for exponent in EXPONENTS.tolist()]
-    )
-    kind = _kind_of_exponent(track.exponent, track.frequency)
+    cause = _cause_of_exponent(track.exponent, track.frequency)
     line_scores = track.scores[np.flatnonzero(track.exponent == EXPONENTS)[0]]
-    for other_kind in set(kinds.tolist()) - {kind, LineKind.UNNAMED}:
-        scores_of_kind = track.scores[kinds == other_kind]
-        other_scores = scores_of_kind[np.argmax(scores_of_kind.mean(axis=1))]
-        differences = line_scores - other_scores
+    # Rows of the scores by the cause of their exponent.
+    rows_by_cause: dict[LineKind, list[int]] = {}
+    for row, exponent in enumerate(EXPONENTS.tolist()):
+        rows_by_cause.setdefault(_cause_of_exponent(exponent, track.frequency), []).append(row)
+    for other_cause, rows in rows_by_cause.items():
+        if other_cause in (cause, LineKind.UNNAMED):
+            continue
+        scores = track.scores[rows]
+        best_scores = scores[np.argmax(scores.mean(axis=1))]
+        differences = line_scores - best_scores
         standard_error = differences.std() / np.sqrt(len(differences))
         if differences.mean() <= SIGNIFICANT_SIGMAS * standard_error:
             return LineKind.UNNAMED
-    return kind
+    return cause
 
 
-def _kind_of_exponent(exponent: float, frequency: float) -> LineKind:
+def _cause_of_exponent(exponent: float, frequency: float) -> LineKind:
     """Returns the cause of a line whose frequency is proportional to the drive to the power of an exponent.
 
     A constant frequency is a resonance of the frame. A frequency that rises like the speed of the motors is theirs. One

@@ -155,13 +155,17 @@ class WindVelocity(ImmutableResult):
 
     @property
     def may_be_lean(self) -> bool:
-        """Whether part of the lean may be caused by a load or a misaligned autopilot instead of the wind.
+        """Whether the vehicle may lean because of a load or a misaligned autopilot instead of the wind.
 
-        Then the speed may be biased. A speed that is uncertain only because of the drag is no such doubt: the lean
-        against the wind is known for any drag.
+        The speed of the wind follows from the lean, and may then be biased.
         """
-        reason = self.reasons.get("speed")
-        return reason is not None and not reason.figures["by_drag"] and not self.calm
+        doubt = self.reasons.get("speed")
+        if doubt is None or self.calm:
+            return False
+        # The other doubt about a speed is that the drag is uncertain; whatever the drag, the vehicle then leans against
+        # the wind.
+        is_only_by_drag: bool = doubt.figures["by_drag"]
+        return not is_only_by_drag
 
     @property
     def polar(self) -> PolarWind:
@@ -359,21 +363,23 @@ def _largest_running_mean(values: Array, steps: int) -> Array:
 
 
 def _gust_interval(winds: Array, variances: Array, steps: int, gust: float) -> Interval:
-    """Returns the 90 % interval of the largest gust.
+    """Returns the 90 % interval of the speed of the largest gust, by samples of its posterior distribution.
 
-    Each posterior sample of drag and lean has another wind, and so another largest gust. Random noise is added, since a
-    gust is too short for noise to average out.
+    Each posterior sample of drag and lean has another wind, and so another largest gust. The noise of the wind is added
+    to each ``DIRECTION_DRAWS`` times at random, since a gust is too short for the noise to average out.
 
     Args:
         winds: N posterior samples of the wind velocity, north and east (T, N, 2), m/s.
         variances: variance of each about the truth, by noise (T, N, 2), (m/s)².
         steps: steps over which a gust is averaged.
-        gust: the largest gust of the mean of all samples, m/s.
+        gust: the largest gust of the mean of all samples, m/s, which is the reported value.
 
     Returns:
-        Lower and upper end, m/s, widened if they do not contain the gust itself.
+        Lower and upper end, m/s, widened if they do not contain the reported value.
     """
-    gusts = _largest_running_mean(np.hypot(winds[..., 0], winds[..., 1]), steps)
+    speeds = np.hypot(winds[..., 0], winds[..., 1])
+    gusts = _largest_running_mean(speeds, steps)
+    # Of each sample, in the mean over time and both components.
     noise_sd = np.sqrt(variances.mean(axis=(0, 2)))
     noise = default_rng(NOISE_SEED).standard_normal((DIRECTION_DRAWS, len(gusts)))
     low, high = np.quantile(gusts + noise * noise_sd, INTERVAL_QUANTILES).tolist()

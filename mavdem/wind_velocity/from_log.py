@@ -188,7 +188,7 @@ def wind(path: AnyPath, vehicle: str | None = None, drag: Drag | None = None) ->
 
 
 def wind_evidence(signals: Signals) -> WindEvidence:
-    """Returns the evidence of the wind in the signals of a vehicle, or why there is no estimate.
+    """Returns the estimates of the wind in the log of a vehicle, by this library and by the autopilot.
 
     Only a multirotor leans against the wind; for another vehicle there is only the autopilot's own estimate.
 
@@ -198,11 +198,10 @@ def wind_evidence(signals: Signals) -> WindEvidence:
     Returns:
         The estimates of this library and of the autopilot, and the reason if this library has none.
     """
-    kind = signals.telemetry.vehicle
-    if kind not in POSSIBLE_MULTIROTORS:
-        return WindEvidence(
-            None, signals.autopilot_wind, Fact(Unjudged.MULTIROTORS_ONLY, kind=kind)
-        )
+    vehicle_type = signals.telemetry.vehicle
+    if vehicle_type not in POSSIBLE_MULTIROTORS:
+        reason = Fact(Unjudged.MULTIROTORS_ONLY, kind=vehicle_type)
+        return WindEvidence(None, signals.autopilot_wind, reason)
     try:
         return WindEvidence(wind_of_signals(signals), signals.autopilot_wind, None)
     except NotLearnable as error:

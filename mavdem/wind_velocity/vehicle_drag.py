@@ -140,27 +140,30 @@ class ParameterValue(NamedTuple):
 
 
 def axis_drag(logarithms: Array) -> AxisDrag:
-    """Returns the drag along body x and y.
+    """Returns the drag along body x and y, from the logarithms of its mean over both axes and of the ratio of y to x.
+
+    With the mean m and the ratio r of a coefficient, it is m / √r along x and m · √r along y.
 
     Args:
-        logarithms: (…, 4 or more) logarithmic parameters; the first four are ordered as in ``Drag.mean``.
+        logarithms: (…, 4 or more) logarithms; the first four are ordered as in ``Drag.mean``.
 
     Returns:
         Linear and quadratic coefficients (…, 2) along body x and y.
     """
     log_linear = logarithms[..., [LOG_LINEAR]]
     log_quadratic = logarithms[..., [LOG_QUADRATIC]]
-    linear_ratio = logarithms[..., [LOG_LINEAR_RATIO]]
-    quadratic_ratio = logarithms[..., [LOG_QUADRATIC_RATIO]]
+    log_linear_ratio = logarithms[..., [LOG_LINEAR_RATIO]]
+    log_quadratic_ratio = logarithms[..., [LOG_QUADRATIC_RATIO]]
+    # ``AXIS_SHARES`` is −1/2 for x and 1/2 for y.
     return AxisDrag(
-        np.exp(log_linear + linear_ratio * AXIS_SHARES),
-        np.exp(log_quadratic + quadratic_ratio * AXIS_SHARES),
+        np.exp(log_linear + log_linear_ratio * AXIS_SHARES),
+        np.exp(log_quadratic + log_quadratic_ratio * AXIS_SHARES),
     )
 
 
 @dataclass(frozen=True, eq=False)
 class Drag(ImmutableResult):
-    """Drag of one vehicle per mass, with its uncertainty.
+    """Drag of one vehicle per mass, c u + q u² at an air speed u along each body axis, with its uncertainty.
 
     Attributes:
         mean: (6,) ln c and ln q, geometric means of both axes; ln(c_y / c_x) and ln(q_y / q_x); and :attr:`lean`.

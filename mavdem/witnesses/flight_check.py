@@ -54,7 +54,7 @@ class FlightCheck:
 
     has_flown: bool | None
     """Whether it flew; None if the sensor facts are too few, or contradict each other."""
-    witnesses: Facts
+    sensor_facts: Facts
     """Facts of sensors that support a flight, and then those that contradict it."""
     had_power: bool = True
     """Whether the motors ever gave the thrust that carries the vehicle."""
@@ -65,8 +65,7 @@ def flight_check(signals: Signals, boot: int) -> FlightCheck:
     """Checks whether a vehicle flew while its motors could carry it.
 
     Three facts of sensors support or contradict a flight: the rise of the height, whether roll and pitch follow their
-    setpoints, and rotation. A rise above ``MIN_CERTAIN_RISE`` is enough for a flight. Otherwise ``MIN_SUPPORT`` facts
-    must agree, for a flight as well as against one, and a barometer that stays level rules a flight out.
+    setpoints, and rotation.
 
     Args:
         signals: signals of the vehicle.
@@ -89,20 +88,41 @@ def flight_check(signals: Signals, boot: int) -> FlightCheck:
     rise = None if height is None else _rise(height, powered_spans)
     sensor_facts = (*_rise_facts(rise, source), *_rotation_facts(signals, boot))
     support = supporting_facts(sensor_facts)
-    objections = contradicting_facts(sensor_facts)
-    witnesses = (*support, *objections)
+    contradictions = contradicting_facts(sensor_facts)
+    has_flown = _has_flown(
+        rise, len(support), len(contradictions), has_barometer=barometer is not None
+    )
+    return FlightCheck(has_flown, (*support, *contradictions))
 
-    is_certain = rise is not None and rise > MIN_CERTAIN_RISE
-    # An estimate may rise on a bench: two sensors that contradict it outvote it.
-    is_outvoted = barometer is None and len(objections) >= MIN_SUPPORT
-    if is_certain and not is_outvoted:
-        return FlightCheck(True, witnesses)
-    if len(objections) >= MIN_SUPPORT:
-        return FlightCheck(False, witnesses)
-    barometer_stayed_level = barometer is not None and rise is not None and rise < MAX_LEVEL_RISE
-    if len(support) >= MIN_SUPPORT and not barometer_stayed_level:
-        return FlightCheck(True, witnesses)
-    return FlightCheck(None, witnesses)
+
+def _has_flown(
+    rise: float | None, support_count: int, contradiction_count: int, *, has_barometer: bool
+) -> bool | None:
+    """Decides whether a vehicle flew, by how far it rose and by the number of facts of sensors.
+
+    A rise above ``MIN_CERTAIN_RISE`` is enough for a flight. Otherwise ``MIN_SUPPORT`` facts must agree, for a flight
+    as well as against one, and a barometer that stays level rules a flight out.
+
+    Args:
+        rise: height gained under power, m; None if it is not known.
+        support_count: number of facts that support a flight.
+        contradiction_count: number of facts that contradict it.
+        has_barometer: whether the rise was measured by a barometer, and not by the autopilot's estimate.
+
+    Returns:
+        Whether it flew; None if that is not known.
+    """
+    is_contradicted = contradiction_count >= MIN_SUPPORT
+    is_high = rise is not None and rise > MIN_CERTAIN_RISE
+    # An estimate may rise on a bench: two sensors that contradict it are then right.
+    if is_high and (has_barometer or not is_contradicted):
+        return True
+    if is_contradicted:
+        return False
+    barometer_stayed_level = has_barometer and rise is not None and rise < MAX_LEVEL_RISE
+    if support_count >= MIN_SUPPORT and not barometer_stayed_level:
+        return True
+    return None
 
 
 def _rise_facts(rise: float | None, source: str) -> Facts:

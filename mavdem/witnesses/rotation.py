@@ -68,6 +68,10 @@ MIN_RATE_CORRELATION = 0.5
 """Correlation of neighbouring samples of a rate from which on they resolve it: slower ones do not show its integral."""
 
 
+MAX_RECORD_GAP = 1.0
+"""Time between two samples of the attitude, s, from which on the time between them does not count: a choice."""
+
+
 @dataclass(frozen=True)
 class RotationUnderPower:
     """How the vehicle rotated under power in one boot."""
@@ -112,16 +116,11 @@ def rotation_under_power(signals: Signals, boot: int) -> RotationUnderPower | No
     min_collective = min_airborne_collective(signals.telemetry.parameters)
     is_powered = np.interp(time, collective.time, moving_average(collective)) > min_collective
     steps = np.diff(time, append=time[-1])
-    powered_seconds = float(steps[is_powered & (steps < 1)].sum())
+    # In a gap of the record it is not known whether the motors ran.
+    is_recorded = steps < MAX_RECORD_GAP
+    powered_seconds = float(steps[is_powered & is_recorded].sum())
     if powered_seconds < MIN_SECONDS:
         return None
-    rates = []
-    for attitude in signals.attitudes:
-        rate = series_of_boot(attitude.rate_series, boot)
-        if rate is not None:
-            rates.append(np.interp(time, rate.time, abs(rate.values)))
-    # A median over three samples removes single damaged ones, and keeps the moment in which a vehicle tips over.
-    largest_rate = float(scipy.ndimage.median_filter(np.max(rates, axis=0), 3)[is_powered].max())
     response = _setpoint_response(
         time, tracking.angles[:, TILT_COLUMNS], tracking.setpoints, is_powered
     )
@@ -130,9 +129,28 @@ def rotation_under_power(signals: Signals, boot: int) -> RotationUnderPower | No
         follows_setpoint=response.follows_setpoint,
         correlation=response.correlation,
         median_error=response.median_error,
-        largest_rate=largest_rate,
+        largest_rate=float(_fastest_rates(signals, boot, time)[is_powered].max()),
         gyro_agrees=_gyro_agrees(signals, boot, time[is_powered]),
     )
+
+
+def _fastest_rates(signals: Signals, boot: int, time: Array) -> Array:
+    """Returns the largest of the absolute body rates of all axes at some times, without single damaged samples.
+
+    Args:
+        signals: signals of the vehicle.
+        boot: number of the boot.
+        time: (N,) s since boot.
+
+    Returns:
+        (N,) rad/s, filtered by a median over three samples, which keeps the moment in which a vehicle tips over.
+    """
+    rates = []
+    for attitude in signals.attitudes:
+        rate = series_of_boot(attitude.rate_series, boot)
+        if rate is not None:
+            rates.append(np.interp(time, rate.time, abs(rate.values)))
+    return np.asarray(scipy.ndimage.median_filter(np.max(rates, axis=0), 3))
 
 
 class _SetpointResponse(NamedTuple):

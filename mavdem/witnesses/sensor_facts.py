@@ -55,23 +55,23 @@ so that they do not count.
 
 
 def supporting_fact(code: SensorFact, **figures: Any) -> Fact:
-    """Returns a sensor fact that supports an event.
+    """Returns the fact that a sensor supports an event, such as a knock that supports a crash.
 
     Args:
         code: what the sensor shows.
-        figures: its measured values, in the units of ``code``, and ``subject``, ``time`` and ``end_time``, if it has
-            any.
+        figures: measured values by name, in the units of ``code``; and ``subject``, ``time`` and ``end_time``, s, of
+            the fact if it has any.
     """
     return Fact(code, side=Side.FOR, **figures)
 
 
 def contradicting_fact(code: SensorFact, **figures: Any) -> Fact:
-    """Returns a sensor fact that contradicts an event.
+    """Returns the fact that a sensor contradicts an event, such as an upright rest that contradicts a crash.
 
     Args:
         code: what the sensor shows.
-        figures: its measured values, in the units of ``code``, and ``subject``, ``time`` and ``end_time``, if it has
-            any.
+        figures: measured values by name, in the units of ``code``; and ``subject``, ``time`` and ``end_time``, s, of
+            the fact if it has any.
     """
     return Fact(code, side=Side.AGAINST, **figures)
 
@@ -109,17 +109,17 @@ def support_count(sensor_facts: Iterable[Fact]) -> int:
     return len(sources)
 
 
-def weighed_event(event: Fact, sensor_facts: Iterable[Fact]) -> Fact:
-    """Adds sensor facts to an event, and lowers its level from bad to "watch" if they do not confirm it.
+def checked_event(event: Fact, sensor_facts: Iterable[Fact]) -> Fact:
+    """Checks a bad event by sensors: if they do not confirm it, its level is lowered to "watch".
 
-    A bad event is confirmed by ``MIN_SUPPORT`` independent facts, if they are more than those that contradict it.
+    It is confirmed by ``MIN_SUPPORT`` independent facts, if they are more than those that contradict it.
 
     Args:
         event: the event, with the level that it has if it is confirmed.
         sensor_facts: what sensors show for and against it.
 
     Returns:
-        A copy of the event with the facts as ``witnesses``, and its level. One whose level was lowered has the figure
+        A copy of the event with these facts as its figure ``witnesses`` and, if its level was lowered, the figure
         ``is_unconfirmed``.
     """
     facts = tuple(sensor_facts)

@@ -106,7 +106,7 @@ class SensorTrust:
 
     @property
     def flew(self) -> bool | None:
-        """Whether the vehicle flew; None if the witnesses do not decide it."""
+        """Whether the vehicle flew; None if the sensors do not show it."""
         return self.flight_check.has_flown
 
     @property
@@ -133,7 +133,7 @@ class SensorTrust:
             _level(self.flew),
             flew=self.flew,
             is_assumed=self.flew is None and self.flight_check.had_power,
-            witnesses=self.flight_check.witnesses,
+            witnesses=self.flight_check.sensor_facts,
             boot=self.boot,
         )
 
@@ -145,11 +145,15 @@ class SensorTrust:
         """
         is_usable = self.is_barometer_usable
         is_sound = self.is_climb_estimate_sound
-        first = self._contradictions[0][0] if is_sound is False else None
+        # A barometer that is not usable cannot be compared with the estimate.
+        agrees = is_sound if is_usable else is_usable
+        first_contradiction_time = None
+        if is_sound is False:
+            first_contradiction_time, _ = self._contradictions[0]
         return Fact(
             TrustCheck.BAROMETER,
-            _level(is_sound if is_usable else is_usable),
-            time=first,
+            _level(agrees),
+            time=first_contradiction_time,
             is_usable=is_usable,
             is_sound=is_sound,
             acceleration=self.height.barometer_noise,
@@ -181,13 +185,21 @@ class SensorTrust:
         )
 
     def _position_check(self) -> Fact:
-        """Returns the check of the position as a fact: the share of the time under power in which GPS had a fix."""
+        """Returns the check of the position as a fact: whether GPS had a fix for most of the flight.
+
+        Its ``share`` is the time with a fix over the time in which the motors could carry the vehicle, or over the
+        whole boot if that is not known (``is_powered`` is false).
+        """
         share = self.position.fix_share
-        level = Level.UNKNOWN
-        if share is not None:
-            level = Level.GOOD if share >= MIN_FIX_SHARE else Level.WATCH
+        has_mostly_fix = None if share is None else share >= MIN_FIX_SHARE
         is_powered = bool(self.powered)
-        return Fact(TrustCheck.POSITION, level, share=share, is_powered=is_powered, boot=self.boot)
+        return Fact(
+            TrustCheck.POSITION,
+            _level(has_mostly_fix),
+            share=share,
+            is_powered=is_powered,
+            boot=self.boot,
+        )
 
     def _attitude_check(self) -> Fact:
         """Returns the check of the attitude as a fact: whether roll and pitch follow their setpoints under power.
@@ -221,18 +233,15 @@ class SensorTrust:
         )
 
 
-def _level(agrees: bool | None) -> Level:
-    """Chooses the level of a check of a sensor.
+def _level(is_passed: bool | None) -> Level:
+    """Returns the level of a check: GOOD if the sensor passed it, WATCH if not, UNKNOWN if it could not be checked.
 
     Args:
-        agrees: whether the sensor agrees with the others; None if that could not be checked.
-
-    Returns:
-        GOOD if the sensor agrees, WATCH if it does not, UNKNOWN if that could not be checked.
+        is_passed: whether the sensor passed the check; None if it could not be checked.
     """
-    if agrees is None:
+    if is_passed is None:
         return Level.UNKNOWN
-    return Level.GOOD if agrees else Level.WATCH
+    return Level.GOOD if is_passed else Level.WATCH
 
 
 @cached_per_vehicle()

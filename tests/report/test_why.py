@@ -6,10 +6,10 @@ from mavdem.facts.events import ReportedEvent
 from mavdem.facts.witnesses import SensorFact
 from mavdem.report.why import why, why_text
 from mavdem.witnesses.sensor_facts import (
+    checked_event,
     contradicting_fact,
     support_count,
     supporting_fact,
-    weighed_event,
 )
 
 SANK = supporting_fact(SensorFact.SANK, time=2.5, source="barometer", speed=4.04)
@@ -50,7 +50,7 @@ def test_an_event_without_witnesses_has_no_why():
 
 
 def test_one_witness_is_not_enough_for_a_bad_event():
-    by_one, by_two = weighed_event(hit(), [SANK]), weighed_event(hit(), [SANK, KNOCKED])
+    by_one, by_two = checked_event(hit(), [SANK]), checked_event(hit(), [SANK, KNOCKED])
     assert (by_one.level, by_two.level) == ("watch", "bad")
     assert "no other sensor confirms" in by_one.sentence
     assert "confirms" not in by_two.sentence

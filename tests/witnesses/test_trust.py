@@ -154,9 +154,9 @@ def test_roll_answers_its_setpoint_or_not(gain, answers):
 def test_two_witnesses_against_a_flight_make_a_bench_run():
     never_flew = trust(bench(flight()))
     assert never_flew.flew is False
-    codes = [fact.code for fact in never_flew.flight_check.witnesses]
+    codes = [fact.code for fact in never_flew.flight_check.sensor_facts]
     assert codes == [SensorFact.STAYED_LEVEL, SensorFact.DID_NOT_ROTATE]
-    assert {fact.figures["side"] for fact in never_flew.flight_check.witnesses} == {"against"}
+    assert {fact.figures["side"] for fact in never_flew.flight_check.sensor_facts} == {"against"}
 
 
 def test_one_witness_against_a_flight_leaves_it_undecided():
