@@ -70,6 +70,22 @@ def test_the_worst_is_said(pulses, code, level):
         assert found.subject == "motor 2 (rear left)"
 
 
+def test_a_motor_that_is_weak_in_the_descent_alone_is_named():
+    """The vehicle sinks from 71 s on, so that it is not in settled flight any more."""
+    loss = motors_light(evidence(weak(72.0)))
+    assert (loss.code, loss.level) == (MotorWatchFact.MOTOR_LOST_THRUST, "bad")
+    assert loss.subject == "motor 2 (rear left)" and loss.time == approx(72, abs=1.5)
+
+
+def test_a_motor_that_alone_was_long_at_its_limit_is_not_good():
+    even = evidence()
+    limit = Fact(MotionEvent.MOTOR_AT_ITS_STOP, Level.WATCH, time=72.0, subject=FRONT_LEFT, boot=0)
+    for duration, is_shown in ((3.0, False), (15.0, True)):
+        event = limit.replace(end_time=72.0 + duration, duration=duration)
+        found = motors_light(replace(even, events=(event,)))
+        assert (found == event) is is_shown
+
+
 def test_an_uneven_trim_does_not_hide_a_small_headroom():
     found = motors_light(evidence(lambda time: np.array([[420], [420], [180], [180]])))
     assert (found.code, found.level) == (TrimFact.TRIM_OF_YAW, "watch")

@@ -26,10 +26,14 @@ from mavdem.assessment.identity import identity_of
 from mavdem.assessment.tier import tier_of
 from mavdem.dataset.axes import AXES, TILT_AXES
 from mavdem.dataset.flights import usable_segments
-from mavdem.dataset.intervals import Intervals, in_intervals
+from mavdem.dataset.intervals import Intervals, in_intervals, intersection
 from mavdem.dataset.learnability import learnability_of
 from mavdem.dataset.motor_outputs import MotorOutputs
-from mavdem.dataset.phases import settled_intervals
+from mavdem.dataset.phases import (
+    TRANSIENT_SECONDS,
+    free_flight_intervals,
+    settled_intervals,
+)
 from mavdem.dataset.segment_learnability import Learnability
 from mavdem.dataset.signals import MIN_SLOW_MOTION_RATE, Signals, rate_between_outages
 from mavdem.dataset.steady_flight import tracked_headings
@@ -369,8 +373,7 @@ def motor_alarms(signals: Signals) -> tuple[MotorAlarm, ...]:
 
     The samples of settled flight are passed one by one to the detector that live sessions use. A live session detects
     the end of the climb-out half a second late, and a landing only after it, so that its times differ by the same
-    amount. An interval of settled flight in which no motor changed suddenly is also searched as a whole for a motor
-    that lost thrust slowly.
+    amount. Flight in which no motor changed suddenly is also searched as a whole for a motor that lost thrust slowly.
 
     Args:
         signals: signals of the vehicle.
@@ -400,26 +403,59 @@ def motor_alarms(signals: Signals) -> tuple[MotorAlarm, ...]:
         # Headings are NaN while the attitude does not follow its setpoint. Then the balance of
         # the motors does not show which of them lost thrust.
         tracked = commands.select(np.isfinite(headings))
-        alarms += changes + _gradual_losses(motors, tracked, boot, settled, changes)
+        alarms += changes + _lasting_losses(signals, motors, tracked, boot, changes)
     return tuple(alarms)
+
+
+def _lasting_losses(
+    signals: Signals,
+    motors: MotorOutputs,
+    commands: TimeSeries,
+    boot: int,
+    changes: Sequence[MotorAlarm],
+) -> list[MotorAlarm]:
+    """Finds the motors that lost thrust slowly, or from the descent on.
+
+    Each interval of settled flight is searched. If it shows nothing, the flight that it belongs to is searched too,
+    until shortly before the touch-down: a vehicle that sinks since a motor lost thrust is not in settled flight.
+
+    Args:
+        signals: signals of the vehicle.
+        motors: the k motors.
+        commands: (N, k) their outputs while the attitude follows its setpoint, as shares of the range.
+        boot: number of the boot.
+        changes: changes in this boot that the detector of sudden losses reported.
+
+    Returns:
+        At most one alarm for each interval of settled flight, then one for each other flight.
+    """
+    settled = settled_intervals(signals, boot)
+    losses = _gradual_losses(motors, commands, boot, settled, changes)
+    for flight in free_flight_intervals(signals, boot):
+        start, end = flight
+        settled_in_flight = intersection(settled, [flight])
+        has_loss = any(start <= loss.onset_time <= end for loss in losses)
+        if settled_in_flight and not has_loss:
+            settled_start, _ = settled_in_flight[0]
+            with_descent = (settled_start, end - TRANSIENT_SECONDS)
+            losses += _gradual_losses(motors, commands, boot, [with_descent], changes)
+    return losses
 
 
 def _gradual_losses(
     motors: MotorOutputs,
     commands: TimeSeries,
     boot: int,
-    settled: Intervals,
+    intervals: Intervals,
     changes: Sequence[MotorAlarm],
 ) -> list[MotorAlarm]:
-    """Finds the motors that lost thrust slowly.
-
-    Each interval of settled flight in which no motor changed suddenly is searched.
+    """Finds the motors that lost thrust within intervals of flight in which no motor changed suddenly.
 
     Args:
         motors: the k motors.
         commands: (N, k) their outputs while the attitude follows its setpoint, as shares of the range.
         boot: number of the boot.
-        settled: intervals of settled flight, s since boot.
+        intervals: intervals of flight, s since boot.
         changes: changes in this boot that the detector of sudden losses reported.
 
     Returns:
@@ -427,7 +463,7 @@ def _gradual_losses(
     """
     times_of_sudden_changes = [change.time for change in changes if change.motor is not None]
     losses = []
-    for start, end in settled:
+    for start, end in intervals:
         if any(start <= time <= end for time in times_of_sudden_changes):
             continue
         is_in_interval = in_intervals(commands.time, [(start, end)])

@@ -23,6 +23,7 @@ from mavdem.loops.limit_cycles import MIN_AT_LIMIT_SHARE
 from mavdem.motors.balance import MIN_STEADY_SECONDS
 from mavdem.motors.change_hypotheses import FAULT_RISE
 from mavdem.motors.hover import HoverFigures, hover_figures
+from mavdem.motors.motor_changes import MIN_LOSS_SECONDS
 from mavdem.motors.saturation import most_limited_motors
 from mavdem.motors.trim_pattern import trim_of_signals
 
@@ -216,7 +217,8 @@ def _events_of_motors(evidence: Evidence) -> list[Fact]:
     2. Warnings in flight without a figure of the lost thrust, such as a motor that was off.
     3. Losses of thrust, the largest first, equal ones by their duration.
     4. Reports of the autopilot about a motor.
-    5. If no hover was measured, the motor that was longest at its limit. In a hover the share of the time is judged.
+    5. The motor that was longest at its limit, if no hover was measured, or if it alone was there for
+       ``MIN_LOSS_SECONDS`` at a time, such as in a descent. In a hover the share of the time is judged.
 
     Args:
         evidence: signals, events and measurements of the vehicle.
@@ -244,8 +246,10 @@ def _events_of_motors(evidence: Evidence) -> list[Fact]:
     ending = evidence.ending
     if ending is not None and (ending.subject in names or _is_thrust_spent(ending)):
         facts.insert(0, ending)
-    if evidence.condition.hover is None:
-        facts += _longest_limit(evidence, names)
+    for limit in _longest_limit(evidence, names):
+        is_long = limit.subject in names and limit.figures["duration"] >= MIN_LOSS_SECONDS
+        if evidence.condition.hover is None or is_long:
+            facts.append(limit)
     return facts
 
 
