@@ -95,6 +95,19 @@ def test_messages_around_a_reboot_go_to_the_boot_their_own_stamp_tells():
     assert made.boot[77] == 0 and made.boot[81] == 1
 
 
+def test_a_text_before_the_first_stamp_of_a_boot_is_of_that_boot():
+    """ArduPilot sends why its watchdog reset it before anything with a clock."""
+    positions = np.r_[0:100, 103:203]
+    attitude = MessageStamps("ATTITUDE", positions, np.r_[20.0:30.0:0.1, 1.0:11.0:0.1], WRAP_MS)
+    texts = MessageStamps("STATUSTEXT", np.array([50, 100, 102]))
+    received = np.r_[0.0:10.0:0.1, 10.1, 14.0, 14.1, 14.2:24.2:0.1]
+    boot_times, _ = boot_clock([attitude, texts], lambda rows: received[rows])
+    assert boot_times["STATUSTEXT"].boot.tolist() == [0, 0, 1]
+    assert boot_times["STATUSTEXT"].time == approx([25.0, 29.9, 1.0])
+    untold, _ = boot_clock([attitude, texts])
+    assert untold["STATUSTEXT"].boot.tolist() == [0, 0, 0]
+
+
 def test_a_reboot_after_a_wrap_reads_its_own_time():
     first = 4200 + 0.5 * np.arange(400)
     second = 5 + 0.5 * np.arange(100)

@@ -25,6 +25,8 @@ Rows = NDArray[np.integer]
 """Row numbers, or numbers of boots."""
 StreamPositions = NDArray[np.integer]
 """Where messages are in the stream: byte offsets or message numbers. Only their order matters."""
+ReceiveTimes = Callable[[StreamPositions], Times]
+"""A function that returns when the messages at some positions (n,) were received, s; NaN where that is not known."""
 
 MAX_STAMP_DEVIATION = 5.0
 """Deviation of a stamp from those around it, s, beyond which it is an outlier; ten median steps are added to it.
@@ -160,17 +162,21 @@ def outlier_stamps(stamps: Times) -> Flags:
     )
 
 
-def boot_clock(message_types: Sequence[MessageStamps]) -> tuple[dict[str, BootTimes], Facts]:
+def boot_clock(
+    message_types: Sequence[MessageStamps], receive_times: ReceiveTimes | None = None
+) -> tuple[dict[str, BootTimes], Facts]:
     """Puts every message of a component on its boot clock.
 
     ``tests/ingest/test_clocks.py`` has streams with wraps, restarts, late messages, outliers and UNIX times.
 
     Args:
         message_types: The messages that the component sent, by type.
+        receive_times: When the messages at some positions were received; None where that was not recorded.
 
     Returns:
         Times and boots of the messages of each type by its name, and facts that report what was repaired. A message
-        without a stamp has the time of the last message before it; one before the first stamp has that stamp. If an
+        without a stamp has the time of the last message before it; one before the first stamp has that stamp, and one
+        that an autopilot sends on its start, before its first stamp, has that stamp by its time of reception. If an
         outlier was ignored, the message has the time of the last one of its type. Without any stamp all times are NaN.
     """
     boot_times = {}
@@ -204,7 +210,7 @@ def boot_clock(message_types: Sequence[MessageStamps]) -> tuple[dict[str, BootTi
             times.time[rows] = readings.time[readings_before]
             if times.boot.flags.writeable:
                 times.boot[rows] = readings.boot[readings_before]
-    _fill_unstamped(message_types, boot_times)
+    _fill_unstamped(message_types, boot_times, receive_times)
     return boot_times, repairs
 
 
@@ -271,16 +277,20 @@ def _last_rows_before(positions: StreamPositions, query: StreamPositions) -> Row
 
 
 def _fill_unstamped(
-    message_types: Sequence[MessageStamps], boot_times: Mapping[str, BootTimes]
+    message_types: Sequence[MessageStamps],
+    boot_times: Mapping[str, BootTimes],
+    receive_times: ReceiveTimes | None,
 ) -> None:
     """Gives each message without a time the time and boot of the last message before it in the stream, of any type.
 
-    Messages before the first one with a time get that time.
+    Messages before the first one with a time get that time, as do those that were received nearer to the first message
+    of a boot than to the last one of the boot before.
 
     Args:
         message_types: The messages of a component by type.
         boot_times: Their times and boots by name of the type, which are changed in place; a time is NaN where it is not
             known yet.
+        receive_times: When the messages at some positions were received; None where that was not recorded.
     """
     timed_types = _messages_with_time(message_types, boot_times)
     if not timed_types:
@@ -302,6 +312,52 @@ def _fill_unstamped(
             first = int(np.searchsorted(untimed.positions, readings.positions[0]))
             rows_before = _last_rows_before(readings.positions, untimed.positions[first:])
             untimed.set_times(first, readings.time[rows_before], readings.boot[rows_before])
+    if receive_times is not None:
+        for reboot in _reboots(timed_types):
+            for untimed in untimed_types:
+                untimed.move_to_next_boot(reboot, receive_times)
+
+
+class _Reboot(NamedTuple):
+    """The stamped messages on either side of a restart of the autopilot."""
+
+    last_position: int
+    """Position in the stream of the last one before."""
+    first_position: int
+    """Position in the stream of the first one after."""
+    first_time: float
+    """Time of the first one after, s since boot."""
+    boot: int
+    """Number of the boot that begins."""
+
+
+def _reboots(timed_types: Sequence[_ClockReadings]) -> list[_Reboot]:
+    """Returns the restarts in a stream before whose first stamp messages without one may have come.
+
+    Where messages of both boots are mixed, as over two links, there is no place between them.
+
+    Args:
+        timed_types: Stream positions, times and boots of the messages of each type.
+
+    Returns:
+        The restarts in the order of the boots.
+    """
+    reboots: dict[int, _Reboot] = {}
+    for readings in timed_types:
+        for row in np.flatnonzero(np.diff(readings.boot) > 0).tolist():
+            boot = int(readings.boot[row + 1])
+            reboot = _Reboot(
+                last_position=int(readings.positions[row]),
+                first_position=int(readings.positions[row + 1]),
+                first_time=float(readings.time[row + 1]),
+                boot=boot,
+            )
+            other = reboots.get(boot, reboot)
+            earliest = min(reboot, other, key=lambda candidate: candidate.first_position)
+            last_position = max(reboot.last_position, other.last_position)
+            reboots[boot] = earliest._replace(last_position=last_position)
+    ordered = [reboots[boot] for boot in sorted(reboots)]
+    return [reboot for reboot in ordered if reboot.last_position < reboot.first_position]
 
 
 def _messages_with_time(
@@ -350,6 +406,26 @@ class _UntimedMessages(NamedTuple):
         self.times.time[self.rows[first:]] = time
         if self.times.boot.flags.writeable:
             self.times.boot[self.rows[first:]] = boot
+
+    def move_to_next_boot(self, reboot: _Reboot, receive_times: ReceiveTimes) -> None:
+        """Gives those messages before the first stamp of a boot that stamp, which the autopilot sent on its start.
+
+        They were received nearer to the first stamped message of the boot than to the last one of the boot before.
+
+        Args:
+            reboot: The restart of the autopilot.
+            receive_times: When the messages at some positions were received.
+        """
+        bounds = np.array([reboot.last_position, reboot.first_position])
+        first, end = np.searchsorted(self.positions, bounds)
+        if first == end:
+            return
+        last_before, first_after = receive_times(bounds)
+        received = receive_times(self.positions[first:end])
+        is_of_next_boot = first_after - received < received - last_before
+        rows = self.rows[first:end][is_of_next_boot]
+        self.times.time[rows] = reboot.first_time
+        self.times.boot[rows] = reboot.boot
 
 
 READINGS_AT_ONCE = 1 << 20

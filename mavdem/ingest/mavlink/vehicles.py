@@ -453,7 +453,9 @@ def _messages(
         message_stamps = kept_stamps
         duration = sum(block.duration for block in blocks)
         repairs = repair_facts(Repair.OTHER_CLOCK_LEFT_OUT, count=count, duration=duration)
-    boot_times, clock_repairs = boot_clock(message_stamps)
+    boot_times, clock_repairs = boot_clock(
+        message_stamps, lambda positions: _receive_times(stream, positions)
+    )
     tables = {}
     decoded_columns = DecodedColumns(stream.data)
     for stamps in message_stamps:
@@ -493,9 +495,8 @@ def _blocks_of_other_recordings(
     goes_back = np.diff(seconds) < -STREAM_RULES.max_fall
     if not goes_back.any():
         return []
-    frame_rows = np.searchsorted(stream.frames.start, positions)
-    receive_time = stream.receive_stamps(frame_rows).astype(np.float64) / MICROSECONDS
-    has_receive_time = receive_time > 0
+    receive_time = _receive_times(stream, positions)
+    has_receive_time = ~np.isnan(receive_time)
     # By the clock of the receiver, the boot clock read 0 at this UTC. It changes when the autopilot reboots.
     utc_at_boot = receive_time - seconds
     log_starts = np.zeros(0, dtype=np.int64)
@@ -505,6 +506,18 @@ def _blocks_of_other_recordings(
         BootTimesInUtc(positions[has_receive_time], utc_at_boot[has_receive_time]),
         STREAM_RULES,
     )
+
+
+def _receive_times(stream: FrameStream, starts: NDArray[np.integer]) -> NDArray[np.float64]:
+    """Returns when frames were received, UNIX s (n,), NaN where that was not recorded.
+
+    Args:
+        stream: The recording.
+        starts: Offset (n,) of each frame in the recording.
+    """
+    rows = np.searchsorted(stream.frames.start, starts)
+    seconds = stream.receive_stamps(rows).astype(np.float64) / MICROSECONDS
+    return np.where(seconds > 0, seconds, np.nan)
 
 
 def _message_stamps(
