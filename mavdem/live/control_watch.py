@@ -11,7 +11,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from mavdem.assessment.attitude_error import WITHOUT_SETPOINT_SHARE, attitude_error
+from mavdem.assessment.attitude_error import (
+    WITHOUT_SETPOINT_SHARE,
+    AttitudeError,
+    attitude_error,
+)
 from mavdem.assessment.attitude_losses import LOST_ANGLE, attitude_losses
 from mavdem.assessment.ending import checked_reports, ending_of
 from mavdem.assessment.flights import RECOVERY_SECONDS
@@ -23,6 +27,7 @@ from mavdem.dataset.attitude import ATTITUDE_MESSAGES
 from mavdem.dataset.axes import TILT_AXES
 from mavdem.dataset.flight_states import min_airborne_collective
 from mavdem.dataset.grounded import MAX_GROUND_HEIGHT, MAX_SETPOINT_DELAY
+from mavdem.dataset.intervals import TimeInterval
 from mavdem.dataset.motor_outputs import MotorOutputs
 from mavdem.dataset.setpoints import SETPOINT_MESSAGE
 from mavdem.dataset.signals import CLIMB_RATE_FIELDS, Signals
@@ -263,14 +268,17 @@ class ControlWatch:
         height = sensors.height_above_take_off
         is_in_air = stopped_in_air(height, end_time)
         is_falling = height is not None and is_in_air and has_sunk_after(height, end_time)
+        error = attitude_error(signals, boot)
+        if error is None:
+            return FlightEnd(is_in_air, is_falling, loss=None)
         attitude_loss = self._attitude_loss
         if attitude_loss is not None and attitude_loss.start_time < take_off:
             # The attitude was lost in an earlier flight.
             attitude_loss = None
-        error = attitude_error(signals, boot)
-        may_be_lost = attitude_loss is not None or is_in_air
-        if error is None or not may_be_lost:
-            return FlightEnd(is_in_air, is_falling, loss=None)
+        if attitude_loss is None and not is_in_air:
+            attitude_loss = self._toppling(sensors, error, (take_off, end_time))
+            if attitude_loss is None:
+                return FlightEnd(is_in_air, is_falling, loss=None)
         contact = ground_contact(sensors, error, (take_off, end_time), attitude_loss, reports)
         losses = flight_losses(attitude_loss, contact)
         if losses.contact is None:
@@ -278,6 +286,27 @@ class ControlWatch:
             return FlightEnd(is_in_air, is_falling, loss=None)
         events = [event for event in losses if event is not None]
         return FlightEnd(is_in_air, is_falling, ending_of(signals, [*reports, *events]))
+
+    def _toppling(
+        self, sensors: BootSensors, error: AttitudeError, flight_interval: TimeInterval
+    ) -> Fact | None:
+        """Returns the loss of attitude of a vehicle that toppled over as it landed, as an event of the motion.
+
+        Args:
+            sensors: sensors of the boot, by the messages of the last seconds.
+            error: error of the attitude in the last seconds.
+            flight_interval: take-off and end of the flight, s of the boot clock.
+
+        Returns:
+            The event; None if the vehicle kept its attitude, or got it back.
+        """
+        _, end_time = flight_interval
+        if self._large_error_time < end_time - RECOVERY_SECONDS:
+            return None
+        for event in attitude_losses(sensors, error, flight_interval, is_ongoing=True):
+            if event.code is not MotionEvent.ATTITUDE_CAUGHT:
+                return event
+        return None
 
     def checked_reports(self, vehicle: Telemetry, reports: Sequence[Fact]) -> list[Fact]:
         """Lowers the level of a crash that the autopilot reports, if the motion of the last seconds does not show it.

@@ -290,3 +290,39 @@ def test_a_fall_with_idle_motors_is_alarmed_before_it_ends_and_is_no_loss_where_
 def test_motors_that_idle_for_a_moment_raise_no_alarm():
     flight = FallingFlight(Throttled(opened=18.2), attitude=50.0, motors=50.0)
     assert not alarms(replay(flight.frames(end=24.0)))
+
+
+@dataclass(frozen=True)
+class Toppling(Rolling):
+    """Rolls onto its side a moment after it has landed."""
+
+    hovering: float = 3.0
+
+    def roll(self, t):
+        since_landing = np.asarray(t) - self.landed
+        fallen = np.clip(4.0 * (since_landing - 0.3), 0.0, 1.5)
+        return np.where(since_landing < 0.0, super().roll(t), fallen)
+
+
+@dataclass(frozen=True)
+class LandingFlight(Flight):
+    """A flight 10 m above its take-off, which sinks to the ground in the last 10 s of its hover."""
+
+    def _climb(self, start, end):
+        landed = self.hover.landed
+        for time, name, fields in super()._climb(start, end):
+            height = np.interp(time, [6.0, 11.0, landed - 10.0, landed], [0.0, 10.0, 10.0, 0.0])
+            yield time, name, fields | {"z": -float(height)}
+
+
+@mark.parametrize("hover", [Toppling(), Hover(hovering=3.0)], ids=["toppling", "sound"])
+def test_a_vehicle_that_topples_over_after_its_landing_is_an_alarm(hover):
+    end = hover.landed + 6.0
+    level = [
+        (time, message("ATTITUDE_TARGET", q=[1.0, 0.0, 0.0, 0.0], type_mask=7))
+        for time in ticks(3.0, end, 20.0)
+    ]
+    made = replay(by_time(LandingFlight(hover, 25.0, 25.0).frames(end=end), level))
+    losses = [alarm.figures["reason"] for alarm in alarms(made)]
+    is_toppling = isinstance(hover, Toppling)
+    assert [loss.code for loss in losses] == [Ending.TOPPLED_AT_LANDING] * is_toppling
