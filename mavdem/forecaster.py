@@ -1,4 +1,4 @@
-"""The interface of all models that forecast a flight, DEM's and those it is compared with.
+"""Interface of all models that forecast a flight: by Dynamic Expectation Maximization (DEM), and by other methods.
 
 Symbols of the shapes: T training samples, H forecast samples, r inputs (motor outputs), m outputs (angle and rate).
 """

@@ -109,7 +109,7 @@ class _ErrorSums:
 
     @classmethod
     def zero(cls, output_count: int) -> Self:
-        """Returns the sums over no prediction, of so many outputs."""
+        """Returns the sums before any prediction was compared, for predictions of ``output_count`` outputs."""
         return cls(
             squares=[0.0] * output_count,
             baseline_squares=[0.0] * output_count,
@@ -195,10 +195,11 @@ class LiveHistory:
             self.boot = boot
             self.timeline_offset = self.now + GAP_SECONDS - time
             self.boot_start = self.now + GAP_SECONDS
-        # A comparison with NaN is false: a time that is not known yet does not hold up a timeline that begins.
-        has_passed = time + self.timeline_offset <= self.now
-        if not has_passed:
-            self.now = time + self.timeline_offset
+        timeline_time = time + self.timeline_offset
+        # Comparisons with NaN are false: so a timeline without a time yet takes any time.
+        would_go_back = timeline_time <= self.now
+        if not would_go_back:
+            self.now = timeline_time
 
     def add_voltages(self, voltages: Mapping[int, float]) -> None:
         """Adds the voltage of each battery at the present time of the timeline; the same time once only.
@@ -228,8 +229,8 @@ class LiveHistory:
     ) -> None:
         """Adds a row, and compares it with the predictions that were made of it.
 
-        First the earlier predictions of this time are scored, then the row is kept, or skipped where the history is
-        full (``MAX_ROWS``), and at last the new predictions of its estimate begin to wait for their time.
+        The earlier predictions for this time are scored, the row is kept, and the new predictions of its estimate begin
+        to wait for their time.
 
         Args:
             segment: number of the row's segment; it changes at gaps, across which nothing is compared.
@@ -251,17 +252,25 @@ class LiveHistory:
         if estimate is not None:
             torque = estimate.wind_torque
             torque_band = estimate.wind_torque_band
-        self._row_count += 1
-        if self._row_count % self._stride == 0:
-            angle_columns = (segment, time, output_values[0], predicted_angle, predicted_band)
-            self._rows.append(array("d", (*angle_columns, torque, torque_band, *further_values)))
-            # A full history halves its resolution over the whole flight, and keeps it from then on.
-            if len(self._rows) > MAX_ROWS:
-                self._rows = self._rows[::2]
-                self._stride *= 2
+        angle_columns = (segment, time, output_values[0], predicted_angle, predicted_band)
+        self._keep_row(array("d", (*angle_columns, torque, torque_band, *further_values)))
         if estimate is not None:
             self._extend_learned_interval(time, is_new_segment=is_new_segment)
             self._remember_predictions(time, output_values, estimate)
+
+    def _keep_row(self, row: "array[float]") -> None:
+        """Keeps a row, or skips it: a full history halves its resolution over the whole flight, and from then on.
+
+        Args:
+            row: values of the columns of ``table``.
+        """
+        self._row_count += 1
+        if self._row_count % self._stride != 0:
+            return
+        self._rows.append(row)
+        if len(self._rows) > MAX_ROWS:
+            self._rows = self._rows[::2]
+            self._stride *= 2
 
     def _extend_learned_interval(self, time: float, *, is_new_segment: bool) -> None:
         """Extends the latest interval of learned samples by one sample, or begins another interval.

@@ -9,6 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from mavdem.arrays import Array, Indices
 from mavdem.containers import Numbers
 from mavdem.dataset import motor_outputs
 from mavdem.dataset.motor_outputs import MotorOutputs
@@ -63,7 +64,7 @@ class MotorInputs:
 
 
 class InputSelector:
-    """Selects the motors among the output channels, by the last seconds and by each channel's extremes in this boot.
+    """Finds out which output channels drive the motors, by the last seconds and each channel's extremes in this boot.
 
     The extremes show which channels move, and on which scale, also while they do not change.
     """
@@ -139,13 +140,10 @@ class InputSelector:
         return MotorInputs(recent, tuple(channels))
 
     def _columns(self, name: str, port: int, stream: SampleStream) -> Fields:
-        """Returns the outputs of one port as the columns that a log would have, and updates the port's extremes.
+        """Returns the outputs of one port as the columns that a log would have.
 
-        The rules for logs find the motors by which channels move, and over which range. The last seconds alone may not
-        show that, as in a steady hover. So for each channel the samples with its lowest and its highest output since
-        boot are kept as well: its extremes. The table has R rows: first the extremes of earlier calls, then the latest
-        samples; of a fast stream only every second, third … sample, so that no call takes long. The new extremes are
-        picked from these R rows, at most two for each channel, so that the memory is bounded.
+        They have R rows: first the samples with the extremes of each channel since boot, then the latest samples; of a
+        fast stream only every second, third … sample, so that no call takes long.
 
         Args:
             name: name of the message.
@@ -162,13 +160,7 @@ class InputSelector:
         rows += zip(stream.time[::stride], stream.values[::stride], strict=True)
         times, values = zip(*rows, strict=True)
         table = np.array(values, float)
-        # Autopilots send 0 for a channel without an output yet: it is no lowest value.
-        is_output = (table != 0) & np.isfinite(table)
-        lowest = np.where(is_output, table, inf).argmin(axis=0)
-        highest = np.where(is_output, table, -inf).argmax(axis=0)
-        # One sample often is the extreme of several channels; ``union1d`` keeps it once, in the order of the rows.
-        self._extremes[name, port] = [rows[row] for row in np.union1d(lowest, highest)]
-
+        self._extremes[name, port] = [rows[row] for row in _rows_with_extremes(table)]
         columns = {"time": np.array(times), "boot": np.full(len(rows), self._boot)}
         layout = MOTOR_MESSAGES[name]
         if not layout.is_ported:
@@ -179,3 +171,22 @@ class InputSelector:
             columns[layout.field.format(number)] = channel_values
         columns["port"] = np.full(len(rows), port)
         return columns
+
+
+def _rows_with_extremes(table: Array) -> Indices:
+    """Returns the rows in which any channel has its lowest or its highest output.
+
+    The rules for logs find the motors by which channels move, and over which range. The last seconds alone may not show
+    that, as in a steady hover, so that these samples are kept since boot: at most two for each channel.
+
+    Args:
+        table: (R, channels) outputs.
+
+    Returns:
+        The rows, ascending; each of them once, even if it is the extreme of several channels.
+    """
+    # Autopilots send 0 for a channel without an output yet: it is no lowest value.
+    is_output = (table != 0) & np.isfinite(table)
+    lowest_rows = np.where(is_output, table, inf).argmin(axis=0)
+    highest_rows = np.where(is_output, table, -inf).argmax(axis=0)
+    return np.union1d(lowest_rows, highest_rows)

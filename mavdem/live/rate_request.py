@@ -162,7 +162,7 @@ class ArrivalRates:
 
 @dataclass
 class _MessageInterval:
-    """The interval between two messages of one kind: what is requested, and what has become of the request."""
+    """The interval between two messages of one name: what is requested, and what has become of the request."""
 
     message_id: int
     name: str
@@ -212,6 +212,20 @@ class _MessageInterval:
 
     is_absent: bool = False
     """Whether the message did not come at all, although it was requested, or was refused."""
+
+    def allow_new_settings(self) -> None:
+        """Allows the interval to be set again at once, since the vehicle may have rebooted and forgotten it."""
+        self.set_count = 0
+        self.was_reached = False
+        self.may_be_forgotten = self.may_have_changed
+        self.request_time = NEVER
+        self.needed_rate = MIN_RATE_RATIO * self.rate
+
+    def leave_as_it_is(self) -> None:
+        """Ends all settings of the interval, which the vehicle has refused to change."""
+        # A rate of 0 always suffices, so that the message is never set again.
+        self.needed_rate = 0.0
+        self.may_have_changed = False
 
 
 class RateRequest:
@@ -493,11 +507,10 @@ class RateRequest:
                 interval.request_time = NEVER
 
     def _take_confirmation(self, result: int) -> None:
-        """Takes the vehicle's result of setting an interval (COMMAND_ACK).
+        """Takes the vehicle's result of setting an interval (COMMAND_ACK), which does not name the message.
 
-        A COMMAND_ACK does not name the message that was set. While rates are requested, one setting at a time is under
-        way, so the result is that of the latest one. When they are restored, results come in the order of the commands.
-        A message whose setting is refused is left as it is.
+        While rates are requested, one setting at a time is under way, so the result is that of the latest one. When
+        they are restored, results come in the order of the commands.
 
         Args:
             result: a MAV_RESULT.
@@ -505,15 +518,15 @@ class RateRequest:
         is_accepted = result == mavlink_constant("MAV_RESULT_ACCEPTED")
         if self._is_restoring:
             if self.unconfirmed:
-                self.unconfirmed.popleft().is_restored = is_accepted
+                restored_interval = self.unconfirmed.popleft()
+                restored_interval.is_restored = is_accepted
             return
         # The next setting need not wait for this one's confirmation any more.
         self._next_setting_time = NEVER
         latest_interval = max(self._intervals, key=lambda interval: interval.request_time)
-        if not is_accepted and latest_interval.set_count:
-            # A rate of 0 always suffices, so that the message is never set again.
-            latest_interval.needed_rate = 0.0
-            latest_interval.may_have_changed = False
+        was_set = latest_interval.set_count > 0
+        if was_set and not is_accepted:
+            latest_interval.leave_as_it_is()
             self._report(latest_interval, RateFact.RATE_REFUSED, result=result)
             if not latest_interval.was_received:
                 self._report_absence(latest_interval)
@@ -521,16 +534,13 @@ class RateRequest:
     def restart(self) -> None:
         """Allows all rates to be requested again at once: the vehicle may have rebooted, and forgotten them.
 
-        The intervals that are to be restored stay as they were noted first. It is reported if any rate was set before.
+        The vehicle's own intervals, which are to be restored at the end, stay as they were noted first. If any rate was
+        set before, it is reported that rates are requested again.
         """
         if any(interval.may_have_changed for interval in self._intervals):
             self.events.append(Fact(RateFact.RATES_ASKED_AGAIN))
         for interval in self._intervals:
-            interval.set_count = 0
-            interval.was_reached = False
-            interval.may_be_forgotten = interval.may_have_changed
-            interval.request_time = NEVER
-            interval.needed_rate = MIN_RATE_RATIO * interval.rate
+            interval.allow_new_settings()
 
     def restoring_frames(self) -> list[bytes]:
         """Returns the frames that restore each interval which may have changed and is not confirmed as restored.

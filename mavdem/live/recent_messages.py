@@ -46,10 +46,10 @@ class RecentMessages:
         self.changes = Counter[str]()
 
     def add(self, name: str, time: float, values: Numbers) -> None:
-        """Adds a message; of more than ``MAX_ROWS`` with its name, old ones are thinned out.
+        """Adds a message, and counts it in ``changes`` if its values differ from the message before.
 
-        Every second one of the older half goes, of each battery of BATTERY_STATUS. So the memory is bounded, and yet
-        the whole boot stays covered, the latest part of it completely.
+        Of more than ``MAX_ROWS`` messages of one name, every second one of the older half is dropped. So the memory is
+        bounded, and yet the whole boot stays covered, its latest seconds completely.
 
         Args:
             name: name of the message.
@@ -57,7 +57,8 @@ class RecentMessages:
             values: values of its ``MESSAGE_FIELDS``, in their order.
         """
         rows = self.rows.setdefault(name, [])
-        if not rows or not _are_equal(rows[-1].values, values):
+        has_changed = not rows or not _are_equal(rows[-1].values, values)
+        if has_changed:
             self.changes[name] += 1
         rows.append(TimedValues(time, values))
         if len(rows) > MAX_ROWS:

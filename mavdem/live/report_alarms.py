@@ -62,7 +62,7 @@ class ReportAlarms:
         )
 
     def update(self, reports: Sequence[Fact], now: float) -> None:
-        """Notes which faults are reported still or again, and drops the alarms on those that no longer are.
+        """Notes which faults are reported still or again, and drops the alarms on faults that no longer are.
 
         Args:
             reports: all reports of the last minute, with repetitions merged.
@@ -70,16 +70,29 @@ class ReportAlarms:
         """
         for report in reports:
             if report.code in self._reports:
-                # The end of a text is the time at which it came last.
-                time = now if is_lasting_state(report) else report.end_time or report.start_time
-                self._report_times[report.code] = max(self._report_times[report.code], time)
+                former_time = self._report_times[report.code]
+                self._report_times[report.code] = max(former_time, _latest_time(report, now))
         for code, report in list(self._reports.items()):
-            if not report.is_bad and now - self._report_times[code] > REPEAT_SECONDS:
+            seconds_without_report = now - self._report_times[code]
+            # A bad fault stays an alarm until the flight ends.
+            if not report.is_bad and seconds_without_report > REPEAT_SECONDS:
                 del self._reports[code]
 
     def end_flight(self) -> None:
         """Drops all alarms, after a landing or before a take-off."""
         self._reports.clear()
+
+
+def _latest_time(report: Fact, now: float) -> float:
+    """Returns when a fault was reported last, s of the boot clock: now, if it is a state that lasts.
+
+    Args:
+        report: the text of a message, whose end is the time at which it came last, or the interval of a state.
+        now: present time on the boot clock, s.
+    """
+    if is_lasting_state(report):
+        return now
+    return report.end_time or report.start_time
 
 
 def is_lasting_state(report: Fact) -> bool:

@@ -291,8 +291,7 @@ def value_at(
     """Returns the values of a stream at a point of the grid.
 
     A stream whose samples lie on the grid gives the sample at the point. If that one is lost, and for other streams,
-    the value is interpolated or low-passed, for which samples must have come as far beyond the point as the
-    interpolation or the filter reaches.
+    the value is interpolated or low-passed.
 
     Args:
         stream: samples, at least one.
@@ -304,20 +303,39 @@ def value_at(
         The values; None as long as later samples may change them.
     """
     last_time = stream.time[-1]
-    if sampling.keeps_samples:
-        # Stamps are rounded to ``STAMP_RESOLUTION``. Where grid points are at least three such units apart, a stamp up
-        # to one unit before the point is its sample; on finer grids a later stamp may be nearer, and is waited for.
-        needed_time = time
-        if dt >= 3 * resampling.STAMP_RESOLUTION:
-            needed_time = time - resampling.STAMP_RESOLUTION
-        if last_time >= needed_time:
-            nearest = stream.nearest(time)
-            if nearest is not None:
-                return nearest
-    needed_time = time - STAMP_ROUNDING
-    if len(sampling.weights) > 1:
-        # The response of the low-pass filter reaches ``FILTER_EDGE_STEPS`` steps beyond the point.
-        needed_time = time + (resampling.FILTER_EDGE_STEPS * dt - resampling.STAMP_RESOLUTION)
-    if last_time < needed_time:
+    if sampling.keeps_samples and last_time >= _needed_time_of_sample(time, dt):
+        nearest = stream.nearest(time)
+        if nearest is not None:
+            return nearest
+    if last_time < _needed_time_of_sum(time, dt, has_low_pass=len(sampling.weights) > 1):
         return None
     return stream.weighted_sum(time, sampling.weights, sampling.offsets)
+
+
+def _needed_time_of_sample(time: float, dt: float) -> float:
+    """Returns the time, s, that the latest stamp must have reached so that the sample nearest to a point is certain.
+
+    Stamps are rounded to ``STAMP_RESOLUTION``. If grid points are at least three such units apart, a stamp up to one
+    unit before the point is its sample; on finer grids a later stamp may be nearer, and is waited for.
+
+    Args:
+        time: the point, s of the boot clock.
+        dt: step of the grid, s.
+    """
+    if dt >= 3 * resampling.STAMP_RESOLUTION:
+        return time - resampling.STAMP_RESOLUTION
+    return time
+
+
+def _needed_time_of_sum(time: float, dt: float, *, has_low_pass: bool) -> float:
+    """Returns the time, s, that the latest stamp must have reached so that the value at a point is certain.
+
+    Args:
+        time: the point, s of the boot clock.
+        dt: step of the grid, s.
+        has_low_pass: whether samples are low-passed, and not interpolated: the response of the filter reaches
+            ``FILTER_EDGE_STEPS`` steps beyond the point.
+    """
+    if has_low_pass:
+        return time + (resampling.FILTER_EDGE_STEPS * dt - resampling.STAMP_RESOLUTION)
+    return time - STAMP_ROUNDING

@@ -261,25 +261,19 @@ class VehicleSelector:
     def followed_parameters(self) -> Parameters:
         """The followed vehicle's parameters received so far, by name; also those that MAVProxy stores for it.
 
-        MAVProxy answers requests itself, as another component of the same system, with what it has read before. What
-        the vehicle has sent itself comes first. The mapping stays the same object until another parameter comes.
+        MAVProxy answers requests itself, as another component of the same system, with the parameters that it has read
+        before. The mapping stays the same object until another parameter comes.
         """
         vehicle = self.followed
         if vehicle is None:
             return {}
         store = self.components.get((vehicle.system, PARAMETER_STORE_COMPONENT))
-        # The decoded values are kept until what they depend on changes.
+        # Decoding takes long, so that it is only done again when one of these has changed.
         store_version = 0 if store is None else store.parameters_version
         source = (vehicle.name, vehicle.autopilot, vehicle.parameters_version, store_version)
         if source != self._decoded_from:
-            messages: dict[bytes, Message] = {}
-            if store is not None:
-                messages.update(store.parameters)
-            messages.update(vehicle.parameters)
             self._decoded_from = source
-            self._decoded_parameters = (
-                parameters_by_name(messages.values(), vehicle.autopilot) if messages else {}
-            )
+            self._decoded_parameters = _decoded_parameters(vehicle, store)
         return self._decoded_parameters
 
     def __iter__(self) -> Iterator[Component]:
@@ -391,3 +385,18 @@ class VehicleSelector:
         self._report(
             Fact(VehicleFact.OTHER_VEHICLE, subject=sender.description, name=followed.name)
         )
+
+
+def _decoded_parameters(vehicle: Component, store: Component | None) -> Parameters:
+    """Returns the parameters of a vehicle by name, from its own messages and from those of a store.
+
+    Args:
+        vehicle: the vehicle.
+        store: component that sends parameters of the vehicle as it read them before; what the vehicle has sent itself
+            replaces them. None without one.
+    """
+    messages: dict[bytes, Message] = {}
+    if store is not None:
+        messages.update(store.parameters)
+    messages.update(vehicle.parameters)
+    return parameters_by_name(messages.values(), vehicle.autopilot) if messages else {}
