@@ -178,8 +178,10 @@ def disturbance_of_states(
     rotors: Array,
     air: Array,
 ) -> Disturbance:
-    """Computes what disturbs a vehicle in N states in the air, all at once.
+    """Computes the disturbing force and moment on a vehicle for N states at once, in the air.
 
+    The disturbance is everything but the weight and the rotors' thrust and torque in still air, such as drag. The
+    equations are the ones that the simulation integrates, called with arrays of N values in the place of numbers.
     ``tests/scenarios/test_body.py`` compares the result with a computation of one state after another.
 
     Args:
@@ -195,7 +197,7 @@ def disturbance_of_states(
         (N, 3) forces, NED, N, and (N, 3) moments in body axes, N m.
     """
     flat_dynamics = _flat_dynamics(vehicle, condition, np.sqrt)
-    # Columns of N values take the place of the numbers of one state.
+    # ``values`` are twelve arrays (N,), of which the slices FORCE and MOMENT are three each.
     values = flat_dynamics(attitude.T, velocity.T, rates.T, rotors.T, air.T)
     return Disturbance(np.column_stack(values[FORCE]), np.column_stack(values[MOMENT]))
 
@@ -357,38 +359,41 @@ def steps_in(cycle: float, max_step: float) -> int:
     return ceil(cycle / max_step - 1e-9)
 
 
-class LagFactors(NamedTuple):
-    """What a first-order lag leaves of a deviation from the settled value, as a fraction of it, during a step."""
+class DecayFactors(NamedTuple):
+    """Fractions that remain of the deviation of a rotor speed from its settled value, which decays as exp(−t/τ)."""
 
     mean: float
-    """Mean over the step."""
+    """Mean over a step of the simulation."""
     end: float
     """At the end of the step."""
 
 
 @cache
-def _lag_factors(time_constant: float, step: float) -> LagFactors:
-    """Returns what a lag leaves of a deviation during a step, by its exact solution exp(−t/τ).
+def _decay_factors(time_constant: float, step: float) -> DecayFactors:
+    """Returns how much of a deviation remains on average over a step, and at its end, by exponential decay.
+
+    The decay exp(−t/τ) is the exact solution of a first-order lag. Its mean over a step h is (1 − exp(−h/τ)) τ/h.
 
     Args:
         time_constant: τ, s; 0 without a lag.
-        step: Length of the step, s.
+        step: Length h of the step, s.
 
     Returns:
-        The fractions; 0 without a lag.
+        Mean and final fraction; both are 0 without a lag.
     """
     if not time_constant:
-        return LagFactors(0.0, 0.0)
+        return DecayFactors(0.0, 0.0)
     end = exp(-step / time_constant)
-    return LagFactors((1.0 - end) * time_constant / step, end)
+    mean = (1.0 - end) * time_constant / step
+    return DecayFactors(mean, end)
 
 
-class RotorLagFactors(NamedTuple):
-    """What the lags of rotors leave of deviations during a step."""
+class RotorDecayFactors(NamedTuple):
+    """Fractions that remain of deviations of rotor speeds during a step."""
 
-    rise: LagFactors
+    rise: DecayFactors
     """Of rotors that speed up."""
-    fall: LagFactors
+    fall: DecayFactors
     """Of rotors that slow down."""
 
 
@@ -470,7 +475,7 @@ class Body:
         step = self._cycle / steps
         half = step / 2
         quarter = half / 2
-        lag_factors = self._lag_factors(step)
+        decay_factors = self._decay_factors(step)
         (north, east, down), (north_speed, east_speed, down_speed), (w, x, y, z), (p, q, r) = state[
             :4
         ]
@@ -478,7 +483,7 @@ class Body:
         north_change, east_change, down_change = state.accelerations.linear
         p_change, q_change, r_change = state.accelerations.angular
         for _ in range(steps):
-            mean_rotors, rotors = _lagged_speeds(rotors, settled_speeds, lag_factors)
+            mean_rotors, rotors = _lagged_speeds(rotors, settled_speeds, decay_factors)
             # The attitude at the middle: it turns during half of the step with the mean rates of that half, to first
             # order (``rotated``).
             half_roll = quarter * (p + quarter * p_change)
@@ -551,17 +556,17 @@ class Body:
         Returns:
             Rotor speeds (n,), rad/s.
         """
-        _, speeds = _lagged_speeds(rotors, settled_speeds, self._lag_factors(self._cycle))
+        _, speeds = _lagged_speeds(rotors, settled_speeds, self._decay_factors(self._cycle))
         return tuple(speeds)
 
-    def _lag_factors(self, step: float) -> RotorLagFactors:
+    def _decay_factors(self, step: float) -> RotorDecayFactors:
         """Returns what the rotors' lags leave of deviations during a step, s."""
         rise_lag, fall_lag = self._airframe.rotor_lags
-        return RotorLagFactors(_lag_factors(rise_lag, step), _lag_factors(fall_lag, step))
+        return RotorDecayFactors(_decay_factors(rise_lag, step), _decay_factors(fall_lag, step))
 
 
 def _lagged_speeds(
-    speeds: Sequence[float], settled_speeds: Vector4, factors: RotorLagFactors
+    speeds: Sequence[float], settled_speeds: Vector4, factors: RotorDecayFactors
 ) -> tuple[Sequence[float], Sequence[float]]:
     """Returns mean and final rotor speeds of a step, by the exact solution of their first-order lag.
 

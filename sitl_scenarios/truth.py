@@ -459,31 +459,35 @@ def margins(frequency: Array, loop: Complex) -> Array:
 
 
 def _loop_figures(frequency: Array, loop: Complex) -> Mapping[str, Array]:
-    """Returns the figures of one open loop, of the shape (1,) each, by name.
+    """Returns crossover and stability margins of one open loop by name, as ``OpenLoop`` computes them.
 
     Args:
         frequency: Frequencies in Hz, (N,).
         loop: Open-loop response, (N,).
+
+    Returns:
+        Arrays (1,) by name: Hz, degrees, dB, or without unit.
     """
+    # ``OpenLoop`` holds the responses of several plants, (plants, N): here there is one.
     response = loop[None]
     complementary_sensitivity = response / (1 + response)
-    # The margins follow from the open loop; the closed responses of the record only have to be there.
+    # It needs two closed-loop responses, too, on which the margins do not depend.
     return OpenLoop(
         frequency, response, complementary_sensitivity, complementary_sensitivity
     ).figures
 
 
-class HoverPart(NamedTuple):
-    """Part of a flight's hover in which the vehicle's condition does not change."""
+class HoverPhase(NamedTuple):
+    """Time of the hover before all damage, or after all damage, in which the vehicle's condition does not change."""
 
-    rows: Flags
-    """(N,) the rows of the flight that belong to it."""
+    is_in_phase: Flags
+    """(N,) whether each row of the flight belongs to it."""
     condition: Damage
     """Condition of the vehicle."""
 
 
 def _motor_effects(scenario: Scenario, motion: Motion) -> dict[str, Array]:
-    """Returns the effects of the motors on the three axes, before and after damage.
+    """Returns the effect of each motor on roll, pitch and yaw in the hover, before and after the vehicle's damage.
 
     Args:
         scenario: Scenario of the flight.
@@ -491,27 +495,27 @@ def _motor_effects(scenario: Scenario, motion: Motion) -> dict[str, Array]:
 
     Returns:
         Angular accelerations by each motor's output, rad/s² per µs, (4,) each, by name. ``roll_effect``,
-        ``pitch_effect`` and ``yaw_effect`` are those in the hover before all damage, and ``roll_effect_weak`` and so on
-        those after all damage. If the vehicle was damaged during the whole hover, its only effects have the first
+        ``pitch_effect`` and ``yaw_effect`` belong to the hover before all damage, and ``roll_effect_weak`` and so on to
+        the hover after all damage. If the vehicle was damaged during the whole hover, its only effects have the first
         names. A flight without hover has none.
     """
+    vehicle = scenario.vehicle
     is_hover = motion.landed_state == IN_AIR
-    sound_motors = sound_condition(airframe(scenario.vehicle).rotors)
-    # A vehicle without damage is sound forever.
-    history = damage_history(scenario) or [DamageStep(np.inf, sound_motors)]
-    first_damage_time = BOOT_SECONDS + history[0].time
-    last_damage = history[-1]
-    is_before = motion.time < first_damage_time
+    sound = sound_condition(airframe(vehicle).rotors)
+    # The damage of a sound vehicle never begins.
+    history = damage_history(scenario) or [DamageStep(np.inf, sound)]
+    first_damage, last_damage = history[0], history[-1]
+    is_before = motion.time < BOOT_SECONDS + first_damage.time
     is_after = motion.time >= BOOT_SECONDS + last_damage.time
-    before = HoverPart(is_hover & is_before, sound_motors)
-    after = HoverPart(is_hover & is_after, last_damage.damage)
-    flown_parts = [part for part in (before, after) if part.rows.any()]
+    before = HoverPhase(is_hover & is_before, sound)
+    after = HoverPhase(is_hover & is_after, last_damage.damage)
+    flown_phases = [phase for phase in (before, after) if phase.is_in_phase.any()]
     arrays: dict[str, Array] = {}
-    # There are at most as many parts as suffixes.
-    for part, suffix in zip(flown_parts, ("", "_weak"), strict=False):
-        effects = _mean_motor_effects(scenario.vehicle, motion[part.rows], part.condition)
-        for name, effect in zip(AXES, effects, strict=True):
-            arrays[f"{name}_effect{suffix}"] = effect
+    for number, phase in enumerate(flown_phases):
+        suffix = "" if number == 0 else "_weak"
+        effects = _mean_motor_effects(vehicle, motion[phase.is_in_phase], phase.condition)
+        for axis, effect in zip(AXES, effects, strict=True):
+            arrays[f"{axis}_effect{suffix}"] = effect
     return arrays
 
 

@@ -26,17 +26,17 @@ class Autopilot:
     """Name in scenarios."""
     number: int
     """Its MAV_AUTOPILOT."""
-    fast: tuple[str, ...]
+    full_rate_messages: tuple[str, ...]
     """Messages that are sent at the scenario's rate."""
-    quarter: tuple[str, ...]
+    quarter_rate_messages: tuple[str, ...]
     """Messages that are sent at a quarter of the scenario's rate."""
-    slow: Mapping[str, float]
+    fixed_rates: Mapping[str, float]
     """Rates of the other messages, Hz by name; 0 for a message that is sent only on request."""
     groups: Mapping[int, tuple[str, ...]]
     """Messages by MAV_DATA_STREAM; empty for an autopilot that does not obey REQUEST_DATA_STREAM."""
     interval_step: float
     """Step of the intervals between messages, s: each is a whole number of it."""
-    apart: bool
+    staggers_streams: bool
     """Whether each stream begins a cycle after the one before, so that they do not all come at once."""
     unused: float
     """Output of channels without a motor, PWM pulse in µs."""
@@ -54,7 +54,7 @@ class Autopilot:
     def rates(
         self, rate: float, replacements: Mapping[str, float], has_instruments: bool = False
     ) -> dict[str, float]:
-        """Returns the rates of all messages that the autopilot can send.
+        """Returns the rates at which the autopilot sends its messages when it boots, before any request.
 
         Args:
             rate: Rate of attitude and motor outputs, Hz.
@@ -67,9 +67,9 @@ class Autopilot:
         Raises:
             ValueError: A replacement names a message that the autopilot does not send.
         """
-        usual = dict.fromkeys(self.fast, rate)
-        usual |= dict.fromkeys(self.quarter, rate / 4)
-        usual |= self.slow
+        usual = dict.fromkeys(self.full_rate_messages, rate)
+        usual |= dict.fromkeys(self.quarter_rate_messages, rate / 4)
+        usual |= self.fixed_rates
         if has_instruments:
             usual |= self.instruments
         for name in replacements:

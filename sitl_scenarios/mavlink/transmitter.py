@@ -75,7 +75,7 @@ class Schedule:
         for number, (name, rate) in enumerate(usual_rates.items()):
             interval = 1 / rate if rate else np.inf
             first = start
-            if autopilot.apart:
+            if autopilot.staggers_streams:
                 first = start + number * cycle
             self.set(name, interval, first)
 
@@ -101,11 +101,13 @@ class Schedule:
         return self._streams[name].interval
 
     def send_next(self, name: str, now: float) -> None:
-        """Sends a message once in the next cycle, as the command REQUEST_MESSAGE does; a stream goes on from there.
+        """Lets a message be sent in the next cycle, as the command REQUEST_MESSAGE does.
+
+        If the message is sent at intervals, the intervals count from then on; otherwise it is sent once.
 
         Args:
             name: Name of the message.
-            now: Time, s.
+            now: Time of the request, s.
         """
         interval = self.interval(name)
         if np.isfinite(interval):
@@ -273,25 +275,24 @@ class Transmitter:
     def _fault_events(self) -> Iterator[_FaultEvent]:
         """Yields the faults of the scenario that change clock, schedule or rates of its autopilot, in any order.
 
-        An event has its time, s after arming, and a function of the time on the motion's clock that triggers it.
-
         Yields:
-            The events; the second ground station's are repeated until the end of the scenario.
+            Time of each fault, s after arming, with the method that lets it happen. A second ground station's requests
+            are repeated until the end of the scenario.
         """
         faults = self._scenario.faults
         if faults.mavproxy_rate:
             # A second ground station, MAVProxy, keeps asking for its own rate of all streams.
             end = total_seconds(self._scenario)
             for time in np.arange(0.0, end, MAVPROXY_SECONDS).tolist():
-                yield _FaultEvent(time, self._set_all_streams)
+                yield _FaultEvent(time, self._set_mavproxy_rates)
         if isinstance(self._scenario.mishap, Restart):
             yield _FaultEvent(self._scenario.mishap.start, self._restart_by_watchdog)
         if faults.reboot is not None:
-            yield _FaultEvent(faults.reboot, lambda now: self._boot(now, now + REBOOT_SECONDS))
+            yield _FaultEvent(faults.reboot, self._reboot)
         if faults.clock_jump is not None:
             yield _FaultEvent(faults.clock_jump, self._jump_clock)
 
-    def _set_all_streams(self, _: float) -> None:
+    def _set_mavproxy_rates(self, _: float) -> None:
         """Sets all groups of messages to MAVProxy's rate, as its requests by REQUEST_DATA_STREAM do.
 
         Messages that belong to no group keep their rates. A message whose interval hardly changes keeps its schedule,
@@ -308,14 +309,18 @@ class Transmitter:
                 if change >= self.autopilot.interval_step:
                     self.schedule.set(name, requested_interval, self.clock)
 
+    def _reboot(self, now: float) -> None:
+        """Boots the autopilot again at a time of the motion, s; it sends messages after ``REBOOT_SECONDS``."""
+        self._boot(now, now + REBOOT_SECONDS)
+
     def _restart_by_watchdog(self, now: float) -> None:
         """Boots the autopilot again in flight, and sends the text with the reason of the reboot."""
-        self._boot(now, now + REBOOT_SECONDS)
+        self._reboot(now)
         # MAV_SEVERITY_CRITICAL
         self.send_once("STATUSTEXT", severity=2, text=WATCHDOG_TEXT[:50].encode())
 
     def _jump_clock(self, _: float) -> None:
-        """Moves the boot clock ahead, as that of a paused simulator."""
+        """Moves the boot clock ahead, as a simulator does that was paused."""
         self._boot_time -= self._scenario.faults.clock_jump_seconds
 
     def _boot(self, boot: float, first: float) -> None:

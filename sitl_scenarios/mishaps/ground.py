@@ -53,7 +53,7 @@ TOPPLE_IMPACT = 35.0
 
 @dataclass
 class GroundContact:
-    """A vehicle on the ground that does not stand on its feet: its lean over time about a horizontal axis."""
+    """A vehicle that tips over or lies on the ground: its lean over time about a horizontal axis."""
 
     heading: Quaternion
     """Attitude of the vehicle without its lean."""
@@ -68,7 +68,7 @@ class GroundContact:
     is_toppling: bool = False
     """Whether it tips over from its feet, rather than having hit the ground."""
     impact: float = 0.0
-    """What the ground's blow adds to the accelerometers, m/s²."""
+    """Acceleration by the impact on the ground, which accelerometers measure besides, m/s²."""
 
     @property
     def has_settled(self) -> bool:
@@ -185,7 +185,7 @@ def impact(state: State) -> GroundContact:
 
 
 def topple(state: State, bearing: float) -> GroundContact:
-    """Starts the contact of a vehicle that tips over from its feet.
+    """Begins the motion of a vehicle that tips over from its feet about a horizontal axis.
 
     Args:
         state: A vehicle that stands on the ground.
@@ -200,10 +200,11 @@ def topple(state: State, bearing: float) -> GroundContact:
     # forward is to rotate about the axis to the left.
     angle = radians(bearing)
     axis_forward, axis_right = sin(angle), -cos(angle)
-    rows = rotation_matrix(heading)
+    # North and east components of the forward and right body axes.
+    (forward_north, right_north, _), (forward_east, right_east, _), _ = rotation_matrix(heading)
     axis = (
-        rows[0][0] * axis_forward + rows[0][1] * axis_right,
-        rows[1][0] * axis_forward + rows[1][1] * axis_right,
+        forward_north * axis_forward + right_north * axis_right,
+        forward_east * axis_forward + right_east * axis_right,
     )
     lean, rate = TOPPLE_START
     return GroundContact(

@@ -15,7 +15,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from threading import Thread
@@ -294,11 +294,11 @@ def table_row(run: LiveRun, rate: float) -> dict[str, object]:
         Numbers in the units that the headers state, or counts; "first model" is the text of the line, or "none".
     """
     usages = [use for use in run.usages if run.sender_start <= use.time <= run.sender_end]
-    seconds = usages[-1].time - usages[0].time
-    share = (usages[-1].processor - usages[0].processor) / seconds
+    first, last = usages[0], usages[-1]
+    core_share = (last.processor - first.processor) / (last.time - first.time)
     document: dict[str, dict[str, float]] = run.document  # type: ignore[assignment]
     latency = document["latency"]
-    # Lines begin with the time of day and that of the vehicle's clock.
+    # The text of the line follows the time of day and the time of the vehicle's clock.
     first_models = [
         line[line.index("First model") :] for _, line in run.lines if "First model" in line
     ]
@@ -307,7 +307,7 @@ def table_row(run: LiveRun, rate: float) -> dict[str, object]:
         "rows": sum(document["samples"].values()),
         "latest sample, s": latency["max"],
         "p99, ms": 1e3 * latency["p99"],
-        "core, %": 100 * share,
+        "core, %": 100 * core_share,
         "processor in all, s": max(use.processor for use in run.usages),
         "memory, MB": max(use.memory for use in run.usages),
         "frames lost": document["lost"],
@@ -329,7 +329,10 @@ def table_row(run: LiveRun, rate: float) -> dict[str, object]:
     help="Checkout of the repository whose live session is measured.",
 )
 def main(rates: tuple[float, ...], share: float, python: str, checkout: Path) -> None:
-    """Prints a row for each rate.
+    """Measures a live session at each message rate on a share of one core, and prints a row of costs for each rate.
+
+    The share is the quota of a Linux control group. Where none can be made, busy processes on the same core leave the
+    session that share.
 
     Args:
         rates: rates of attitude and motors, Hz.
@@ -339,31 +342,29 @@ def main(rates: tuple[float, ...], share: float, python: str, checkout: Path) ->
     """
     core = max(os.sched_getaffinity(0))
     load = os.getloadavg()[0]
-    rows = []
-    if share >= 1:
-        print(f"One core, no limit; load before: {load:.1f}.")
-        for rate in rates:
-            rows.append(table_row(live_run(rate, python, checkout, core, None), rate))
-    else:
-        with control_group(share) as group:
+    with ExitStack() as stack:
+        group = None
+        if share >= 1:
+            print(f"One core, no limit; load before: {load:.1f}.")
+        else:
+            group = stack.enter_context(control_group(share))
             if group is not None:
-                print(
-                    f"One core, limited to {share:.0%} by {group.parent}; load before: {load:.1f}."
-                )
-                for rate in rates:
-                    rows.append(table_row(live_run(rate, python, checkout, core, group), rate))
+                limit = f"limited to {share:.0%} by {group.parent}"
+                print(f"One core, {limit}; load before: {load:.1f}.")
             else:
                 print(f"One core with a load beside it that leaves {share:.0%}.")
-                with background_load(core, share):
-                    for rate in rates:
-                        rows.append(table_row(live_run(rate, python, checkout, core, None), rate))
+                stack.enter_context(background_load(core, share))
+        rows = []
+        for rate in rates:
+            run = live_run(rate, python, checkout, core, group)
+            rows.append(table_row(run, rate))
     header = list(rows[0])
     cells = [[_cell(value) for value in row.values()] for row in rows]
     print("\n" + markdown([Table(header, cells)]))
 
 
 def _cell(value: object) -> str:
-    """Returns a figure of the table with three digits that count."""
+    """Returns the text of a cell: a float with three significant digits."""
     return f"{value:,.3g}" if isinstance(value, float) else str(value)
 
 

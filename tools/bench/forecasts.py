@@ -1,5 +1,5 @@
 #!/usr/bin/env python
-"""Errors of forecasts on recorded flights, relative to the constant mean; prints a table by flight and a summary.
+"""Errors of forecasts on recorded flights, relative to a forecast of the constant mean; prints a table by flight.
 
 A window is 7 s to learn from and 1.5 s to forecast at every rate. The error ratio is the squared forecast error over
 that of the constant mean; the table has the median over windows. Below is the report of `mavdem compare` beside joint
@@ -45,19 +45,21 @@ def evenly_chosen_windows(name: str, flight: mavdem.Flight, max_count: int | Non
 
 
 def table_by_flight(comparison: Comparison) -> Table:
-    """Returns a table with a row for each flight, on the forecasts of this library, the method "ours".
+    """Summarises the forecasts of mavdem, the method "ours", by flight.
 
     Args:
         comparison: errors of all methods on all windows.
 
     Returns:
-        The table with ``COLUMNS``; the error ratios are without unit, shares are from 0 to 1.
+        A row for each flight with the ``COLUMNS``; the error ratios are without unit, shares are from 0 to 1.
     """
     rows = []
     for flight in comparison.flights:
-        (summary,) = (row for row in comparison.summaries(flight) if row["method"] == "ours")
+        summaries = {summary["method"]: summary for summary in comparison.summaries(flight)}
+        summary = summaries["ours"]
+        # ``worse_than_constant`` is the number of windows with a larger error than the constant mean.
         share_below_1 = 1 - summary["worse_than_constant"] / summary["windows"]
-        # The last horizon is the whole forecast. It has no share where there is no band.
+        # The last horizon is the whole forecast. It has no share if the method gives no band.
         share_in_band = summary["horizons"][-1]["inside"]
         if share_in_band is None:
             share_in_band = np.nan
@@ -84,11 +86,11 @@ def table_by_flight(comparison: Comparison) -> Table:
 @click.option("--preset", type=click.Choice(["real", "paper"]), default="real", show_default=True)
 @click.option("--settings", default="{}", help='Changes to the preset, such as {"order": 2}.')
 def main(max_windows: int | None, preset: str, settings: str) -> None:
-    """Forecasts windows of all recorded flights, and prints the errors by flight and a comparison with joint VARs.
+    """Forecasts windows of all recorded flights, and prints errors by flight and a comparison with joint VAR models.
 
     Args:
         max_windows: number of windows of a flight at most; all if None.
-        preset: settings of DEM to begin with, "real" or "paper".
+        preset: settings of DEM to begin with: "real" for recorded flights, "paper" for the paper's.
         settings: changes to these settings, as a JSON object.
     """
     base = mavdem.Settings.paper() if preset == "paper" else mavdem.Settings()

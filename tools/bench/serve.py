@@ -43,6 +43,9 @@ os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 PATIENCE_SECONDS = 600.0
 """Longest time until an uploaded log has its page, s."""
 
+KILL_CLIENTS = 4
+"""Clients that upload logs at once to the server that is killed."""
+
 REQUESTS = 30
 """Requests of each page of a large library."""
 
@@ -322,33 +325,44 @@ def kill_command(log: Path, times: int) -> None:
     with the digests of the acknowledged ones.
     """
     content = log.read_bytes()
-    chance = random.Random(1)
-    acknowledged = set()
-
-    def upload(server: Served, number: int) -> None:
-        """Uploads a log of its own, and notes its digest if the server acknowledges it (201 Created)."""
-        body = distinct_log(content, number)
-        with suppress(requests.RequestException):
-            if server.upload(f"{number}.tlog", body) == 201:
-                acknowledged.add(hashlib.sha256(body).hexdigest())
-
+    random_numbers = random.Random(1)
+    acknowledged_digests: set[str] = set()
     with TemporaryDirectory() as folder:
         for number in range(times):
-            with running_server(folder) as server, ThreadPoolExecutor(4) as clients:
-                for client in range(4):
-                    clients.submit(upload, server, 4 * number + client)
+            with running_server(folder) as server, ThreadPoolExecutor(KILL_CLIENTS) as clients:
+                for client in range(KILL_CLIENTS):
+                    name = f"{KILL_CLIENTS * number + client}.tlog"
+                    body = distinct_log(content, KILL_CLIENTS * number + client)
+                    clients.submit(_upload_and_note, server, name, body, acknowledged_digests)
                 # By turns the server is killed within the uploads, and after them, while it reads the logs.
-                time.sleep(chance.uniform(0.0, 3.0 if number % 2 else 0.05))
+                longest_wait = 3.0 if number % 2 else 0.05
+                time.sleep(random_numbers.uniform(0.0, longest_wait))
                 server.process.kill()
         with running_server(folder) as server:
             server.wait_for(server.flights()["total"])
-        stored = {path.name for path in Path(folder, "logs").iterdir()}
+        stored_digests = {path.name for path in Path(folder, "logs").iterdir()}
     report(
         [
-            ["uploads that were acknowledged", str(len(acknowledged))],
-            ["of them lost", str(len(acknowledged - stored))],
+            ["uploads that were acknowledged", str(len(acknowledged_digests))],
+            ["of them lost", str(len(acknowledged_digests - stored_digests))],
         ]
     )
+
+
+def _upload_and_note(
+    server: Served, name: str, body: bytes, acknowledged_digests: set[str]
+) -> None:
+    """Uploads a log, and adds its digest to the acknowledged ones if the server answers that it has stored it.
+
+    Args:
+        server: the server, which may be killed meanwhile.
+        name: file name of the log.
+        body: bytes of the log.
+        acknowledged_digests: SHA-256 digests of all logs that the server has acknowledged with 201 Created.
+    """
+    with suppress(requests.RequestException):
+        if server.upload(name, body) == 201:
+            acknowledged_digests.add(hashlib.sha256(body).hexdigest())
 
 
 if __name__ == "__main__":

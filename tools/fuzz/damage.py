@@ -169,12 +169,12 @@ DAMAGES: tuple[Damage, ...] = (
 )
 """All kinds of damage."""
 
-TIMELESS_DAMAGES = (cut_off, flipped, with_hole, overwritten, repeated)
-"""Those that change no sound stamp, and bring in none of another time."""
+DAMAGES_WITHOUT_NEW_TIMES = (cut_off, flipped, with_hole, overwritten, repeated)
+"""Damages that bring in no time stamp of another time: the log must not seem longer after them."""
 
 
-class Figures(NamedTuple):
-    """What damage must not increase."""
+class LogExtent(NamedTuple):
+    """Number of boots and duration of a log, which damage must not increase."""
 
     boots: int
     """Number of boots of all vehicles."""
@@ -183,50 +183,52 @@ class Figures(NamedTuple):
     """Longest time from the first message to the last in a boot, s."""
 
 
-def figures_of(log: Log) -> Figures:
+def extent_of(log: Log) -> LogExtent:
     """Returns the number of boots of a log, and the longest time that messages of one name span in one boot.
 
     Args:
         log: the log; all its messages are decoded.
 
     Returns:
-        The number, and the time, s.
+        The largest values of all messages of all vehicles.
     """
-    boots = 0
-    duration = 0.0
+    most_boots = 0
+    longest_duration = 0.0
     for vehicle in log.vehicles:
         for columns in vehicle.messages.values():
-            boots = max(boots, len(np.unique(columns["boot"])))
-            for boot in np.unique(columns["boot"]).tolist():
-                duration = max(duration, float(np.ptp(columns["time"][columns["boot"] == boot])))
-    return Figures(boots, duration)
+            boots = np.unique(columns["boot"])
+            most_boots = max(most_boots, len(boots))
+            for boot in boots.tolist():
+                times = columns["time"][columns["boot"] == boot]
+                longest_duration = max(longest_duration, float(np.ptp(times)))
+    return LogExtent(most_boots, longest_duration)
 
 
 class Attempt(NamedTuple):
-    """What came of one file."""
+    """Result of one run of the reader or of a command on a file."""
 
     seconds: float
     """Processor time, s."""
 
     failure: str
-    """What was wrong; empty where nothing was."""
+    """What went wrong; empty if nothing did."""
 
-    figures: Figures | None
-    """Boots and duration; None where the log was refused, or not read here."""
+    extent: LogExtent | None
+    """Boots and duration of the log; None if it was refused, or a command was run."""
 
 
 def attempt(path: Path, command: str) -> Attempt:
-    """Runs the reader or a command on a file, and records time, failure and figures.
+    """Runs the reader or a command on a file, and records its time, its failure and the extent of the log.
+
+    Refusing a damaged log in one line is no failure. Any other exception is one, and so is a message of an internal
+    error, or output of the reader, which is to print nothing.
 
     Args:
         path: path of the file.
         command: "read" for the reader alone, otherwise a command of mavdem.
-
-    Returns:
-        Processor time, what went wrong, and for "read" the figures of the log, if it could be read.
     """
     failure = ""
-    figures = None
+    extent = None
     start = time.process_time()
     output = io.StringIO()
     # Commands leave their results in the folder where they run.
@@ -237,7 +239,7 @@ def attempt(path: Path, command: str) -> Attempt:
     ):
         try:
             if command == "read":
-                figures = figures_of(read_log(path))
+                extent = extent_of(read_log(path))
             elif command == "convert":
                 mavdem_main(["convert", str(path), str(path.with_name("converted.csv"))])
             elif command == "review":
@@ -249,14 +251,18 @@ def attempt(path: Path, command: str) -> Attempt:
                 failure = f"several lines: {error}"
         except Exception:
             failure = traceback.format_exc()
-    if "should not have happened" in output.getvalue() or "Traceback" in output.getvalue():
-        failure = output.getvalue()
-    elif command == "read" and output.getvalue():
-        failure = f"prints: {output.getvalue()}"
-    return Attempt(time.process_time() - start, failure, figures)
+    printed = output.getvalue()
+    # The command line catches internal errors, and says of them that they should not have happened.
+    if "should not have happened" in printed or "Traceback" in printed:
+        failure = printed
+    elif command == "read" and printed:
+        failure = f"prints: {printed}"
+    return Attempt(time.process_time() - start, failure, extent)
 
 
-def failure_by_damage(damaged: Attempt, sound: Attempt, limit: float, *, is_timeless: bool) -> str:
+def failure_by_damage(
+    damaged: Attempt, sound: Attempt, limit: float, *, must_not_be_longer: bool
+) -> str:
     """Describes what is wrong with the way in which a damaged log was read, compared with the sound log.
 
     An error, much more processor time, or a log that seems longer than the sound one is wrong.
@@ -265,19 +271,19 @@ def failure_by_damage(damaged: Attempt, sound: Attempt, limit: float, *, is_time
         damaged: the attempt with the damaged log.
         sound: the attempt with the sound log.
         limit: seconds of processor time that damage may add.
-        is_timeless: whether the damage cannot have brought in stamps of another time; only then are lengths compared.
+        must_not_be_longer: whether to compare boots and duration, since the damage brings in no stamps of other times.
 
     Returns:
-        The failure as text; empty where nothing is wrong.
+        The failure as text; empty if nothing is wrong.
     """
     if damaged.failure:
         return damaged.failure
     if damaged.seconds > sound.seconds + limit:
         return f"takes {damaged.seconds:.1f} s, {sound.seconds:.1f} s when sound"
-    if is_timeless and damaged.figures and sound.figures:
-        lasts_longer = damaged.figures.duration > sound.figures.duration + MAX_ADDED_SECONDS
-        if lasts_longer or damaged.figures.boots > sound.figures.boots:
-            return f"{damaged.figures}, sound {sound.figures}"
+    if must_not_be_longer and damaged.extent and sound.extent:
+        lasts_longer = damaged.extent.duration > sound.extent.duration + MAX_ADDED_SECONDS
+        if lasts_longer or damaged.extent.boots > sound.extent.boots:
+            return f"{damaged.extent}, sound {sound.extent}"
     return ""
 
 
@@ -288,37 +294,34 @@ class DamagedLog(NamedTuple):
     """Bytes of the copy."""
 
     ending: str
-    """Ending under which it is given, which may belong to another format."""
+    """Ending of its file name, by which the reader chooses a format; it may belong to another format."""
 
-    name: str
+    damage_name: str
     """Name of the damage."""
 
-    is_timeless: bool
-    """Whether the damage cannot have brought in stamps of another time."""
+    must_not_be_longer: bool
+    """Whether the damage brings in no time stamps of another time, so that the log must not seem longer."""
 
 
 def damaged_log(log: Path, contents: Mapping[Path, bytes], chance: random.Random) -> DamagedLog:
-    """Damages a log in a random way.
+    """Damages a log in a random way, and may give it correct checksums or the ending of another format.
 
     Args:
         log: path of the sound log.
-        contents: bytes of all sound logs, parts of which may get into the damaged one.
+        contents: bytes of all sound logs; bytes of another one may get into the damaged one.
         chance: source of random numbers.
-
-    Returns:
-        The damaged bytes, with the ending of the file, the name of the damage, and whether it is one of
-        ``TIMELESS_DAMAGES``.
     """
     damage = chance.choice(DAMAGES)
     other_content = contents[chance.choice(list(contents))]
     content = damage(contents[log], chance, other_content)
-    is_timeless = damage in TIMELESS_DAMAGES
+    must_not_be_longer = damage in DAMAGES_WITHOUT_NEW_TIMES
     if log.suffix == ".tlog" and chance.random() < CHECKSUMS_SHARE:
+        # With correct checksums, damaged time stamps are read.
         content = with_checksums(bytearray(content))
-        is_timeless = False
+        must_not_be_longer = False
     has_other_ending = chance.random() < OTHER_ENDING_SHARE
     ending = chance.choice(OTHER_ENDINGS) if has_other_ending else log.suffix
-    return DamagedLog(content, ending, damage.__name__, is_timeless)
+    return DamagedLog(content, ending, damage.__name__, must_not_be_longer)
 
 
 @click.command(help=__doc__)
@@ -350,18 +353,22 @@ def main(
     for log, content in contents.items():
         sound_copy = keep / log.name
         sound_copy.write_bytes(content)
-        sound = attempt(sound_copy, command)
+        sound_attempt = attempt(sound_copy, command)
         for number in range(count):
             chance = random.Random(f"{seed} {number} {log.name}")
             damaged = damaged_log(log, contents, chance)
             path = keep / f"{log.stem[:20]} {number}{damaged.ending}"
             path.write_bytes(damaged.content)
             failure = failure_by_damage(
-                attempt(path, command), sound, limit, is_timeless=damaged.is_timeless
+                attempt(path, command),
+                sound_attempt,
+                limit,
+                must_not_be_longer=damaged.must_not_be_longer,
             )
             if failure:
                 failures += 1
-                print(f"--- {path}, {damaged.name}\n{failure[-SHOWN_CHARACTERS:]}", flush=True)
+                shown_failure = failure[-SHOWN_CHARACTERS:]
+                print(f"--- {path}, {damaged.damage_name}\n{shown_failure}", flush=True)
             else:
                 path.unlink()
     print(f"{failures} failures of {count * len(logs)}")

@@ -23,6 +23,7 @@ import io
 import tempfile
 import warnings
 from collections.abc import Iterator
+from functools import partial
 from pathlib import Path
 
 import atheris
@@ -86,16 +87,18 @@ def main(kind: str, arguments: tuple[str, ...]) -> None:
 
     Args:
         kind: format of the logs.
-        arguments: folder of the corpus, which gets first logs if need be, and options of libFuzzer.
+        arguments: folder of the corpus (the inputs that the fuzzer has found so far), and options of libFuzzer; or one
+            file whose failure is repeated. The corpus of telemetry logs begins with short logs that are written here.
     """
     warnings.simplefilter("ignore")
-    # Words without a dash are folders, the first of which takes new inputs, or one file whose failure is repeated.
-    folders = [Path(argument) for argument in arguments if not argument.startswith("-")]
-    if kind == "tlog" and folders and not folders[0].is_file():
-        folders[0].mkdir(parents=True, exist_ok=True)
+    # Options begin with a dash.
+    paths = [Path(argument) for argument in arguments if not argument.startswith("-")]
+    if kind == "tlog" and paths and not paths[0].is_file():
+        corpus = paths[0]
+        corpus.mkdir(parents=True, exist_ok=True)
         for number, content in enumerate(pieces()):
-            (folders[0] / f"seed_{number}").write_bytes(content)
-    atheris.Setup([__file__, *arguments], lambda content: check(kind, content))
+            (corpus / f"seed_{number}").write_bytes(content)
+    atheris.Setup([__file__, *arguments], partial(check, kind))
     atheris.Fuzz()
 
 

@@ -15,6 +15,7 @@ import re
 import shlex
 import subprocess
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -140,7 +141,9 @@ def output_of(command: str) -> str:
 
 
 def without_padding(text: str) -> str:
-    """Returns Markdown whose tables have no spaces beside their bars, so that no bar counts as a word of the page.
+    """Returns Markdown whose tables have no spaces beside their bars.
+
+    The number of words of the documentation is limited, and a bar between spaces would count as a word.
 
     Args:
         text: Markdown, in which every line that begins with a bar is one of a table.
@@ -160,48 +163,55 @@ def current_commit() -> str:
     return f"{commit} with changes" if changes else commit
 
 
-def write_tables(text: str) -> int:
-    """Runs the commands that contain a text, and writes what they print and what follows from it into the pages.
+def write_tables(command_part: str) -> int:
+    """Runs commands anew and writes their output into the pages, and then what is computed from the pages themselves.
 
     Args:
-        text: part of the commands to run.
+        command_part: text by which commands are chosen: only those that contain it are run, all if it is empty.
 
     Returns:
         The exit code of cog: 0 unless a command failed or a table was changed by hand.
     """
-    commit = current_commit()
+    new_table = partial(_new_table, command_part, current_commit())
+    return run_cog(new_table, ["-r"]) or write_summaries()
 
-    def print_block(command: str, previous: str) -> str:
-        """Returns the new content of a block; the previous one if its command is not to be run."""
-        if text not in command:
-            return previous
-        click.echo(command, err=True)
-        return f"`{command}`, at `{commit}`:\n\n{without_padding(output_of(command))}\n"
 
-    return run_cog(print_block, ["-r"]) or write_summaries()
+def _new_table(command_part: str, commit: str, command: str, previous: str) -> str:
+    """Runs a command, and returns the text of its block in Markdown; the previous one if it is not chosen.
+
+    Args:
+        command_part: text that a command must contain to be run.
+        commit: abbreviated commit of the repository.
+        command: the command of the block.
+        previous: text of the block in the page.
+    """
+    if command_part not in command:
+        return previous
+    click.echo(command, err=True)
+    return f"`{command}`, at `{commit}`:\n\n{without_padding(output_of(command))}\n"
 
 
 def write_summaries() -> int:
-    """Writes the blocks that follow from the pages anew, and returns the exit code of cog."""
+    """Computes the counts of claims and the list of pages anew, and returns the exit code of cog."""
     return run_cog(_previous_table, ["-r"])
 
 
 def is_inconsistent() -> bool:
-    """Returns whether a block was changed by hand, or a summary does not follow from its page."""
+    """Returns whether a table was changed by hand, or the counts of claims or the list do not follow from the pages."""
     return run_cog(_previous_table, ["--check"]) != 0
 
 
 def _previous_table(_command: str, previous: str) -> str:
-    """Returns the content of a block as it stands in the page."""
+    """Returns the text of a block as it stands in the page: its command is not run."""
     return previous
 
 
-def run_cog(print_block: Callable[[str, str], str], options: list[str]) -> int:
-    """Runs cog over the pages.
+def run_cog(table_text: Callable[[str, str], str], options: list[str]) -> int:
+    """Runs cog over the pages: it replaces the text below each of its comments by what the Python code in it prints.
 
     Args:
-        print_block: function of the command of a table and its previous content that returns its new content.
-        options: options of cog that say what happens to the pages.
+        table_text: function that returns the text of a table, given its command and its text in the page.
+        options: options of cog: "-r" to write the pages, "--check" to compare them only.
 
     Returns:
         The exit code of cog.
@@ -210,12 +220,13 @@ def run_cog(print_block: Callable[[str, str], str], options: list[str]) -> int:
     generator: Any = cog.cogmodule
 
     def printed(command: str) -> None:
-        """Prints the content of a block; the pages call it."""
-        generator.out(print_block(command, generator.previous))
+        """Prints the text of a table; pages call it with the command of the table."""
+        generator.out(table_text(command, generator.previous))
 
     def claims() -> None:
-        """Prints how many claims of the page are reproduced; the page calls it."""
-        generator.outl(claim_counts(Path(generator.inFile).read_text(encoding="utf-8")))
+        """Prints how many claims of the page are reproduced; the page of a paper calls it."""
+        page = Path(generator.inFile)
+        generator.outl(claim_counts(page.read_text(encoding="utf-8")))
 
     def pages() -> None:
         """Prints the list of the pages; the index calls it."""
@@ -226,22 +237,23 @@ def run_cog(print_block: Callable[[str, str], str], options: list[str]) -> int:
 
 
 @click.command(help=__doc__)
-@click.argument("text", default="")
+@click.argument("command_part", metavar="[TEXT]", default="")
 @click.option("--list", "only_list", is_flag=True, help="Print the commands; run nothing.")
 @click.option("--summaries", is_flag=True, help="Write what follows from the pages; run nothing.")
-def main(text: str, only_list: bool, summaries: bool) -> None:
+def main(command_part: str, only_list: bool, summaries: bool) -> None:
     """Writes the tables of docs/evidence anew, or prints the list of the commands that make them.
 
     Args:
-        text: part of the commands to run; all commands if it is empty.
+        command_part: text in the commands to run; all commands if it is empty.
         only_list: whether to print the commands and to run none.
-        summaries: whether to write only what follows from the pages themselves.
+        summaries: whether to run no command, and to write only the counts of claims and the list of pages anew.
     """
     if only_list:
         for table in measured_tables():
             click.echo(f"{table.page.name}, at {table.commit}: {table.command}")
         return
-    if (write_summaries() if summaries else write_tables(text)) != 0:
+    exit_code = write_summaries() if summaries else write_tables(command_part)
+    if exit_code != 0:
         raise SystemExit(1)
 
 

@@ -1,5 +1,5 @@
 #!/usr/bin/env python
-"""Step responses measured on simulated flights, compared with the true ones; prints a row for each flight.
+"""Step responses of the roll loops that are measured on simulated flights, compared with the true step responses.
 
 Vehicles, gains, autopilots, winds, manoeuvres and rates are drawn by the flight's number. The truth is that of
 ``sitl_scenarios.truth``: the controller, hold, rotors, body and delay, linearised. The rate loop of roll is identified
@@ -11,7 +11,6 @@ Usage: tools/validation/step_response.py [--flights N] [--first N] [--rate HZ] [
 
 from contextlib import suppress
 from functools import partial
-from typing import Any
 
 import numpy as np
 from flights import (
@@ -25,6 +24,7 @@ from flights import (
 )
 from numpy.random import default_rng
 
+from mavdem.arrays import Array
 from mavdem.assessment.axis.loops import loop_of_axis
 from mavdem.assessment.flights import settled_flight
 from mavdem.dataset.signals import Signals
@@ -33,6 +33,7 @@ from mavdem.facts import Fact
 from mavdem.ingest.mavlink.vehicles import assemble
 from mavdem.loops.axis_loops import Loop
 from mavdem.loops.identified_step import step_from_frequency_response
+from mavdem.loops.margins import Complex
 from mavdem.loops.step_response import attitude_step_response, rate_step_response
 from sitl_scenarios.mavlink.transmitter import recorded_stream
 from sitl_scenarios.motion import Motion
@@ -53,9 +54,10 @@ def evaluate_flight(number: int, rate: float) -> list[Values]:
         rate: rate of the messages, Hz; 0 for the one that is drawn with the flight.
 
     Returns:
-        A row for the rate loop and one for the attitude loop: "inside" is the share of times at which the 90 % interval
-        contains the true step response, "peak" the largest gain over frequency, and overshoots are in percent of the
-        step. A response that is not known has the reason, "why not".
+        A row for the rate loop and one for the attitude loop: "inside" is the percentage of times at which the 90 %
+        interval contains the true step response, "at 0 s" the measured response at once; the measured "overshoot" and
+        the "true" one are in percent of the step; "peak" and "true peak" are the largest gains over frequency. If a
+        response cannot be measured, the row has the reason, "why not".
     """
     rng = default_rng([SEED, number])
     values = draw_values(TABLES["step_response"], rng) | {"seed": number}
@@ -68,11 +70,11 @@ def evaluate_flight(number: int, rate: float) -> list[Values]:
     loop: Loop | None = None
     with suppress(NotLearnable):
         loop = loop_of_axis(signals, log)
-    settled_parts = settled_flight(signals)
-    frequency, responses = true_closed_loops(scenario, motion)
+    settled_segments = settled_flight(signals)
+    frequency, true_responses = true_closed_loops(scenario, motion)
     measured_responses = {
-        "rate": rate_step_response(signals, settled_parts, loop),
-        "attitude": attitude_step_response(signals, settled_parts),
+        "rate": rate_step_response(signals, settled_segments, loop),
+        "attitude": attitude_step_response(signals, settled_segments),
     }
     rows = []
     for name, measured in measured_responses.items():
@@ -80,7 +82,7 @@ def evaluate_flight(number: int, rate: float) -> list[Values]:
         if isinstance(measured, Fact):
             row["why not"] = measured.code.name
         else:
-            true_response = responses[name]
+            true_response = true_responses[name]
             true_step = step_from_frequency_response(frequency, true_response, measured.time)
             is_inside = abs(true_step - measured.step) <= measured.step_half
             row["inside, %"] = 100 * is_inside.mean()
@@ -93,7 +95,7 @@ def evaluate_flight(number: int, rate: float) -> list[Values]:
     return rows
 
 
-def true_closed_loops(scenario: Scenario, motion: Motion) -> tuple[Any, dict[str, Any]]:
+def true_closed_loops(scenario: Scenario, motion: Motion) -> tuple[Array, dict[str, Complex]]:
     """Returns the true frequency responses of the closed loops of roll, from setpoint to rate or angle.
 
     The attitude controller commands a rate of K times the angle error. The open attitude loop is therefore
@@ -101,14 +103,14 @@ def true_closed_loops(scenario: Scenario, motion: Motion) -> tuple[Any, dict[str
 
     Args:
         scenario: the simulated flight.
-        motion: what the vehicle did.
+        motion: the motion of that flight.
 
     Returns:
         Frequencies (F,), Hz, and the complex responses (F,) of the "rate" and of the "attitude" loop.
     """
-    truths = truth(scenario, motion)
-    frequency = truths["loop_frequency"]
-    attitude_open_loop = truths["roll_attitude_loop"]
+    true_arrays = truth(scenario, motion)
+    frequency = true_arrays["loop_frequency"]
+    attitude_open_loop = true_arrays["roll_attitude_loop"]
     attitude_gain = controller_for(scenario).attitude_gains[0]
     rate_closed_loop = attitude_open_loop * 2j * np.pi * frequency / attitude_gain
     attitude_closed_loop = attitude_open_loop / (1 + attitude_open_loop)
@@ -131,16 +133,13 @@ def main(flights: int, first: int, rate: float, jobs: int) -> None:
     evaluate = partial(evaluate_flight, rate=rate)
     all_rows = evaluate_flights(evaluate, range(first, first + flights), jobs)
     for loop, rows in all_rows.groupby("loop"):
+        # Rows without a measured response have no true one either.
         measured_rows = rows.dropna(subset="true")
         overshoot_errors = (measured_rows["overshoot, %"] - measured_rows["true"]).abs()
-        inside_text = f"inside {measured_rows['inside, %'].mean():.0f} %"
-        median_and_max = (
-            f"{overshoot_errors.median():.1f} points (median), {overshoot_errors.max():.1f} at most"
-        )
-        within_3_points = f"{(overshoot_errors <= 3).sum()} within 3"
         summary = (
-            f"{len(measured_rows)} of {flights}: {inside_text}, overshoot off by {median_and_max}, "
-            f"{within_3_points}."
+            f"{len(measured_rows)} of {flights}: inside {measured_rows['inside, %'].mean():.0f} %, "
+            f"overshoot off by {overshoot_errors.median():.1f} points (median), "
+            f"{overshoot_errors.max():.1f} at most, {(overshoot_errors <= 3).sum()} within 3."
         )
         print_table(f"The {loop} of roll", rows.drop(columns="loop"), summary)
 

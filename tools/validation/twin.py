@@ -1,5 +1,5 @@
 #!/usr/bin/env python
-"""Oscillation of a vehicle with larger gains, as its twin from a calm flight predicts it, and in truth; prints a table.
+"""Oscillation that a simulated twin, learned from a calm flight, predicts for larger gains, compared with the true one.
 
 Simulated vehicles are drawn with lags, delays, gyro filters, autopilots and rates of the log; their rate loops have a
 gain margin of 9 dB in the flight that is learned from. Then both are flown with 3.2 times P, I and D of roll and pitch,
@@ -12,7 +12,7 @@ import re
 from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import click
 import numpy as np
@@ -58,6 +58,9 @@ LINE_HALF_WIDTH = 1.5
 WINDOW_SECONDS = 2.5
 """Length of the windows of the spectra, s, which resolve 0.4 Hz: a choice."""
 
+HOVER_START, HOVER_END = 8.0, 16.0
+"""Times of the recording, s, between which the vehicle of :func:`in_hover` is certain to hover."""
+
 GYRO_FILTER_PARAMETERS = {"ardupilot": "INS_GYRO_FILTER", "px4": "IMU_GYRO_CUTOFF"}
 """Parameter of the gyro's low-pass, by autopilot."""
 
@@ -65,8 +68,8 @@ GYRO_FILTER_PARAMETERS = {"ardupilot": "INS_GYRO_FILTER", "px4": "IMU_GYRO_CUTOF
 def random_scenario(seed: int, number: int) -> Scenario:
     """Draws a vehicle for a flight with all axes excited, with gains for a gain margin of ``FLIGHT_GAIN_MARGIN``.
 
-    The gain margin is proportional to one over the gains of the rate loop. So the vehicle hovers once with the gains
-    that it has, and the excess of its margin, dB, becomes the factor on its gains.
+    The gain margin is inversely proportional to the gains of the rate loop. So the margin of a hover with the
+    autopilot's usual gains is computed first; by how much it exceeds the wanted margin, dB, is the factor on the gains.
 
     Args:
         seed: seed of all vehicles.
@@ -77,15 +80,17 @@ def random_scenario(seed: int, number: int) -> Scenario:
     """
     rng = default_rng([seed, number])
     values = draw_values(TABLES["twin"], rng) | {"seed": number}
+    # flights.toml has the cut-off of the gyro's low-pass by itself; in a scenario it is a parameter of the autopilot.
+    cutoff_parameter = GYRO_FILTER_PARAMETERS[values["stream"]["autopilot"]]
+    values["vehicle"]["parameters"] = {cutoff_parameter: values.pop("cutoff")}
+    # What is not drawn is as in this scenario, which excites all axes.
     defaults = load("iris_identification").model_dump(mode="json")
-    name = GYRO_FILTER_PARAMETERS[values["stream"]["autopilot"]]
-    values["vehicle"]["parameters"] = {name: values.pop("cutoff")}
     sections = {key: defaults[key] | values[key] for key in ("vehicle", "sensors", "stream")}
     scenario = scenario_from_values(defaults | values | sections)
     hover = in_hover(scenario, 1.0)
     _crossover, _phase_margin, gain_margin, _ms = truth(hover, fly(hover))["roll_rate_margins"]
-    excess = gain_margin - FLIGHT_GAIN_MARGIN
-    return with_gains(scenario, 10 ** (excess / 20))
+    excess_margin = gain_margin - FLIGHT_GAIN_MARGIN
+    return with_gains(scenario, 10 ** (excess_margin / 20))
 
 
 def with_gains(scenario: Scenario, factor: float) -> Scenario:
@@ -112,7 +117,7 @@ def in_hover(scenario: Scenario, factor: float) -> Scenario:
 
 
 class Oscillation(NamedTuple):
-    """An oscillation of a body rate."""
+    """An oscillation of a body rate, as a line of its spectrum."""
 
     frequency: float
     """Mean frequency of its spectral line, Hz."""
@@ -121,9 +126,10 @@ class Oscillation(NamedTuple):
 
 
 def oscillation(rates: Array, dt: float) -> Oscillation:
-    """Measures the stronger oscillation of roll and pitch above ``MIN_OSCILLATION_FREQUENCY``.
+    """Measures the oscillation of the roll or pitch rate, whichever has the higher spectral peak.
 
-    The power of an axis is the median over windows of ``WINDOW_SECONDS``, so that a short disturbance does not count.
+    The spectrum of an axis is the median over windows of ``WINDOW_SECONDS``, so that a short disturbance does not
+    count. The oscillation is the line about its highest peak above ``MIN_OSCILLATION_FREQUENCY``.
 
     Args:
         rates: rates of roll and pitch (T, 2), rad/s.
@@ -155,15 +161,15 @@ def simulated_oscillation(scenario: Scenario) -> Oscillation:
     Returns:
         Frequency, Hz, and standard deviation, °/s.
     """
-    hovering = in_hover(scenario, GAIN_FACTOR)
-    motion = fly(hovering)
-    # The scenario of the hover has taken off by 8 s, and does not land before 16 s.
-    hover = (motion.time > 8) & (motion.time < 16)
-    return oscillation(motion.known_rates[hover, :2], scenario.cycle)
+    motion = fly(in_hover(scenario, GAIN_FACTOR))
+    # By then the vehicle has taken off, and it does not land before.
+    is_hover = (motion.time > HOVER_START) & (motion.time < HOVER_END)
+    roll_and_pitch_rates = motion.known_rates[is_hover, :2]
+    return oscillation(roll_and_pitch_rates, scenario.cycle)
 
 
 def recorded_oscillation(path: str) -> Oscillation:
-    """Returns the oscillation of the body rates in a log.
+    """Returns the oscillation of the body rates in a log, which are resampled at a constant step first.
 
     Args:
         path: path of the log.
@@ -172,25 +178,29 @@ def recorded_oscillation(path: str) -> Oscillation:
         Frequency, Hz, and standard deviation, °/s.
     """
     attitude = choose_vehicle(read_log(path).vehicles).messages["ATTITUDE"]
-    time, first = np.unique(attitude["time"], return_index=True)
+    time, unique_rows = np.unique(attitude["time"], return_index=True)
     step = np.median(np.diff(time))
     grid = np.arange(time[0], time[-1], step)
-    rates = [np.interp(grid, time, attitude[name][first]) for name in ("rollspeed", "pitchspeed")]
+    rates = [
+        np.interp(grid, time, attitude[field][unique_rows]) for field in ("rollspeed", "pitchspeed")
+    ]
     return oscillation(np.column_stack(rates), grid[1] - grid[0])
 
 
-def comparison_row(name: str, log: str, truth: Oscillation) -> list[Values]:
-    """Returns a row with the known oscillation of a vehicle, and the oscillation of the twin learned from its log.
+def comparison_row(name: str, log: str, true_oscillation: Oscillation) -> list[Values]:
+    """Compares the oscillation of a vehicle with larger gains with the one of its twin.
+
+    The twin is a simulated vehicle that `mavdem twin` makes from a log of a flight without oscillation.
 
     Args:
         name: name of the vehicle for the table.
-        log: path of the log that the twin is learned from.
-        truth: the known oscillation.
+        log: path of the log that the twin is made from.
+        true_oscillation: oscillation of the vehicle itself with the larger gains.
 
     Returns:
-        One row; without a twin, it has the reason under "why not".
+        One row; if no twin can be made, it has the reason under "why not".
     """
-    row = {"vehicle": name, "Hz": truth.frequency, "°/s": truth.sd}
+    row = {"vehicle": name, "Hz": true_oscillation.frequency, "°/s": true_oscillation.sd}
     with TemporaryDirectory() as folder:
         twin_file = Path(folder) / "twin.toml"
         result = CliRunner().invoke(twin_command, [log, "--out", str(twin_file)])
@@ -201,7 +211,7 @@ def comparison_row(name: str, log: str, truth: Oscillation) -> list[Values]:
 
 
 def evaluate_vehicle(number: int, seed: int) -> list[Values]:
-    """Returns the row of a simulated vehicle: its oscillation, and its twin's.
+    """Simulates a vehicle with usual and with larger gains, and compares its oscillation with the one of its twin.
 
     Args:
         number: number of the vehicle.
@@ -222,26 +232,30 @@ def evaluate_vehicle(number: int, seed: int) -> list[Values]:
 @command(__doc__, seed=0, vehicles=8)
 @click.argument("logs", nargs=-1, metavar="[LOG HOT]")
 def main(logs: tuple[str, ...], seed: int, vehicles: int, jobs: int) -> None:
-    """Prints how an oscillation of a vehicle compares with that of its twin, which is made from a flight without it.
+    """Prints the oscillations of vehicles with larger gains beside the ones that their twins predict.
 
     Args:
-        logs: a log, and another one of the same vehicle that oscillates; simulated vehicles in their place if none.
+        logs: a log, and another one of the same vehicle with larger gains, which oscillates. Without logs, simulated
+            vehicles are compared.
         seed: seed of the simulated vehicles.
         vehicles: number of the simulated vehicles.
         jobs: number of processes.
     """
     if logs:
-        log, hot = logs
-        print_table("Recorded", comparison_row(Path(log).name, log, recorded_oscillation(hot)))
+        log, oscillating_log = logs
+        true_oscillation = recorded_oscillation(oscillating_log)
+        print_table("Recorded", comparison_row(Path(log).name, log, true_oscillation))
         return
     rows = evaluate_flights(partial(evaluate_vehicle, seed=seed), range(vehicles), jobs)
-    counts = []
-    for unit, factor in (("Hz", 1.05), ("°/s", 1.5)):
-        log_ratios = np.log(rows[f"{unit} of the twin"] / rows[unit])
-        counts.append((abs(log_ratios) <= np.log(factor)).sum())
-    right_frequencies, right_sizes = counts
+    right_frequencies = _count_within_factor(rows["Hz of the twin"] / rows["Hz"], 1.05)
+    right_sizes = _count_within_factor(rows["°/s of the twin"] / rows["°/s"], 1.5)
     summary = f"{right_frequencies} within 5 % of frequency, {right_sizes} within 1.5 of size."
     print_table(f"{vehicles} vehicles, seed {seed}", rows, summary)
+
+
+def _count_within_factor(ratios: Any, factor: float) -> int:
+    """Returns how many ratios, of a column, are from 1 / ``factor`` to ``factor``."""
+    return int((abs(np.log(ratios)) <= np.log(factor)).sum())
 
 
 if __name__ == "__main__":
