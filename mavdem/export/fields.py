@@ -20,6 +20,40 @@ MAX_INSTANCE = 255
 """Largest number of an instance, a byte in MAVLink: larger numbers in such a field are codes, such as PX4's events."""
 
 
+UNSET_VALUES = {
+    ("BATTERY_STATUS", "battery_remaining"): -1,
+    ("BATTERY_STATUS", "current_battery"): -1,
+    ("BATTERY_STATUS", "current_consumed"): -1,
+    ("BATTERY_STATUS", "energy_consumed"): -1,
+    ("BATTERY_STATUS", "temperature"): 32767,
+    ("BATTERY_STATUS", "voltages"): 65535,
+    ("GLOBAL_POSITION_INT", "hdg"): 65535,
+    ("GPS2_RAW", "cog"): 65535,
+    ("GPS2_RAW", "eph"): 65535,
+    ("GPS2_RAW", "epv"): 65535,
+    ("GPS2_RAW", "satellites_visible"): 255,
+    ("GPS2_RAW", "vel"): 65535,
+    ("GPS_RAW_INT", "cog"): 65535,
+    ("GPS_RAW_INT", "eph"): 65535,
+    ("GPS_RAW_INT", "epv"): 65535,
+    ("GPS_RAW_INT", "satellites_visible"): 255,
+    ("GPS_RAW_INT", "vel"): 65535,
+    ("OBSTACLE_DISTANCE", "distances"): 65535,
+    ("RC_CHANNELS", "rssi"): 255,
+    ("RC_CHANNELS_RAW", "rssi"): 255,
+    ("SYS_STATUS", "battery_remaining"): -1,
+    ("SYS_STATUS", "current_battery"): -1,
+    ("SYS_STATUS", "voltage_battery"): 65535,
+    **{
+        (message, f"chan{channel}_raw"): 65535
+        for message in ("RC_CHANNELS", "RC_CHANNELS_RAW")
+        for channel in range(1, 19)
+    },
+}
+"""Numbers that stand for "not known" or "not there", by message and field, array fields without the element's number:
+the attribute ``invalid`` and the texts of MAVLink's common.xml. They are integers; a field of floats has NaN."""
+
+
 class MessageFields(NamedTuple):
     """What a log holds of one message type."""
 
@@ -123,9 +157,27 @@ def samples_of(
             )
         is_selected &= columns[_instance_column(columns)] == instance
     time = columns["time"][is_selected]
-    values = fields[field][is_selected].astype(float)
+    values = _with_gaps(fields[field][is_selected], message, field)
     order = np.argsort(time, kind="stable")
     return FieldSamples(time=time[order], values=values[order])
+
+
+def _with_gaps(values: Array, message: str, field: str) -> Array:
+    """Returns values as floats, NaN where an integer field has the number that stands for an unset value.
+
+    Args:
+        values: Values (N,) of the field as the log has them.
+        message: Name of the message, as MAVLink calls it.
+        field: Name of the field, such as "voltages[1]".
+
+    Returns:
+        Values (N,).
+    """
+    result = values.astype(float)
+    unset_value = UNSET_VALUES.get((message, field.partition("[")[0]))
+    if unset_value is not None and values.dtype.kind in "iu":
+        result[values == unset_value] = np.nan
+    return result
 
 
 def samples_between(samples: FieldSamples, start: float, end: float) -> FieldSamples:

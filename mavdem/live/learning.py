@@ -289,7 +289,9 @@ class FlightLearning:
             NotLearnable: there is no model; the reason says why.
         """
         if self.learner is None or (self.learned_rows and not self.has_settled):
-            raise NotLearnable(SessionFact.NO_LIVE_FLIGHT)
+            # A model of the climb alone may have been reported as the first one, but is not kept.
+            climb_only = self._climb_model is not None
+            raise NotLearnable(SessionFact.NO_LIVE_FLIGHT, climb_only=climb_only)
         self.adopt_model_before_landing(FIT_SECONDS)
         is_learned_before_landing = self.has_landed and bool(self._models)
         if not is_learned_before_landing:

@@ -28,7 +28,7 @@ from mavdem.serve.link_monitor import LinkMonitor
 from mavdem.serve.openapi import STATUS_BY_REFUSAL
 from mavdem.serve.pages import Pages
 from mavdem.serve.requests import error_values
-from mavdem.serve.rights import COOKIE_NAME, WRONG_TOKEN_DELAY, Rights
+from mavdem.serve.rights import COOKIE_NAME, Rights
 from mavdem.serve.visible_library import VisibleLibrary
 
 RETRY_HEADERS = {"Retry-After": "10"}
@@ -179,7 +179,7 @@ class Server:
                 # A page of another server must not act with the rights of this server's visitors.
                 self._rights.check_origin(request)
                 if has_wrong_secret:
-                    await asyncio.sleep(WRONG_TOKEN_DELAY)
+                    await self._rights.delay_wrong_token()
                 if inspect.iscoroutinefunction(endpoint):
                     response = await endpoint(request)
                 else:

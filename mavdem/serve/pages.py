@@ -47,7 +47,7 @@ from mavdem.serve.index import LibraryEntry
 from mavdem.serve.link_monitor import PAGE_SECONDS, LinkMonitor
 from mavdem.serve.recordings import RecordingRequests
 from mavdem.serve.requests import read_body
-from mavdem.serve.rights import COOKIE_NAME, WRONG_TOKEN_DELAY
+from mavdem.serve.rights import COOKIE_NAME
 from mavdem.serve.search import search_problems, unknown_terms
 from mavdem.serve.stored_series import read_series
 from mavdem.serve.uploads import MAX_FILES
@@ -436,7 +436,7 @@ class Pages:
         fields = parse_qs((await read_body(request)).decode(errors="replace"))
         token = fields.get("token", [""])[0].strip()
         if not self._rights.is_token(token):
-            await asyncio.sleep(WRONG_TOKEN_DELAY)
+            await self._rights.delay_wrong_token()
             raise Refusal(RefusalReason.NO_RIGHT, name=Permission.READ)
         response = RedirectResponse("/", 303)
         response.set_cookie(

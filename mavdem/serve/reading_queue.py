@@ -1,6 +1,7 @@
 """The queue of logs to be read: how many are before each log, and when it will probably have been read.
 
-How long a log takes is estimated from those that were read before: by the logs of the nearest sizes, in proportion.
+How long a log takes is estimated from those that were read before: by the logs of the nearest sizes, in proportion, and
+by how much faster or slower than such an estimate the last logs were read, which the machine's load decides.
 """
 
 import math
@@ -19,6 +20,9 @@ HISTORY_LENGTH = 200
 
 NEIGHBOURS = 5
 """Logs of the nearest sizes, of whose durations the median is taken: one odd log among them has no effect."""
+
+RECENT_LOGS = 3
+"""Logs that were read last, by which estimates follow the present speed: the median of three leaves out an odd one."""
 
 MIN_HISTORY = 3
 """Logs that must have been read before anything is estimated."""
@@ -71,7 +75,9 @@ def queue_places(library: Library) -> dict[str, QueuePlace]:
     seconds_by_size = dict[int, float]()
     if len(history) >= MIN_HISTORY:
         sizes = {size for _, size in waiting} | {entry.size for entry in reading}
-        seconds_by_size = {size: estimated_seconds(size, history) for size in sizes}
+        by_size = sorted(history)
+        slowness = recent_slowness(history)
+        seconds_by_size = {size: slowness * estimated_seconds(size, by_size) for size in sizes}
     places = dict[str, QueuePlace]()
     # Processor time of all work that is done before the next waiting log begins, s.
     seconds_before = 0.0
@@ -131,12 +137,29 @@ def estimated_seconds(size: int, history: Sequence[ReadLogSize]) -> float:
     return statistics.median(log.seconds * size / log.size for log in neighbours)
 
 
+def recent_slowness(history: Sequence[ReadLogSize]) -> float:
+    """Returns how many times as long as estimated from all logs the reading of the last ``RECENT_LOGS`` took.
+
+    It is below 1 once the load of the machine has fallen, and above 1 once it has risen.
+
+    Args:
+        history: sizes and durations of logs that were read, at least one, the latest first.
+
+    Returns:
+        The median of the ratios.
+    """
+    by_size = sorted(history)
+    return statistics.median(
+        log.seconds / estimated_seconds(log.size, by_size) for log in history[:RECENT_LOGS]
+    )
+
+
 def _reading_history(library: Library) -> list[ReadLogSize]:
-    """Returns the logs that were read last with success, in order of size."""
+    """Returns the logs that were read last with success, the latest first."""
     query = """select size, seconds from logs where ended = 'read' and size > 0 and seconds > 0
         order by rowid desc limit ?"""
     rows = library.db.execute(query, [HISTORY_LENGTH])
-    return sorted(ReadLogSize(size, seconds) for size, seconds in rows)
+    return [ReadLogSize(size, seconds) for size, seconds in rows]
 
 
 def _rounded_up(unix_time: float) -> float:

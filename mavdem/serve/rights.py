@@ -6,10 +6,11 @@ browser only reads, the key in the address that QGroundControl is given only upl
 changes flights.
 """
 
+import asyncio
 import hashlib
 import hmac
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from starlette.requests import HTTPConnection
 
@@ -27,7 +28,7 @@ KEY_DIGITS = 32
 """Hexadecimal digits of a derived key: 128 bits, which cannot be guessed."""
 
 WRONG_TOKEN_DELAY = 1.0
-"""Seconds until a request with a wrong token or key is answered, so that guessing takes long."""
+"""Seconds until a request with a wrong token or key is answered, one after another, so that guessing takes long."""
 
 LOOPBACK_HOSTS = ("127.0.0.1", "localhost", "::1", "[::1]")
 """Names of this machine as a host to listen on, and in the Host header of requests."""
@@ -47,6 +48,16 @@ class Rights:
 
     This prevents DNS rebinding, where another site's name is made to point to this machine.
     """
+    _wrong_token_lock: asyncio.Lock = field(default_factory=asyncio.Lock, compare=False)
+    """Held while a request with a wrong token or key waits: those of many connections wait one after another."""
+
+    async def delay_wrong_token(self) -> None:
+        """Waits ``WRONG_TOKEN_DELAY`` before a wrong token or key is answered, after all that already wait.
+
+        Guesses on many connections at once are therefore as slow as those on one.
+        """
+        async with self._wrong_token_lock:
+            await asyncio.sleep(WRONG_TOKEN_DELAY)
 
     def derived_key(self, use: Permission) -> str:
         """Returns the key for one use, an HMAC of its name with the token; empty without a token."""

@@ -102,6 +102,21 @@ def test_what_the_log_lacks_is_refused_with_what_it_has(telemetry):
         samples_of(telemetry, "ESC", "RPM", instance=7)
 
 
+def test_unset_values_are_gaps(telemetry):
+    # Of a battery with one cell reported, as MAVLink's definition marks the cells that are not there.
+    columns = {
+        "time": np.array([1.0, 2.0]),
+        "boot": np.zeros(2, int),
+        "voltages": np.array([[3700, 65535], [3600, 65535]], np.uint16),
+        "current_battery": np.array([-1, 200], np.int16),
+    }
+    telemetry = replace(telemetry, messages={"BATTERY_STATUS": columns})
+    assert samples_of(telemetry, "BATTERY_STATUS", "voltages[0]").values.tolist() == [3700, 3600]
+    assert np.isnan(samples_of(telemetry, "BATTERY_STATUS", "voltages[1]").values).all()
+    current = samples_of(telemetry, "BATTERY_STATUS", "current_battery").values
+    assert np.isnan(current[0]) and current[1] == 200
+
+
 def test_no_peak_is_lost_when_samples_are_thinned():
     time = np.linspace(0, 10, 1001)
     values = np.sin(time)

@@ -243,9 +243,19 @@ def test_what_is_learnt_from_is_the_flight_that_offline_reads():
 def test_why_there_is_no_model_at_the_end_is_a_fact(error, code):
     one, _, _ = session_of([])
     assert one.status.no_model_reason == Fact(VehicleFact.NO_VEHICLE_YET)
-    assert refused(one.final_model).code is SessionFact.NO_LIVE_FLIGHT
+    assert refused(one.final_model) == Fact(SessionFact.NO_LIVE_FLIGHT, climb_only=False)
     one._learning.learner = Mock(**{"learn_now.side_effect": error})
     assert refused(one.final_model).code is code
+
+
+def test_a_model_of_the_climb_alone_is_not_called_no_settled_flight():
+    one, _, _ = session_of([])
+    one._learning.learner = Mock(learned="model", follows_torque=False)
+    one._learning.learn_row(Mock(is_settled=False, time=1.0), None)
+    one._learning.learned_rows = 300
+    reason = refused(one.final_model)
+    assert reason == Fact(SessionFact.NO_LIVE_FLIGHT, climb_only=True)
+    assert "The first model was of the climb alone" in reason.sentence
 
 
 def test_why_too_little_was_learned_of_a_flight_is_the_true_reason():

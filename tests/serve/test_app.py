@@ -1,5 +1,6 @@
 """The server: uploads in Flight Review's form, the library, sharing, and what is refused."""
 
+import asyncio
 import errno
 import json
 import os
@@ -31,7 +32,7 @@ from mavdem.facts.serve import RefusalReason, Sharing, Stage, StartFailure
 from mavdem.facts.sources import SourceFact
 from mavdem.report.pages.library_page import interface_words
 from mavdem.serve import api, run, uploads
-from mavdem.serve.rights import rights_for_host
+from mavdem.serve.rights import Rights, rights_for_host
 from mavdem.serve.stored_files import refuse_full_disk
 from mavdem.serve.viewers import RecordingViewer
 
@@ -654,7 +655,7 @@ def test_the_command_serves_as_it_is_told(tmp_path, monkeypatch):
 
 
 def test_a_wrong_secret_of_any_kind_is_answered_late(guarded, monkeypatch):
-    monkeypatch.setattr("mavdem.serve.app.WRONG_TOKEN_DELAY", 0.2)
+    monkeypatch.setattr("mavdem.serve.rights.WRONG_TOKEN_DELAY", 0.2)
     guesses = (
         {"path": "/api/flights", "token": "guess"},
         {"path": "/", "Cookie": "mavdem=guess"},
@@ -670,8 +671,20 @@ def test_a_wrong_secret_of_any_kind_is_answered_late(guarded, monkeypatch):
     assert refused.status == 401 and time.monotonic() - begin >= 0.2
 
 
+def test_wrong_tokens_on_several_connections_wait_one_after_another(monkeypatch):
+    monkeypatch.setattr("mavdem.serve.rights.WRONG_TOKEN_DELAY", 0.05)
+    rights = Rights(TOKEN)
+
+    async def guess_on_four_connections():
+        await asyncio.gather(*(rights.delay_wrong_token() for _ in range(4)))
+
+    begin = time.monotonic()
+    asyncio.run(guess_on_four_connections())
+    assert time.monotonic() - begin >= 0.2
+
+
 def test_only_a_wrong_cookie_is_removed(guarded, monkeypatch):
-    monkeypatch.setattr("mavdem.serve.app.WRONG_TOKEN_DELAY", 0.0)
+    monkeypatch.setattr("mavdem.serve.rights.WRONG_TOKEN_DELAY", 0.0)
     # The right token replaces the cookie of an earlier one.
     entered = guarded.ask("POST", "/enter", f"token={TOKEN}", Cookie="mavdem=former")
     (cookie,) = entered.headers.get_all("Set-Cookie")

@@ -19,7 +19,7 @@ from mavdem.serve.field_store import FieldStore
 from mavdem.serve.index import LibraryEntry, insert_entry, new_id
 from mavdem.serve.library import Library
 from mavdem.serve.reading import ProgressFile
-from mavdem.serve.reading_queue import ReadLogSize, estimated_seconds
+from mavdem.serve.reading_queue import ReadLogSize, estimated_seconds, recent_slowness
 from mavdem.serve.rights import Rights
 from mavdem.serve.stored_files import FIRST_PLOTS, PROGRESS
 from mavdem.serve.visible_library import VisibleLibrary
@@ -39,6 +39,15 @@ def test_the_end_of_the_queue_is_estimated_from_sizes_and_durations_before():
     assert estimated_seconds(700, history) == approx(70)
     assert estimated_seconds(1, history) == approx(0.1)
     assert estimated_seconds(20, history[:1]) == approx(2)
+
+
+def test_estimated_ends_follow_the_speed_of_the_last_logs():
+    under_load = [ReadLogSize(size, 10.0 * size) for size in range(20, 60)]
+    assert recent_slowness(under_load) == approx(1)
+    since_then = [ReadLogSize(size, size) for size in (5, 70, 80)]
+    latest_first = since_then + under_load
+    by_size = sorted(latest_first)
+    assert recent_slowness(latest_first) * estimated_seconds(40, by_size) < 0.2 * 400
 
 
 @mark.slow
