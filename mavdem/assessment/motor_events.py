@@ -324,10 +324,13 @@ def _is_off(signals: Signals, motors: MotorOutputs, boot: int, commands: Array) 
     # An output of 0 means "no pulses" where pulses begin at a larger number.
     has_no_pulses = (motors.outputs[rows_of_boot(motors.boot, boot)] == 0) & (motors.scale.low > 0)
     is_off = (commands <= off_command) | has_no_pulses
-    motor_count = commands.shape[1]
-    mean_of_others = (commands.sum(axis=1, keepdims=True) - commands) / max(motor_count - 1, 1)
     idle_command = min_running_command(motors)
-    others_carry_vehicle = mean_of_others > idle_command
+    sum_of_all = commands.sum(axis=1)
+    motor_count = commands.shape[1]
+    # Motor by motor, since tables of hours of flight take much memory.
+    for motor, command in enumerate(commands.T):
+        mean_of_others = (sum_of_all - command) / max(motor_count - 1, 1)
+        is_off[:, motor] &= mean_of_others > idle_command
     # An output that never rose above idle drives no motor.
     has_run = commands.max(axis=0) > idle_command
-    return is_off & others_carry_vehicle & has_run
+    return is_off & has_run

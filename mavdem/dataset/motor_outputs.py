@@ -14,7 +14,6 @@ from mavdem.dataset.time_series import (
     TimeSeries,
     clean_series,
     float_column,
-    float_columns,
     message_counts,
     names_by_preference,
     rows_of_boot,
@@ -200,7 +199,10 @@ class ChannelOutputs(NamedTuple):
     """The outputs of all channels of an autopilot, from one message."""
 
     outputs: Array
-    """(N, k) outputs of k channels, a new array; 0 for unused channels."""
+    """(N, k) outputs of k channels, a new array; 0 for unused channels.
+
+    They have 32 bits where these hold them exactly: 32 channels of hours of flight take hundreds of megabytes.
+    """
 
     channels_per_port: int
     """How many of the channels belong to one port."""
@@ -219,11 +221,13 @@ def channel_outputs(message: str, columns: Columns, autopilot: str) -> ChannelOu
     """
     layout = MOTOR_MESSAGES[message]
     if not layout.is_ported:
-        outputs = np.atleast_2d(float_column(columns, layout.field).copy())
+        values = np.atleast_2d(columns[layout.field])
+        outputs = values.astype(np.result_type(values, np.float32))
         return ChannelOutputs(outputs, outputs.shape[1])
     # The first field is the number of the port.
     output_fields = layout.fields[1:]
-    outputs = float_columns(columns, [field for field in output_fields if field in columns])
+    values = np.column_stack([columns[field] for field in output_fields if field in columns])
+    outputs = values.astype(np.result_type(values, np.float32))
     outputs[outputs == UINT16_UNKNOWN] = 0.0
     has_all_fields = outputs.shape[1] == len(output_fields)
     has_output_beyond_8 = np.any(outputs[:, CHANNELS_PER_PORT:])
@@ -325,11 +329,15 @@ def _combined_outputs(
             outputs = _interpolated_outputs(main_port.series, port.series, outputs)
         columns.append(outputs)
     stamps = {"time": main_port.series.time, "boot": main_port.series.boot}
-    combined_series = clean_series(stamps, np.column_stack(columns))
+    combined_series = clean_series(stamps, np.column_stack(columns).astype(np.float64))
     if not len(combined_series.time):
         return Fact(UnusableOutputs.OUTPUTS_NOT_FINITE, name=telemetry.name_in_source(message))
     # The resolution is found from the outputs as sent: interpolated ones lie between the steps of the stream.
-    scale = output_scale(np.concatenate(sent_outputs), telemetry.parameters, geometry.drivers)
+    # Of hours of flight, the distinct outputs of each motor take far less memory than all of them.
+    distinct_outputs = np.concatenate([np.unique(outputs) for outputs in sent_outputs])
+    scale = output_scale(
+        distinct_outputs.astype(np.float64), telemetry.parameters, geometry.drivers
+    )
     if scale.stop == 1.0:
         # No parameter limits the motors below the full range, so a limit is inferred from the outputs.
         scale = replace(scale, stop=_observed_upper_stop(scale.fraction(combined_series.values)))

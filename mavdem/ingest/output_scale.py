@@ -47,9 +47,12 @@ class OutputScale:
             Shares of the same shape: 0 at ``low`` and for a motor that is off (an output of 0), 1 at ``high``. Some
             autopilots send less than ``low`` while disarmed; those shares are negative.
         """
-        shares = (outputs - self.low) / (self.high - self.low)
-        is_off = (outputs == 0) & (self.low > 0)
-        return np.where(is_off, 0.0, shares)
+        # Computed in place, since copies of hours of flight take much memory.
+        shares = np.asarray(outputs - self.low, np.float64)
+        shares /= self.high - self.low
+        if self.low > 0:
+            np.copyto(shares, 0.0, where=outputs == 0)
+        return shares
 
 
 MAX_NORMALISED = 1.05

@@ -11,7 +11,7 @@ from mavdem.dataset.axes import TILT_COLUMNS
 from mavdem.dataset.flight_states import min_airborne_collective
 from mavdem.dataset.signals import Signals
 from mavdem.dataset.steady_flight import attitude_tracking
-from mavdem.dataset.time_series import moving_average, series_of_boot
+from mavdem.dataset.time_series import moving_average, rows_of_boot, series_of_boot
 from mavdem.dataset.vehicle_cache import cached_per_vehicle
 
 RESPONSE_RATE = 10.0
@@ -291,12 +291,8 @@ def _gyro_agrees(signals: Signals, boot: int, times: Array) -> bool | None:
     changes = []
     differences = []
     for tilt in signals.tilts:
-        is_of_boot = tilt.boot == boot
-        time, angle, euler_rate = (
-            tilt.time[is_of_boot],
-            tilt.angle[is_of_boot],
-            tilt.euler_rate[is_of_boot],
-        )
+        rows = rows_of_boot(tilt.boot, boot)
+        time, angle, euler_rate = tilt.time[rows], tilt.angle[rows], tilt.euler_rate[rows]
         if len(time) < 2 or not _is_resolved(euler_rate):
             return None
         # Trapezoidal integral of the rate of the Euler angle, which is computed from the gyro.
