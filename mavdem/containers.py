@@ -4,7 +4,7 @@ from collections.abc import Callable, Hashable, Iterable
 from typing import Any, TypeVar
 
 Names = tuple[str, ...]
-"""Names, such as those of the columns of a table."""
+"""Names, such as the names of a table's columns."""
 
 Numbers = tuple[float, ...]
 """Floating-point numbers, in an order that the field states."""

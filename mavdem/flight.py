@@ -155,7 +155,7 @@ class Flight:
         # A frozen dataclass refuses plain assignment, also in its own constructor.
         for name, value in fields.items():
             object.__setattr__(self, name, value)
-        # The units of a flight from a log, which has a provenance, are those of its messages.
+        # The units of a flight from a log, which has a provenance, are the units of its messages.
         unit_error = None if self.provenance else suspected_unit_error(outputs, self.dt)
         if unit_error is not None:
             warn(str(unit_error), stacklevel=2)
@@ -186,7 +186,7 @@ class Flight:
             **labels: Names, units, setpoints and all other arguments of a ``Flight``.
 
         Returns:
-            The segments in order; those of a single sample are left out.
+            The segments in order, without segments of a single sample.
 
         Raises:
             ValueError: As for a ``Flight``.

@@ -23,8 +23,8 @@ class Forecaster(Protocol):
     - :meth:`simulate`: what would happen if these inputs were commanded?
 
     Rows of inputs and outputs with the same number belong to the same instant, as in a ``Flight``. The state at the end
-    of training is that of the method's own filter after all samples of the last segment. Row 0 of a forecast is one
-    sampling step after it.
+    of training is the state of the method's own filter after all samples of the last segment. Row 0 of a forecast is
+    one sampling step after it.
     """
 
     @property
@@ -62,7 +62,7 @@ class Forecaster(Protocol):
         Each prediction uses all samples before its beginning, and neither inputs nor outputs after it.
 
         Args:
-            steps: Number of samples from the beginning of one prediction to that of the next.
+            steps: Number of samples from the beginning of one prediction to the beginning of the next.
             inputs: Inputs after the training data, (H, r).
             outputs: Outputs of the same samples, (H, m).
 
@@ -91,7 +91,7 @@ class Forecaster(Protocol):
         more it is :meth:`forecast`; with 1 it is the one-step prediction.
 
         Args:
-            steps: Number of samples from the beginning of one forecast to that of the next.
+            steps: Number of samples from the beginning of one forecast to the beginning of the next.
             inputs: Inputs after the training data, (H, r).
             outputs: Outputs of the same samples, (H, m).
 

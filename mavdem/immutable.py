@@ -38,7 +38,7 @@ def freeze(value: ValueType) -> ValueType:
 
     Results are cached and shared, so that a change by one caller would change the results of all others. Arrays are set
     read-only in place, and NumPy's scalars become Python's numbers. Dictionaries are copied to a :class:`ReadOnlyDict`.
-    Tuples, named tuples and dataclasses are searched for such values; those of a dataclass, even a frozen one, are
+    Tuples, named tuples and dataclasses are searched for such values; values in a dataclass, even a frozen one, are
     replaced in place.
 
     Args:

@@ -38,7 +38,7 @@ class FormatSignature:
 
 
 COMPRESSED_ENDING = ".xz"
-"""Ending of an xz archive, behind that of the log in it."""
+"""Ending of an xz archive, behind the ending of the log in it."""
 
 FORMAT_SIGNATURES = {
     Format.TLOG: FormatSignature(b"", (".tlog",)),
@@ -86,7 +86,7 @@ def _compressed_endings() -> Names:
 
 
 UNCOMPRESSED_ENDINGS = _uncompressed_endings()
-"""Endings of the names of logs, in lower case, without those of archives."""
+"""Endings of the names of logs, in lower case, without endings of archives."""
 
 LOG_ENDINGS = UNCOMPRESSED_ENDINGS + _compressed_endings()
 """Endings of the names of files that are taken for logs where a folder is searched, in lower case."""

@@ -109,7 +109,7 @@ def keep_freed_memory() -> None:
     import ctypes
 
     mallopt = getattr(ctypes.CDLL(None), "mallopt", None)
-    # Other C libraries have no such function. The numbers are those of malloc.h.
+    # Other C libraries have no such function. The numbers are from malloc.h.
     if mallopt is not None:
         trim_threshold, mmap_threshold = -1, -3
         mallopt(trim_threshold, KEPT_FREE_BYTES)

@@ -57,7 +57,7 @@ def result_files(assessment: Assessment, recordings: Names = ()) -> Names:
 
 
 def possible_recordings() -> Names:
-    """Returns those of the ``RECORDINGS`` that can be written here: whose packages are installed."""
+    """Returns the ``RECORDINGS`` that can be written here, since their packages are installed."""
     return tuple(
         name for name in RECORDINGS if not missing_modules(EXTRAS_OF_ENDINGS[Path(name).suffix])
     )

@@ -13,15 +13,15 @@ from mavdem.loops.axis_loops import Loop
 from mavdem.loops.resonance import controller_if_known
 from mavdem.vibration.notch_filters import LINE_BAND, notch_advice
 from mavdem.vibration.spectra import Spectrum, vibration_spectra
-from mavdem.vibration.spectral_lines import LineKind, SpectralLine, find_spectral_lines
+from mavdem.vibration.spectral_lines import LineCause, SpectralLine, find_spectral_lines
 
 LINE_CODES = {
-    LineKind.MOTOR: NoiseFact.MOTOR_LINE,
-    LineKind.FRAME: NoiseFact.FRAME_LINE,
-    LineKind.ALIAS: NoiseFact.ALIASED_LINE,
-    LineKind.UNNAMED: NoiseFact.UNNAMED_LINE,
+    LineCause.MOTOR: NoiseFact.MOTOR_LINE,
+    LineCause.FRAME: NoiseFact.FRAME_LINE,
+    LineCause.ALIAS: NoiseFact.ALIASED_LINE,
+    LineCause.UNNAMED: NoiseFact.UNNAMED_LINE,
 }
-"""Codes of the facts about spectral lines, by the kind of the line."""
+"""Codes of the facts about spectral lines, by the cause of the line."""
 
 GYRO = "gyro"
 """Name of the spectrum of the gyro after its filters."""
@@ -78,7 +78,7 @@ class MeasuredNoise(NamedTuple):
             filtered: spectrum of the gyro after its filters.
         """
         for line in self.lines:
-            if line.kind is LineKind.MOTOR and line.frequency < filtered.nyquist_frequency:
+            if line.cause is LineCause.MOTOR and line.frequency < filtered.nyquist_frequency:
                 # Lower and upper end of the band about the line, Hz.
                 band = np.multiply(LINE_BAND, line.frequency)
                 remaining_share = filtered.mean_power(*band) / unfiltered.mean_power(*band)
@@ -118,7 +118,7 @@ def _line_fact(line: SpectralLine) -> Fact:
         the frequency over the frequency of the motors' rotation.
     """
     return Fact(
-        LINE_CODES[line.kind],
+        LINE_CODES[line.cause],
         frequency=line.frequency,
         ratio=line.ratio,
         harmonics=line.harmonics,

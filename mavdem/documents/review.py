@@ -374,5 +374,5 @@ def _spectrum_document(spectrum: spectra.Spectrum, lines: tuple[SpectralLine, ..
             "frequency": coarse.spectrogram_frequency,
             "density": coarse.density_by_throttle,
         },
-        lines=lines,
+        lines=[Line.from_results(line, kind=line.cause) for line in lines],
     )

@@ -127,7 +127,7 @@ def plant_system(parameters: Sequence[float], names: SignalNames) -> control.Sta
         names: names of the system and its signals; with one output the plant ends at the rate.
 
     Returns:
-        The state-space system; its states are those of the delay, angle, rate and torque.
+        The state-space system, with states of the delay, angle, rate and torque.
     """
     import control
 

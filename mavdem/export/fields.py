@@ -98,7 +98,7 @@ def messages_of(telemetry: Telemetry, text: str = "") -> Iterator[MessageFields]
 
     Yields:
         For each message its fields and instances, its count, and its rate, Hz. If it has several instances, such as
-        batteries, the rate is that of the first one.
+        batteries, the rate is of the first one.
     """
     for message in message_names(telemetry, text):
         columns = telemetry.messages[message]

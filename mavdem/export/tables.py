@@ -169,7 +169,7 @@ def to_pandas(flight: Flight) -> pandas.DataFrame:
         flight: the flight.
 
     Returns:
-        One row for each sample, by its time on the boot clock, s. The columns are those of :func:`columns`; the
+        One row for each sample, by its time on the boot clock, s. The columns are as :func:`columns` returns them; the
         sampling step and the provenance are in ``attrs``.
 
     Raises:

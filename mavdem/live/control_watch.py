@@ -116,7 +116,7 @@ class ControlWatch:
     def invalid_attitude(self, vehicle: Telemetry) -> Fact | None:
         """Returns the event that the attitudes have been NaN for ``MIN_INVALID_SECONDS``: the estimator has failed.
 
-        The event is that of a log, and is kept while the attitudes stay NaN, so that it keeps its beginning.
+        The event is the same as for a log, and is kept while the attitudes stay NaN, so that it keeps its beginning.
 
         Args:
             vehicle: identity and parameters of the vehicle, without messages.

@@ -32,7 +32,7 @@ LANDED_STATE_MESSAGE = "EXTENDED_SYS_STATE"
 """The message in which an autopilot reports whether the vehicle is on the ground, takes off, flies or lands."""
 
 PHASE_MESSAGES = ("HEARTBEAT", LANDED_STATE_MESSAGE, *CLIMB_RATE_FIELDS)
-"""The messages that show the phase, besides those of the motors."""
+"""The messages that show the phase, besides the motor outputs."""
 
 AVERAGING_DELAY = AVERAGING_SECONDS / 2
 """Delay after which a centred mean is known, s: half of its window."""

@@ -1,4 +1,4 @@
-"""Gains advised after a landing: those of ``mavdem tune`` on the recording of the session, in files beside it.
+"""Controller gains that are advised after a landing, as ``mavdem tune`` computes them from the session's recording.
 
 They are computed in a process of its own, which begins when the vehicle has landed, or at the end of the session, and
 ends with its advice. Nothing is sent to the vehicle.

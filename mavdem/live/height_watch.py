@@ -1,4 +1,4 @@
-"""Wrong heights of a live vehicle, judged as those of a log: an estimate that diverges, a barometer that drifts.
+"""Wrong heights of a live vehicle, judged by the rules for logs: an estimate that diverges, a barometer that drifts.
 
 The estimator follows its barometer, so that a barometer that drifts shows only after the landing, at rest.
 """

@@ -39,7 +39,7 @@ SAMPLE_PERIOD = 0.1
 """Time between two samples of the motion in the history while there are no rows, s: a choice, finer than plots show."""
 
 COLUMNS_BEFORE_MOTORS = 17
-"""Columns of a history row before those of the motors: ``LiveHistory.table`` lists them."""
+"""Columns of a history row before the columns of the motors: ``LiveHistory.table`` lists them."""
 
 TIME_COLUMN = 1
 """Column of a history row with its time."""
@@ -338,7 +338,7 @@ class LiveHistory:
         return reported
 
     def clear_wind_torque(self, start_time: float) -> None:
-        """Makes the wind torque of earlier rows unknown (NaN), since it was that of a weak motor, not the wind's.
+        """Makes the wind torque of earlier rows unknown (NaN), since a weak motor caused it, not the wind.
 
         A weak motor is recognised some seconds after it became weak. Until then its torque was taken for the wind's.
 
@@ -356,8 +356,8 @@ class LiveHistory:
         """Returns the errors with which the flight's outputs were predicted, for each horizon, the shortest first.
 
         A horizon is how far ahead a prediction was made, s. For each there are the mean squared error of the
-        predictions of the m outputs, that of the baseline, which predicts that the outputs stay as they were, and the
-        share of measurements within the predicted 90 % band (the coverage).
+        predictions of the m outputs, the same of the baseline, which predicts that the outputs stay as they were, and
+        the share of measurements within the predicted 90 % band (the coverage).
         """
         errors = []
         for seconds, sums in sorted(self._error_sums.items(), key=itemgetter(0)):

@@ -120,7 +120,7 @@ class LinkIntake:
     def _frames_of_first_pieces(self) -> list[_StampedFrames]:
         """Returns the frames that the link delivered before this session; none after the first call.
 
-        They are in the recording already. So another frame reader than that of the link finds them: a frame that it
+        They are in the recording already. So another frame reader than the link's finds them: a frame that it
         keeps back, since its end has not come yet, is not recorded a second time when the rest of it comes.
         """
         reader = FrameReader()

@@ -137,8 +137,8 @@ class ModelJudging:
     def use_judgement_of_recording(self, judgement: Judgement) -> None:
         """Replaces the judgement by the model by the judgement of the recording, which has the setpoints and all axes.
 
-        There is one judgement of a flight: its margins are either those of the recording, or unknown for the reason
-        that the recording shows, but never those of the model alone.
+        There is one judgement of a flight: its margins are those that the recording shows, or unknown for the reason
+        that the recording shows, but never margins by the model alone.
         """
         self.judgement = judgement
 

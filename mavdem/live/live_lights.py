@@ -123,8 +123,8 @@ def _margins_light(watch_facts: Mapping[str, Fact], reason: Fact) -> Fact:
 def _fast_enough_fact(rates: Mapping[str, float]) -> Fact:
     """Returns the light of the log: that attitude and motor outputs are received fast enough to learn a model.
 
-    Its sentence is that of a recorded log. In a stream the body rates come in the message of the attitude, so that they
-    have the attitude's rate; and there is no file that could be damaged.
+    Its sentence is the same as for a recorded log. In a stream the body rates come in the message of the attitude, so
+    that they have the attitude's rate; and there is no file that could be damaged.
 
     Args:
         rates: rates of the messages of attitude and motor outputs, Hz, by name.

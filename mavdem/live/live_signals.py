@@ -24,7 +24,7 @@ from mavdem.loops.axis_loops import Loop
 
 @dataclass(frozen=True, eq=False)
 class LiveSignals(Signals):
-    """Signals of a live flight. The fields below are given, where those of a log are read from its messages."""
+    """Signals of a live flight. The fields below are given, while for a log they are read from its messages."""
 
     motors: MotorOutputs | None = None
     """Motor outputs."""

@@ -41,7 +41,7 @@ class Presentation:
         Args:
             open_display: is called with each new format of rows.
             report_event: is called with each event for the user.
-            motor_alarms: show since when the torque is that of a weak motor.
+            motor_alarms: show since when the torque is caused by a weak motor.
         """
         self.history = LiveHistory()
         self._open_display = open_display

@@ -33,7 +33,7 @@ GROUND_STATION = FrameSender(255, 190)
 """Usual ids of ground stations, which requests come from; 190 is MAV_COMP_ID_MISSIONPLANNER."""
 
 GREETER = FrameSender(254, 190)
-"""Ids that HEARTBEATs come from. When those of system 255 end, autopilots may fly home for a lost link."""
+"""Ids that HEARTBEATs come from. When HEARTBEATs of system 255 end, autopilots may fly home for a lost link."""
 
 GET_INTERVAL = mavlink_constant("MAV_CMD_GET_MESSAGE_INTERVAL")
 """The command that asks for the interval of a message."""
@@ -64,7 +64,7 @@ more, radios have no room for the other messages.
 """
 
 MIN_SETPOINT_RATE = 50.0
-"""Rate of setpoints that is requested at least, unless that of motion is lower, Hz."""
+"""Rate of setpoints that is requested at least, unless attitude and motors are requested more slowly, Hz."""
 
 FLIGHT_STATE_MESSAGES = (
     mavlink_message_id("EXTENDED_SYS_STATE"),
@@ -509,7 +509,7 @@ class RateRequest:
     def _take_confirmation(self, result: int) -> None:
         """Takes the vehicle's result of setting an interval (COMMAND_ACK), which does not name the message.
 
-        While rates are requested, one setting at a time is under way, so the result is that of the latest one. When
+        While rates are requested, one setting at a time is under way, so the result is about the latest one. When
         they are restored, results come in the order of the commands.
 
         Args:

@@ -125,7 +125,7 @@ class RowBuilder:
         return stream if stream in self._row_streams else None
 
     def is_main_motor_stream(self, stream: SampleStream) -> bool:
-        """Returns whether a stream of rows is that of the port with most motors."""
+        """Returns whether a stream has the outputs of the port with most motors."""
         return stream is self._row_streams[1]
 
     def latest_motor_outputs(self) -> list[float] | None:
@@ -368,7 +368,8 @@ class RowBuilder:
     def latest_row(self) -> FormattedRow | None:
         """Returns the latest sample of attitude and motors as a row, for a display that has no rows to show yet.
 
-        The two samples may be of slightly different times; the row has that of the attitude, and is never learned from.
+        The two samples may be of slightly different times; the row has the time of the attitude, and is never learned
+        from.
 
         Returns:
             A format that is made for this row, and the row; None while there are rows, or where samples are missing.

@@ -195,7 +195,7 @@ class RowGrid:
         return self._reused_step(resampling.common_step(times))
 
     def _reused_step(self, step: float) -> float:
-        """Replaces a measured step by that of an earlier segment, if they differ by less than ``MAX_STEP_RATIO``.
+        """Replaces a measured step by the step of an earlier segment, if they differ by less than ``MAX_STEP_RATIO``.
 
         Lost samples make the measured step a little longer. The model that was learned so far has the earlier step, and
         can only go on with rows of the same one.

@@ -102,7 +102,7 @@ class SampleStream:
         del self.values[:count]
 
     def break_off(self) -> None:
-        """Separates the samples so far from the next one, as a gap does: their rate is not that of the next ones."""
+        """Separates the samples so far from the next one, as a gap does, since the next ones have another rate."""
         if self.time:
             # The smallest time after the last sample.
             self._gap_end = nextafter(self.time[-1], inf)

@@ -17,7 +17,7 @@ if sys.platform != "win32":
     import tty
 
 DEFAULT_BAUD = "115200"
-"""Speed of a serial port whose connection string names none: that of autopilots' USB ports."""
+"""Speed of a serial port whose connection string names none: the usual one of autopilots' USB ports."""
 
 MAX_SERIAL_BYTES = 4096
 """Most bytes that are read from a port at once: the size of the kernel's buffer on Linux."""

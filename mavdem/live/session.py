@@ -1,7 +1,7 @@
 """A live session: it records, learns from and shows what a link receives, step by step.
 
 One thread does all of it except what takes long: models are learned in the executor, and what is displayed waits in the
-view's own queue. What is received is recorded first, and waits for its analysis; times are those of arrival.
+view's own queue. What is received is recorded first, and waits for its analysis; its time is the time of arrival.
 """
 
 from collections.abc import Callable, Hashable, Sequence
@@ -225,7 +225,7 @@ class LiveSession:
         self.judging.update(now, self._learning, self.stream, is_busy=is_busy)
         self.report_gain_advice()
         status = self._update_status(now)
-        # Advice on gains comes with the margins of the recording, so that those of the model alone are not reported.
+        # Advice on gains comes with the margins of the recording, so that margins by the model alone are not reported.
         self._milestone_reporter.margins_follow = self.gain_adviser is not None
         self._milestone_reporter.update(self._learning, status, self.stream.now, self.stream.boot)
 
@@ -292,7 +292,7 @@ class LiveSession:
     def _note_messages(
         self, first_arrival: float, last_arrival: float, frames: Sequence[Frame]
     ) -> float:
-        """Tells the silence monitor which messages came: those of the followed vehicle, of others, or none intact.
+        """Tells the silence monitor which messages came: from the followed vehicle, from others only, or none intact.
 
         Args:
             first_arrival: when the first of them arrived, s of the monotonic clock.
@@ -359,9 +359,9 @@ class LiveSession:
     def _process_row(self, row: AlignedRow, arrival_time: float) -> None:
         """Learns from one row of the flight, and shows it.
 
-        All rows are shown. The learner gets those of free flight, in which the vehicle is in the air and nothing holds
-        it, unless this computer is so late that estimates are postponed. The latency is the time from the packet's
-        arrival to the estimate, without the time for drawing.
+        All rows are shown. The learner gets rows of free flight only, in which the vehicle is in the air and nothing
+        holds it, unless this computer is so late that estimates are postponed. The latency is the time from the
+        packet's arrival to the estimate, without the time for drawing.
 
         Args:
             row: motor outputs and motion at one time on the boot clock.

@@ -91,7 +91,7 @@ class UsefulHorizon(NamedTuple):
     """The horizon, s."""
 
     error_ratio: float = nan
-    """Squared error there, over that of the better of the last sample held and the mean so far."""
+    """Squared error there, over the smaller one of two baselines: the last sample held, and the mean so far."""
 
 
 class Displacement(NamedTuple):
@@ -137,7 +137,7 @@ class SessionStatus(ImmutableResult):
     """Time since the last message of the followed vehicle, s; None before any."""
 
     is_over: bool = False
-    """Whether the session has ended, so that the status is that of the whole flight."""
+    """Whether the session has ended, so that the status is about the whole flight."""
 
     learned_rows: int = 0
     """Number of rows that the learner used."""

@@ -162,7 +162,7 @@ class SilenceMonitor:
 
 
 def resumption(missing: MissingMessages, silence: float) -> Fact | None:
-    """Makes the report that messages, or those of the motion, come again after a silence.
+    """Makes the report that messages, or at least attitude and motor outputs, come again after a silence.
 
     Args:
         missing: messages that had not come.

@@ -388,7 +388,7 @@ class VehicleSelector:
 
 
 def _decoded_parameters(vehicle: Component, store: Component | None) -> Parameters:
-    """Returns the parameters of a vehicle by name, from its own messages and from those of a store.
+    """Returns the parameters of a vehicle by name, from its own messages and the messages of a store.
 
     Args:
         vehicle: the vehicle.

@@ -704,7 +704,7 @@ class Watchdog:
             settled: intervals of settled flight, s; None if they are not needed.
 
         Returns:
-            The signals. Their landed state is that of the reviews so far, until ``now``.
+            The signals. Their landed state is what the reviews so far have found, until ``now``.
         """
         columns = self._recent.columns((*STATUS_MESSAGES, *ESTIMATOR_FLAG_MESSAGES), start_time)
         # The names of flight modes come once, when a ground station asks for them.
@@ -747,7 +747,7 @@ class Watchdog:
         return reports
 
     def _update_restart(self, restart: Fact) -> None:
-        """Sets the light that states a restart of the autopilot in flight: that of the power, or another by its cause.
+        """Sets the light that states a restart of the autopilot in flight; its cause decides which light that is.
 
         Args:
             restart: the restart, with its cause as far as that is known now.

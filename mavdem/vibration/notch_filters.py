@@ -20,7 +20,7 @@ from mavdem.loops.controllers import Controller
 from mavdem.loops.filters import gyro_filters, gyro_response
 from mavdem.loops.resonance import MAX_LOOP_FREQUENCY
 from mavdem.vibration.spectra import Spectrum
-from mavdem.vibration.spectral_lines import LineKind, SpectralLine
+from mavdem.vibration.spectral_lines import LineCause, SpectralLine
 
 RELATIVE_BANDWIDTHS = (1 / 4, 1 / 3, 1 / 2)
 """Bandwidths of a notch relative to the frequency of its line, in the order in which they are tried; 1/2 is usual."""
@@ -62,7 +62,7 @@ def notch_advice(
         no notch.
     """
     spectrum = unfiltered or filtered
-    lines_to_filter = [line for line in lines if line.kind in (LineKind.MOTOR, LineKind.FRAME)]
+    lines_to_filter = [line for line in lines if line.cause in (LineCause.MOTOR, LineCause.FRAME)]
     if spectrum is None or not lines_to_filter:
         return Fact(NotchAdvice.NO_LINE_TO_REMOVE)
     line = max(lines_to_filter, key=lambda line: line.density)
@@ -174,28 +174,28 @@ def _relative_notch_frequency(
     other notches have a fixed centre.
 
     Args:
-        controller: controller, with the kind of autopilot.
+        controller: controller of ArduPilot or PX4.
         line: line that the notch is to remove.
         spectrum: spectrum with motor speed and throttle of each of W windows.
 
     Returns:
         Relative centre frequency (W,); 1 for a fixed notch.
     """
-    if line.kind is LineKind.MOTOR and line.order is not None:
+    if line.cause is LineCause.MOTOR and line.order is not None:
         return spectrum.motor_speed / np.median(spectrum.motor_speed)
-    if line.kind is LineKind.MOTOR and controller.is_ardupilot:
+    if line.cause is LineCause.MOTOR and controller.is_ardupilot:
         return np.sqrt(spectrum.throttle / np.median(spectrum.throttle))
     return np.ones(len(spectrum.time))
 
 
 def _notch_parameters(controller: Controller, line: SpectralLine, bandwidth: float) -> Parameters:
-    """Returns the parameters that set a notch on a line, for the kind of filter that the autopilot has for it.
+    """Returns the parameters that set a notch on a line, by the filters that the autopilot has.
 
     ArduPilot has one harmonic notch for all cases. PX4's dynamic notch (``IMU_GYRO_DNF_*``) follows the speed that ESCs
     report; ``HMC`` is its number of harmonics. Without that speed, PX4 has static notches only.
 
     Args:
-        controller: controller, with the kind of autopilot.
+        controller: controller of ArduPilot or PX4.
         line: line to remove.
         bandwidth: bandwidth of the notch, Hz.
 
@@ -204,7 +204,7 @@ def _notch_parameters(controller: Controller, line: SpectralLine, bandwidth: flo
     """
     if controller.is_ardupilot:
         return _ardupilot_harmonic_notch(controller, line, bandwidth)
-    if line.kind is LineKind.MOTOR and line.order is not None:
+    if line.cause is LineCause.MOTOR and line.order is not None:
         return {
             "IMU_GYRO_DNF_EN": 1.0,
             "IMU_GYRO_DNF_BW": bandwidth,
@@ -233,11 +233,11 @@ def _ardupilot_harmonic_notch(
     """
     mode = NotchMode.FIXED
     reference = 1.0
-    if line.kind is LineKind.MOTOR and line.order is None:
+    if line.cause is LineCause.MOTOR and line.order is None:
         mode = NotchMode.THROTTLE
         hover = controller.parameters.get("MOT_THST_HOVER", DEFAULT_HOVER_THROTTLE)
         reference = float(f"{hover:.3g}")
-    elif line.kind is LineKind.MOTOR:
+    elif line.cause is LineCause.MOTOR:
         mode = NotchMode.ESC_TELEMETRY
     harmonics_mask = sum(1 << (multiple - 1) for multiple in line.harmonics)
     return {

@@ -64,7 +64,7 @@ EXPONENT_PASSES = 2
 """Number of times that exponent and frequency of a line are determined in turn: each changes the other a little."""
 
 
-class LineKind(StrEnum):
+class LineCause(StrEnum):
     """The cause of a spectral line."""
 
     MOTOR = "motor"
@@ -76,7 +76,7 @@ class LineKind(StrEnum):
 class SpectralLine(NamedTuple):
     """A line of a spectrum: a narrow peak over its surroundings, with its cause."""
 
-    kind: LineKind
+    cause: LineCause
     """Its cause."""
     frequency: float
     """Frequency at the median drive, Hz."""
@@ -99,7 +99,7 @@ def find_spectral_lines(spectrum: Spectrum) -> tuple[SpectralLine, ...]:
 
     The frequency of a line may depend on the throttle, so that a mean over windows would smear it. Therefore the
     spectra of all windows are aligned by each of ``SEARCH_EXPONENTS`` before they are averaged; a line stands out if
-    the exponent is near that of the line. Each peak is then tracked with a more exact exponent. A line of unknown cause
+    the exponent is near the line's. Each peak is then tracked with a more exact exponent. A line of unknown cause
     that is much weaker than a named line is that line, smeared by a wrong exponent, and is left out.
 
     Args:
@@ -118,12 +118,12 @@ def find_spectral_lines(spectrum: Spectrum) -> tuple[SpectralLine, ...]:
                 candidates.append(_line_near(spectrum, windows, frequency[peak]))
     # The same line may be found with several exponents.
     lines = _distinct(candidates)
-    named_lines = [line for line in lines if line.kind is not LineKind.UNNAMED]
+    named_lines = [line for line in lines if line.cause is not LineCause.UNNAMED]
     highest_ratio = max((line.ratio for line in named_lines), default=0.0)
     clear_lines = [
         line
         for line in lines
-        if line.kind is not LineKind.UNNAMED or line.ratio > SMEARED_RATIO * highest_ratio
+        if line.cause is not LineCause.UNNAMED or line.ratio > SMEARED_RATIO * highest_ratio
     ]
     return _with_harmonics(clear_lines)[:MAX_LINES]
 
@@ -131,7 +131,8 @@ def find_spectral_lines(spectrum: Spectrum) -> tuple[SpectralLine, ...]:
 def prominent_peaks(values: Array, min_prominence: float) -> list[int]:
     """Finds the peaks of a curve that stand out from it.
 
-    The prominence of a peak is its height above the higher of two minima: those of the curve on either side, up to the
+    The prominence of a peak is its height above the higher of two minima: the minima of the curve on either side, up to
+    the
     next higher point or the end of the curve. ``scipy.signal.find_peaks`` does the same, and finds flat tops too, but
     takes half a second to import.
 
@@ -314,10 +315,10 @@ def _vertex_offset(heights: Array) -> float:
 
 
 def _line_near(spectrum: Spectrum, windows: _LogSpectra, frequency: float) -> SpectralLine:
-    """Describes the line at a peak of a mean spectrum: its kind, frequency, height and width.
+    """Describes the line at a peak of a mean spectrum: its cause, frequency, height and width.
 
     The peak is tracked through the windows as the drive (motors' speed or throttle) changes, which gives its exact
-    frequency and its kind. The ratio of a line is its height over the median density around it.
+    frequency and its cause. The ratio of a line is its height over the median density around it.
 
     The mean may also have a peak where lines of single windows cross, or because of one strong window. A true line
     exceeds its surroundings in at least ``MIN_PRESENCE`` of the windows. The ratio of any other peak is set to 0, so
@@ -332,11 +333,11 @@ def _line_near(spectrum: Spectrum, windows: _LogSpectra, frequency: float) -> Sp
         The line, at the median drive.
     """
     track = _track(windows, frequency)
-    kind = _line_cause(track)
+    cause = _line_cause(track)
     # In a spectrum that ends at a low frequency, a line that rises fast may be the alias of a harmonic beyond it.
     is_slow = spectrum.nyquist_frequency < SLOW_NYQUIST_FREQUENCY
-    if kind is LineKind.MOTOR and track.exponent > MAX_SLOW_SPECTRUM_EXPONENT and is_slow:
-        kind = LineKind.UNNAMED
+    if cause is LineCause.MOTOR and track.exponent > MAX_SLOW_SPECTRUM_EXPONENT and is_slow:
+        cause = LineCause.UNNAMED
     # Height of the top, and of what is around it, as natural logarithms of densities.
     height = float(track.mean[track.top])
     surrounding_bins = max(MIN_SURROUNDING_BINS, round(SURROUNDING_WIDTH * track.top))
@@ -345,18 +346,18 @@ def _line_near(spectrum: Spectrum, windows: _LogSpectra, frequency: float) -> Sp
     heights = windows.density_along(track.frequency * windows.drive**track.exponent)
     # Single windows are noisy, so that half of the required ratio, in decibels, is enough there.
     presence = np.mean(heights > base + np.log(MIN_LINE_RATIO) / 2)
-    # The order of a line is its frequency over that of the motors' revolutions: 1 for unbalance, 2 for the blades of a
-    # propeller with two.
+    # The order of a line is its frequency over the frequency of the motors' revolutions: 1 for unbalance, 2 for the
+    # blades of a propeller with two.
     order = None
-    if np.isfinite(spectrum.motor_speed).all() and kind is LineKind.MOTOR:
+    if np.isfinite(spectrum.motor_speed).all() and cause is LineCause.MOTOR:
         order = track.frequency / np.median(spectrum.motor_speed)
     return SpectralLine(
-        kind=kind,
+        cause=cause,
         frequency=track.frequency,
         ratio=np.exp(height - base) if presence >= MIN_PRESENCE else 0.0,
         density=np.exp(height),
         width=_bins_above(track, (height + base) / 2) * windows.frequency_step,
-        exponent=None if kind is LineKind.UNNAMED else track.exponent,
+        exponent=None if cause is LineCause.UNNAMED else track.exponent,
         order=order,
     )
 
@@ -382,7 +383,7 @@ def _bins_above(track: _Track, threshold: float) -> int:
     return int(np.argmax(spectrum_from_line_on <= threshold))
 
 
-def _line_cause(track: _Track) -> LineKind:
+def _line_cause(track: _Track) -> LineCause:
     """Identifies the cause of a line by a paired test: motors, frame or an alias.
 
     The frequency of a line is proportional to the drive (motors' speed or throttle) to the power of an exponent γ. Each
@@ -402,22 +403,22 @@ def _line_cause(track: _Track) -> LineKind:
     cause = _cause_of_exponent(track.exponent, track.frequency)
     line_scores = track.scores[np.flatnonzero(track.exponent == EXPONENTS)[0]]
     # Rows of the scores by the cause of their exponent.
-    rows_by_cause: dict[LineKind, list[int]] = {}
+    rows_by_cause: dict[LineCause, list[int]] = {}
     for row, exponent in enumerate(EXPONENTS.tolist()):
         rows_by_cause.setdefault(_cause_of_exponent(exponent, track.frequency), []).append(row)
     for other_cause, rows in rows_by_cause.items():
-        if other_cause in (cause, LineKind.UNNAMED):
+        if other_cause in (cause, LineCause.UNNAMED):
             continue
         scores = track.scores[rows]
         best_scores = scores[np.argmax(scores.mean(axis=1))]
         differences = line_scores - best_scores
         standard_error = differences.std() / np.sqrt(len(differences))
         if differences.mean() <= SIGNIFICANT_SIGMAS * standard_error:
-            return LineKind.UNNAMED
+            return LineCause.UNNAMED
     return cause
 
 
-def _cause_of_exponent(exponent: float, frequency: float) -> LineKind:
+def _cause_of_exponent(exponent: float, frequency: float) -> LineCause:
     """Returns the cause of a line whose frequency is proportional to the drive to the power of an exponent.
 
     A constant frequency is a resonance of the frame. A frequency that rises like the speed of the motors is theirs. One
@@ -432,12 +433,12 @@ def _cause_of_exponent(exponent: float, frequency: float) -> LineKind:
     """
     if FRAME_EXPONENTS[0] <= exponent <= FRAME_EXPONENTS[1]:
         # At low frequencies, a constant line may also be the resonance of the rate loop.
-        return LineKind.FRAME if frequency > MAX_LOOP_FREQUENCY else LineKind.UNNAMED
+        return LineCause.FRAME if frequency > MAX_LOOP_FREQUENCY else LineCause.UNNAMED
     if MOTOR_EXPONENTS[0] <= exponent <= MOTOR_EXPONENTS[1]:
-        return LineKind.MOTOR
+        return LineCause.MOTOR
     if exponent <= ALIAS_EXPONENTS[0] or exponent >= ALIAS_EXPONENTS[1]:
-        return LineKind.ALIAS
-    return LineKind.UNNAMED
+        return LineCause.ALIAS
+    return LineCause.UNNAMED
 
 
 def _with_harmonics(lines: Sequence[SpectralLine]) -> tuple[SpectralLine, ...]:
@@ -455,7 +456,7 @@ def _with_harmonics(lines: Sequence[SpectralLine]) -> tuple[SpectralLine, ...]:
     fundamentals = list[SpectralLine]()
     for line in sorted(lines, key=lambda line: line.frequency):
         index = _fundamental_of(line, fundamentals)
-        if index is None or line.kind is LineKind.FRAME:
+        if index is None or line.cause is LineCause.FRAME:
             fundamentals.append(line)
         else:
             fundamental = fundamentals[index]
@@ -475,7 +476,7 @@ def _fundamental_of(line: SpectralLine, fundamentals: Sequence[SpectralLine]) ->
         Index of the first fundamental of which the line is a harmonic; None if it is a harmonic of none.
     """
     for index, fundamental in enumerate(fundamentals):
-        if fundamental.kind is LineKind.MOTOR and _harmonic_number(fundamental, line):
+        if fundamental.cause is LineCause.MOTOR and _harmonic_number(fundamental, line):
             return index
     return None
 

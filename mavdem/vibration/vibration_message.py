@@ -59,7 +59,7 @@ def reported_vibration(signals: Signals) -> ReportedVibration | None:
     columns = signals.telemetry.messages.get("VIBRATION")
     if columns is None or not {*level_fields, *CLIPPING_FIELDS} <= columns.keys():
         return None
-    # DataFlash logs have the levels of all IMUs, MAVLink those of the first.
+    # DataFlash logs have the levels of all IMUs, MAVLink has only the levels of the first.
     all_levels = columns.get("levels", float_columns(columns, level_fields))
     possible_levels = np.where(abs(all_levels) <= MAX_LEVEL, all_levels, np.nan)
     table = np.column_stack([possible_levels, float_columns(columns, CLIPPING_FIELDS)])

@@ -36,8 +36,8 @@ PLOTS = {
     "wind": PlotHeight(19, 5.6),
     "torque": PlotHeight(19, 5.6),
 }
-"""The plots of the first tab, from the top. The legend of the angle has up to six entries, that of the parameters four,
-the others three."""
+"""The plots of the first tab, from the top. The legend of the angle has up to six entries, the legend of the parameters
+four, the others three."""
 
 SIDE_WIDTH_SHARE = 28
 """Width of the column of texts next to the plots, in percent of the tab."""

@@ -140,7 +140,7 @@ def write_pose(path: PathName, name: str, pose: Pose) -> None:
     Args:
         path: path of the file.
         name: name of the recording.
-        pose: samples of the flight, of which only those of :meth:`Pose.drawn_samples` enter the scene.
+        pose: samples of the flight, of which only :meth:`Pose.drawn_samples` enter the scene.
 
     Raises:
         OSError: the file cannot be written.

@@ -1,6 +1,6 @@
 """The 3D tab of a live flight: the vehicle with its present position, attitude and path, and the wind.
 
-It is drawn by the same parts as that of a log (``vehicle_scene``). A log's path is known from the start; here it grows,
+It is drawn by the same functions as a log (``vehicle_scene``). A log's path is known from the start; here it grows,
 piece by piece.
 """
 

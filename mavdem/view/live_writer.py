@@ -196,7 +196,7 @@ class LiveWriter:
         self._draw(Lines(MOTOR_TORQUE_PATH, ("of a motor",), (BAD,), 3.0), samples)
 
     def mark_alarm(self, time: float) -> None:
-        """Marks an alarm by a vertical line in every plot except that of the parameters, whose legend has no room left.
+        """Marks an alarm by a vertical line in every plot except the parameters', whose legend has no room left.
 
         Args:
             time: time of the alarm, s on the timeline; NaN, for an alarm without a time, marks nothing.
@@ -209,7 +209,7 @@ class LiveWriter:
         """Marks a time by a vertical line over the range of the values that were drawn in a plot so far.
 
         Args:
-            line: the line, whose path begins with that of the plot; all marks with the same meaning share it.
+            line: the line, whose path begins with the path of the plot; all marks with the same meaning share it.
             time: s on the timeline; NaN marks nothing.
         """
         plot_range = self._plot_ranges.get(plot_of(line))
@@ -275,7 +275,7 @@ class LiveWriter:
         """Stores the range of new values in a plot of the first tab, whose axis :meth:`_widen_axes` chooses by it.
 
         Args:
-            lines: the lines that the values are drawn by; for those of another tab nothing is stored.
+            lines: the lines that the values are drawn by; for lines of another tab nothing is stored.
             time: time of the last sample, s on the timeline.
             values: (N, k) values of k lines.
         """
@@ -295,7 +295,7 @@ class LiveWriter:
         """Clips values to the range of their plot or, without ``clip``, extends this range so that it includes them.
 
         Args:
-            lines: the lines, whose path begins with that of the plot.
+            lines: the lines, whose path begins with the path of the plot.
             values: (N, k) values of k lines.
             clip: whether to clip, to the range and ``CLIP_SPANS`` times its span beyond. In a plot without a range
                 nothing is clipped.
@@ -320,7 +320,7 @@ class LiveWriter:
     def _draw_predicted_angle(self, rows: list[DisplayRow]) -> None:
         """Draws the measured angle of the model's axis, and its prediction for a fraction of a second ahead.
 
-        The prediction is that of the learner's horizon nearest to ``REPORTED_HORIZON``. It is drawn at the predicted
+        The prediction is the one at the learner's horizon nearest to ``REPORTED_HORIZON``. It is drawn at the predicted
         time, not at the time at which it was made. Rows without an estimate give NaN, which interrupts the line.
 
         Args:

@@ -22,7 +22,7 @@ from mavdem.report.charts.chart import Chart, Line
 from mavdem.view.axes import MAX_TICK_INTERVALS, WIDTH_PER_SPAN, range_with_ticks
 
 BOOT_CLOCK = "boot clock"
-"""Timeline of flights, s: the vehicle's boot clock. A live flight continues that of its first boot."""
+"""Timeline of flights, s: the vehicle's boot clock. A live flight continues the clock of its first boot."""
 
 LOG_LEVELS = {Level.BAD: "ERROR", Level.WATCH: "WARN"}
 """Rerun's levels of the event log; facts of other levels are INFO."""

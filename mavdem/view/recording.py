@@ -306,7 +306,7 @@ class RecordingTabs:
         loops = self._assessment.identified_loops
         sensitivity_views = []
         for axis, loop in loops.items():
-            # The first response is that of the estimate; draws from the posterior follow.
+            # The first response is by the estimate; draws from the posterior follow.
             sensitivity = 1 / abs(1 + loop.rate.response[ESTIMATE])
             sensitivity_views.append(
                 self._draw_bars(

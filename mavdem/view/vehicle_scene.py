@@ -1,6 +1,6 @@
 """Parts of a 3D view: the vehicle with position and attitude, its path, and the arrow of the wind.
 
-Axes of the world are north, east, down; those of the body forward, right, down. All lengths are in m.
+Axes of the world are north, east, down; axes of the body forward, right, down. All lengths are in m.
 """
 
 import numpy as np

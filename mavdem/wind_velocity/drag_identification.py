@@ -173,7 +173,7 @@ class _Expansion(NamedTuple):
     """Derivatives of the mean air speed, relative to ``SPEED_SCALE``, by the scaled parameters (10,)."""
 
     prior_gradient: Array
-    """Gradient (10,) of the log prior density of the mean force, by that of the wind's speed."""
+    """Gradient (10,) of the log prior density of the mean force, which follows from the prior of the wind's speed."""
 
 
 def identify_drag(grid: MotionGrid, drag: Drag) -> DragPosterior:
@@ -399,8 +399,8 @@ def log_prior_of_force(scaled_parameters: Array, speeds: Array) -> Array:
     """Returns the log prior density (N,) of the mean force by N sets of scaled parameters, up to a constant.
 
     The prior density of the wind speed u is half-normal with the scale ``SPEED_SCALE``. A flight does not show the
-    speed but the force f = c u + q u². Its density is that of the speed times the derivative of the speed by the force,
-    1 / (c + 2 q u). Without that factor a strong drag in a weak wind would seem more probable than it is.
+    speed but the force f = c u + q u². Its density is the density of the speed times the derivative of the speed by the
+    force, 1 / (c + 2 q u). Without that factor a strong drag in a weak wind would seem more probable than it is.
 
     Args:
         scaled_parameters: (N, 10) N sets of scaled parameters.

@@ -172,8 +172,8 @@ def wind(path: AnyPath, vehicle: str | None = None, drag: Drag | None = None) ->
     Args:
         path: a log that ``mavdem.ingest.read_log`` reads.
         vehicle: "system" or "system:component", if the log contains several vehicles.
-        drag: drag of the vehicle; None for the autopilot's coefficients if they were set, and otherwise for those of a
-            population of vehicles.
+        drag: drag of the vehicle; None for the autopilot's coefficients if they were set, and otherwise for the mean of
+            a population of vehicles.
 
     Returns:
         The wind velocity, with its bands and gusts.
@@ -562,7 +562,7 @@ def drag_settings(drag: Drag, telemetry: Telemetry) -> dict[str, ParameterValue]
 
     A parameter is left out if its interval is so wide that the autopilot's own value may be as good, and if a DataFlash
     log, which has all parameters of the firmware, does not contain it. There are none for the drag of the population,
-    which is not that of this vehicle.
+    which need not be this vehicle's.
 
     Args:
         drag: drag of the vehicle.

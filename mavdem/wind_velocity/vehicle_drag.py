@@ -78,7 +78,7 @@ SIMULATED_DRAG_PARAMETERS = ("SIH_KDV", "SIH_MASS")
 """Names of PX4's parameters with the linear drag, N/(m/s), and the mass, kg, that its simulator SIH flies with."""
 
 SIMULATED_SD = 0.1
-"""Standard deviation of the logarithm of a simulator's drag: its equations are known, but not those of each version."""
+"""Standard deviation of the logarithm of a simulator's drag: its equations are known, but not of each version."""
 
 NO_QUADRATIC_DRAG = 1e-4
 """Quadratic drag, 1/m, of a simulator without any: at 10 m/s it is a hundredth of a small linear drag."""
@@ -212,7 +212,8 @@ class Drag(ImmutableResult):
             source = DragSource.PARAMETERS
         if ballistic_x > MIN_BALLISTIC_COEFFICIENT and ballistic_y > MIN_BALLISTIC_COEFFICIENT:
             # Quadratic drag is half of the air density divided by the ballistic coefficient. So its geometric mean over
-            # both axes follows from that of the coefficients, and its ratio of y to x is the inverse of their ratio.
+            # both axes follows from the mean of the coefficients, and its ratio of y to x is the inverse of their
+            # ratio.
             quadratic = HALF_AIR_DENSITY / np.sqrt(ballistic_x * ballistic_y)
             ratio = ballistic_x / ballistic_y
             logarithms[[LOG_QUADRATIC, LOG_QUADRATIC_RATIO]] = np.log([quadratic, ratio])

@@ -212,7 +212,7 @@ def _measured_accelerometer(
 def accelerometer_in_use(signals: Signals, boot: int) -> AccelerometerRecord | None:
     """Returns the accelerometer that is used for a boot.
 
-    It is that of the estimator's primary core, if the log names it; otherwise the first one that the parameters do
+    It is the one of the estimator's primary core, if the log names it; otherwise the first one that the parameters do
     not exclude, or the first of all if they exclude each.
 
     Args:
@@ -297,7 +297,7 @@ class StillWindows:
 def still_windows(signals: Signals, boot: int) -> StillWindows | None:
     """Divides a boot into windows, and decides in which of them the vehicle is still, on the ground or in calm air.
 
-    It is still in a window if the range of every body rate, and that of the specific force, is below its limit. A gyro
+    It is still in a window if the ranges of every body rate and of the specific force are below their limits. A gyro
     that measures the same throughout is dead and shows nothing.
 
     Args:

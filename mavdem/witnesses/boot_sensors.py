@@ -72,7 +72,7 @@ CONTRADICTION_MARGIN = 0.5
 """Seconds after a moment within which a contradiction of barometer and estimate concerns it: both are averages."""
 
 MAX_FALL_SPEED = 60.0
-"""Speed downward, m/s, that no multirotor exceeds: twice that of a compact one of 0.6 kg and 0.01 m² that falls."""
+"""Speed downward, m/s, that no multirotor exceeds: twice the speed of a compact one that falls (0.6 kg and 0.01 m²)."""
 
 FALL_HEIGHT_MARGIN = 5.0
 """Height, m, by which a fall may be longer than the heights of the flight show: their own error, and a slope."""

@@ -78,7 +78,7 @@ def flight_check(signals: Signals, boot: int) -> FlightCheck:
     powered_spans = powered_intervals(signals, boot)
     if not powered_spans:
         return FlightCheck(None, (), had_power=False)
-    # The height is that of the barometer or, without a usable one, of the estimate, which may drift.
+    # The height is the barometer's or, without a usable one, of the estimate, which may drift.
     barometer = height_comparison(signals, boot).barometer
     height = barometer
     source = "barometer"

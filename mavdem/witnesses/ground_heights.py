@@ -37,7 +37,7 @@ MAX_WAIT_SECONDS = 30.0
 flight's rest; a choice."""
 
 MIN_SAMPLES = 2
-"""Number of readings whose mean is used as a height: those of a second at 2 Hz."""
+"""Number of readings whose mean is used as a height: one second at 2 Hz."""
 
 
 @dataclass(frozen=True)

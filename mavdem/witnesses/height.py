@@ -83,7 +83,7 @@ class HeightComparison:
 
 @cached_per_vehicle()
 def height_comparison(signals: Signals, boot: int) -> HeightComparison:
-    """Compares the climb rate of the barometer with that of the autopilot's estimate in a boot.
+    """Compares the climb rates by the barometer and by the autopilot's estimate in a boot.
 
     Args:
         signals: signals of the vehicle.

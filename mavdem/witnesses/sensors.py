@@ -80,7 +80,7 @@ def barometer_altitude(signals: Signals) -> TimeSeries | None:
     It is from the first of these sources that has an altitude which changes:
 
     1. The barometer that the autopilot uses (``primary_barometer``). An altitude that the autopilot logged with the
-       pressure is preferred to that of the pressure in the International Standard Atmosphere (ISO 2533).
+       pressure is preferred to one computed from the pressure by the International Standard Atmosphere (ISO 2533).
     2. The other barometers, in the same order.
     3. The pressure altitude in HIGHRES_IMU.
 
@@ -194,7 +194,7 @@ def specific_force(signals: Signals) -> TimeSeries | None:
 def further_specific_forces(signals: Signals) -> dict[int, TimeSeries]:
     """Returns the specific force of all accelerometers except the first one.
 
-    PX4 logs all IMUs, so number 1 is among them: its first accelerometer is that of the selected IMU.
+    PX4 logs all IMUs, so number 1 is among them: its first accelerometer is the one of the selected IMU.
 
     Args:
         signals: signals of the vehicle.
@@ -231,7 +231,7 @@ def _recorded_specific_force(
         columns: columns of the messages, by the name of the field.
         axis_fields: names of the fields with the specific force along body x, y and z.
         factor: m/s² per unit of these fields.
-        rows: flags (M,) of the messages to use, such as those of one sensor; None for all.
+        rows: flags (M,) of the messages to use, such as the messages of one sensor; None for all.
 
     Returns:
         The specific force (N, 3), m/s²; None if the fields are missing, or 0 throughout, as for a sensor that is not

@@ -12,7 +12,7 @@ from mavdem.ingest import read_log
 from mavdem.loops.controllers import controller_from_parameters
 from mavdem.vibration.notch_filters import notch_advice
 from mavdem.vibration.spectra import vibration_spectra
-from mavdem.vibration.spectral_lines import LineKind, find_spectral_lines
+from mavdem.vibration.spectral_lines import LineCause, find_spectral_lines
 from sitl_scenarios.files import scenario_of
 from sitl_scenarios.sensors import GyroVibration
 from sitl_scenarios.simulation import simulation_of
@@ -79,10 +79,10 @@ def test_the_notch_that_is_advised_takes_the_motors_line_when_flown_again(tmp_pa
     lines = find_spectral_lines(spectra["gyro_before"])
     flown = motion.time > 8
     turns = float(np.median(motion.rotor_speeds[flown].mean(axis=1))) / (2 * np.pi)
-    by_kind = {line.kind: line for line in lines}
-    assert by_kind[LineKind.MOTOR].frequency == approx(turns, rel=0.02)
-    assert by_kind[LineKind.MOTOR].harmonics == (1, 2)
-    assert by_kind[LineKind.FRAME].frequency == approx(75.0, rel=0.02)
+    by_cause = {line.cause: line for line in lines}
+    assert by_cause[LineCause.MOTOR].frequency == approx(turns, rel=0.02)
+    assert by_cause[LineCause.MOTOR].harmonics == (1, 2)
+    assert by_cause[LineCause.FRAME].frequency == approx(75.0, rel=0.02)
     controller = controller_from_parameters(signals.telemetry.parameters, "roll", (1.0,))
     known = truth(scenario, motion)
     crossover = float(known["roll_rate_margins"][0])

@@ -15,7 +15,7 @@ from mavdem.loops.controllers import controller_from_parameters
 from mavdem.loops.filters import gyro_filters
 from mavdem.vibration.notch_filters import notch_advice
 from mavdem.vibration.spectra import Spectrum, max_decimated, vibration_spectra
-from mavdem.vibration.spectral_lines import LineKind, find_spectral_lines, prominent_peaks
+from mavdem.vibration.spectral_lines import LineCause, find_spectral_lines, prominent_peaks
 
 HOVER = Hover(hovering=40.0)
 FLOWN = (Segment(0, 8.0, 45.0),)
@@ -90,22 +90,22 @@ def lined(*lines, wide=1.0, highest=500.0, spread=0.08):
 @mark.parametrize(
     "kind, code, exponents",
     [
-        (LineKind.ALIAS, NoiseFact.ALIASED_LINE, (-0.6, -0.5)),
-        (LineKind.UNNAMED, NoiseFact.UNNAMED_LINE, (-0.4, -0.3, 0.3, 2.1)),
-        (LineKind.FRAME, NoiseFact.FRAME_LINE, (-0.2, 0.2)),
-        (LineKind.MOTOR, NoiseFact.MOTOR_LINE, (0.4, 2.0)),
+        (LineCause.ALIAS, NoiseFact.ALIASED_LINE, (-0.6, -0.5)),
+        (LineCause.UNNAMED, NoiseFact.UNNAMED_LINE, (-0.4, -0.3, 0.3, 2.1)),
+        (LineCause.FRAME, NoiseFact.FRAME_LINE, (-0.2, 0.2)),
+        (LineCause.MOTOR, NoiseFact.MOTOR_LINE, (0.4, 2.0)),
     ],
 )
 def test_how_a_line_moves_with_the_throttle_names_it(kind, code, exponents):
     for exponent in exponents:
         seen = lined((100.3, 1000.0, exponent), wide=3.0)
         (line,) = seen.lines
-        assert line.kind is kind and (line.frequency, line.width) == approx((100.3, 14), abs=0.03)
-        assert line.exponent == (None if kind is LineKind.UNNAMED else exponent)
+        assert line.cause is kind and (line.frequency, line.width) == approx((100.3, 14), abs=0.03)
+        assert line.exponent == (None if kind is LineCause.UNNAMED else exponent)
         assert [fact.code for fact in seen.facts] == [NoiseFact.SPECTRUM_SEEN, code]
     # Of slow samples it may be a harmonic's alias.
     slow, fast = (lined((60.0, 1000.0, 1.3), wide=3.0, highest=one).lines for one in (249.0, 250.0))
-    assert (slow[0].kind, fast[0].kind) == (LineKind.UNNAMED, LineKind.MOTOR)
+    assert (slow[0].cause, fast[0].cause) == (LineCause.UNNAMED, LineCause.MOTOR)
 
 
 @mark.parametrize("exponent", [0.0, 0.5, 1.0, -1.0, -2.0])
@@ -117,7 +117,7 @@ def test_a_sharp_line_is_found_however_it_moves_with_the_throttle(exponent):
 
 def test_a_steady_throttle_names_no_line_and_a_missing_spectrum_is_reported():
     (still,) = lined((100.3, 1000.0, 0.0), wide=3.0, spread=0.0).lines
-    assert still.kind is LineKind.UNNAMED
+    assert still.cause is LineCause.UNNAMED
     assert [fact.code for fact in MeasuredNoise({}, {}).facts] == [NoiseFact.NO_SPECTRUM]
 
 
@@ -127,7 +127,7 @@ def test_the_eight_strongest_lines_above_the_noise_and_8_percent_apart_are_kept(
     found = lined(*zip(hertz, powers, np.zeros(11), strict=True)).lines
     assert [round(line.frequency) for line in found] == [17, 100, 109, 200, 35, 420, 45, 280]
     slow = [line.frequency < 40 for line in found]
-    assert slow == [line.kind is LineKind.UNNAMED for line in found]
+    assert slow == [line.cause is LineCause.UNNAMED for line in found]
 
 
 def test_multiples_of_a_motors_line_up_to_six_to_2_percent_are_its_harmonics():
@@ -147,7 +147,7 @@ def test_motors_speeds_that_are_logged_name_their_order():
     turns = 70.0 * np.sqrt(throttle(time) / 0.5)
     timed = changed(telemetry, "ESC", **columns(time, Instance=0, RPM=60 * turns))
     _, found = lines(timed)
-    assert found[0].kind is LineKind.MOTOR and found[0].exponent == approx(1.0, abs=0.15)
+    assert found[0].cause is LineCause.MOTOR and found[0].exponent == approx(1.0, abs=0.15)
     assert found[0].order == approx(2.0, rel=0.02)
     settings = dict(advice(timed)[0].figures["settings"])
     by_speed = settings["INS_HNTCH_MODE"], settings["INS_HNTCH_REF"]

@@ -28,7 +28,7 @@ from mavdem.report.charts.chart import (
 from mavdem.report.charts.model_charts import line_with_quantile_band
 from mavdem.report.palette import BAD, COMMAND, MEASURED, PHYSICAL, PREDICTED
 from mavdem.vibration.spectra import Spectrum, max_decimated
-from mavdem.vibration.spectral_lines import LineKind
+from mavdem.vibration.spectral_lines import LineCause
 
 
 class FilterStage(NamedTuple):
@@ -246,7 +246,7 @@ def spectrum_chart(noise: MeasuredNoise, loop: Loop | None = None, name: str = G
     # Lines are marked in the spectrum before the filters, under its own key, or else in the one after them.
     spectral_lines = noise.peaks.get(f"{name}_before", noise.peaks.get(name, ()))
     marks = [
-        Mark(line.frequency, "?" if line.kind is LineKind.UNNAMED else str(line.kind))
+        Mark(line.frequency, "?" if line.cause is LineCause.UNNAMED else str(line.cause))
         for line in spectral_lines
     ]
     max_frequency = max(line.x[-1] for line in lines)

@@ -32,7 +32,7 @@ from mavdem.report.pages.loop_chapters import responses_chapter
 from mavdem.report.pages.page import Chapter, render_document
 from mavdem.report.screen import detail_blocks
 from mavdem.vibration.spectra import Spectrum
-from mavdem.vibration.spectral_lines import LineKind, SpectralLine
+from mavdem.vibration.spectral_lines import LineCause, SpectralLine
 
 SETTINGS = mavdem.Settings(order=3, d=2, window=9, parameter_precision=1.0, horizon=None)
 GAINS = {
@@ -140,7 +140,7 @@ def test_a_step_of_the_identified_loop_is_not_called_measured():
 
 
 def test_spectra_have_their_lines_and_the_filters_over_them():
-    line = SpectralLine(LineKind.MOTOR, 140.0, 100.0, 1.0, 5.0, 0.5)
+    line = SpectralLine(LineCause.MOTOR, 140.0, 100.0, 1.0, 5.0, 0.5)
     shown = {name: spectrum(name) for name in ("gyro_before", "gyro")}
     loop = partial_record(
         Loop, controller=controller_from_parameters(GAINS, "roll", (1.0,)), crossover=12.0
