@@ -3,6 +3,7 @@
 from collections import deque
 from collections.abc import Iterator, Sequence
 from math import isfinite, isnan
+from typing import NamedTuple
 
 import numpy as np
 
@@ -15,7 +16,7 @@ from mavdem.facts import Fact, Facts
 from mavdem.facts.event import Event
 from mavdem.facts.events import ReportedEvent
 from mavdem.facts.motors import MotorWatchFact
-from mavdem.facts.session import SessionFact
+from mavdem.facts.session import SessionFact, VehicleFact
 from mavdem.facts.watch import WatchFact
 from mavdem.ingest.mavlink.frame_reader import Frame, FrameReader
 from mavdem.ingest.mavlink.framing import CHECKSUM_MATCHES
@@ -64,8 +65,20 @@ KEPT_MESSAGES = frozenset(
 MAX_PORTS = 4
 """Ports of a message of motor outputs that are read, a choice that bounds the memory; PX4 has two."""
 
+MAX_EARLY_MESSAGES = 8192
+"""Messages that are kept until it is known which vehicle to follow: a choice that bounds the memory, 5 s and more."""
+
 OTHER_VEHICLE_CODES = (SessionFact.ALARM, WatchFact.ALARM_OVER, MotorWatchFact.MOTOR_RECOVERED)
 """What is reported of vehicles that are not followed, besides warnings of their autopilots."""
+
+
+class _EarlyMessage(NamedTuple):
+    """A message that came before it was known which vehicle to follow."""
+
+    sender: Component
+    stamp: float
+    """When it was received, UNIX s."""
+    message: Message
 
 
 class LiveStream:
@@ -114,6 +127,7 @@ class LiveStream:
         self._events: deque[Event] = deque(maxlen=MAX_EVENTS)
         self._replies: deque[Message] = deque(maxlen=MAX_EVENTS)
         self._vehicles = VehicleSelector(vehicle, self._report)
+        self._early_messages: deque[_EarlyMessage] = deque(maxlen=MAX_EARLY_MESSAGES)
         self._clock = BootClock(self._report)
         self._pose = PoseTracker()
         self._rate_check = RateCheck(axis, can_request=not rates_requested, report=self._report)
@@ -354,46 +368,56 @@ class LiveStream:
         Args:
             frame: the next frame, intact or not.
         """
-        message = self._message_of_followed_vehicle(frame)
-        if message is None:
-            return
-        if message.name in REPLY_MESSAGES:
-            self._replies.append(message)
-            return
-        timed = self._clock.place(message, self._stamp)
-        if timed is None:
-            return
-        if timed.boot != self.boot:
-            self._restart(timed.boot)
-        yield from self._process_message(timed)
+        for message, stamp in self._messages_of_followed_vehicle(frame):
+            if message.name in REPLY_MESSAGES:
+                self._replies.append(message)
+                continue
+            timed = self._clock.place(message, stamp)
+            if timed is None:
+                continue
+            if timed.boot != self.boot:
+                self._restart(timed.boot)
+            yield from self._process_message(timed)
 
-    def _message_of_followed_vehicle(self, frame: Frame) -> Message | None:
+    def _messages_of_followed_vehicle(self, frame: Frame) -> list[tuple[Message, float]]:
         """Counts a frame for its sender, and returns its message if the sender is the followed vehicle.
 
-        From the messages of all senders the vehicle to follow is chosen, perhaps by this very message.
+        From the messages of all senders the vehicle to follow is chosen, perhaps by this very message. Until then they
+        are kept, since a vehicle may take off meanwhile, and the vehicle's earlier messages are returned with this one.
 
         Args:
             frame: the next frame, intact or not.
 
         Returns:
-            The message; None for a damaged frame, a copy of an earlier one, a message that nothing needs, or another
-            sender. The ``STATUS_MESSAGES`` are without their stamp.
+            The message and when it was received, UNIX s; before it, once, the earlier messages of the vehicle. Empty
+            for a damaged frame, a copy of an earlier one, a message that nothing needs, or another sender. The
+            ``STATUS_MESSAGES`` are without their stamp.
         """
         sender = self._vehicles.sender(frame)
         is_intact = frame.checksum == CHECKSUM_MATCHES
         message = decode_message(frame) if is_intact else None
         is_new = sender.count_frame(frame, self._stamp)
         if not is_new or not is_intact:
-            return None
+            return []
         if message is not None:
             sender.add_message(message)
+            if message.name in STATUS_MESSAGES:
+                # Some of them have the stamp of another clock.
+                message = message._replace(stamp=0.0)
         self._vehicles.update(sender)
-        if message is None or sender is not self._vehicles.followed:
-            return None
-        if message.name in STATUS_MESSAGES:
-            # Some of them have the stamp of another clock.
-            return message._replace(stamp=0.0)
-        return message
+        reason = self._vehicles.not_followed_reason
+        if message is None:
+            return []
+        if reason is not None and reason.code is VehicleFact.NO_VEHICLE_YET:
+            self._early_messages.append(_EarlyMessage(sender, self._stamp, message))
+            return []
+        if sender is not self._vehicles.followed:
+            return []
+        messages = [
+            (early.message, early.stamp) for early in self._early_messages if early.sender is sender
+        ]
+        self._early_messages.clear()
+        return [*messages, (message, self._stamp)]
 
     def _process_message(self, timed: TimedMessage) -> Iterator[AlignedRow]:
         """Passes a message of the followed vehicle to all objects that need it, and yields the rows that it completes.

@@ -66,3 +66,9 @@ def test_no_distance_is_shown_where_the_take_off_was_not_seen():
     ]
     status = replay(by_time(flight, positions)).stream.status()
     assert status.is_flying and status.from_takeoff is None
+
+
+def test_a_take_off_before_the_vehicle_is_followed_is_seen():
+    """It is followed from its third HEARTBEAT on, at 6 s, when it takes off."""
+    stream = replay(Flight().frames(start=4.5, end=20.0)).stream
+    assert stream.takeoff_time == approx(6.0, abs=0.01)

@@ -647,6 +647,9 @@ def test_no_message_waits_for_more_than_a_part_of_a_review(monkeypatch):
         before = len(worked)
         for _ in rows:
             assert len(worked) == before
+    # With the message by which the vehicle is followed, its earlier ones are processed.
+    first = worked[0]
+    worked = [time for time in worked if time > first]
     assert len(worked) > 30 and len(set(worked)) == len(worked)
 
 
