@@ -15,7 +15,7 @@ METRES_PER_MILLIMETRE = 1e-3
 
 
 class Damage(NamedTuple):
-    """Condition of a vehicle: what its rotors still give, and where its centre of mass is."""
+    """All damage of a vehicle at one time: what its rotors still give, and where its centre of mass is."""
 
     speed: Vector4 = (1.0,) * 4
     """Remaining fraction of each rotor's speed at the same command."""
@@ -27,14 +27,14 @@ class Damage(NamedTuple):
     """Position of the centre of mass forward and right of the published one, m."""
 
 
-def sound_condition(rotors: int) -> Damage:
-    """Returns the condition of a sound vehicle of so many rotors."""
+def no_damage(rotors: int) -> Damage:
+    """Returns the factors of a sound vehicle, 1 for each of its rotors."""
     undamaged = (1.0,) * rotors
     return Damage(speed=undamaged, thrust=undamaged, torque=undamaged)
 
 
 class DamageStep(NamedTuple):
-    """A time from which on a vehicle has a new condition."""
+    """A time at which the damage of a vehicle changes."""
 
     time: float
     """Time after the first arming, s."""
@@ -44,11 +44,11 @@ class DamageStep(NamedTuple):
 
 
 def damage_history(scenario: Scenario) -> list[DamageStep]:
-    """Lists the times at which a scenario's vehicle gets damaged, with its condition from then on.
+    """Lists the times at which the damage of a scenario's vehicle changes, with all its damage from then on.
 
-    A weak motor, a chipped propeller and a shifted load may begin at different times. Each time is one entry, whose
-    condition includes all damage so far. If the mishap makes a motor or propeller fail, its steps alone are returned,
-    and other damage of the scenario does not act.
+    A weak motor, a chipped propeller and a shifted load may begin at different times. Each time is one step, which
+    includes all damage so far. If the mishap makes a motor or propeller fail, its steps alone are returned, and other
+    damage of the scenario does not act.
 
     Args:
         scenario: The scenario.
@@ -65,13 +65,13 @@ def damage_history(scenario: Scenario) -> list[DamageStep]:
         start_times.add(scenario.propeller.start)
     if scenario.load.forward or scenario.load.right:
         start_times.add(scenario.load.start)
-    return [DamageStep(time, _condition(scenario, time)) for time in sorted(start_times)]
+    return [DamageStep(time, _damage_at(scenario, time)) for time in sorted(start_times)]
 
 
 def _motor_failure_history(
     scenario: Scenario, mishap: MotorStop | MotorFade | LoosePropeller
 ) -> list[DamageStep]:
-    """Lists the conditions of a vehicle whose mishap makes a motor or propeller fail, step by step.
+    """Lists the damage of a vehicle over time whose mishap makes a motor or propeller fail.
 
     A motor that fails turns more slowly; a propeller that slips gives less thrust and torque.
 
@@ -80,25 +80,25 @@ def _motor_failure_history(
         mishap: Failure of one motor, or of one propeller.
 
     Returns:
-        The steps in ascending order of time, each with the whole condition of the vehicle from then on.
+        The steps in ascending order of time, each with the damage from then on.
     """
     rotors = rotor_count(scenario.vehicle.frame)
+    thrust_history = remaining_thrust_history(mishap, scenario.duration, scenario.random(MISHAP))
     history = []
-    for time, thrust in remaining_thrust_history(
-        mishap, scenario.duration, scenario.random(MISHAP)
-    ):
-        condition = sound_condition(rotors)
+    for time, remaining_thrust in thrust_history:
+        damage = no_damage(rotors)
         if isinstance(mishap, LoosePropeller):
-            remaining = _factors_by_rotor(mishap.motor, thrust, rotors)
-            condition = condition._replace(thrust=remaining, torque=remaining)
+            factors = _factors_by_rotor(mishap.motor, remaining_thrust, rotors)
+            damage = damage._replace(thrust=factors, torque=factors)
         else:
-            speed = _factors_by_rotor(mishap.motor, remaining_speed(thrust), rotors)
-            condition = condition._replace(speed=speed)
-        history.append(DamageStep(time, condition))
+            speed_fraction = remaining_speed(remaining_thrust)
+            factors = _factors_by_rotor(mishap.motor, speed_fraction, rotors)
+            damage = damage._replace(speed=factors)
+        history.append(DamageStep(time, damage))
     return history
 
 
-def _condition(scenario: Scenario, time: float) -> Damage:
+def _damage_at(scenario: Scenario, time: float) -> Damage:
     """Collects all damage that acts on a vehicle at a given time.
 
     A weak motor turns more slowly; a chipped propeller gives less thrust and torque at the same speed; a shifted load
@@ -116,7 +116,7 @@ def _condition(scenario: Scenario, time: float) -> Damage:
     load = scenario.load
     # Motors are counted from 1; 0 means none.
     weak_motor = vehicle.weak_motor if time >= vehicle.weak_from else 0
-    chipped_motor = propeller.motor if time >= propeller.start else 0
+    motor_of_chipped_propeller = propeller.motor if time >= propeller.start else 0
     rotors = rotor_count(vehicle.frame)
     centre_of_mass = (0.0, 0.0)
     if time >= load.start:
@@ -127,8 +127,8 @@ def _condition(scenario: Scenario, time: float) -> Damage:
     return Damage(
         # A scenario gives the remaining thrust of a weak motor. It is proportional to the squared speed.
         speed=_factors_by_rotor(weak_motor, sqrt(vehicle.weak_thrust), rotors),
-        thrust=_factors_by_rotor(chipped_motor, propeller.thrust, rotors),
-        torque=_factors_by_rotor(chipped_motor, propeller.torque, rotors),
+        thrust=_factors_by_rotor(motor_of_chipped_propeller, propeller.thrust, rotors),
+        torque=_factors_by_rotor(motor_of_chipped_propeller, propeller.torque, rotors),
         centre_of_mass=centre_of_mass,
     )
 

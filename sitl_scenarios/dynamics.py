@@ -23,7 +23,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from sitl_scenarios.damage import Damage, sound_condition
+from sitl_scenarios.damage import Damage, no_damage
 from sitl_scenarios.motion import Array
 from sitl_scenarios.rotors import MAX_PULSE, MIN_PULSE, rotor_frame
 from sitl_scenarios.scenario import VehicleSpec
@@ -111,12 +111,12 @@ class RotorEffect(NamedTuple):
     """Remaining fraction of its torque, positive where it turns the body to positive yaw."""
 
 
-def _rotor_effects(vehicle: VehicleSpec, condition: Damage) -> list[RotorEffect]:
+def _rotor_effects(vehicle: VehicleSpec, damage: Damage) -> list[RotorEffect]:
     """Returns position, thrust factor and torque factor of each rotor of a vehicle.
 
     Args:
         vehicle: Vehicle of a scenario.
-        condition: Damage of the vehicle: fractions of thrust and torque, and position of the centre of mass, which is
+        damage: Damage of the vehicle: fractions of thrust and torque, and position of the centre of mass, which is
             the origin of the rotors' positions.
 
     Returns:
@@ -124,31 +124,31 @@ def _rotor_effects(vehicle: VehicleSpec, condition: Damage) -> list[RotorEffect]
     """
     body = airframe(vehicle)
     frame = rotor_frame(vehicle.frame, body.arm)
-    centre_forward, centre_right = condition.centre_of_mass
+    centre_forward, centre_right = damage.centre_of_mass
     return [
         RotorEffect(
             forward=frame.forward[rotor] - centre_forward,
             right=frame.right[rotor] - centre_right,
-            thrust=condition.thrust[rotor],
-            torque=frame.yaw[rotor] * condition.torque[rotor],
+            thrust=damage.thrust[rotor],
+            torque=frame.yaw[rotor] * damage.torque[rotor],
         )
         for rotor in range(body.rotors)
     ]
 
 
-def vehicle_dynamics(vehicle: VehicleSpec, condition: Damage | None = None) -> Dynamics:
+def vehicle_dynamics(vehicle: VehicleSpec, damage: Damage | None = None) -> Dynamics:
     """Builds the equations of motion of a vehicle in the air.
 
     The simulation integrates this function, and the truth files linearise it: there is no second model.
 
     Args:
         vehicle: Vehicle of a scenario.
-        condition: Damage that acts on it; None for a sound vehicle.
+        damage: Damage that acts on it; None for a sound vehicle.
 
     Returns:
         The function of attitude, velocity, body rates, rotor speeds and air that computes the accelerations.
     """
-    flat_dynamics = _flat_dynamics(vehicle, condition)
+    flat_dynamics = _flat_dynamics(vehicle, damage)
 
     def accelerations(
         attitude: Quaternion, velocity: Vector3, rates: Vector3, rotors: Vector4, air: AirState
@@ -171,7 +171,7 @@ class Disturbance(NamedTuple):
 
 def disturbance_of_states(
     vehicle: VehicleSpec,
-    condition: Damage,
+    damage: Damage,
     attitude: Array,
     velocity: Array,
     rates: Array,
@@ -186,7 +186,7 @@ def disturbance_of_states(
 
     Args:
         vehicle: Vehicle of a scenario.
-        condition: Damage that acts on it.
+        damage: Damage that acts on it.
         attitude: (N, 4) unit quaternions from body axes to NED.
         velocity: (N, 3) velocity, NED, m/s.
         rates: (N, 3) body rates, rad/s.
@@ -196,20 +196,20 @@ def disturbance_of_states(
     Returns:
         (N, 3) forces, NED, N, and (N, 3) moments in body axes, N m.
     """
-    flat_dynamics = _flat_dynamics(vehicle, condition, np.sqrt)
+    flat_dynamics = _flat_dynamics(vehicle, damage, np.sqrt)
     # ``values`` are twelve arrays (N,), of which the slices FORCE and MOMENT are three each.
     values = flat_dynamics(attitude.T, velocity.T, rates.T, rotors.T, air.T)
     return Disturbance(np.column_stack(values[FORCE]), np.column_stack(values[MOMENT]))
 
 
 def _flat_dynamics(
-    vehicle: VehicleSpec, condition: Damage | None, root: Callable[[Any], Any] = sqrt
+    vehicle: VehicleSpec, damage: Damage | None, root: Callable[[Any], Any] = sqrt
 ) -> FlatDynamics:
     """Returns the accelerations of a vehicle in the air, and the disturbance in them, as a function of its state.
 
     Args:
         vehicle: Vehicle of a scenario.
-        condition: Damage that acts on it; None for a sound vehicle.
+        damage: Damage that acts on it; None for a sound vehicle.
         root: Square root for the values that the function is called with: ``math.sqrt`` for the numbers of one state,
             ``numpy.sqrt`` for arrays of many states.
 
@@ -218,10 +218,10 @@ def _flat_dynamics(
         linear acceleration (NED), angular acceleration (body axes), disturbing force (NED) and moment (body axes).
     """
     body = airframe(vehicle)
-    condition = condition or sound_condition(body.rotors)
+    damage = damage or no_damage(body.rotors)
     # Plain tuples are unpacked faster than named ones.
-    rotor_effects = [tuple(effect) for effect in _rotor_effects(vehicle, condition)]
-    centre_forward, centre_right = condition.centre_of_mass
+    rotor_effects = [tuple(effect) for effect in _rotor_effects(vehicle, damage)]
+    centre_forward, centre_right = damage.centre_of_mass
     mass = body.mass
     hub_height = body.hub_height
     ix, iy, iz = body.inertia
@@ -406,12 +406,12 @@ class Body:
         self._airframe = airframe(vehicle)
         self._cycle = cycle
         self._steps = steps_in(cycle, MAX_STEP_SECONDS)
-        self.apply_damage(sound_condition(self._airframe.rotors))
+        self.apply_damage(no_damage(self._airframe.rotors))
 
-    def apply_damage(self, condition: Damage) -> None:
-        """Puts the vehicle in this ``condition`` from now on."""
-        self.condition = condition
-        self._dynamics = _flat_dynamics(self._vehicle, condition)
+    def apply_damage(self, damage: Damage) -> None:
+        """Lets this damage act on the vehicle from now on, in the place of any before."""
+        self.damage = damage
+        self._dynamics = _flat_dynamics(self._vehicle, damage)
 
     def settled_speeds(self, outputs: Vector4, battery: float) -> Vector4:
         """Returns the speeds at which the rotors settle while the motor outputs are constant.
@@ -441,7 +441,7 @@ class Body:
             speeds = [
                 speed_per_microsecond * (pulse - MIN_PULSE) + battery_offset for pulse in outputs
             ]
-        return tuple(map(mul, speeds, self.condition.speed))
+        return tuple(map(mul, speeds, self.damage.speed))
 
     def advanced(
         self,

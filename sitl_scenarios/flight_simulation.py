@@ -44,7 +44,7 @@ class DisturbedState(NamedTuple):
 
     air: AirState
     """The air at the vehicle."""
-    condition: Damage
+    damage: Damage
     """Damage that acts on the vehicle."""
     on_ground: bool
     """Whether the ground holds the vehicle: then no disturbance is recorded."""
@@ -94,8 +94,8 @@ class Simulation:
         self._remaining_flights = scenario.flights - 1
         # Damage begins at its time after the first arming, whatever the number of flights.
         self._coming_damage = deque(
-            (self._boot_cycles + round(time / self.cycle), condition)
-            for time, condition in damage_history(scenario)
+            (self._boot_cycles + round(time / self.cycle), damage)
+            for time, damage in damage_history(scenario)
         )
         self.armed = False
         # Whether arming was commanded, so that the autopilot no longer arms itself.
@@ -181,6 +181,7 @@ class Simulation:
             disturbed_states.append(disturbed_state)
         # The rows become columns: one array for each field of the motion.
         columns = {name: _column([row[name] for row in rows]) for name in rows[0]}
+        # Forces and moments of the disturbance are computed for all cycles at once, which is faster.
         columns |= self._disturbance_columns(columns, disturbed_states)
         columns["landed_state"] = columns["landed_state"].astype(np.uint8)
         return self.motion_type(**columns)
@@ -200,15 +201,15 @@ class Simulation:
         force = np.zeros((len(disturbed_states), 3))
         moment = np.zeros((len(disturbed_states), 3))
         air = _column([disturbed.air for disturbed in disturbed_states])
-        # The function for many states takes one condition of the vehicle, so rows are grouped by their damage.
+        # ``disturbance_of_states`` takes many states with the same damage, so rows are grouped by their damage.
         flying_rows: dict[Damage, list[int]] = {}
         for row, disturbed in enumerate(disturbed_states):
             if not disturbed.on_ground:
-                flying_rows.setdefault(disturbed.condition, []).append(row)
-        for condition, rows in flying_rows.items():
+                flying_rows.setdefault(disturbed.damage, []).append(row)
+        for damage, rows in flying_rows.items():
             force[rows], moment[rows] = disturbance_of_states(
                 self.scenario.vehicle,
-                condition,
+                damage,
                 columns["attitude"][rows],
                 columns["velocity"][rows],
                 columns["rates"][rows],
@@ -224,10 +225,11 @@ class Simulation:
         self._controller.reset()
 
     def _update_arming(self) -> None:
-        """Arms, disarms or prepares the next flight, where that is due at the beginning of a cycle.
+        """Arms or disarms the vehicle, or prepares the scenario's next flight, if the current cycle is the time for it.
 
-        ``flight_cycle`` counts cycles from the arming of the current flight: it is negative while the vehicle waits to
-        be armed, 0 when it is armed, ``_flight_cycles`` at the planned disarming, and ``_end_cycles`` at the end.
+        Cycles are counted from the arming of the current flight (``flight_cycle``): the number is negative while the
+        vehicle waits to be armed, ``_flight_cycles`` at the planned disarming, and ``_end_cycles`` when the time on the
+        ground after the flight has passed.
         """
         flight_cycle = self._current_cycle - self._arming_cycle
         if self._remaining_flights and not self.armed and flight_cycle >= self._end_cycles:
@@ -269,7 +271,7 @@ class Simulation:
         reference = self._reference(estimate)
         control = self._control_output(estimate, reference)
         row = self._row(air, battery, estimate, reference, control)
-        disturbed_state = DisturbedState(air, self._body.condition, self._on_ground)
+        disturbed_state = DisturbedState(air, self._body.damage, self._on_ground)
 
         self._move(control.outputs, battery, air, reference)
         self._current_cycle += 1
@@ -289,13 +291,13 @@ class Simulation:
         return self._plan.reference_at(self._flight_time)
 
     def _apply_due_damage(self) -> None:
-        """Puts the vehicle in each condition whose damage begins in the current cycle or before."""
+        """Applies each step of the damage whose time has come; the last one replaces the ones before."""
         while self._coming_damage:
-            first_cycle, condition = self._coming_damage[0]
+            first_cycle, damage = self._coming_damage[0]
             if self._current_cycle < first_cycle:
                 break
             self._coming_damage.popleft()
-            self._body.apply_damage(condition)
+            self._body.apply_damage(damage)
 
     def _battery_fraction(self, flight_cycle: int) -> float:
         """Computes the battery's voltage as a fraction of a full battery's.
@@ -458,7 +460,7 @@ class Simulation:
         rotors = self._body.spun_up(self._state.rotors, settled_speeds)
         self._state = self._state._replace(rotors=rotors)
         # Damaged propellers give a fraction of their thrust.
-        thrust_fractions = self._body.condition.thrust
+        thrust_fractions = self._body.damage.thrust
         lift = fsum(
             fraction * self._airframe.thrust_at(speed)
             for speed, fraction in zip(rotors, thrust_fractions, strict=True)

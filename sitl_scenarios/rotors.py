@@ -96,29 +96,31 @@ def rotor_frame(shape: Shape, arm: Pair) -> RotorFrame:
 
     Args:
         shape: Arrangement of the rotors.
-        arm: Distance forward, and to the right, of the rotors of an X quadrotor from the centre of mass, m. The rotors
-            of a + quadrotor are as far from the centre as these; rotors of larger frames are ``size`` times as far.
+        arm: Distances forward and to the right, m, of the rotors of an X quadrotor from the centre of mass. Their
+            distance from the centre is also the arm of a + quadrotor, and times ``size`` the arm of a larger frame.
 
     Returns:
         Positions (n,), m, and columns of the mixer (n,) for roll, pitch and yaw.
     """
+    radius = hypot(*arm)
     if shape in CIRCLES:
-        return _circle_frame(CIRCLES[shape], hypot(*arm))
-    # Signs of the positions, in the order of motors of the module's docstring.
-    forward = (1.0, -1.0, 1.0, -1.0)
-    right = (1.0, -1.0, -1.0, 1.0)
+        return _circle_frame(CIRCLES[shape], radius)
     if shape == "plus":
-        forward = (0.0, 0.0, 1.0, -1.0)
-        right = (1.0, -1.0, 0.0, 0.0)
-        radius = hypot(*arm)
-        arm = (radius, radius)
-    forward_arm, right_arm = arm
+        # Motors 1 to 4 are right, left, in front and behind.
+        forward_signs = (0.0, 0.0, 1.0, -1.0)
+        right_signs = (1.0, -1.0, 0.0, 0.0)
+        forward_arm, right_arm = radius, radius
+    else:
+        # Motors 1 to 4 are front right, rear left, front left and rear right.
+        forward_signs = (1.0, -1.0, 1.0, -1.0)
+        right_signs = (1.0, -1.0, -1.0, 1.0)
+        forward_arm, right_arm = arm
     # Thrust acts upwards: a rotor on the left rolls the body to the right, one in front raises the nose.
     return RotorFrame(
-        forward=tuple(sign * forward_arm for sign in forward),
-        right=tuple(sign * right_arm for sign in right),
-        roll=tuple(-sign for sign in right),
-        pitch=forward,
+        forward=tuple(sign * forward_arm for sign in forward_signs),
+        right=tuple(sign * right_arm for sign in right_signs),
+        roll=tuple(-sign for sign in right_signs),
+        pitch=forward_signs,
         yaw=SPIN_DIRECTIONS,
     )
 

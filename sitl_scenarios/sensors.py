@@ -72,7 +72,8 @@ class GyroVibration:
     def sample(self, rotor_speeds: Sequence[float]) -> Vector3:
         """Returns the next sample of the vibration; called once per sampling period.
 
-        The rotors shake all axes alike, and the frame each axis by a noise of its own.
+        The rotors shake all axes alike. The frame has a resonance about each axis: a second-order filter (coefficients
+        c1 and c2) that is driven by white noise.
 
         Args:
             rotor_speeds: Speed of each rotor (n,), rad/s.
@@ -87,9 +88,9 @@ class GyroVibration:
         if not self._noise_sd:
             return rotor_vibration, rotor_vibration, rotor_vibration
         for axis, (last, second_last) in enumerate(self._resonance):
-            current = self._c1 * last + self._c2 * second_last + next(self._noise)
-            self._resonance[axis] = (current, last)
-        return tuple(rotor_vibration + current for current, _ in self._resonance)
+            frame_vibration = self._c1 * last + self._c2 * second_last + next(self._noise)
+            self._resonance[axis] = (frame_vibration, last)
+        return tuple(rotor_vibration + frame_vibration for frame_vibration, _ in self._resonance)
 
     def _rotor_sample(self, rotor: int, speed: float) -> float:
         """Turns a rotor by one sampling period, and returns the vibration that it causes.

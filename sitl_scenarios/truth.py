@@ -21,7 +21,7 @@ from mavdem.files import atomic_write
 from mavdem.ingest.vocabulary import IN_AIR
 from mavdem.loops.margins import Complex, OpenLoop
 from sitl_scenarios.controller import FlightController
-from sitl_scenarios.damage import Damage, DamageStep, damage_history, sound_condition
+from sitl_scenarios.damage import Damage, DamageStep, damage_history, no_damage
 from sitl_scenarios.dynamics import AirState, vehicle_dynamics
 from sitl_scenarios.motion import Array, Arrays, Flags, Motion
 from sitl_scenarios.parameter_controller import controller_for, gyro_for
@@ -478,12 +478,12 @@ def _loop_figures(frequency: Array, loop: Complex) -> Mapping[str, Array]:
 
 
 class HoverPhase(NamedTuple):
-    """Time of the hover before all damage, or after all damage, in which the vehicle's condition does not change."""
+    """Time of the hover before all damage, or after all damage, so that the damage does not change in it."""
 
     is_in_phase: Flags
     """(N,) whether each row of the flight belongs to it."""
-    condition: Damage
-    """Condition of the vehicle."""
+    damage: Damage
+    """Damage of the vehicle in it."""
 
 
 def _motor_effects(scenario: Scenario, motion: Motion) -> dict[str, Array]:
@@ -501,7 +501,7 @@ def _motor_effects(scenario: Scenario, motion: Motion) -> dict[str, Array]:
     """
     vehicle = scenario.vehicle
     is_hover = motion.landed_state == IN_AIR
-    sound = sound_condition(airframe(vehicle).rotors)
+    sound = no_damage(airframe(vehicle).rotors)
     # The damage of a sound vehicle never begins.
     history = damage_history(scenario) or [DamageStep(np.inf, sound)]
     first_damage, last_damage = history[0], history[-1]
@@ -513,13 +513,13 @@ def _motor_effects(scenario: Scenario, motion: Motion) -> dict[str, Array]:
     arrays: dict[str, Array] = {}
     for number, phase in enumerate(flown_phases):
         suffix = "" if number == 0 else "_weak"
-        effects = _mean_motor_effects(vehicle, motion[phase.is_in_phase], phase.condition)
+        effects = _mean_motor_effects(vehicle, motion[phase.is_in_phase], phase.damage)
         for axis, effect in zip(AXES, effects, strict=True):
             arrays[f"{axis}_effect{suffix}"] = effect
     return arrays
 
 
-def _mean_motor_effects(vehicle: VehicleSpec, motion: Motion, condition: Damage) -> Array:
+def _mean_motor_effects(vehicle: VehicleSpec, motion: Motion, damage: Damage) -> Array:
     """Returns the effects of the motors' outputs on the angular accelerations, at the mean of a part of a flight.
 
     By the chain rule an effect is the slope of angular acceleration by rotor speed, at the mean rotor speeds and the
@@ -528,7 +528,7 @@ def _mean_motor_effects(vehicle: VehicleSpec, motion: Motion, condition: Damage)
     Args:
         vehicle: Vehicle of the scenario.
         motion: Part of the flight.
-        condition: Damage of the vehicle in it.
+        damage: Damage of the vehicle in it.
 
     Returns:
         (3, 4) angular acceleration about the axes by each motor's output, rad/s² per µs.
@@ -538,18 +538,18 @@ def _mean_motor_effects(vehicle: VehicleSpec, motion: Motion, condition: Damage)
     # Mean velocity of the air relative to the vehicle, in body axes.
     mean_air = attitudes.inv().apply(motion.wind - motion.velocity).mean(0)
     mean_speeds = motion.rotor_speeds.mean(0)
-    effect_per_speed = _rotor_speed_effects(vehicle, mean_speeds, mean_air, condition)
+    effect_per_speed = _rotor_speed_effects(vehicle, mean_speeds, mean_air, damage)
     command_per_microsecond = body.full_command / (MAX_PULSE - MIN_PULSE)
     commands = command_per_microsecond * (motion.outputs.mean(0) - MIN_PULSE)
     speed_slopes = np.array([body.speed_slope(command) for command in commands.tolist()])
     speed_per_microsecond = (
-        speed_slopes * condition.speed * motion.battery.mean() * command_per_microsecond
+        speed_slopes * damage.speed * motion.battery.mean() * command_per_microsecond
     )
     return effect_per_speed * speed_per_microsecond
 
 
 def _rotor_speed_effects(
-    vehicle: VehicleSpec, rotor_speeds: Array, air: Array, condition: Damage
+    vehicle: VehicleSpec, rotor_speeds: Array, air: Array, damage: Damage
 ) -> Array:
     """Returns the slopes of a vehicle's angular accelerations by its rotor speeds, in steady flight.
 
@@ -560,12 +560,12 @@ def _rotor_speed_effects(
         vehicle: Vehicle of the scenario.
         rotor_speeds: Speeds about which to linearise, rad/s; (4,).
         air: Velocity of the air relative to the vehicle, in body axes, m/s; (3,).
-        condition: Damage of the vehicle.
+        damage: Damage of the vehicle.
 
     Returns:
         (3, 4) angular acceleration about the axes by each rotor's speed, rad/s² per rad/s.
     """
-    dynamics = vehicle_dynamics(vehicle, condition)
+    dynamics = vehicle_dynamics(vehicle, damage)
     level = (1.0, 0.0, 0.0, 0.0)
     zero = (0.0, 0.0, 0.0)
     # The axes of a level vehicle with its nose to the north are NED.

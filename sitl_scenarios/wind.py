@@ -140,20 +140,21 @@ class JetFlow:
         """
         axis_north = self._axis_north
         axis_east = self._axis_east
-        # Positions count from the ground below the place of the hover, which is ``distance`` before the blower.
+        # The origin is on the ground below the place of the hover, and the blower ``distance`` away from there.
         north, east, down = position
         axial_distance = self._jet.distance + north * axis_north + east * axis_east
         right_of_axis = east * axis_north - north * axis_east - self._jet.offset
         below_axis = down + self._height
         radial_distance = (right_of_axis * right_of_axis + below_axis * below_axis) ** 0.5
-        speed = jet_speed(self._jet, axial_distance, radial_distance)
-        # The turbulence is a fraction of the local mean speed, whose own axial component is 1.
+        mean_speed = jet_speed(self._jet, axial_distance, radial_distance)
+        # Components along the jet, to its right and down, as fractions of the local mean speed: the mean itself is 1
+        # along the jet.
         axial_turbulence, lateral, vertical = self._turbulence.row(cycle)
         axial = 1.0 + axial_turbulence
         return (
-            speed * (axial * axis_north - lateral * axis_east),
-            speed * (axial * axis_east + lateral * axis_north),
-            speed * vertical,
+            mean_speed * (axial * axis_north - lateral * axis_east),
+            mean_speed * (axial * axis_east + lateral * axis_north),
+            mean_speed * vertical,
         )
 
 

@@ -60,6 +60,10 @@ SENSORS = sum(
 )
 """Bits of the sensors that the vehicle has, which all are healthy."""
 
+UNKNOWN_CURRENT = -1
+UNKNOWN_CHARGE = -1
+"""Values of a current and of a battery's charge that are not known, by the definition of SYS_STATUS."""
+
 FENCE = mavlink_constant("MAV_SYS_STATUS_GEOFENCE")
 """Bit of the geofence, which reports as healthy: it is not breached."""
 
@@ -186,9 +190,8 @@ def _sensors_and_battery(motion: Motion) -> dict[str, Any]:
         "onboard_control_sensors_enabled": SENSORS,
         "onboard_control_sensors_health": SENSORS | FENCE,
         "voltage_battery": np.round(1000 * FULL_BATTERY_VOLTAGE * motion.battery),
-        # MAVLink's value of an unknown current, and of an unknown charge.
-        "current_battery": -1,
-        "battery_remaining": -1,
+        "current_battery": UNKNOWN_CURRENT,
+        "battery_remaining": UNKNOWN_CHARGE,
     }
     if isinstance(motion, InstrumentedMotion):
         fields |= system_status_fields(motion, SENSORS)

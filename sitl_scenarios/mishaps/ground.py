@@ -149,7 +149,7 @@ def lean_of(attitude: Quaternion) -> float:
 
 
 def impact(state: State) -> GroundContact:
-    """Returns the contact of a vehicle that hits the ground: it comes to rest on its side, its back, or its feet.
+    """Begins the motion of a vehicle that hits the ground: it comes to rest on its side, its back, or its feet.
 
     The more it leans at the impact, the further it turns over; a fast impact on its feet breaks them. The acceleration
     of the impact is the speed divided by the time in which the ground stops the vehicle, up to the range of
@@ -161,27 +161,28 @@ def impact(state: State) -> GroundContact:
     Returns:
         The contact, at the beginning of its motion.
     """
-    rows = rotation_matrix(state.attitude)
-    # The down axis of the body, north and east: the vehicle leans about the horizontal axis at right angles to it.
-    north, east = rows[0][2], rows[1][2]
-    length = sqrt(north * north + east * east)
+    # North and east components of the body's down axis, the third column of the matrix.
+    (_, _, down_north), (_, _, down_east), _ = rotation_matrix(state.attitude)
+    length = sqrt(down_north * down_north + down_east * down_east)
+    # The vehicle leans about the horizontal axis at right angles to that; an upright one, about any.
     axis_north, axis_east = 1.0, 0.0
     if length > 0:
-        axis_north, axis_east = -east / length, north / length
+        axis_north, axis_east = -down_east / length, down_north / length
     lean = lean_of(state.attitude)
     # The quaternion of the opposite rotation, which takes the lean off and leaves the heading.
     half_angle = -lean / 2
     to_upright = (cos(half_angle), sin(half_angle) * axis_north, sin(half_angle) * axis_east, 0.0)
+    heading = normalised(quaternion_product(to_upright, state.attitude))
+
+    north_speed, east_speed, sink_speed = state.velocity
     rest_lean = 0.0
     if lean > MIN_BACK_LEAN:
         rest_lean = BACK_ANGLE
-    elif lean > MAX_LANDING_LEAN or state.velocity[2] > MAX_UPRIGHT_SINK:
+    elif lean > MAX_LANDING_LEAN or sink_speed > MAX_UPRIGHT_SINK:
         rest_lean = SIDE_ANGLE
-    speed = sqrt(sum(part * part for part in state.velocity))
+    speed = sqrt(north_speed * north_speed + east_speed * east_speed + sink_speed * sink_speed)
     acceleration = min(speed / STOPPING_SECONDS, MAX_IMPACT)
-    heading = normalised(quaternion_product(to_upright, state.attitude))
-    axis = (axis_north, axis_east)
-    return GroundContact(heading, axis, lean, rest_lean, impact=acceleration)
+    return GroundContact(heading, (axis_north, axis_east), lean, rest_lean, impact=acceleration)
 
 
 def topple(state: State, bearing: float) -> GroundContact:

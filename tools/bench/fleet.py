@@ -410,11 +410,13 @@ def _cost_of_comparing(fleet: Path) -> Cost:
 
 
 def draw_growth(table: Sequence[Sequence[str]], path: Path) -> None:
-    """Draws the times of a fleet's growth over its number of logs, both logarithmic.
+    """Draws the times in the table of ``growth`` over the number of logs, both logarithmic.
+
+    Columns with another unit than a time, such as MB, are left out.
 
     Args:
-        table: rows of the table of ``growth``, with a cell for each of ``GROWTH_HEADER``.
-        path: the picture.
+        table: rows of the table, with a cell for each of ``GROWTH_HEADER``.
+        path: file of the picture.
     """
     import matplotlib as mpl
     import matplotlib.pyplot as plt
@@ -422,14 +424,15 @@ def draw_growth(table: Sequence[Sequence[str]], path: Path) -> None:
     mpl.use("agg")
     # The ids in the file follow from this text, so that the same figures make the same file.
     mpl.rcParams["svg.hashsalt"] = "fleet"
-    sizes = [int(row[0].replace(",", "")) for row in table]
-    seconds_per_unit = {"(processor s)": 1.0, "(ms)": 1e-3}
+    log_counts = [int(row[0].replace(",", "")) for row in table]
+    seconds_per_unit = {"processor s": 1.0, "ms": 1e-3}
     figure, axes = plt.subplots(figsize=(6, 3.4), layout="constrained")
     for column, header in enumerate(GROWTH_HEADER):
-        name, _, unit = header.partition(" (")
-        scale = seconds_per_unit.get(f"({unit}")
-        if scale is not None:
-            axes.loglog(sizes, [scale * float(row[column]) for row in table], "o-", label=name)
+        # A header ends with its unit in parentheses.
+        name, _, unit = header.removesuffix(")").partition(" (")
+        if unit in seconds_per_unit:
+            seconds = [seconds_per_unit[unit] * float(row[column]) for row in table]
+            axes.loglog(log_counts, seconds, "o-", label=name)
     axes.set(xlabel="logs", ylabel="s")
     axes.grid(alpha=0.3)
     axes.legend(fontsize="small")
@@ -441,7 +444,7 @@ def draw_growth(table: Sequence[Sequence[str]], path: Path) -> None:
 @click.argument("logs", nargs=-1, required=True, type=click.Path(path_type=Path))
 @click.option("--logs", "count", default=FLEET_SIZES[-1], help="Number of logs.")
 def make(fleet: Path, logs: tuple[Path, ...], count: int) -> None:
-    """Makes a FLEET of so many logs, to look at."""
+    """Makes a FLEET of --logs generated logs, copies of LOGS, whose pages can be opened."""
     with TemporaryDirectory() as folder:
         real_fleet = Path(folder, "real")
         run_mavdem("track", *logs, "--out", real_fleet)
@@ -526,17 +529,14 @@ def cluster(logs: tuple[Path, ...], max_logs: int) -> None:
 
 
 def _cluster_row(name: str, seconds: float, logs: int, gain: float, flights: int) -> list[str]:
-    """Returns a row of the table of clusters.
+    """Formats the measurement of a cluster as a row of the table with ``CLUSTER_HEADER``.
 
     Args:
-        name: number of workers, in words.
-        seconds: time that the logs took, s.
+        name: number of workers, and which was killed.
+        seconds: time in which the cluster has read all logs, s.
         logs: number of logs.
-        gain: how many times as fast as one worker.
-        flights: flights in the table of the fleet.
-
-    Returns:
-        Name, seconds, logs a second, gain and flights, as texts.
+        gain: speed relative to one worker's.
+        flights: number of flights in the fleet's table afterwards, which shows that none was lost.
     """
     return [name, f"{seconds:.0f}", f"{logs / seconds:.2f}", f"{gain:.2f}", str(flights)]
 
@@ -544,7 +544,7 @@ def _cluster_row(name: str, seconds: float, logs: int, gain: float, flights: int
 def _cluster_seconds(
     logs: Sequence[Path], workers: int, kill_after: float | None = None
 ) -> tuple[float, int]:
-    """Reads logs on a new cluster.
+    """Reads logs into a new fleet on a new cluster, and may kill a worker meanwhile.
 
     Args:
         logs: the logs.
@@ -552,16 +552,16 @@ def _cluster_seconds(
         kill_after: time after which one worker is killed, s; None for never.
 
     Returns:
-        The time that it took, s, and the number of flights in the table.
+        The time that reading took, s, and the number of flights in the fleet's table.
     """
     with local_cluster(workers) as running, TemporaryDirectory() as folder:
-        killer = None
+        kill_timer = None
         if kill_after is not None:
-            killer = Timer(kill_after, running.workers[0].kill)
-            killer.start()
+            kill_timer = Timer(kill_after, running.workers[0].kill)
+            kill_timer.start()
         cost = run_mavdem("track", *logs, "--out", folder, "--scheduler", running.address)
-        if killer is not None:
-            killer.join()
+        if kill_timer is not None:
+            kill_timer.join()
         flights = fleet_counts(summaries_of(read_brief_rows(Path(folder))))["flights"]
     return cost.seconds, flights
 

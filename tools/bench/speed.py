@@ -12,6 +12,7 @@ import os
 import subprocess
 import sys
 import time
+from collections.abc import Callable
 from contextlib import redirect_stderr, redirect_stdout, suppress
 from functools import partial
 from io import StringIO
@@ -139,6 +140,10 @@ def read(logs: tuple[Path, ...]) -> None:
     print(markdown([Table(header, rows)]))
 
 
+READING_RUNS = 3
+"""Runs of each reader on each log, of which the fastest counts."""
+
+
 def damaged_copy(content: bytes) -> bytes:
     """Returns a log with random bytes at places that are ``DAMAGE_SPACING`` apart."""
     generator = np.random.default_rng(0)
@@ -149,48 +154,72 @@ def damaged_copy(content: bytes) -> bytes:
 
 
 def reading_costs(path: Path) -> list[str]:
-    """Returns the row of a log in the table of ``read``: sizes, rates, messages and memory.
+    """Measures how fast a log is read by mavdem and by the library of its format, and how much memory mavdem takes.
 
     Args:
         path: path of the log.
 
     Returns:
-        Cells of the row: name; size, MB; rates of mavdem and of the library, MB/s, and their ratio; messages of the
-        library; and memory over size.
+        Cells of the table's row: name; size, MB; rates of mavdem and of the library, MB/s, and their ratio; messages of
+        the library; and memory relative to the size of the log.
     """
-    library = READERS[path.suffix.lower()]
-    seconds_of_readers: dict[str, list[float]] = {"mavdem": [], "library": []}
-    message_counts = {"mavdem": 0, "library": 0}
-    for _ in range(3):
+    library_reader = READERS[path.suffix.lower()]
+    mavdem_times = ReadingTimes([], 0)
+    library_times = ReadingTimes([], 0)
+    for _ in range(READING_RUNS):
         # By turns, so that a busy machine slows both.
-        for name, reader in (("mavdem", read_with_mavdem), ("library", library)):
-            began = time.process_time()
-            # Of a damaged file a library may raise anything, and prints much.
-            with suppress(Exception), redirect_stdout(StringIO()), redirect_stderr(StringIO()):
-                message_counts[name] = reader(str(path))
-                seconds_of_readers[name].append(time.process_time() - began)
+        mavdem_times = with_further_run(mavdem_times, read_with_mavdem, path)
+        library_times = with_further_run(library_times, library_reader, path)
     megabytes = path.stat().st_size / 1e6
-    rates = {
-        name: megabytes / min(seconds) if seconds else float("nan")
-        for name, seconds in seconds_of_readers.items()
-    }
+    mavdem_rate = megabytes / mavdem_times.least_seconds
+    library_rate = megabytes / library_times.least_seconds
+    # A new process prints by how many bytes it grows when it reads the log.
     growth = subprocess.run(
         [sys.executable, "-c", MEMORY_PROGRAM, str(path)],
         capture_output=True,
         text=True,
         check=True,
     )
-    ratio = rates["mavdem"] / rates["library"]
     memory_ratio = int(growth.stdout) / path.stat().st_size
     return [
         path.name,
         f"{megabytes:.1f}",
-        f"{rates['mavdem']:.0f}",
-        f"{rates['library']:.1f}",
-        f"{ratio:.1f}",
-        f"{message_counts['library']}",
+        f"{mavdem_rate:.0f}",
+        f"{library_rate:.1f}",
+        f"{mavdem_rate / library_rate:.1f}",
+        f"{library_times.messages}",
         f"{memory_ratio:.1f}",
     ]
+
+
+class ReadingTimes(NamedTuple):
+    """Processor times in which a reader has read a log."""
+
+    seconds: list[float]
+    """Processor time of each run that succeeded, s."""
+    messages: int
+    """Messages that the last of these runs has read; 0 if none succeeded."""
+
+    @property
+    def least_seconds(self) -> float:
+        """The least processor time, s; NaN if no run succeeded."""
+        return min(self.seconds, default=float("nan"))
+
+
+def with_further_run(times: ReadingTimes, reader: Callable[[str], int], path: Path) -> ReadingTimes:
+    """Reads a log once more, and returns the times with this run, or as they are if the reader fails.
+
+    Args:
+        times: times of former runs.
+        reader: function that reads a log and returns the number of its messages.
+        path: path of the log.
+    """
+    began = time.process_time()
+    # Of a damaged file a library may raise anything, and prints much.
+    with suppress(Exception), redirect_stdout(StringIO()), redirect_stderr(StringIO()):
+        messages = reader(str(path))
+        return ReadingTimes([*times.seconds, time.process_time() - began], messages)
+    return times
 
 
 def fleet(logs: tuple[Path, ...]) -> None:

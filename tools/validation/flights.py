@@ -91,8 +91,9 @@ def draw_values(table: Any, rng: Generator) -> Any:
 def scenario_from_values(values: Values, *full_rate_messages: str) -> Scenario:
     """Returns the scenario of drawn values, with winds and moments scaled to the size of the vehicle.
 
-    The values are as in a scenario's TOML file, with two forms more: a key ``lag`` for the lag, s, of rotors that speed
-    up and slow down alike, and the excitation of kind "none".
+    A small vehicle would tumble in the wind that a large one is tested with, so that speeds and moments are multiplied
+    by a factor of the vehicle's model. The values are as in a scenario's TOML file, but may also have a key ``lag`` for
+    the lag, s, of rotors that speed up and slow down alike, and an excitation of kind "none".
 
     Args:
         values: the drawn values, which are not changed.
@@ -103,14 +104,14 @@ def scenario_from_values(values: Values, *full_rate_messages: str) -> Scenario:
     """
     table = dict(values)
     model = table["vehicle"].get("model", "iris")
+    # The sections are wind and moments, each a list of several that act together.
     for section, scale_by_model in TABLES["scales"].items():
-        scaled_rows = []
-        for row in table.get(section, []):
-            scaled = {
-                name: scale_by_model[model] * row[name] for name in SCALED_FIELDS if name in row
-            }
-            scaled_rows.append(row | scaled)
-        table[section] = scaled_rows
+        scale = scale_by_model[model]
+        scaled_entries = []
+        for entry in table.get(section, []):
+            scaled_fields = {name: scale * entry[name] for name in SCALED_FIELDS if name in entry}
+            scaled_entries.append(entry | scaled_fields)
+        table[section] = scaled_entries
     if table.get("excitation") == {"kind": "none"}:
         del table["excitation"]
     if "lag" in table:
@@ -156,20 +157,20 @@ def percent_true(conditions: Any) -> str:
     return "–"
 
 
-def print_table(title: str, rows: Any, *remarks: str) -> None:
-    """Prints a table in Markdown, between a title and remarks.
+def print_table(title: str, rows: Any, *notes: str) -> None:
+    """Prints a table in Markdown, between a title and notes.
 
     Args:
         title: sentence above the table.
         rows: rows of the table: a data frame, or a list of dictionaries with a value by the header of each column.
-        remarks: sentences below the table.
+        notes: sentences below the table.
     """
     table = pd.DataFrame(rows)
     cells = [[_cell_text(cell) for cell in row] for row in table.itertuples(index=False)]
     # Some columns have words, so all are aligned on the left.
     blocks: Blocks = [Sentence(title), Table(list(table), cells, words=True)]
-    for remark in remarks:
-        blocks.append(Sentence(remark))
+    for note in notes:
+        blocks.append(Sentence(note))
     click.echo(markdown(blocks) + "\n")
 
 

@@ -30,22 +30,23 @@ def offline_row(learned: Learned) -> dict[str, float]:
         learned: the model.
 
     Returns:
-        The row of the first table, by column: F(t) and F̄ in nats.
+        The row of the first table by column, all in nats but the number of samples.
     """
-    differences = []
+    differences_of_terms = []
     for name, terms_of_samples in learned.free_energy_terms_of_samples().items():
         # The terms of F̄ are recorded at each iteration of the fit; the last ones belong to the model. Of F(t) there
         # is one term more, the mean field, which sums to zero over the samples and is not a term of F̄.
-        recorded_terms = learned.free_energy.terms.get(name)
-        reported = 0.0 if recorded_terms is None else recorded_terms[-1]
-        differences.append(abs(terms_of_samples.sum() - reported))
+        terms_by_iteration = learned.free_energy.terms.get(name)
+        reported_term = 0.0 if terms_by_iteration is None else terms_by_iteration[-1]
+        differences_of_terms.append(abs(terms_of_samples.sum() - reported_term))
+    free_energies = learned.free_energy_of_samples
     return {
-        "samples": len(learned.free_energy_of_samples),
-        "sum of F(t)": learned.free_energy_of_samples.sum(),
+        "samples": len(free_energies),
+        "sum of F(t)": free_energies.sum(),
         "F̄": learned.free_energy[-1],
-        "largest difference of a term": max(differences),
-        "F(t), mean": learned.free_energy_of_samples.mean(),
-        "F(t), sd": learned.free_energy_of_samples.std(),
+        "largest difference of a term": max(differences_of_terms),
+        "F(t), mean": free_energies.mean(),
+        "F(t), sd": free_energies.std(),
     }
 
 
@@ -53,10 +54,11 @@ def live_row(flight: Flight) -> dict[str, float]:
     """Gives a flight to the online learner, and compares the sum of F(t) with F̄ for each model that it learns.
 
     Args:
-        flight: the samples of the stream, without a gap.
+        flight: samples of the stream, without a gap.
 
     Returns:
-        The row of the second table, by column: F(t) and F̄ in nats.
+        The row of the second table by column, all in nats but the number of learning runs. "F(t) as streamed" and the
+        "mean" after it are of the values that the learner returned with each sample.
     """
     learner = OnlineLearner(
         dt=flight.dt, n_inputs=flight.inputs.shape[1], n_outputs=flight.outputs.shape[1]
