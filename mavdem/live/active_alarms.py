@@ -1,4 +1,4 @@
-"""Active alarms of a live vehicle: one for each watched quantity with a fault, until the fault is no longer found."""
+"""Active alarms of a live vehicle: each begins with a fault, and is over when the fault has not been found for long."""
 
 from math import inf
 

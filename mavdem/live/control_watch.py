@@ -1,4 +1,4 @@
-"""Loss of control in a live flight: the attitude leaves its setpoint, or the vehicle falls, as in a log.
+"""Loss of control in a live flight, by the rules for logs: the attitude leaves its setpoint, or the vehicle falls.
 
 The functions that judge a log judge the last seconds, so that an alarm in flight and the review of the recording agree.
 """

@@ -1,4 +1,4 @@
-"""Lights of a live vehicle: the worst fact on each part of it, such as its motors, in the latest flight and before."""
+"""Lights of a live vehicle: the worst finding (fact) on each part of it, such as its motors, in its flights so far."""
 
 from __future__ import annotations
 

@@ -45,7 +45,7 @@ A model of samples from earlier in the climb comes sooner, but its errors are up
 
 
 class FlightPhase:
-    """Decides in each review whether a live vehicle is airborne, in free flight, and in settled flight; in one boot.
+    """Decides twice a second whether a live vehicle is airborne, in free flight, and in settled flight.
 
     In free flight nothing holds the vehicle. Settled flight is free flight without the climb-out after the take-off and
     without the landing. All times are s of the boot clock.

@@ -20,7 +20,7 @@ BAND_SECONDS = 5.0
 
 
 class ResolvedTorque:
-    """Hides the estimated wind torque while it is smaller than its error; reports of logs withhold it then, too.
+    """Leaves out the estimated wind torque while it is smaller than its error, as reports of logs do.
 
     Such a torque may be nothing but the error of the motors' estimated effect.
     """

@@ -1,4 +1,4 @@
-"""When a live vehicle was in the air or on the ground in one boot, in the form in which a log states it."""
+"""When a live vehicle was in the air or on the ground since its autopilot started, in the form that logs have."""
 
 from typing import NamedTuple
 
@@ -19,7 +19,7 @@ class _StateSample(NamedTuple):
 
 
 class LandedStates:
-    """The phases of one boot, in the air or on the ground, as the reviews of the vehicle found them.
+    """The phases in the air and on the ground in one boot, as the periodic reviews of the vehicle found them.
 
     Each phase is kept as two samples: when it was found first, and when it was found last before the next one began.
     """

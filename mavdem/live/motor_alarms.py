@@ -1,4 +1,4 @@
-"""Alarms of weak motors in a live flight: the sequential test of the motors' balance, over all flights of a vehicle."""
+"""Alarms of motors that weaken in a live flight: the balance of all motors is tested with each sample."""
 
 from collections import deque
 from math import nan

@@ -1,4 +1,4 @@
-"""The latest attitude of a live vehicle with its setpoint, and its heading while it follows that."""
+"""The latest attitude of a live vehicle with its setpoint, and its heading while roll and pitch follow theirs."""
 
 from math import inf, isfinite, nan
 from typing import NamedTuple

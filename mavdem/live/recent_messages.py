@@ -1,4 +1,4 @@
-"""The latest slow messages of one boot of a vehicle, as the columns in which a log holds them."""
+"""The latest slow messages of a live vehicle since its autopilot started, as the columns in which a log holds them."""
 
 from collections import Counter
 from collections.abc import Iterable, Sequence

@@ -1,4 +1,4 @@
-"""Alarms in flight about what the autopilot itself reports: faults that are bad, or that it calls critical.
+"""Alarms in flight about faults that the autopilot itself reports (facts), if they are bad or it calls them critical.
 
 What it reports at a lower severity is a line only. The battery has an alarm of its own (``Watchdog``).
 """
@@ -21,7 +21,7 @@ ALARMING_STATES = frozenset((ReportedEvent.FAILSAFE, *FAILSAFE_TRIGGERS)) - {
 
 
 class ReportAlarms:
-    """The alarms of one boot about what the autopilot reports.
+    """The alarms about faults that the autopilot reports, since it started.
 
     One about a bad fault, such as a motor that failed, lasts until the flight ends. One about a fault that is to be
     watched, such as a doubt about GPS, lasts while it is reported, and for ``REPEAT_SECONDS`` after that.

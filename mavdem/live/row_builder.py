@@ -51,9 +51,10 @@ class RowBuilder:
         self.restart(0, phase)
 
     def restart(self, boot: int, phase: FlightPhase) -> None:
-        """Forgets the samples, at a reboot, after which the clock begins again; the format of the latest rows stays.
+        """Begins a boot: forgets the samples of the former one, whose clock has ended, and which messages have motors.
 
-        The choice of messages and motors is forgotten, too: it is made again by the samples of this boot.
+        The choice of messages and motors is made again by the samples of this boot. The format of the latest rows
+        stays. The constructor calls this too, so that the attributes are created here.
 
         Args:
             boot: number of the boot.

@@ -1,4 +1,4 @@
-"""Rows of a live flight: samples of attitude and motors at one time, and what their columns are."""
+"""Rows of a live flight: angle, body rate and motor outputs at one time, and the format that says what they are."""
 
 from dataclasses import dataclass
 from typing import NamedTuple

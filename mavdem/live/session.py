@@ -169,16 +169,10 @@ class LiveSession:
         self._postponed_rows = 0
 
     def step(self, timeout: float = 0.1) -> None:
-        """Performs one iteration of the session: receives, records, analyses for a while, reports, and sends requests.
+        """Performs one iteration of the session: receives and records, analyses for a while, and reports.
 
-        The order matters. The link is emptied first, since its buffer is small. What the computer is too slow for is
-        put off before any analysis. Analysis then goes on for ``STEP_SECONDS`` only, even if more waits, so that the
-        link is emptied again soon. What happened is reported once the messages that show it are analysed, and message
-        rates are requested by what came until then. Once in ``STATUS_PERIOD`` the model is judged and the status
-        reported.
-
-        There are two clocks: what is analysed is at ``backlog.analysed_until`` of this computer's monotonic clock, and
-        at ``stream.now`` of the vehicle's clock, both in s.
+        The link is emptied first, since its buffer is small. Analysis then goes on for ``STEP_SECONDS`` only, even if
+        more messages wait, so that the link is emptied again soon.
 
         Args:
             timeout: longest time to wait for a message of the link while none waits for analysis, s.
@@ -190,16 +184,31 @@ class LiveSession:
         end_time = clock.monotonic() + STEP_SECONDS
         while self.backlog and clock.monotonic() < end_time:
             self._analyse()
+        self._report_events()
+        self._request_rates()
+        now = clock.monotonic()
+        if now - self._status_time >= STATUS_PERIOD:
+            self._status_time = now
+            self._judge_and_report(now)
+
+    def _report_events(self) -> None:
+        """Reports the first model, and what the stream and the link have reported since the last step."""
         self._milestone_reporter.note_first_model(
             self._learning, self.stream.now, self.stream.takeoff_time
         )
         for event in self.stream.drain_events():
-            # The successor of a vehicle that is silent is reported as that.
-            if self.successor is None or event.fact.code is not VehicleFact.OTHER_VEHICLE:
+            # A vehicle that is to be followed after a silent one has been reported as its successor.
+            is_successor = event.fact.code is VehicleFact.OTHER_VEHICLE and self.successor
+            if not is_successor:
                 self._presentation.log(event.fact)
         for fact in self.link.drain_events():
             self._presentation.log(fact)
-        now = clock.monotonic()
+
+    def _request_rates(self) -> None:
+        """Requests message rates from the vehicle, by the rates of the messages that are analysed so far.
+
+        Rates are measured by the vehicle's clock, which may run slower than this computer's, as in a simulation.
+        """
         analysed_time = self.backlog.analysed_until
         self._clock_speed.update(analysed_time, self.stream.now)
         self._rates.update(
@@ -208,9 +217,6 @@ class LiveSession:
             is_busy=self.backlog.is_late,
             vehicle_seconds=self._clock_speed.elapsed_seconds(analysed_time),
         )
-        if now - self._status_time >= STATUS_PERIOD:
-            self._status_time = now
-            self._judge_and_report(now)
 
     def _judge_and_report(self, now: float) -> None:
         """Judges the latest model, and reports advice on gains, the status and milestones, once per ``STATUS_PERIOD``.

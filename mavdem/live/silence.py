@@ -15,7 +15,7 @@ An autopilot that reboots, or a radio that fades, is mostly back before.
 
 
 class SilenceMonitor:
-    """Notes when messages, and samples of attitude or motors, came last, and how long they had not come before.
+    """Records when messages, and samples of attitude or motors, came last, and how long they had not come before.
 
     Attributes:
         message_time: when a message of the followed vehicle came last, of any sender while none is followed, s of the

@@ -1,4 +1,4 @@
-"""Assembly of a live session's status and time account from the parts of the session."""
+"""Assembly of a live session's status and time account from the objects that the session consists of."""
 
 from dataclasses import dataclass, replace
 
@@ -20,7 +20,7 @@ from mavdem.live.watch_list import not_watched
 
 @dataclass(frozen=True)
 class StatusReport:
-    """Reads the parts of a live session, and puts their states together into one status."""
+    """Collects the states of a live session's link, stream, learning and judging into one status."""
 
     stream: LiveStream
     """Rows and alarms of the vehicle."""

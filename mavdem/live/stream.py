@@ -445,18 +445,28 @@ class LiveStream:
         elif name in ESTIMATOR_FLAG_MESSAGES:
             self.wind.estimator_flags = message.values[0]
         elif name in VELOCITY_MESSAGES:
-            first_wind = self.wind.add_velocity(name, time, message.values[:3])
-            if name == "LOCAL_POSITION_NED":
-                is_flying = self.is_flying
-                self._pose.add_position(time, message.values[3:], is_flying=is_flying)
-                # The vertical velocity comes first.
-                self._watch_drift(time, message.values[1:3])
-            if first_wind is not None:
-                self._report(first_wind)
+            self._process_velocity(message, time)
         if name in KEPT_MESSAGES:
             self._review.recent_messages.add(name, time, message.values)
         self._review.proceed(self._clock.now, self._rows)
         self._rows.end_segment_unless_free()
+
+    def _process_velocity(self, message: Message, time: float) -> None:
+        """Takes a velocity, and perhaps a position: for the wind, for the latest pose, and to find drift in wind.
+
+        Args:
+            message: one of ``VELOCITY_MESSAGES``: velocity down, north and east in its unit; in LOCAL_POSITION_NED, in
+                m/s, the position north, east and down, m, follows.
+            time: time on the boot clock, s.
+        """
+        first_wind = self.wind.add_velocity(message.name, time, message.values[:3])
+        if message.name == "LOCAL_POSITION_NED":
+            position = message.values[3:]
+            north_and_east = message.values[1:3]
+            self._pose.add_position(time, position, is_flying=self.is_flying)
+            self._watch_drift(time, north_and_east)
+        if first_wind is not None:
+            self._report(first_wind)
 
     def _watch_drift(self, time: float, velocity: Numbers) -> None:
         """Passes a velocity in flight, with the latest attitude, to the watchdog, which looks for drift in wind.

@@ -15,7 +15,7 @@ ON_GROUND_CODES = (SessionFact.NOT_FLYING, SessionFact.FLIGHT_UNKNOWN, SessionFa
 
 @dataclass(frozen=True)
 class AccountedState:
-    """What a live session does at the moment when its time is counted."""
+    """State of a live session at the moment when its time is counted, which decides what the time is spent on."""
 
     link_is_lost: bool
     message_time: float

@@ -1,4 +1,4 @@
-"""How a live vehicle follows its setpoints, by the judgement of logs on the latest minute of settled flight."""
+"""How well a live vehicle follows its attitude setpoints, by the rules for logs, in its latest minute of flight."""
 
 from collections import deque
 from dataclasses import replace
@@ -52,8 +52,8 @@ class TrackingWatch:
         samples = self._samples[SETPOINT_MESSAGE]
         return bool(samples) and now - samples[-1].time <= MEMORY_SECONDS
 
-    def light(self, now: float, vehicle: Telemetry, settled_start: float) -> Fact | None:
-        """Judges how roll, pitch and yaw follow their setpoints, as the light of a log does.
+    def judge(self, now: float, vehicle: Telemetry, settled_start: float) -> Fact | None:
+        """Judges how roll, pitch and yaw follow their setpoints, by the rules for logs.
 
         Args:
             now: present time on the boot clock, s.
@@ -61,7 +61,8 @@ class TrackingWatch:
             settled_start: since when the flight is settled, s of the boot clock.
 
         Returns:
-            The light; None before ``MIN_SETTLED_SECONDS`` of settled flight, or where no setpoint comes.
+            The fact that they follow well or badly; None before ``MIN_SETTLED_SECONDS`` of settled flight, where no
+            setpoint comes, or if the setpoints show too little.
         """
         start = max(settled_start, now - MEMORY_SECONDS)
         if now - start < MIN_SETTLED_SECONDS or not self._samples[SETPOINT_MESSAGE]:
@@ -77,4 +78,5 @@ class TrackingWatch:
             telemetry, tilts=recorded.tilts, preset_settled_intervals=[(start, now)]
         )
         tracking = tracking_light(live_evidence(signals, Condition(duration=now - start)))
-        return tracking if tracking.is_good or tracking.warns else None
+        is_judged = tracking.is_good or tracking.warns
+        return tracking if is_judged else None

@@ -227,7 +227,7 @@ class Component:
 
 
 class VehicleSelector:
-    """Selects the vehicle to follow among all components of a link: the one that is wanted, or the only one.
+    """Selects the vehicle to follow among all components of a link: the one that the user named, or the only one.
 
     Attributes:
         followed: the vehicle that is followed; None before one is selected.

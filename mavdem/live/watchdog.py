@@ -462,7 +462,7 @@ class Watchdog:
         review = self._review
         assert review is not None
         self._tracking_time = review.now
-        tracking = self._tracking.light(review.now, review.vehicle, settled_start)
+        tracking = self._tracking.judge(review.now, review.vehicle, settled_start)
         if tracking is not None:
             review.facts[WatchedQuantity.TRACKING] = tracking
 

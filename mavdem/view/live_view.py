@@ -1,4 +1,4 @@
-"""The view of a live flight: a thread for each file, viewer or server to which the flight is sent.
+"""The view of a live flight: a thread for each sink (file, viewer or server) to which the flight is sent.
 
 A slow or hanging viewer delays neither learning nor a file: rows wait for each sink in a bounded queue, which drops the
 oldest, and Rerun is called from the sinks' threads only.

@@ -1,4 +1,4 @@
-"""Parts of a 3D view: the vehicle with position and attitude, its path, and the arrow of the wind.
+"""What 3D views are made of: the vehicle with position and attitude, its path, and the arrow of the wind.
 
 Axes of the world are north, east, down; axes of the body forward, right, down. All lengths are in m.
 """

@@ -92,7 +92,7 @@ COURSE_FIELDS = ("time", "velocity", "band", "minutes", "profile")
 
 @dataclass(frozen=True, eq=False, repr=False)
 class WindVelocity(ImmutableResult):
-    """The horizontal wind of one flight, in T steps.
+    """The horizontal wind of one flight over T time steps, with its mean, gusts and intervals.
 
     Attributes:
         speed: speed of the mean wind vector, m/s.

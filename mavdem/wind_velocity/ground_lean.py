@@ -1,4 +1,4 @@
-"""Lean that an autopilot reads while its vehicle stands on the ground: of the ground, or of a misaligned autopilot.
+"""Tilt (lean) that an autopilot measures on the ground, because the ground slopes or the autopilot is misaligned.
 
 A misaligned autopilot reads the same roll and pitch on level ground as in a hover in still air, where they look like
 wind. Ground that slopes leans the vehicle, and then the hover is level. One stand does not tell these apart, so both

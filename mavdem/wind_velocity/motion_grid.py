@@ -139,7 +139,7 @@ class MotionSamples(NamedTuple):
 
 @dataclass(frozen=True)
 class _Bins:
-    """Assignment of samples to the steps of a grid."""
+    """Assignment of N samples to the steps of an even time grid."""
 
     index: Indices
     """Step of each sample (N,)."""

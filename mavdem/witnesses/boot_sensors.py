@@ -101,7 +101,7 @@ class Rotation(NamedTuple):
 
 @dataclass(frozen=True)
 class Rest:
-    """How a vehicle came to rest."""
+    """When, and at which angle from upright, a vehicle came to rest."""
 
     time: float
     """When the rest began, s since boot."""

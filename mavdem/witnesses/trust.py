@@ -32,7 +32,7 @@ MIN_FIX_SHARE = 0.95
 
 @dataclass(frozen=True, eq=False)
 class SensorTrust:
-    """Which sensors of one boot can be trusted; a question that the log cannot answer is None."""
+    """Which sensors of one boot can be trusted; None is the answer to what the log does not show."""
 
     boot: int
     """Number of the boot."""

@@ -35,5 +35,5 @@ def test_the_tracking_is_that_of_the_latest_minute(error, seconds, level):
             Message("ATTITUDE", time, inf, (roll + error, 0.0, 0.0, 0.0, 0.0, 0.0)), time
         )
     assert watch.has_setpoints(seconds)
-    light = watch.light(seconds, VEHICLE, 0.0)
+    light = watch.judge(seconds, VEHICLE, 0.0)
     assert (None if light is None else light.level) is level

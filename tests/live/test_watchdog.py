@@ -223,7 +223,7 @@ def test_a_lasting_fault_of_the_tracking_is_one_alarm_until_it_is_judged_to_be_o
     watchdog = Watchdog(RecentMessages())
     light = Mock()
     vehicle = Telemetry(1, 1, "quadrotor", "px4", {})
-    watchdog._tracking.light = light
+    watchdog._tracking.judge = light
     reported = []
     now = 30.0
     while now < 80.0:
