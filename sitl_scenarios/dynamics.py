@@ -546,7 +546,7 @@ class Body:
             ),
         )
 
-    def spun_up(self, rotors: Vector4, settled_speeds: Vector4) -> Vector4:
+    def rotor_speeds_after_cycle(self, rotors: Vector4, settled_speeds: Vector4) -> Vector4:
         """Returns the speeds of the rotors one cycle later, on which the motion of the vehicle has no influence.
 
         Args:

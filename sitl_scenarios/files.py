@@ -81,7 +81,7 @@ def load(name_or_path: str | Path) -> Scenario:
     Raises:
         ValueError: There is no such scenario, or the file is not one. The message names the file and the error.
     """
-    label, content = _source(name_or_path)
+    label, content = _scenario_source(name_or_path)
     try:
         # TOML is UTF-8 by its specification; some editors put a byte order mark before it.
         return scenario_of(tomllib.loads(content.decode("utf-8-sig")))
@@ -93,7 +93,7 @@ def load(name_or_path: str | Path) -> Scenario:
         raise ValueError(f"{label}: {error}") from None
 
 
-def _source(name_or_path: str | Path) -> ScenarioSource:
+def _scenario_source(name_or_path: str | Path) -> ScenarioSource:
     """Reads the file of a scenario, by its name or path.
 
     Args:
@@ -111,13 +111,13 @@ def _source(name_or_path: str | Path) -> ScenarioSource:
         return ScenarioSource(file_name, (_FOLDER / file_name).read_bytes())
     if isinstance(name_or_path, Path) or text.endswith(".toml") or "/" in text:
         path = Path(name_or_path)
-        return ScenarioSource(path.name, _content(path))
+        return ScenarioSource(path.name, _file_content(path))
     raise ValueError(
         f"there is no scenario {shortened(text)!r}: `mavdem fly --list` names them, or give a .toml file"
     )
 
 
-def _content(path: Path) -> bytes:
+def _file_content(path: Path) -> bytes:
     """Reads a file.
 
     Args:

@@ -457,7 +457,7 @@ class Simulation:
         Args:
             settled_speeds: Speeds (n,) that the rotors tend to with their lag, rad/s.
         """
-        rotors = self._body.spun_up(self._state.rotors, settled_speeds)
+        rotors = self._body.rotor_speeds_after_cycle(self._state.rotors, settled_speeds)
         self._state = self._state._replace(rotors=rotors)
         # Damaged propellers give a fraction of their thrust.
         thrust_fractions = self._body.damage.thrust

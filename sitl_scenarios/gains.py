@@ -1,7 +1,7 @@
 """Gains of the simulated flight controller, written as rate and attitude parameters of ArduPilot or PX4.
 
-The simulated autopilot reports these parameters, and a scenario may replace any of them. Their meaning is that of
-``mavdem.loops.controllers``.
+The simulated autopilot reports these parameters, and a scenario may replace any of them. ``mavdem.loops.controllers``
+explains their meaning.
 """
 
 from collections.abc import Sequence

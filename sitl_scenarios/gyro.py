@@ -90,9 +90,9 @@ class Gyro:
     ) -> State:
         """Moves the body by one cycle of the autopilot, and measures its rates.
 
-        The filters of an autopilot run at the sampling rate of the gyro, which is above that of the control loop: with
-        them, or with vibration, a step of the physics is a sample of the gyro. Afterwards ``raw_rates`` and
-        ``filtered_rates`` belong to the end of the cycle.
+        The filters of an autopilot run at the sampling rate of the gyro, which is higher than the rate of the control
+        loop. With filters or vibration, the gyro therefore takes a sample after each step of the physics. Afterwards
+        ``raw_rates`` and ``filtered_rates`` belong to the end of the cycle.
 
         Args:
             body: Body that moves, with the same cycle as the gyro.

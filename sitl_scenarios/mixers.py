@@ -115,7 +115,7 @@ def ardupilot_thrusts(columns: Array, demands: Vector4) -> Array:
 
     max_collective = 1 - highest * scale
     collective = min(max(thrust, -lowest * scale), max_collective)
-    return np.array([collective + scale * part for part in differential])
+    return np.array([collective + scale * difference for difference in differential])
 
 
 def px4_thrusts(columns: Array, demands: Vector4) -> Array:

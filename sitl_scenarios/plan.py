@@ -171,7 +171,7 @@ class CourseRow(NamedTuple):
     east: float
     """Position east of where the course begins, m."""
     up: float
-    """Height above that of the hover, m."""
+    """Height above the hover, m."""
     north_speed: float
     """Speed to the north, m/s."""
     east_speed: float
@@ -484,7 +484,7 @@ def _multisine_demands(multisine: Multisine, cycle: float) -> Array:
         if multisine.axis in (name, "all"):
             axis_harmonics = harmonics[number :: len(AXES)] if all_axes else harmonics
             unit_sum = _schroeder_multisine(axis_harmonics, samples)
-            # N sines of amplitude a have the standard deviation a √(N/2); those of the unit sum have 1/samples.
+            # N sines of amplitude a have the standard deviation a √(N/2). In the unit sum a is 1/samples.
             amplitude = radians(multisine.sd) * sqrt(2 / len(axis_harmonics)) * samples
             demands[:, number] = amplitude * unit_sum
     return demands

@@ -80,7 +80,7 @@ Direction = Annotated[
 ]
 
 
-def towards(direction: float) -> Array:
+def downwind_direction(direction: float) -> Array:
     """Returns the direction in which a wind blows.
 
     Args:

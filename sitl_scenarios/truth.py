@@ -302,8 +302,9 @@ def true_loops(scenario: Scenario, axis_number: int, effect: Array) -> Arrays:
 
     The rate loop is the product of the frequency responses around it: rate controller (from its own impulse response),
     hold of the output over one cycle, rotors' lag, body, delay of the estimates and gyro filters. The attitude loop is
-    the attitude gain times the closed rate loop, the integration of the rate to the angle, and the delay. The body is
-    that of all states: it drifts as it tilts, and the drag above its centre of mass turns it back.
+    the attitude gain times the closed rate loop, the integration of the rate to the angle, and the delay. The response
+    of the body takes all states into account: it drifts as it tilts, and the drag above its centre of mass turns it
+    back.
 
     Args:
         scenario: Scenario of the flight.
@@ -372,14 +373,14 @@ def _acceleration_per_demand(
     hover_demands[3] = body.command_for(body.hover_speed) / body.full_command
     demand_step = np.zeros(4)
     demand_step[axis_number] = DEMAND_STEP
-    commands_above = controller.motor_commands(_four(hover_demands + demand_step))
-    commands_below = controller.motor_commands(_four(hover_demands - demand_step))
+    commands_above = controller.motor_commands(_demand_tuple(hover_demands + demand_step))
+    commands_below = controller.motor_commands(_demand_tuple(hover_demands - demand_step))
     command_change = np.subtract(commands_above, commands_below)
     acceleration_change = float(effect @ command_change) * (MAX_PULSE - MIN_PULSE)
     return acceleration_change / (2 * DEMAND_STEP)
 
 
-def _four(demands: Array) -> Vector4:
+def _demand_tuple(demands: Array) -> Vector4:
     """Returns demands of roll, pitch, yaw and thrust, (4,), as a tuple."""
     return tuple(demands.tolist())
 
@@ -520,14 +521,14 @@ def _motor_effects(scenario: Scenario, motion: Motion) -> dict[str, Array]:
 
 
 def _mean_motor_effects(vehicle: VehicleSpec, motion: Motion, damage: Damage) -> Array:
-    """Returns the effects of the motors' outputs on the angular accelerations, at the mean of a part of a flight.
+    """Returns the effects of the motors' outputs on the angular accelerations, at the mean of an interval of a flight.
 
     By the chain rule an effect is the slope of angular acceleration by rotor speed, at the mean rotor speeds and the
     mean air, times the slope of rotor speed by output, which damage and a sagging battery reduce.
 
     Args:
         vehicle: Vehicle of the scenario.
-        motion: Part of the flight.
+        motion: Rows of the interval.
         damage: Damage of the vehicle in it.
 
     Returns:

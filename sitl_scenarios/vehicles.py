@@ -176,8 +176,8 @@ def airframe(vehicle: VehicleSpec) -> Airframe:
 
     Args:
         vehicle: Vehicle of a scenario. Its ``body``, when there is one, replaces the published airframe of its
-            ``model``. Rotor lags that it leaves out are those of the airframe; its thrust curve is always the
-            scenario's, and its moments of inertia are multiplied by ``inertia_scale``.
+            ``model``. Rotor lags that the scenario leaves out are the airframe's; the thrust curve is always the
+            scenario's, and the moments of inertia are multiplied by ``inertia_scale``.
 
     Returns:
         The airframe.

@@ -20,7 +20,7 @@ from sitl_scenarios.scenario import (
     SteadyWind,
     TurbulentWind,
     Wind,
-    towards,
+    downwind_direction,
 )
 from sitl_scenarios.turbulence import (
     dryden_longitudinal,
@@ -82,13 +82,14 @@ def gust_speed(gust: Gust, time: Array) -> Array:
     Returns:
         (N,) speed, m/s.
     """
+    # The fraction x of the rise.
     fraction = np.clip((time - gust.start) / gust.rise, 0.0, 1.0)
     # A gust without a hold never falls.
     if gust.hold is not None:
         fall_start = time - gust.start - gust.rise - gust.hold
         fraction = fraction - np.clip(fall_start / gust.rise, 0.0, 1.0)
     # The C library's cosine: NumPy's own chooses instructions by the machine, and the last bit with them.
-    return np.array([gust.speed / 2 * (1 - cos(pi * part)) for part in fraction.tolist()])
+    return np.array([gust.speed / 2 * (1 - cos(pi * x)) for x in fraction.tolist()])
 
 
 class RowsByBlock:
@@ -122,7 +123,7 @@ class JetFlow:
         """
         self._jet = jet
         self._height = height
-        self._axis_north, self._axis_east, _ = towards(jet.direction).tolist()
+        self._axis_north, self._axis_east, _ = downwind_direction(jet.direction).tolist()
         self._turbulence = RowsByBlock(turbulence)
 
     def wind_at(self, cycle: int, position: Vector3) -> Vector3:
@@ -211,12 +212,12 @@ class Weather:
         velocity_and_rotation = self._air[:, :5]
         match wind:
             case SteadyWind():
-                velocity += wind.speed * towards(wind.direction)
+                velocity += wind.speed * downwind_direction(wind.direction)
             case GaussianWind():
                 for axis in range(3):
                     velocity[:, axis] += wind.sd * gaussian_noise(wind.s, dt, len(time), noise)
             case Gust():
-                velocity += gust_speed(wind, time)[:, None] * towards(wind.direction)
+                velocity += gust_speed(wind, time)[:, None] * downwind_direction(wind.direction)
             case TurbulentWind():
                 velocity_and_rotation += _turbulent_air(wind, scenario, dt, len(time), noise)
 
@@ -284,7 +285,7 @@ def _turbulent_air(
     down = vertical.sd * transverse(vertical.time_constant, dt, samples, generator)
     p = rotation.sd * dryden_longitudinal(rotation.time_constant, dt, samples, generator)
     q = rotation.sd * dryden_longitudinal(rotation.time_constant, dt, samples, generator)
-    axis_north, axis_east, _ = towards(wind.direction)
+    axis_north, axis_east, _ = downwind_direction(wind.direction)
     north = along_wind * axis_north - lateral * axis_east
     east = along_wind * axis_east + lateral * axis_north
     return np.column_stack([north, east, down, p, q])

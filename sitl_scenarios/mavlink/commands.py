@@ -276,7 +276,7 @@ class CommandHandler:
     def _set_intervals(self, names: Iterable[str], seconds: float) -> None:
         """Sends messages every so many ``seconds`` from now on; never, where that is infinite."""
         for name in names:
-            self.transmitter.schedule.set(name, seconds, self.transmitter.clock)
+            self.transmitter.schedule.set_interval(name, seconds, self.transmitter.clock)
 
     def _send_interval(self, message_id: float, _: float) -> int:
         """Executes MAV_CMD_GET_MESSAGE_INTERVAL: replies with MESSAGE_INTERVAL.

@@ -150,7 +150,7 @@ def fly_live(
             tick_end = start_time + now / speed
             for datagram in ground.received(tick_end):
                 # While the link is lost, datagrams are read and dropped.
-                if link.is_out(now):
+                if link.is_in_outage(now):
                     continue
                 for message in addressed_messages(
                     datagram, transmitter.system, AUTOPILOT_COMPONENT

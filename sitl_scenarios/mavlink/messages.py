@@ -268,7 +268,7 @@ class Parameter(NamedTuple):
 
     name: str
     """Name of the parameter."""
-    kind: int
+    mavlink_type: int
     """Its MAV_PARAM_TYPE."""
     value: float
     """Its value, a whole number where the type is an integer."""
@@ -283,14 +283,14 @@ class Parameter(NamedTuple):
         Returns:
             The float. If bytes were copied, its value as a number means nothing.
         """
-        if bitwise and self.kind != REAL32:
+        if bitwise and self.mavlink_type != REAL32:
             integer_bytes = struct.pack("<i", int(self.value))
             return float(struct.unpack("<f", integer_bytes)[0])
         return self.value
 
     def value_of_float32(self, value: float, *, bitwise: bool) -> float:
         """Returns the value that the message PARAM_SET carries in a 32-bit float; the opposite of ``float32_value``."""
-        if bitwise and self.kind != REAL32:
+        if bitwise and self.mavlink_type != REAL32:
             float_bytes = struct.pack("<f", value)
             return float(struct.unpack("<i", float_bytes)[0])
         return value
@@ -314,14 +314,15 @@ def parameters(scenario: Scenario, autopilot: Autopilot) -> list[Parameter]:
     else:
         vehicle_parameters = _ardupilot_vehicle_parameters(scenario)
     values: dict[str, float] = {}
-    kinds: dict[str, int] = {}
-    for kind, fixed_parameters in autopilot.parameters.items():
+    mavlink_types: dict[str, int] = {}
+    for mavlink_type, fixed_parameters in autopilot.parameters.items():
         values |= fixed_parameters
-        kinds |= dict.fromkeys(fixed_parameters, kind)
+        mavlink_types |= dict.fromkeys(fixed_parameters, mavlink_type)
     values |= vehicle_parameters
     values |= control_parameters(scenario)
     return [
-        Parameter(name, kinds.get(name, REAL32), float(values[name])) for name in sorted(values)
+        Parameter(name, mavlink_types.get(name, REAL32), float(values[name]))
+        for name in sorted(values)
     ]
 
 

@@ -77,9 +77,9 @@ class Schedule:
             first = start
             if autopilot.staggers_streams:
                 first = start + number * cycle
-            self.set(name, interval, first)
+            self.set_interval(name, interval, first)
 
-    def set(self, name: str, interval: float, start: float) -> None:
+    def set_interval(self, name: str, interval: float, start: float) -> None:
         """Sets the interval of a message from some time on, as the command SET_MESSAGE_INTERVAL does.
 
         Args:
@@ -111,11 +111,11 @@ class Schedule:
         """
         interval = self.interval(name)
         if np.isfinite(interval):
-            self.set(name, interval, now)
+            self.set_interval(name, interval, now)
         else:
             self._requested_once.add(name)
 
-    def due(self, name: str, times: Array) -> Rows:
+    def due_cycles(self, name: str, times: Array) -> Rows:
         """Returns in which of the next cycles a message is sent, and counts it as sent.
 
         By the time t, floor((t − first_time) / interval) + 1 messages of a stream are due. A cycle sends one if this
@@ -262,7 +262,7 @@ class Transmitter:
                 "PARAM_VALUE",
                 param_id=parameter.name.encode(),
                 param_value=parameter.float32_value(bitwise=self.autopilot.bitwise),
-                param_type=parameter.kind,
+                param_type=parameter.mavlink_type,
                 param_count=len(self.parameters),
                 param_index=index,
             )
@@ -307,7 +307,7 @@ class Transmitter:
                 change = abs(self.schedule.interval(name) - requested_interval)
                 # The autopilot stores intervals in steps, and so ignores a smaller change.
                 if change >= self.autopilot.interval_step:
-                    self.schedule.set(name, requested_interval, self.clock)
+                    self.schedule.set_interval(name, requested_interval, self.clock)
 
     def _reboot(self, now: float) -> None:
         """Boots the autopilot again at a time of the motion, s; it sends messages after ``REBOOT_SECONDS``."""
@@ -415,7 +415,7 @@ class Transmitter:
                 payload = filled_payloads("STATUSTEXT", severity=motion.severity[row], text=text)
                 yield OutgoingMessage(row, "STATUSTEXT", payload.tobytes())
         for name in self._rates:
-            rows = self.schedule.due(name, clock)
+            rows = self.schedule.due_cycles(name, clock)
             if len(rows):
                 boot_microseconds = np.round(clock[rows] * 1e6).astype(np.int64)
                 payloads = message_payloads(name, motion[rows], boot_microseconds, self.autopilot)
@@ -471,7 +471,7 @@ class LossyLink:
         random_numbers = self._random.random((len(sent_frames), 3)).tolist()
         for (time, frame), numbers in zip(sent_frames, random_numbers, strict=True):
             loss_number, jitter_number, order_number = numbers
-            if loss_number < faults.loss or self.is_out(time):
+            if loss_number < faults.loss or self.is_in_outage(time):
                 continue
             # A link keeps its order: a frame cannot arrive before the one that was sent before it.
             arrival = time + faults.delay + faults.jitter * jitter_number
@@ -486,7 +486,7 @@ class LossyLink:
             else:
                 yield self._latest, frame
 
-    def is_out(self, time: float) -> bool:
+    def is_in_outage(self, time: float) -> bool:
         """Returns whether the link passes no frame at a time of the motion, s, because of the scenario's outage."""
         outage_start = self._faults.outage
         if outage_start is None:

@@ -142,7 +142,7 @@ def quaternion_product(a: Quaternion, b: Quaternion) -> Quaternion:
     )
 
 
-def lean_of(attitude: Quaternion) -> float:
+def lean_angle(attitude: Quaternion) -> float:
     """Returns the angle between the vehicle's down axis and the vertical, rad."""
     down = rotation_matrix(attitude)[2][2]
     return acos(min(max(down, -1.0), 1.0))
@@ -168,7 +168,7 @@ def impact(state: State) -> GroundContact:
     axis_north, axis_east = 1.0, 0.0
     if length > 0:
         axis_north, axis_east = -down_east / length, down_north / length
-    lean = lean_of(state.attitude)
+    lean = lean_angle(state.attitude)
     # The quaternion of the opposite rotation, which takes the lean off and leaves the heading.
     half_angle = -lean / 2
     to_upright = (cos(half_angle), sin(half_angle) * axis_north, sin(half_angle) * axis_east, 0.0)
@@ -215,4 +215,4 @@ def topple(state: State, bearing: float) -> GroundContact:
 
 def lands_on_feet(velocity: Vector3, attitude: Quaternion) -> bool:
     """Returns whether a vehicle that touches the ground stays on its feet."""
-    return velocity[2] <= MAX_LANDING_SINK and lean_of(attitude) <= MAX_LANDING_LEAN
+    return velocity[2] <= MAX_LANDING_SINK and lean_angle(attitude) <= MAX_LANDING_LEAN

@@ -1,4 +1,4 @@
-"""Simulation with instruments: flies a scenario and its mishap until the flight or the recording ends."""
+"""Simulation of a vehicle with instruments, and of the mishap in a scenario: what goes wrong, such as a motor stop."""
 
 from collections import deque
 from typing import Any

@@ -142,10 +142,10 @@ def test_after_a_reboot_only_heartbeats_come_until_messages_are_asked_for_again(
     assert log.components[0].messages.keys() == {"HEARTBEAT", "STATUSTEXT"}
     motion = made_up_motion(autopilot="ardupilot")
     sending = Transmitter(scenario("ardupilot", Faults(reboot=8.0), only_when_asked=True))
-    sending.schedule.set("ATTITUDE", 0.01, 0.0)
+    sending.schedule.set_interval("ATTITUDE", 0.01, 0.0)
     sending.send(motion[:1])
     later, kinds = np.array([(time, frame[7]) for time, frame in sending.send(motion[1:])]).T
-    sending.schedule.set("ATTITUDE", 0.01, sending.clock)
+    sending.schedule.set_interval("ATTITUDE", 0.01, sending.clock)
     assert np.sum(kinds == 0) > 15 and later[kinds == 30].max(initial=0.0) < 10.001
 
 

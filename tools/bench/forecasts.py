@@ -1,9 +1,9 @@
 #!/usr/bin/env python
 """Errors of forecasts on recorded flights, relative to a forecast of the constant mean; prints a table by flight.
 
-A window is 7 s to learn from and 1.5 s to forecast at every rate. The error ratio is the squared forecast error over
-that of the constant mean; the table has the median over windows. Below is the report of `mavdem compare` beside joint
-autoregressions, whose ratios over flights are geometric means.
+A window is 7 s to learn from and 1.5 s to forecast at every rate. The error ratio is the squared forecast error
+relative to the error of the constant mean; the table has the median over windows. Below is the report of `mavdem
+compare` beside joint autoregressions, whose ratios over flights are geometric means.
 
 Usage: tools/bench/forecasts.py [--windows N] [--preset paper] [--settings JSON]
 """
@@ -25,8 +25,8 @@ from mavdem.report.comparison import comparison_report
 COLUMNS = ["flight", "windows", "median ratio", "worst", "below 1", "in the 90 % band"]
 """Columns of the table by flight.
 
-"median ratio" and "worst" are those of the errors of the windows over the error of a constant forecast; "below 1" is
-the share of windows with a smaller error than that, "in the 90 % band" the share of samples.
+"median ratio" and "worst" are of the windows' error ratios; "below 1" is the share of windows with a smaller error than
+a constant forecast, "in the 90 % band" the share of samples.
 """
 
 

@@ -4,14 +4,14 @@
 The first table has two figures of each recorded flight.
 
 - F̄ of angle, rate and the motors' combination over 7 s: of the closed loop (the plant in its loop) and of the joint
-  VAR. Both approximate the log evidence of the same samples in the same units: rad, rad/s and that of the motors. The
-  first 20 samples are given.
+  VAR. Both approximate the log evidence of the same samples in the same units: rad, rad/s and the unit of the motors.
+  The first 20 samples are given.
 - The log density of angle and rate in the 1.5 s after them, which no model was trained on, each sample given the motors
   up to it and all samples before it. DEM's plant has one too. The errors' covariance is taken from the training data.
 
-The second table has the squared error of forecasts that start anew at every k-th sample over that of joint VAR(10),
-motors known, or joint VAR(4), motors unknown: geometric means over flights. Half A are the flights whose name has an
-even hash.
+The second table has the squared error of forecasts that start anew at every k-th sample, relative to the error of joint
+VAR(10), motors known, or joint VAR(4), motors unknown: geometric means over flights. Half A are the flights whose name
+has an even hash.
 
 With --margins there is a third one: crossover and margins of the rate loop with the autopilot's gains, marginals of the
 closed loop's posterior from these 7 s, with their 90 % intervals.
@@ -101,8 +101,7 @@ def flight_figures(window: Window) -> FlightFigures:
         window: the window.
 
     Returns:
-        Free energies, nats, log densities per held-out sample, nats, and ratios of squared errors to those of a
-        reference method.
+        Free energies, nats, log densities per held-out sample, nats, and squared errors relative to a joint VAR's.
 
     Raises:
         ValueError: the closed loop cannot be learned.
@@ -161,8 +160,8 @@ def _errors(model: Forecaster, kind: ForecastKind, window: Window) -> dict[int, 
         window: the window with the held-out samples.
 
     Returns:
-        Mean squared error relative to that of a forecast of the training mean, by the number of samples from one
-        forecast to the next.
+        Mean squared error relative to the error of a constant forecast, the training mean, by the number of samples
+        from one forecast to the next.
     """
     # The name and the training function of a method are not used, since the model is trained already.
     method = Method("", learn, predicts=True)

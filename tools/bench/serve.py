@@ -1,5 +1,5 @@
 #!/usr/bin/env python
-"""Behaviour of `mavdem serve` under load; prints a Markdown table.
+"""Response times, memory and lost uploads of `mavdem serve`, a web server of flight logs, under load.
 
 Usage: tools/bench/serve.py list LOG ...      # 10,000 flights listed, searched and shown
        tools/bench/serve.py load LOG         # 50 uploads by 10 clients while 20 read pages

@@ -1,5 +1,5 @@
 #!/usr/bin/env python
-"""Damages sound logs in many ways, and checks how reader and commands treat each.
+"""Damages log files at random, and checks that the reader and commands read or refuse each without error and in time.
 
 Usage: tools/fuzz/damage.py LOG... [--count N] [--seed N] [--command read|info|review|convert]
 

@@ -1,11 +1,11 @@
 #!/usr/bin/env python
-"""Searches for a log that crashes its reader.
+"""Fuzzes the readers of log formats with Atheris (libFuzzer): searches for a file that a reader fails on.
 
 Usage: tools/fuzz/fuzz.py bin|mcap|tlog|ulg [CORPUS] [OPTIONS]
 
 Coverage-guided, by atheris (``pip install atheris``, Linux and macOS). OPTIONS are libFuzzer's: ``-max_total_time=480``
 stops after eight minutes, ``-artifact_prefix=FOLDER/`` names the folder for failing inputs. Useful inputs gather in
-the folder CORPUS. It begins with small logs: of tlog with pieces of those of ``logs``, of the others with what
+the folder CORPUS. It begins with small logs: of tlog with pieces of the logs in ``logs``, of the others with what
 ``pytest --basetemp FOLDER tests/ingest`` leaves. An input that fails is run again by naming its file, and becomes a
 test of ``tests/ingest``.
 

@@ -1,16 +1,15 @@
 #!/usr/bin/env python
 """Stability margins of control loops that are identified from simulated flights, compared with the true margins.
 
-The flights are drawn at random: one half of them chooses a method, the other half is reported. A "figure" is a
-parameter of the plant (from the demand of the rate controller to the body rate), or a margin of the rate or attitude
-loop.
-They are flown once and kept in --cache. With LOGS, recorded flights are read instead. To thin messages to a rate, one
-of every few is kept. Stamps are exact, as in autopilots' own logs, or with --rounded partly in whole milliseconds, as
-MAVLink sends them.
+The flights are drawn at random: one half of them chooses a method, the other half is reported. They are simulated once
+and kept in --cache. With LOGS, recorded flights are read instead. To thin messages to a rate, one of every few is kept.
+Stamps are exact, as in autopilots' own logs, or with --rounded partly in whole milliseconds, as MAVLink sends them.
 
-The tables have the statistics of each figure's error, which is relative, but in dB or degrees for margins. "given" is
-the number of identified loops, "rms" the root mean square error, "median" the median error, "size" that of its absolute
-value, "close" the share within 1.5 dB, and "inside" the share of 90 % intervals that contain the truth.
+A "figure" is a parameter of the plant (from the demand of the rate controller to the body rate), or a margin of the
+rate or attitude loop. The tables have the statistics of each figure's error, which is relative, but in dB or degrees
+for margins. "given" is the number of identified loops, "rms" the root mean square error, "median" the median error,
+"size" the median of the absolute error, "close" the share within 1.5 dB, and "inside" the share of 90 % intervals that
+contain the truth.
 
 With --strong, flights with strong doublets and high hover show what the deviation of the gain by unexplained output
 (``UNEXPLAINED_GAIN_DEVIATION``) does to the intervals of the crossover frequency.

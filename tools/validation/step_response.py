@@ -1,7 +1,7 @@
 #!/usr/bin/env python
 """Step responses of the roll loops that are measured on simulated flights, compared with the true step responses.
 
-Vehicles, gains, autopilots, winds, manoeuvres and rates are drawn by the flight's number. The truth is that of
+Vehicles, gains, autopilots, winds, manoeuvres and rates are drawn by the flight's number. The true responses are from
 ``sitl_scenarios.truth``: the controller, hold, rotors, body and delay, linearised. The rate loop of roll is identified
 too, as in a review: it shows a rate that is too fast for its messages. It takes about four minutes on two processors.
 ``--rate`` sends all messages at another rate, Hz; PX4 sends at most at the 250 Hz of its loop.

@@ -43,6 +43,7 @@ from flights import (
 from numpy.random import default_rng
 
 from mavdem import Flight, OnlineLearner, learn, read_segments
+from mavdem.arrays import Array
 from mavdem.dem.fitting import generalized_data
 from mavdem.dem.online.free_energy_monitor import Surprise
 from mavdem.dem.online.surprise_cause import (
@@ -229,10 +230,11 @@ def event_row(flight: Flight, start: float) -> Values | None:
         shares by which the cause is decided; and "cause". None where too little was flown before the event, or after
         its beginning.
     """
-    training_first = int(np.searchsorted(flight.time, start - TRAINING_SECONDS))
+    training_start = start - TRAINING_SECONDS
+    training_first = int(np.searchsorted(flight.time, training_start))
     event_first = int(np.searchsorted(flight.time, start))
     event_stop = event_first + round(EVENT_SECONDS / flight.dt)
-    is_whole = flight.time[0] <= start - TRAINING_SECONDS and event_stop <= len(flight)
+    is_whole = flight.time[0] <= training_start and event_stop <= len(flight)
     if not is_whole or flight.effect_directions is None:
         return None
     learned = learn(flight[training_first:event_first])
@@ -243,25 +245,45 @@ def event_row(flight: Flight, start: float) -> Values | None:
     # F(t) of the training samples is the past by which the event's samples are standardised.
     training_count = len(learned.free_energy_of_samples)
     surprise = Surprise(flight.dt, free_energy[:training_count])
-    evidence = 0.0
-    largest_evidence = 0.0
-    largest_sample = event_first
-    for number, value in enumerate(free_energy[training_count:]):
-        evidence += EVIDENCE_WEIGHT * (np.log1p(max(surprise.add(value), 0.0)) - evidence)
-        if evidence > largest_evidence:
-            largest_evidence = evidence
-            largest_sample = event_first + number
-    samples = slice(largest_sample + 1)
-    command = flight.inputs[samples] @ flight.effect_directions
-    outputs = flight.outputs[samples]
+    peak = _largest_evidence(surprise, free_energy[training_count:])
+    samples_up_to_peak = slice(event_first + peak.sample + 1)
+    command = flight.inputs[samples_up_to_peak] @ flight.effect_directions
+    outputs = flight.outputs[samples_up_to_peak]
     cause = cause_of_surprise(command, outputs, flight.dt, learned.settings)
     return {
         "what": "event",
-        "evidence": largest_evidence,
+        "evidence": peak.evidence,
         "explained": explained_share(command, outputs, flight.dt, learned.settings),
         "sustained": sustained_share(command, flight.dt),
         "cause": cause_name(cause),
     }
+
+
+class EvidencePeak(NamedTuple):
+    """The largest evidence of a surprise in an event: the average of log(1 + surprise) over about a second."""
+
+    sample: int
+    """Number of the sample with the largest average, from the beginning of the event."""
+
+    evidence: float
+    """The average there."""
+
+
+def _largest_evidence(surprise: Surprise, free_energy: Array) -> EvidencePeak:
+    """Averages the surprise of an event's samples exponentially, and returns the largest average.
+
+    Args:
+        surprise: standardises F(t) by its past, which is the training samples so far.
+        free_energy: F(t) of the event's samples (N,), nats.
+    """
+    evidence = 0.0
+    peak = EvidencePeak(0, 0.0)
+    for sample, value in enumerate(free_energy):
+        log_surprise = np.log1p(max(surprise.add(value), 0.0))
+        evidence += EVIDENCE_WEIGHT * (log_surprise - evidence)
+        if evidence > peak.evidence:
+            peak = EvidencePeak(sample, evidence)
+    return peak
 
 
 def cause_name(cause: SurpriseCause | None) -> str:

@@ -26,7 +26,8 @@ from flights import (
 )
 from numpy.random import Generator, default_rng
 
-from mavdem import Drag, wind
+from mavdem import Drag, WindVelocity, wind
+from mavdem.arrays import Array
 from mavdem.experiments.paper.flights import write_log
 from mavdem.facts.identifiability import Status
 from mavdem.wind_velocity.compass import meteorological_direction
@@ -93,7 +94,7 @@ def draw_scenario(kind: str, vehicle: Values, rng: Generator) -> Scenario:
 def evaluate_scenario(
     label: str, scenario: Scenario, drag: Drag | None = None
 ) -> tuple[Values, Drag]:
-    """Simulates a flight, estimates its wind and compares it with the truth.
+    """Simulates a flight, estimates the wind from its log and compares it with the truth.
 
     Args:
         label: name of the kind of flight in the table.
@@ -101,9 +102,7 @@ def evaluate_scenario(
         drag: drag of the vehicle from an earlier flight, if there is one.
 
     Returns:
-        The row of the flight, and the drag for the next flight of the vehicle. The row says whether speed and direction
-        are "inside" their 90 % intervals, "reported", and "right" as reported; "band" is the share of the samples in
-        which the wind is inside its 90 % band.
+        The row of the flight, as :func:`agreement` returns it, and the drag for the next flight of the vehicle.
     """
     motion = fly(scenario)
     with TemporaryDirectory() as folder:
@@ -117,6 +116,21 @@ def evaluate_scenario(
             np.interp(estimate.time, motion.time, true_east),
         ]
     )
+    row = {"flights": label} | agreement(estimate, true_wind)
+    return row, estimate.drag.for_next_flight()
+
+
+def agreement(estimate: WindVelocity, true_wind: Array) -> Values:
+    """Compares an estimated wind with the true one.
+
+    Args:
+        estimate: the estimate, of T samples.
+        true_wind: true wind at these samples, north and east, m/s; (T, 2).
+
+    Returns:
+        By column of the table: whether mean speed and direction are "inside" their 90 % intervals, "reported", and
+        "right" as reported; and "band", the share of the samples in which the wind is inside its 90 % band.
+    """
     mean_wind = true_wind.mean(axis=0)
     true_speed = float(np.hypot(*mean_wind))
     true_direction = meteorological_direction(*mean_wind)
@@ -129,19 +143,16 @@ def evaluate_scenario(
     reports_direction = (
         estimate.status["direction"] is Status.REPORTED and estimate.direction_identifiable
     )
-    row: Values = {
-        "flights": label,
+    has_no_direction = true_speed < MIN_DIRECTION_SPEED
+    return {
         "speed inside": low <= true_speed <= high,
-        "direction inside": (
-            direction_error <= estimate.direction_interval or true_speed < MIN_DIRECTION_SPEED
-        ),
+        "direction inside": direction_error <= estimate.direction_interval or has_no_direction,
         "band": np.mean(abs(estimate.velocity - true_wind) <= estimate.band),
         "speed reported": reports_speed,
         "speed right": reports_speed and speed_error <= max_speed_error,
         "direction reported": reports_direction,
         "direction right": reports_direction and direction_error <= MAX_DIRECTION_ERROR,
     }
-    return row, estimate.drag.for_next_flight()
 
 
 def draw_vehicle(rng: Generator) -> Values:
