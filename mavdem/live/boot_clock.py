@@ -152,7 +152,7 @@ class BootClock:
         return True
 
     def _unwrapped_time(self, message: Message) -> float:
-        """Returns the time of a stamp if it is of the present clock, s: one wrap period is added for each wrap.
+        """Returns the time of a stamp, s, if its counter has wrapped to zero as often as the present clock's.
 
         Args:
             message: an attitude with a stamp, s, whose counter begins again after ``wrap_period``, s.
@@ -161,18 +161,19 @@ class BootClock:
         # Without a wrap the period may be infinite.
         if self._wraps:
             time += self._wraps * message.wrap_period
-        # A stamp that went back wrapped once more if it is close to the clock with one period added.
+        # The counter has wrapped once more if the stamp went back, and is close to the clock with one period added.
         has_gone_back = time < self.now - MIN_RESET_STEP
-        if has_gone_back and time + message.wrap_period - self.now <= MAX_WRAP_GAP:
+        gap_after_wrap = time + message.wrap_period - self.now
+        if has_gone_back and gap_after_wrap <= MAX_WRAP_GAP:
             time += message.wrap_period
         return time
 
     def _restarted_clock_has_caught_up(self, stamp: float) -> bool:
         """Returns whether a clock that restarted near zero has now reached the latest time of the former clock.
 
-        That happens if the vehicle reboots shortly after its first start. From there on its stamps continue the former
-        clock by chance. Such a clock rises steadily since its restart, unlike the stamps of a second, late link
-        (``rises_steadily``).
+        If the vehicle reboots shortly after its first start, the stamps of the new clock soon continue the former clock
+        by chance, as if nothing had happened. They are recognised by rising steadily since the restart, unlike stamps
+        that come late over a second link (``rises_steadily``).
 
         Args:
             stamp: the next attitude stamp, s.
@@ -181,9 +182,10 @@ class BootClock:
         if len(stamps) < MIN_RESET_STAMPS:
             return False
         starts_near_zero = stamps[0] <= MAX_RESTART_TIME
-        crosses_former_clock = stamps[0] < self.now - MIN_RESET_STEP < stamp
+        former_clock_time = self.now - MIN_RESET_STEP
+        has_reached_former_clock = stamps[0] < former_clock_time < stamp
         is_ascending = stamp >= stamps[-1]
-        if not (starts_near_zero and crosses_former_clock and is_ascending):
+        if not (starts_near_zero and has_reached_former_clock and is_ascending):
             return False
         return rises_steadily(np.array([*stamps, stamp]), self.now, self._mean_step)
 

@@ -150,11 +150,11 @@ class LinkIntake:
         return True
 
     def record_rest(self) -> None:
-        """Receives and records what still waits at the end of a session; it is not analysed any more.
+        """Receives and records what still waits at the end of a session, without analysing it.
 
-        The session was then ended on purpose, since one that fails does not come here. Its recording may go on: the
-        replies to the last requests come later.
+        The recording goes on until ``end_recording``, since replies to the last requests come later.
         """
+        # This is not called in a session that fails.
         self._is_ended_on_purpose = True
         if not self.is_lost:
             self._record(self._link.receive_rest())

@@ -54,7 +54,7 @@ class RateCheck:
         Returns:
             The reason why no samples of the model can be formed from the messages; None if nothing is missing.
         """
-        reason = self._insufficiency(vehicle_type, attitude_message, motor_message, rates)
+        reason = self._reason_against_rows(vehicle_type, attitude_message, motor_message, rates)
         is_sufficient = reason is None
         if reason is not None and self._was_sufficient:
             self._report(reason)
@@ -63,7 +63,7 @@ class RateCheck:
         self._was_sufficient = is_sufficient
         return reason
 
-    def _insufficiency(
+    def _reason_against_rows(
         self,
         vehicle_type: str,
         attitude_message: str | None,

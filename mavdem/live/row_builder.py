@@ -245,8 +245,8 @@ class RowBuilder:
     def _row(self, point: GridPoint, inputs: MotorInputs) -> AlignedRow:
         """Builds the row of a point of the time grid.
 
-        It picks angle and body rate of the learned axis, and each motor's channel from the values of its port. Whether
-        the row is of settled or free flight is the phase of flight at its time, if the vehicle is also upright then.
+        It has angle and body rate of the learned axis, and the output of each motor. It counts as a row of settled or
+        free flight if the flight is so at its time, and the vehicle is upright.
 
         Args:
             point: values of attitude (roll and pitch, rad, and their body rates, rad/s), then of each port of the
@@ -256,17 +256,18 @@ class RowBuilder:
         Returns:
             The row.
         """
-        roll, pitch, roll_rate, pitch_rate = point.values[0]
-        outputs = {"roll": (roll, roll_rate), "pitch": (pitch, pitch_rate)}[self.axis]
-        values_of_port = dict(zip(inputs.ports, point.values[1:], strict=True))
-        motors = np.array(
-            [values_of_port[channel.port][channel.offset] for channel in inputs.channels]
-        )
+        attitude, *port_values = point.values
+        roll, pitch, roll_rate, pitch_rate = attitude
+        angle_and_rate = (roll, roll_rate) if self.axis == "roll" else (pitch, pitch_rate)
+        values_by_port = dict(zip(inputs.ports, port_values, strict=True))
+        motors = []
+        for channel in inputs.channels:
+            motors.append(values_by_port[channel.port][channel.offset])
         is_upright = max(abs(roll), abs(pitch)) < MAX_TILT
         return AlignedRow(
             point.time,
-            motors,
-            np.array(outputs),
+            np.array(motors),
+            np.array(angle_and_rate),
             self._grid.segment,
             is_settled=is_upright and self._phase.is_settled(point.time),
             is_free=is_upright and self._phase.is_free(point.time),

@@ -128,7 +128,7 @@ class SampleStream:
         return resampling.mean_rate(np.array(self.time[-count:]))
 
     def rate_since_gap(self) -> float | None:
-        """Returns the mean rate over the last ``DECISION_SECONDS``, or since a gap after their beginning.
+        """Returns the mean rate over the last ``DECISION_SECONDS``, or since the latest gap if that is shorter.
 
         Returns:
             The rate, Hz; None with ``MEDIAN_STEPS`` samples or fewer, whose rate would be chance.

@@ -347,9 +347,9 @@ class LiveSession:
     def _add_sample_to_history(self) -> None:
         """Adds the latest sample to the history in flight while messages come too slowly for rows.
 
-        So what is measured is drawn at any rate. Samples are ``SAMPLE_PERIOD`` apart, and nothing is learned of them.
+        So the flight is drawn at any rate of messages. Samples are ``SAMPLE_PERIOD`` apart; nothing is learned of them.
         """
-        # After a reboot the clock begins again. A difference to a time that is not known (NaN) is never long enough.
+        # After a reboot the clock begins again, so that the difference may be negative. It is NaN before any time.
         is_due = abs(self.stream.now - self._sample_time) >= SAMPLE_PERIOD
         if not self.stream.is_flying or not is_due:
             return
@@ -397,16 +397,16 @@ class LiveSession:
         self._presentation.show(row, self.stream.pose, estimate, model, wind)
 
     def _withdraw_landing(self) -> None:
-        """Forgets what was learned during the last seconds before a touch-down, if there was a new one.
+        """If the vehicle has landed, forgets what was learned from the landing, and asks for advice on gains.
 
-        A landing is recognised only once it has happened, so its rows were learned from as settled flight. After a
-        landing there is also time for advice on gains, if the flight was settled for a while.
+        A landing is recognised only once it has happened, so its rows were learned from as settled flight.
         """
         landing_time = self.stream.pop_landing_time()
         if landing_time is None or self._learning.learner is None:
             return
         self._learning.withdraw_since(landing_time)
         if self.gain_adviser is not None:
+            # Without settled flight there is nothing to compute gains from.
             self.gain_adviser.is_due = self._learning.has_settled
 
     def _update_status(self, now: float) -> SessionStatus:

@@ -86,10 +86,10 @@ class SilenceMonitor:
         return max(now - self.message_time, 0.0) if self._has_received else None
 
     def note_samples(self, sample_count: int) -> float:
-        """Records whether the latest messages, passed to ``note_messages`` before, contained samples of the motion.
+        """Records whether the latest messages contained samples of the motion, which is attitude and motor outputs.
 
-        The motion is attitude and motor outputs. A vehicle may continue to send slow messages, such as HEARTBEAT, after
-        these have stopped. New samples are recognised by their total number, which the caller counts.
+        A vehicle may continue to send slow messages, such as HEARTBEAT, after these have stopped. New samples are
+        recognised by their total number. The messages must have been passed to ``note_messages`` before.
 
         Args:
             sample_count: number of samples of attitude and motors since the start.

@@ -135,13 +135,11 @@ class StatusReport:
         now = self.backlog.analysed_until
         silence = self.silence.silence(now)
         vehicle = self.stream.followed_vehicle
-        if (
-            silence is not None
-            and silence.subject == MissingMessages.MESSAGES
-            and vehicle is not None
-            and self.silence.has_others(now)
-        ):
-            # The link is not silent, and neither its address nor its router is to be checked.
+        if silence is None or vehicle is None:
+            return silence
+        if silence.subject == MissingMessages.MESSAGES and self.silence.has_others(now):
+            # Other vehicles are heard, so that the user need not check the link's address or router. With the name, the
+            # fact says that this vehicle alone is silent.
             return silence.replace(name=vehicle.name)
         return silence
 

@@ -476,11 +476,13 @@ class LiveStream:
             velocity: north and east, m/s.
         """
         vehicle = self.followed_vehicle
-        is_multirotor = vehicle is not None and vehicle.vehicle_type in POSSIBLE_MULTIROTORS
         pose = self._pose.pose
-        # The wings of a plane or VTOL lift it against its motion in each turn.
-        is_recent = pose is not None and time - pose.time < MAX_POSE_AGE
-        if not self.is_flying or not is_multirotor or pose is None or not is_recent:
+        if vehicle is None or pose is None or not self.is_flying:
+            return
+        # The wings of a plane or VTOL lift it against its motion in each turn, as if it were drifting.
+        is_multirotor = vehicle.vehicle_type in POSSIBLE_MULTIROTORS
+        is_pose_recent = time - pose.time < MAX_POSE_AGE
+        if not is_multirotor or not is_pose_recent:
             return
         if all(map(isfinite, (*velocity, *pose.angles))):
             sample = drift_sample(time, pose.angles, velocity)
@@ -537,8 +539,8 @@ class LiveStream:
     def _test_motors(self, time: float) -> None:
         """Tests the latest motor outputs for a motor that works harder than before, and reports what is found.
 
-        The balance of the motors means something only in settled flight. Samples from the ground only tell the test
-        that the vehicle has landed, after which it ends the alarms of the former flight.
+        Only in settled flight do the outputs of the motors show their balance. On the ground it is only noted that the
+        vehicle has landed, with which the alarms of the flight end at the next take-off.
 
         Args:
             time: time of the latest sample of motor outputs, s of the boot clock.

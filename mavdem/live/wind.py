@@ -183,13 +183,13 @@ class WindEstimate:
 
     @property
     def light(self) -> Fact:
-        """The fact for the wind's light in the judgement of a flight, where this estimate is the flight's mean wind.
+        """The fact on the wind in the judgement of a flight, if this estimate is the mean wind of the flight.
 
-        Wind is estimated by the vehicle's drag: the force of the air at a speed. If the drag is known too badly to give
-        the speed, the light says that the wind is not known, and why. Otherwise it gives the speed with its 90 %
-        interval, m/s, and the direction that the wind comes from, degrees; None if that is not known.
+        It has the speed with its 90 % interval, m/s, and the direction that the wind comes from, degrees, None if that
+        is not known. The speed follows from the force of the wind by the vehicle's drag. If the drag is known too badly
+        for that, the fact says instead that the wind is not known, and why.
         """
-        # A fact on the direction is there only where that is known.
+        # The second fact, on the direction, is missing if that is not known.
         speed_fact, *direction_facts = self.facts
         low, high = speed_fact.figures["speed_interval"]
         if speed_fact.figures["status"] is Status.NOT_IDENTIFIABLE:
@@ -371,7 +371,7 @@ class LiveWind:
         Returns:
             Times, attitudes and velocities of N samples.
         """
-        # Columns of both tables: the time, then three angles or velocities.
+        # Tables (N, 4) with a row for each sample: its time, and three angles or velocities. A list may be empty.
         attitudes = np.array(
             [sample for sample in self._attitudes if start_time <= sample.time < end_time]
         ).reshape(-1, 4)

@@ -285,7 +285,7 @@ def _settled_seconds(signals: Signals, ground_motion: TimeSeries) -> float:
 
 
 def _require_position_source(telemetry: Telemetry, ground_motion: TimeSeries) -> None:
-    """Checks that a sensor measured velocity or position, without which the estimator's velocity means nothing.
+    """Checks that a sensor such as GPS measured velocity or position: otherwise the estimator's velocity is made up.
 
     Args:
         telemetry: messages of the vehicle.
@@ -456,11 +456,12 @@ def _motion_resets(time: Array, values: Array) -> Flags:
     Returns:
         Whether there is a reset between each two successive samples (N − 1,).
     """
-    north_and_east = values[:, HORIZONTAL].T
-    resets = _resets(time, north_and_east[0], VELOCITY_RESET)
-    resets |= _resets(time, north_and_east[1], VELOCITY_RESET)
+    velocity_north, velocity_east = values[:, HORIZONTAL].T
+    resets = _resets(time, velocity_north, VELOCITY_RESET)
+    resets |= _resets(time, velocity_east, VELOCITY_RESET)
     # The columns after the height are the position north and east, which may be missing.
-    for position, speed in zip(values[:, HEIGHT + 1 :].T, north_and_east, strict=False):
+    positions = values[:, HEIGHT + 1 :].T
+    for position, speed in zip(positions, (velocity_north, velocity_east), strict=False):
         resets |= is_position_reset(np.diff(position), speed[:-1], speed[1:], np.diff(time))
     return resets
 

@@ -178,10 +178,13 @@ class _Bins:
         """
         # The first row, of ones, is summed to the weights by which the other rows are divided.
         values_and_ones = np.vstack([np.ones(len(self.index)), values])
-        sums = self._sums(values_and_ones)
-        rising = self._sums(self.fraction * values_and_ones)
-        weighted_sums = (sums - rising)[:, 1:] + rising[:, :-1]
-        return weighted_sums[1:] / weighted_sums[0]
+        # Sums over each step with the weights p, and with 1 − p.
+        rising_sums = self._sums(self.fraction * values_and_ones)
+        falling_sums = self._sums(values_and_ones) - rising_sums
+        # The weights rise in the first step of each pair, and fall in the second.
+        weighted_sums = rising_sums[:, :-1] + falling_sums[:, 1:]
+        weights = weighted_sums[0]
+        return weighted_sums[1:] / weights
 
     def mean_differences(self, values: Array) -> Array:
         """Returns the differences between means of values (k, N) in adjacent steps (k, count − 1)."""

@@ -415,17 +415,18 @@ class BootSensors:
         Args:
             end: the time, s since boot.
         """
-        climb = self.climb_estimate
-        if climb is None:
+        if self.climb_estimate is None:
             return False
-        rows = np.flatnonzero((climb.time >= end - SLOPE_SECONDS) & (climb.time <= end))
-        if len(rows) < 2 or climb.time[rows[0]] > end - SLOPE_SECONDS / 2:
+        climb = self.climb_estimate.within((end - SLOPE_SECONDS, end))
+        # The estimate must be known for at least half of these seconds.
+        if len(climb.time) < 2 or climb.time[0] > end - SLOPE_SECONDS / 2:
             return False
-        estimated_change = float(np.trapezoid(climb.values[rows], climb.time[rows]))
-        change = self.height.barometer_change(float(climb.time[rows[0]]), end + MEAN_SECONDS / 2)
-        if change is None:
+        start = float(climb.time[0])
+        estimated_change = float(np.trapezoid(climb.values, climb.time))
+        barometer_change = self.height.barometer_change(start, end + MEAN_SECONDS / 2)
+        if barometer_change is None:
             return False
-        return change - estimated_change <= MAX_CLIMB_DIFFERENCE * SLOPE_SECONDS
+        return barometer_change - estimated_change <= MAX_CLIMB_DIFFERENCE * SLOPE_SECONDS
 
     def sink_facts(
         self, interval: TimeInterval, min_speed: float = MIN_SINK_RATE

@@ -102,7 +102,7 @@ def support_count(sensor_facts: Iterable[Fact]) -> int:
     for fact in supporting_facts(sensor_facts):
         code = SensorFact(fact.code)
         if code is SensorFact.LAY_ON_ITS_SIDE and fact.figures["source"] == ATTITUDE:
-            # Without an accelerometer the pose was computed from the attitude, which is one source however often.
+            # Without an accelerometer the pose was computed from the attitude, and is not independent of it.
             sources.add(SOURCES[SensorFact.ATTITUDE_LEFT_SETPOINT])
         elif code in SOURCES:
             sources.add(SOURCES[code])

@@ -204,21 +204,41 @@ def further_specific_forces(signals: Signals) -> dict[int, TimeSeries]:
     """
     messages = signals.telemetry.messages
     forces: dict[int, TimeSeries] = {}
+    # ArduPilot has a message for each IMU.
     for number, message in FURTHER_IMU_MESSAGES.items():
         columns = messages.get(message, {})
         force = _recorded_specific_force(columns, ACCELERATION_FIELDS, MILLIGRAVITY)
         if force is not None:
             forces[number] = force
-    for message, field in (("HIGHRES_IMU", "id"), (ACCELEROMETERS_MESSAGE, "instance")):
-        columns = messages.get(message, {})
-        instances = np.unique(columns[field]).tolist() if field in columns else []
-        for instance in instances:
-            if message == "HIGHRES_IMU" and instance == 0:
-                continue
-            is_selected = columns[field] == instance
-            force = _recorded_specific_force(columns, ACCELERATION_FIELDS, 1.0, is_selected)
-            if force is not None:
-                forces[1 + int(instance)] = force
+    # Others number the IMUs in a field of one message, from 0 on.
+    forces |= _forces_by_instance(messages.get("HIGHRES_IMU", {}), "id", first_instance=1)
+    forces |= _forces_by_instance(messages.get(ACCELEROMETERS_MESSAGE, {}), "instance")
+    return forces
+
+
+def _forces_by_instance(
+    columns: Columns, instance_field: str, first_instance: int = 0
+) -> dict[int, TimeSeries]:
+    """Returns the specific force of each IMU that messages of one name recorded.
+
+    Args:
+        columns: columns of the messages; empty without any.
+        instance_field: field with the number of the IMU, from 0 on.
+        first_instance: IMUs with lower numbers are left out.
+
+    Returns:
+        Specific force (N, 3), m/s², by the number of the IMU from 1.
+    """
+    if instance_field not in columns:
+        return {}
+    forces = {}
+    for instance in np.unique(columns[instance_field]).tolist():
+        if instance < first_instance:
+            continue
+        is_selected = columns[instance_field] == instance
+        force = _recorded_specific_force(columns, ACCELERATION_FIELDS, 1.0, is_selected)
+        if force is not None:
+            forces[1 + int(instance)] = force
     return forces
 
 
