@@ -203,7 +203,7 @@ def _notch_section(notch: Notch, step: float) -> list[float]:
 def _digital_section(numerator: Vector3, denominator: Vector3) -> list[float]:
     """Converts an analog filter of second order to a digital one, by the bilinear transform s = (z − 1)/(z + 1).
 
-    It is done here since importing ``scipy.signal`` would take a second.
+    ``scipy.signal.bilinear`` does the same, but importing that package would take a second.
 
     Args:
         numerator: Coefficients (3,) of s², s and 1.
@@ -214,11 +214,12 @@ def _digital_section(numerator: Vector3, denominator: Vector3) -> list[float]:
     """
     coefficients = []
     for square, linear, constant in (numerator, denominator):
-        # (z − 1)² square + (z − 1)(z + 1) linear + (z + 1)² constant, by the powers of z.
+        # Times (z + 1)², the polynomial is (z − 1)² square + (z − 1)(z + 1) linear + (z + 1)² constant. These are its
+        # coefficients of z², z and 1.
         coefficients += [
             square + linear + constant,
             2 * (constant - square),
             square - linear + constant,
         ]
-    leading = coefficients[3]
-    return [coefficient / leading for coefficient in coefficients]
+    a0 = coefficients[3]
+    return [coefficient / a0 for coefficient in coefficients]

@@ -34,8 +34,8 @@ def ardupilot_columns(frame: RotorFrame) -> Array:
 def px4_columns(frame: RotorFrame, moment_ratio: float) -> Array:
     """Computes PX4's mixer of a frame: the scaled pseudo-inverse of the matrix of the motors' effects.
 
-    ``ControlAllocationPseudoInverse.cpp`` scales the columns of roll and pitch by one factor, the larger of their norms
-    per pair of motors that the column moves, and yaw by its largest element.
+    As ``ControlAllocationPseudoInverse.cpp`` does, the columns of roll and pitch are divided by one common scale: the
+    larger of |column| √(2/n), with n motors that the column moves. Yaw is divided by its largest element.
 
     Args:
         frame: Positions and directions of rotation.
@@ -44,6 +44,7 @@ def px4_columns(frame: RotorFrame, moment_ratio: float) -> Array:
     Returns:
         (3, n) effects of roll, pitch and yaw demands on the n motors.
     """
+    # (4, n) torque about roll, pitch and yaw, and thrust, by a thrust of 1 of each motor.
     effects = np.array(
         [
             [-right for right in frame.right],
@@ -55,7 +56,7 @@ def px4_columns(frame: RotorFrame, moment_ratio: float) -> Array:
     roll, pitch, yaw, _ = np.linalg.pinv(effects).T
     tilt_scales = []
     for column in (roll, pitch):
-        # A rotor on the axis is moved by rounding only.
+        # A rotor on the axis has an element that is not zero only because of rounding.
         moved_motors = np.count_nonzero(abs(column) > MIN_RELATIVE_ELEMENT * abs(column).max())
         tilt_scales.append(np.linalg.norm(column) / np.sqrt(moved_motors / 2))
     tilt_scale = max(tilt_scales)

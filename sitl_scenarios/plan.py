@@ -316,10 +316,10 @@ class MoveTiming(NamedTuple):
 
 
 def move_timing(move: Move) -> MoveTiming:
-    """Computes the speed and durations of a move.
+    """Computes the speed and durations of a move: a straight leg, a turn at the same time, and then a hover.
 
-    The speed along the leg is a trapezoid: it rises at constant acceleration, stays, and falls at the same
-    deceleration. On a short leg it is a triangle, whose peak is √(a · length).
+    The speed v along the leg is a trapezoid over time: it rises at the acceleration a, stays, and falls at the same
+    rate. The leg then takes length/v + v/a. On a short leg the speed is a triangle, whose peak is √(a · length).
 
     Args:
         move: Displacement (m), speed (m/s), turn (degrees), rate of the turn (degrees/s) and hover (s).
@@ -329,9 +329,11 @@ def move_timing(move: Move) -> MoveTiming:
     """
     length = hypot(move.north, move.east, move.up)
     max_speed = min(move.speed, sqrt(MOVE_ACCELERATION * length))
-    leg = length / max_speed + max_speed / MOVE_ACCELERATION if length else 0.0
-    turn = abs(move.turn) / move.rate
-    return MoveTiming(max_speed, leg, max(leg, turn), move.hover)
+    leg_seconds = 0.0
+    if length:
+        leg_seconds = length / max_speed + max_speed / MOVE_ACCELERATION
+    turn_seconds = abs(move.turn) / move.rate
+    return MoveTiming(max_speed, leg_seconds, max(leg_seconds, turn_seconds), move.hover)
 
 
 def _course_rows(course: Course, cycle: float) -> list[list[float]]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
-from operator import itemgetter
+from operator import attrgetter, itemgetter
 from typing import NamedTuple
 
 import numpy as np
@@ -351,12 +351,13 @@ class Transmitter:
         return Schedule(self._rates, start, self._scenario.cycle, self.autopilot)
 
     def _block_frames(self, motion: Motion) -> list[TimedFrame]:
-        """Returns the frames that are sent during some rows of the flight in which no fault happens.
+        """Returns the frames that the autopilot sends in successive cycles between two faults.
 
-        The first block after boot begins the schedule; the clock moves to the last row of the block.
+        Messages that are due by the schedule are sent, and in the first cycle the replies that wait. In the first block
+        after a boot the schedule begins. The ``clock`` moves to the last cycle.
 
         Args:
-            motion: Rows of the flight; there may be none.
+            motion: Rows of the flight, one for each of these cycles; there may be none.
 
         Returns:
             Frames in order of time, with the times of the motion at which they are sent, s.
@@ -366,16 +367,15 @@ class Transmitter:
         motion = motion[first_row:]
         if not len(motion):
             return []
-        clock = motion.time - self._boot_time
+        boot_clock = motion.time - self._boot_time
         if self._is_first_block:
-            self.schedule = self._initial_schedule(float(clock[0]))
+            self.schedule = self._initial_schedule(float(boot_clock[0]))
             self._is_first_block = False
-        self.clock = float(clock[-1])
-        # Replies that wait go out in the first row, before the scheduled messages of that row.
-        messages = [*self._replies, *self._scheduled_messages(motion, clock)]
+        self.clock = float(boot_clock[-1])
+        messages = [*self._replies, *self._scheduled_messages(motion, boot_clock)]
         self._replies = []
-        # The sort is stable: within a row, messages keep the order of replies and streams.
-        messages.sort(key=itemgetter(0))
+        # The sort is stable: within a cycle, messages keep the order of replies and streams.
+        messages.sort(key=attrgetter("row"))
         return self._numbered_frames(messages, motion.time)
 
     def _numbered_frames(self, messages: list[OutgoingMessage], times: Array) -> list[TimedFrame]:
@@ -501,10 +501,9 @@ class LossyLink:
 
 
 def with_second_sender(scenario: Scenario, received_frames: list[TimedFrame]) -> list[TimedFrame]:
-    """Returns the frames that arrive, with the frames of a second link or a second vehicle if the mishap has one.
+    """Adds the frames of a second link or of a second vehicle, if the scenario's mishap has one.
 
-    The second vehicle flies the same plan elsewhere, with another seed and another boot clock, and counts its own
-    frames. Its stream begins half a second after the first stream.
+    A second link repeats all frames later.
 
     Args:
         scenario: Scenario of the flight.
@@ -515,26 +514,40 @@ def with_second_sender(scenario: Scenario, received_frames: list[TimedFrame]) ->
     """
     mishap = scenario.mishap
     if isinstance(mishap, SecondLink):
-        delayed_copies = [(time + mishap.delay, frame) for time, frame in received_frames]
-        return sorted(received_frames + delayed_copies, key=itemgetter(0))
-    # Times of arrival follow the clock of the first vehicle, times in messages the boot clock of the second.
-    if isinstance(mishap, SecondVehicle):
-        second_scenario = scenario.model_copy(update={"seed": scenario.seed + 1})
-        motion = fly(second_scenario)
-        east = np.array([0.0, mishap.metres, 0.0])
-        second_motion = replace(
-            motion,
-            time=motion.time + mishap.boot,
-            position=motion.position + east,
-            known_position=motion.known_position + east,
-        )
-        if isinstance(second_motion, InstrumentedMotion):
-            second_motion = replace(second_motion, fix=second_motion.fix + east)
-        second_frames = Transmitter(scenario).send(second_motion)
-        shift = SECOND_VEHICLE_SECONDS - mishap.boot
-        frames_of_second = [(time + shift, frame) for time, frame in second_frames]
-        return sorted(received_frames + frames_of_second, key=itemgetter(0))
-    return received_frames
+        added_frames = [(time + mishap.delay, frame) for time, frame in received_frames]
+    elif isinstance(mishap, SecondVehicle):
+        added_frames = _frames_of_second_vehicle(scenario, mishap)
+    else:
+        return received_frames
+    return sorted(received_frames + added_frames, key=itemgetter(0))
+
+
+def _frames_of_second_vehicle(scenario: Scenario, mishap: SecondVehicle) -> list[TimedFrame]:
+    """Returns the frames of a second vehicle that has the same system id, and is received by the same ground station.
+
+    It flies the same plan further east, with another seed, and counts its own frames. Its boot clock is ahead of the
+    first vehicle's. Its stream begins ``SECOND_VEHICLE_SECONDS`` after the first stream.
+
+    Args:
+        scenario: Scenario of the first vehicle.
+        mishap: Distance of the second vehicle to the east, m, and how far its boot clock is ahead, s.
+
+    Returns:
+        Frames with their times of arrival, s, on the clock of the first vehicle.
+    """
+    motion = fly(scenario.model_copy(update={"seed": scenario.seed + 1}))
+    displacement = np.array([0.0, mishap.metres, 0.0])
+    # The transmitter takes the times of the motion for the boot clock in messages, and for the times of the frames.
+    motion = replace(
+        motion,
+        time=motion.time + mishap.boot,
+        position=motion.position + displacement,
+        known_position=motion.known_position + displacement,
+    )
+    if isinstance(motion, InstrumentedMotion):
+        motion = replace(motion, fix=motion.fix + displacement)
+    shift = SECOND_VEHICLE_SECONDS - mishap.boot
+    return [(time + shift, frame) for time, frame in Transmitter(scenario).send(motion)]
 
 
 SECOND_VEHICLE_SECONDS = 0.5
@@ -578,8 +591,8 @@ def recorded_stream(scenario: Scenario, motion: Motion) -> FrameStream:
     frame_starts = np.cumsum(sizes) - sizes
     frames = frames_at(data, frame_starts)
     # The remainder keeps the dates within three years.
-    boot = FIRST_BOOT + scenario.seed % 1000 * DAY
-    stamps = boot + np.round([1e6 * time for time, _ in received_frames])
+    boot_stamp = FIRST_BOOT + scenario.seed % 1000 * DAY
+    stamps = boot_stamp + np.round([1e6 * time for time, _ in received_frames])
     # A stream has a function from rows of the frames to their stamps, so that a reader of a file decodes only those
     # that are needed. Here all stamps are in an array, whose method for [] is such a function.
     stamps_of_rows = stamps.astype(np.uint64).__getitem__

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sitl_scenarios.dynamics import State
-from sitl_scenarios.mishaps.sensor_faults import Readings
+from sitl_scenarios.mishaps.sensor_faults import SensorErrors
 from sitl_scenarios.mishaps.specs import BrownOut, EmptyBattery, FailsafeDisarm
 from sitl_scenarios.motion import Array, Flags, Motion
 from sitl_scenarios.scenario import INSTRUMENTS, Scenario
@@ -188,7 +188,7 @@ class Instruments:
         time: float,
         state: State,
         remaining_voltage: float,
-        readings: Readings,
+        errors: SensorErrors,
         impact: float,
     ) -> dict[str, Any]:
         """Returns what the instruments measure in this cycle, by the names of the fields of ``InstrumentedMotion``.
@@ -201,7 +201,7 @@ class Instruments:
             time: Seconds after arming.
             state: True state, with the accelerations of the last step.
             remaining_voltage: Share of the first battery's voltage that the scenario's ``battery_sag`` leaves, 0 to 1.
-            readings: Errors of the sensors.
+            errors: Errors of the sensors.
             impact: Acceleration of an impact on the ground, m/s².
 
         Returns:
@@ -212,32 +212,32 @@ class Instruments:
         thrust_ratio = sum(ratio**2 for ratio in speed_ratios) / self._rotors
         power_ratio = sum(abs(ratio) ** 3 for ratio in speed_ratios) / self._rotors
         current = HOVER_CURRENT * self._rotors * power_ratio
-        vibration = thrust_ratio * (SOUND_VIBRATION + readings.vibration)
+        vibration = thrust_ratio * (SOUND_VIBRATION + errors.vibration)
         self._clips += max(vibration - CLIPPING_LEVEL, 0.0) * CLIPS_PER_VIBRATION * self._cycle
         if impact > CLIPPING_IMPACT:
             self._clips += IMPACT_CLIPS
         north, east, down = state.position
         sound_ratio = SOUND_RATIO * (1.0 + SOUND_RATIO_SPREAD * noise.innovation_ratio)
         return {
-            "specific_force": self._specific_force(state, readings, impact, thrust_ratio, noise),
+            "specific_force": self._specific_force(state, errors, impact, thrust_ratio, noise),
             "vibration": vibration,
             "clips": int(self._clips),
-            "barometer_height": self._barometer_height(down, readings, thrust_ratio, noise),
+            "barometer_height": self._barometer_height(down, errors, thrust_ratio, noise),
             # Satellites lie on one side only, above: the vertical position is twice as uncertain.
             "fix": (
                 north + FIX_NOISE * noise.fix_north,
-                east + readings.east_error + FIX_NOISE * noise.fix_east,
+                east + errors.east_error + FIX_NOISE * noise.fix_east,
                 down + 2 * FIX_NOISE * noise.fix_down,
             ),
-            "fix_type": readings.fix_type,
-            "satellites": readings.satellites,
+            "fix_type": errors.fix_type,
+            "satellites": errors.satellites,
             "ratios": (
                 sound_ratio,
-                sound_ratio + readings.position_ratio,
-                sound_ratio + readings.height_ratio,
-                sound_ratio + readings.compass_ratio,
+                sound_ratio + errors.position_ratio,
+                sound_ratio + errors.height_ratio,
+                sound_ratio + errors.compass_ratio,
             ),
-            "is_glitching": readings.position_ratio > 1.0,
+            "is_glitching": errors.position_ratio > 1.0,
             "battery_voltage": self._battery_voltages(time, current, remaining_voltage),
             "battery_current": current,
             "board_voltage": self._board_voltage(time) + BOARD_NOISE * noise.board_voltage,
@@ -245,7 +245,7 @@ class Instruments:
 
     @staticmethod
     def _barometer_height(
-        down: float, readings: Readings, thrust_ratio: float, noise: CycleNoise
+        down: float, errors: SensorErrors, thrust_ratio: float, noise: CycleNoise
     ) -> float:
         """Returns the height by the barometer.
 
@@ -254,25 +254,25 @@ class Instruments:
 
         Args:
             down: True position down from the take-off, m.
-            readings: Errors of the sensors.
+            errors: Errors of the sensors.
             thrust_ratio: Thrust of the rotors as a fraction of their thrust in hover.
             noise: Noise of the cycle.
 
         Returns:
             The height, m above the take-off.
         """
-        height = -down + readings.height_error
+        height = -down + errors.height_error
         if -down < PROP_WASH_REACH:
             height -= PROP_WASH_HEIGHT * min(thrust_ratio, 1.0) * (1.0 + down / PROP_WASH_REACH)
         height += BAROMETER_NOISE * noise.barometer
-        if readings.stuck_height is not None:
-            height = readings.stuck_height
+        if errors.stuck_height is not None:
+            height = errors.stuck_height
         return height
 
     def _specific_force(
         self,
         state: State,
-        readings: Readings,
+        errors: SensorErrors,
         impact: float,
         thrust_ratio: float,
         noise: CycleNoise,
@@ -281,7 +281,7 @@ class Instruments:
 
         Args:
             state: True state; its linear accelerations are in NED, m/s².
-            readings: Errors of the sensors.
+            errors: Errors of the sensors.
             impact: Acceleration of an impact on the ground, m/s².
             thrust_ratio: Thrust of the rotors as a fraction of their thrust in hover; the noise grows with it.
             noise: Noise of the cycle.
@@ -296,12 +296,12 @@ class Instruments:
         force_x, force_y, force_z = (
             dot(column, without_gravity) for column in zip(*rows, strict=True)
         )
-        spread = thrust_ratio * (FORCE_NOISE + FORCE_NOISE_PER_VIBRATION * readings.vibration)
+        spread = thrust_ratio * (FORCE_NOISE + FORCE_NOISE_PER_VIBRATION * errors.vibration)
         impact_x, impact_y, impact_z = (share * impact for share in IMPACT_DIRECTION)
         return (
             force_x + spread * noise.force_x + impact_x,
             force_y + spread * noise.force_y + impact_y,
-            force_z + spread * noise.force_z + readings.force_bias + impact_z,
+            force_z + spread * noise.force_z + errors.force_bias + impact_z,
         )
 
     def _battery_voltages(

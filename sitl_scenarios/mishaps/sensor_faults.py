@@ -53,7 +53,7 @@ BAROMETER_AGREEMENT = 5.0
 
 
 @dataclass
-class Readings:
+class SensorErrors:
     """What the sensors read wrongly in one cycle, and how well the filter's measurements agree."""
 
     height_error: float = 0.0
@@ -86,7 +86,7 @@ class SensorFaults:
     """What goes wrong; None: nothing does."""
     cycle: float
     """Period of the autopilot's loop, s."""
-    readings: Readings = field(default_factory=Readings)
+    sensor_errors: SensorErrors = field(default_factory=SensorErrors)
     """Errors in the current cycle."""
     height_error: float = 0.0
     """Error of the estimated height, m upwards."""
@@ -100,7 +100,7 @@ class SensorFaults:
     """Height at which the barometer got stuck, m; None before."""
 
     def faulty_estimate(self, time: float, state: State, estimate: State) -> State:
-        """Adds the errors of the mishap to the estimated state, and sets the ``readings`` of this cycle.
+        """Adds the errors of the mishap to the estimated state, and sets ``sensor_errors`` for this cycle.
 
         Args:
             time: Seconds after arming; negative before.
@@ -111,34 +111,34 @@ class SensorFaults:
             The estimate with errors of east position and speed, height and climb rate; or, before the autopilot resets
             a wrong heading, with an error of the heading alone.
         """
-        self.readings = Readings()
+        self.sensor_errors = SensorErrors()
         match self.mishap:
             case LoosePropeller(start=start, vibration=vibration) if time >= start:
-                self.readings.vibration = vibration
+                self.sensor_errors.vibration = vibration
             case HeightRunaway():
                 self._advance_runaway(self.mishap, time)
             case VibrationRectification(start=start) if time >= start:
-                self.readings.vibration = self.mishap.vibration
-                self.readings.force_bias = self.mishap.bias
+                self.sensor_errors.vibration = self.mishap.vibration
+                self.sensor_errors.force_bias = self.mishap.bias
                 self._advance_height_filter(self.mishap.bias, barometer_error=0.0)
             case BarometerDrift(start=start, seconds=seconds, metres=metres) if time >= start:
-                self.readings.height_error = metres * min((time - start) / seconds, 1.0)
-                self._advance_height_filter(0.0, barometer_error=self.readings.height_error)
+                self.sensor_errors.height_error = metres * min((time - start) / seconds, 1.0)
+                self._advance_height_filter(0.0, barometer_error=self.sensor_errors.height_error)
             case BarometerStuck(start=start) if time >= start:
                 self._hold_barometer_height(state)
             case GpsLoss(start=start) if time >= start:
-                self.readings.fix_type = NO_FIX
-                self.readings.satellites = LOST_SATELLITES
+                self.sensor_errors.fix_type = NO_FIX
+                self.sensor_errors.satellites = LOST_SATELLITES
                 # Without satellites the error of the acceleration is integrated to speed and position.
                 self.drift_speed += DRIFT_ACCELERATION * self.cycle
                 self.drift += self.drift_speed * self.cycle
             case GpsGlitch(start=start) if start <= time < start + self.mishap.seconds:
                 # The filter rejects the jump, so that the estimate stays right.
-                self.readings.east_error = self.mishap.metres
-                self.readings.position_ratio = abs(self.mishap.metres) / POSITION_LIMIT
+                self.sensor_errors.east_error = self.mishap.metres
+                self.sensor_errors.position_ratio = abs(self.mishap.metres) / POSITION_LIMIT
             case YawReset(start=start, degrees=degrees) if time < start:
                 # The heading is wrong from the beginning, and right from the reset on.
-                self.readings.compass_ratio = abs(degrees) / USUAL_COMPASS_ERROR
+                self.sensor_errors.compass_ratio = abs(degrees) / USUAL_COMPASS_ERROR
                 return estimate._replace(attitude=_with_turned_heading(estimate.attitude, degrees))
         north, east, down = estimate.position
         north_speed, east_speed, down_speed = estimate.velocity
@@ -162,11 +162,11 @@ class SensorFaults:
         if seconds_since_start < 0.0:
             return
         if seconds_since_start < mishap.seconds:
-            self.readings.vibration = mishap.vibration
-            self.readings.force_bias = mishap.bias
+            self.sensor_errors.vibration = mishap.vibration
+            self.sensor_errors.force_bias = mishap.bias
             self.climb_error -= mishap.bias * self.cycle
             self.height_error += self.climb_error * self.cycle
-            self.readings.height_ratio = abs(self.height_error) / HEIGHT_GATE
+            self.sensor_errors.height_ratio = abs(self.height_error) / HEIGHT_GATE
         else:
             decay = 1.0 - self.cycle / RESET_SECONDS
             self.climb_error *= decay
@@ -188,7 +188,7 @@ class SensorFaults:
         acceleration = -bias - 2 * frequency * self.climb_error - frequency**2 * difference
         self.climb_error += acceleration * self.cycle
         self.height_error += self.climb_error * self.cycle
-        self.readings.height_ratio = abs(difference) / HEIGHT_GATE / BAROMETER_AGREEMENT
+        self.sensor_errors.height_ratio = abs(difference) / HEIGHT_GATE / BAROMETER_AGREEMENT
 
     def _hold_barometer_height(self, state: State) -> None:
         """Keeps the barometer at the height where it got stuck; the filter rejects it and uses the satellites' height.
@@ -199,8 +199,8 @@ class SensorFaults:
         height = -state.position[2]
         if self.stuck_height is None:
             self.stuck_height = height
-        self.readings.stuck_height = self.stuck_height
-        self.readings.height_ratio = abs(height - self.stuck_height) / HEIGHT_GATE
+        self.sensor_errors.stuck_height = self.stuck_height
+        self.sensor_errors.height_ratio = abs(height - self.stuck_height) / HEIGHT_GATE
 
 
 def _with_turned_heading(attitude: Quaternion, degrees: float) -> Quaternion:

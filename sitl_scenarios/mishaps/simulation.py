@@ -82,9 +82,10 @@ class InstrumentedSimulation(Simulation):
 
     @property
     def finished(self) -> bool:
-        """Whether the record is over: when the board loses its power, or some time after the crash or the landing.
+        """Whether the recording is over: the autopilot has lost its power, or the vehicle has crashed or landed before.
 
-        A vehicle that is still armed at the planned end of the flight gets up to ``MAX_LATE_SECONDS`` more to land.
+        A crashed or late landed vehicle is recorded at rest for some seconds. A vehicle that is still armed at the
+        planned end of the flight gets up to ``MAX_LATE_SECONDS`` more to land.
         """
         mishap = self.scenario.mishap
         if isinstance(mishap, BrownOut) and self._flight_time >= mishap.start + mishap.seconds:
@@ -211,7 +212,7 @@ class InstrumentedSimulation(Simulation):
         row = super()._row(air, battery, estimate, reference, control)
         impact = 0.0 if self._contact is None else self._contact.impact
         row |= self._instruments.row(
-            self._flight_time, self._state, battery, self._sensor_faults.readings, impact
+            self._flight_time, self._state, battery, self._sensor_faults.sensor_errors, impact
         )
         text, severity = "", 0
         if self._announcements and self._flight_time >= self._announcements[0].time:

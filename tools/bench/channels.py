@@ -8,6 +8,7 @@ import io
 import json
 import time
 from collections.abc import Callable
+from functools import partial
 from timeit import repeat
 
 import click
@@ -54,6 +55,15 @@ def write_by_message(series: dict[str, Series]) -> None:
     writer.finish()  # type: ignore[no-untyped-call]
 
 
+def write_by_columns(series: dict[str, Series]) -> None:
+    """Writes the channels with mavdem, which formats a column of numbers at once.
+
+    Args:
+        series: times, s, and columns of each channel, by its topic.
+    """
+    write_series(io.BytesIO(), series)
+
+
 def fastest(write: Callable[[], None]) -> float:
     """Returns the processor time of the fastest of three runs, s."""
     return min(repeat(write, number=1, repeat=3, timer=time.process_time))
@@ -61,14 +71,14 @@ def fastest(write: Callable[[], None]) -> float:
 
 @click.command()
 def bench() -> None:
-    """Writes 65,000 messages in both ways."""
+    """Writes 65,000 messages as an MCAP file with mavdem and with the package mcap, and prints the processor times."""
     series = made_up_series()
-    by_column = fastest(lambda: write_series(io.BytesIO(), series))
-    by_message = fastest(lambda: write_by_message(series))
+    seconds_by_columns = fastest(partial(write_by_columns, series))
+    seconds_by_message = fastest(partial(write_by_message, series))
     rows = [
-        ["the package mcap, message by message", f"{by_message:.2f} s"],
-        ["mavdem, by columns", f"{by_column:.2f} s"],
-        ["ratio", f"{by_message / by_column:.1f}"],
+        ["the package mcap, message by message", f"{seconds_by_message:.2f} s"],
+        ["mavdem, by columns", f"{seconds_by_columns:.2f} s"],
+        ["ratio", f"{seconds_by_message / seconds_by_columns:.1f}"],
     ]
     count = ROWS * len(COLUMN_COUNTS)
     click.echo(markdown([Table([f"{count:,} messages", "processor time"], rows)]))

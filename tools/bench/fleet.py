@@ -507,25 +507,27 @@ CLUSTER_HEADER = ["workers", "s", "logs/s", "times one worker", "flights in the 
 def cluster(logs: tuple[Path, ...], max_logs: int) -> None:
     """Reads LOGS on clusters of 1, 2 and 4 workers, and again where a worker is killed half way.
 
-    The time includes the start of the command and of the readers. Each row is printed as it comes.
+    The time includes the start of the command and of the readers. Each row is printed as soon as it is measured.
     """
     sources, _ = find_logs([str(log) for log in logs])
     sources.sort(key=lambda source: source.size)
-    chosen = [Path(source.path) for source in sources[:max_logs]]
+    smallest_logs = [Path(source.path) for source in sources[:max_logs]]
+    count = len(smallest_logs)
     echo_header(CLUSTER_HEADER)
     seconds_by_workers: dict[int, float] = {}
     for workers in CLUSTER_SIZES:
-        seconds, flights = _cluster_seconds(chosen, workers)
+        seconds, flights = _cluster_seconds(smallest_logs, workers)
         seconds_by_workers[workers] = seconds
         gain = seconds_by_workers[CLUSTER_SIZES[0]] / seconds
-        echo_row(CLUSTER_HEADER, _cluster_row(str(workers), seconds, len(chosen), gain, flights))
+        echo_row(CLUSTER_HEADER, _cluster_row(str(workers), seconds, count, gain, flights))
+    # A cluster of one worker would not survive.
     for workers in CLUSTER_SIZES[1:]:
         kill_after = seconds_by_workers[workers] / 2
-        seconds, flights = _cluster_seconds(chosen, workers, kill_after)
+        seconds, flights = _cluster_seconds(smallest_logs, workers, kill_after)
         gain = seconds_by_workers[CLUSTER_SIZES[0]] / seconds
         name = f"{workers}, one killed after {kill_after:.0f} s"
-        echo_row(CLUSTER_HEADER, _cluster_row(name, seconds, len(chosen), gain, flights))
-    click.echo(f"\n{os.cpu_count()} cores, load {os.getloadavg()[1]:.0f}, {len(chosen)} logs.")
+        echo_row(CLUSTER_HEADER, _cluster_row(name, seconds, count, gain, flights))
+    click.echo(f"\n{os.cpu_count()} cores, load {os.getloadavg()[1]:.0f}, {count} logs.")
 
 
 def _cluster_row(name: str, seconds: float, logs: int, gain: float, flights: int) -> list[str]:

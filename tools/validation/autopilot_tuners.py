@@ -198,10 +198,10 @@ def _rate_twitch(loop: Loop, gains: TunedGains) -> Twitch:
 
 
 def _tuned_derivative(loop: Loop, gains: TunedGains) -> TunedGains:
-    """Returns the gains after AutoTune's steps D up and D down.
+    """Returns the gains after AutoTune's steps "D up" and "D down".
 
-    D is raised until the rate bounces back after a twitch, and then lowered until it does not. Meanwhile P is adjusted
-    so that the peak stays just below the target rate.
+    In the first step D is raised until the rate bounces back after a twitch, and in the second one it is lowered until
+    it does not. Meanwhile P is adjusted so that the peak stays just below the target rate, where the bounce is judged.
 
     Args:
         loop: the loops of the true plant.
@@ -253,32 +253,39 @@ def _tuned_proportional(loop: Loop, gains: TunedGains) -> TunedGains:
 
 
 def _tuned_angle_gain(loop: Loop, gains: TunedGains) -> float:
-    """Returns the gain of the attitude controller, 1/s, after AutoTune's steps angle P down and up.
+    """Returns the gain of the attitude controller, 1/s, after AutoTune's steps "angle P down" and "angle P up".
 
-    It is the gain with which the response of the angle to a step overshoots by half of the aggressiveness.
+    The gain is first lowered while the step response of the angle overshoots by more than half of AUTOTUNE_AGGR, and
+    then raised until it does.
 
     Args:
         loop: the loops of the true plant.
         gains: gains of the rate controller, and the gain of the angle to begin with.
     """
+    for _ in range(MAX_TWITCHES):
+        if not _angle_overshoots(loop, gains):
+            break
+        gains = gains._replace(angle_gain=gains.angle_gain * (1 - TWITCH_STEP))
+    for _ in range(MAX_TWITCHES):
+        if _angle_overshoots(loop, gains) or gains.angle_gain >= MAX_ANGLE_GAIN:
+            break
+        gains = gains._replace(angle_gain=gains.angle_gain * (1 + TWITCH_STEP))
+    return gains.angle_gain
+
+
+def _angle_overshoots(loop: Loop, gains: TunedGains) -> bool:
+    """Returns whether the angle overshoots a step of its setpoint by too much, or its loop is unstable.
+
+    Args:
+        loop: the loops of the true plant.
+        gains: gains to test; I is small, as during AutoTune's tests.
+    """
+    tested_loop = loop.with_parameters(parameters_of(loop, gains, TESTING_INTEGRAL_RATIO))
+    attitude = tested_loop.attitude
+    if not attitude.is_stable:
+        return True
     time = np.linspace(0.05, ANGLE_TWITCH_SECONDS, 30)
-    angle_gain = gains.angle_gain
-    for is_lowered in (True, False):
-        for _ in range(MAX_TWITCHES):
-            tuned = gains._replace(angle_gain=angle_gain)
-            attitude = loop.with_parameters(
-                parameters_of(loop, tuned, TESTING_INTEGRAL_RATIO)
-            ).attitude
-            overshoots = not attitude.is_stable
-            if not overshoots:
-                step = step_from_frequency_response(
-                    attitude.frequency, attitude.closed_loop_of_estimate, time
-                )
-                overshoots = bool(step.max() > 1 + AGGRESSIVENESS / 2)
-            if is_lowered and overshoots:
-                angle_gain *= 1 - TWITCH_STEP
-            elif not is_lowered and not overshoots and angle_gain < MAX_ANGLE_GAIN:
-                angle_gain *= 1 + TWITCH_STEP
-            else:
-                break
-    return angle_gain
+    response = step_from_frequency_response(
+        attitude.frequency, attitude.closed_loop_of_estimate, time
+    )
+    return bool(response.max() > 1 + AGGRESSIVENESS / 2)

@@ -91,10 +91,10 @@ def summary(page: Path) -> str:
 
 
 def claim_counts(text: str) -> str:
-    """Returns a sentence on how many claims of a page are reproduced.
+    """Returns a sentence that counts the paper's reproduced claims, such as "Of 2 claims: 1 reproduced, 1 partly.".
 
     Args:
-        text: the page, with the findings on each claim as `mavdem reproduce --markdown` prints them.
+        text: the page on the paper, with the findings on each claim as `mavdem reproduce --markdown` prints them.
     """
     statuses = _CLAIM.findall(text)
     counts = []

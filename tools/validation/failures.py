@@ -192,10 +192,10 @@ class ReportedFact(NamedTuple):
 
 
 def reported_facts(review: Assessment) -> Iterator[ReportedFact]:
-    """Yields the facts that a review reports: headline, causes, lights and events, in this order.
+    """Yields the facts (coded findings) that a review reports: headline, causes, lights and events, in this order.
 
     Args:
-        review: the review. A fact among the figures of the headline is a cause.
+        review: the review. A headline that has another fact among its figures names it as its cause.
 
     Yields:
         Each fact with the place at which the review reports it.

@@ -92,7 +92,7 @@ def live_row(flight: Flight) -> dict[str, float]:
 @click.option("--seconds", default=20.0, help="Longest part of a log that is learned from, s.")
 @click.argument("logs", nargs=-1, type=click.Path(exists=True, dir_okay=False, path_type=Path))
 def main(seconds: float, logs: tuple[Path, ...]) -> None:
-    """Prints two tables with a row for each log: the sum of F(t) and F̄, offline and as streamed.
+    """Learns a model of each log, offline and online, and prints two tables: the sum of F(t) beside the reported F̄.
 
     A log from which nothing can be learned is named on standard error with the reason.
 

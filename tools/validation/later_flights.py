@@ -199,14 +199,14 @@ def _row_by_first_plant(axis: str, first: FirstLoop, margins: str) -> Values:
 
 
 def _advised_changes(loops: Sequence[Loop | NoLoop], margins: str) -> dict[str, float]:
-    """Returns the gains, by the autopilot's names, that mavdem advises to change after a flight.
+    """Returns the gains that mavdem advises to change after a flight, also upwards where margins are good.
 
     Args:
         loops: the loops of all axes that the flight identified, or why there is none.
         margins: name of the stability margins that are the goal, a key of ``MARGIN_TARGETS``.
 
     Returns:
-        New values by name; empty if nothing is to be changed.
+        New values by the autopilot's parameter names; empty if nothing is to be changed.
     """
     changes: dict[str, float] = {}
     for loop in loops:

@@ -519,10 +519,11 @@ def estimated_figures(loop: Loop) -> dict[str, FigureEstimate]:
 
 
 def root_cause(fact: Fact) -> str:
-    """Returns the name of the root cause: the code of the last fact in a chain, each of which has the next as reason.
+    """Returns the code of the root cause why a loop was not identified.
 
     Args:
-        fact: the first fact, a coded finding; its figure "reason", if it has one, is the next fact.
+        fact: the refusal, a coded finding. It may have another finding as its figure "reason", which may have one in
+            turn: the last finding of that chain is the root cause.
     """
     reason = fact.figures.get("reason")
     if isinstance(reason, Fact):

@@ -78,10 +78,13 @@ def main(folder: Path) -> None:
         folder: folder with logs (``.BIN``) of one vehicle.
     """
     flights = [health_figures(path) for path in sorted(folder.glob("*.BIN"))]
-    healthy = [flight for flight in flights if "good" in flight.name]
-    flights.sort(key=lambda flight: flight not in healthy)
+    healthy_flights = [flight for flight in flights if "good" in flight.name]
+    other_flights = [flight for flight in flights if "good" not in flight.name]
+    flights = healthy_flights + other_flights
+    # A healthy flight is compared with the other healthy ones.
+    assessments = assess_motor_health(flights, healthy_flights)
     rows = []
-    for flight, assessment in zip(flights, assess_motor_health(flights, healthy), strict=True):
+    for flight, assessment in zip(flights, assessments, strict=True):
         rows.append(health_row(flight, assessment))
     print_table("Each flight against the good ones", rows)
 
