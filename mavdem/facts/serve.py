@@ -11,6 +11,8 @@ class RefusalReason(Code):
     NO_RIGHT = "no_right"
     OTHER_SITE = "other_site"
     NO_SUCH_FLIGHT = "no_such_flight"
+    NO_RECORDING = "no_recording"
+    NO_SUCH_FILE = "no_such_file"
     UPLOAD_WITHOUT_LOG = "upload_without_log"
     UPLOAD_TOO_LARGE = "upload_too_large"
     UPLOAD_TOO_SLOW = "upload_too_slow"

@@ -36,7 +36,7 @@ from mavdem.serve.index import COLUMNS, LibraryEntry
 from mavdem.serve.openapi import openapi
 from mavdem.serve.pages import FLIGHTS_PER_PAGE, recordings_answer
 from mavdem.serve.reading_queue import QueuePlace, queue_places
-from mavdem.serve.recordings import RecordingRequests
+from mavdem.serve.recordings import RecordingRequests, reason_without_file
 from mavdem.serve.requests import (
     error_values,
     query_decimal,
@@ -362,7 +362,7 @@ class Api:
         self._rights.require(request, Permission.WRITE)
         entry = self._visible_library.entry(request, request.path_params["id"])
         if self._open_recording is None or RECORDING_FILE not in entry.file_names:
-            raise Refusal(RefusalReason.NO_SUCH_FLIGHT)
+            raise Refusal(reason_without_file(entry, RECORDING_FILE))
         recording = self._library.results_folder(entry) / RECORDING_FILE
         if not recording.is_file():
             return self.make_recordings(request)

@@ -45,7 +45,7 @@ from mavdem.report.pages.page import PageLink
 from mavdem.results import PAGE_FILE, RECORDING_FILE, RECORDINGS
 from mavdem.serve.index import LibraryEntry
 from mavdem.serve.link_monitor import PAGE_SECONDS, LinkMonitor
-from mavdem.serve.recordings import RecordingRequests
+from mavdem.serve.recordings import RecordingRequests, reason_without_file
 from mavdem.serve.requests import read_body
 from mavdem.serve.rights import COOKIE_NAME
 from mavdem.serve.search import search_problems, unknown_terms
@@ -217,7 +217,7 @@ class Pages:
         entry = self._visible_library.entry(request, request.path_params["id"])
         has_viewer = self._open_recording is not None
         if not has_viewer or RECORDING_FILE not in entry.file_names:
-            raise Refusal(RefusalReason.NO_SUCH_FLIGHT)
+            raise Refusal(reason_without_file(entry, RECORDING_FILE))
         visitor = self._visible_library.visitor_values(request)
         return HTMLResponse(
             render_server_page("viewer", flight=entry, **visitor),
@@ -306,7 +306,7 @@ class Pages:
         elif is_stored and name in entry.file_names:
             path = self._library.results_folder(entry) / name
         else:
-            raise Refusal(RefusalReason.NO_SUCH_FLIGHT)
+            raise Refusal(reason_without_file(entry, name))
         with refuse_missing_file():
             status = path.stat()
         if not S_ISREG(status.st_mode):

@@ -15,16 +15,40 @@ from mavdem.assessment.assess import assess_signals
 from mavdem.assessment.identity import identity_of
 from mavdem.dataset.signals import Signals
 from mavdem.errors import Refusal, Unreadable, error_message
+from mavdem.facts import Fact
 from mavdem.facts.fleet import ReadingFact
 from mavdem.facts.serve import RefusalReason, Stage
 from mavdem.fleet.workers import JobOutcome, LogRows
 from mavdem.ingest.telemetry import Log, Telemetry
 from mavdem.processes import lower_priority
-from mavdem.results import RECORDINGS, REPORT_FILE, possible_recordings, write_recordings
+from mavdem.results import (
+    MODEL_FILE,
+    RECORDING_FILE,
+    RECORDINGS,
+    REPORT_FILE,
+    possible_recordings,
+    write_recordings,
+)
 from mavdem.serve.index import DIGEST_GLOB, LibraryEntry, entry_from_row
 from mavdem.serve.library import Library
 from mavdem.serve.reading import LOWER_PRIORITY, ProgressFile, read_stored_log
 from mavdem.serve.stored_files import PROGRESS, RESULTS, UNFINISHED_RECORDINGS
+
+
+def reason_without_file(entry: LibraryEntry, name: str) -> Fact:
+    """Returns why a flight that exists has no file of a name.
+
+    Args:
+        entry: index entry of the flight.
+        name: name of the file.
+    """
+    if not entry.is_done:
+        return Fact(RefusalReason.STILL_BEING_READ, name=entry.name)
+    was_read_here = bool(entry.digest) and entry.stage == Stage.DONE
+    if name in RECORDINGS and was_read_here and MODEL_FILE not in entry.file_names:
+        return Fact(RefusalReason.NO_RECORDING, name=name)
+    # There is a model, but no package that writes this recording; or nothing has such a file.
+    return Fact(RefusalReason.NO_SUCH_FILE, name=name)
 
 
 class RecordingRequests:
@@ -58,7 +82,7 @@ class RecordingRequests:
         # The log is found by the digest of its content. An entry whose log is not kept has none.
         is_log_kept = bool(entry.digest)
         if entry.stage != Stage.DONE or not has_recordings or not is_log_kept:
-            raise Refusal(RefusalReason.NO_SUCH_FLIGHT)
+            raise Refusal(reason_without_file(entry, RECORDING_FILE))
         if not self.missing_names(entry):
             return entry
         # The size of the recordings is not known yet, so only the quota and the reserve of the disk are checked.

@@ -97,6 +97,16 @@ def test_a_failure_is_one_sentence_and_the_next_request_tries_again(tmp_path):
         assert server.get(f"/api/flights/{id}").json["flight"]["stage"] == Stage.DONE
 
 
+def test_a_flight_without_a_model_says_that_it_has_no_recording(tmp_path):
+    with serving(tmp_path) as server:
+        id = server.add("a.ulg", "Nothing to learn.")
+        answer = server.get(f"/f/{id}/flight.mcap")
+        assert answer.status == 404
+        assert "no flight.mcap: no model was learned" in answer.text
+        assert "no file other.txt" in server.get(f"/f/{id}/other.txt").text
+        assert "There is no such flight" in server.get("/f/unknown/flight.mcap").text
+
+
 @mark.slow
 def test_whoever_sees_a_flight_may_have_its_recordings_made_and_nobody_else(tmp_path):
     with serving(tmp_path, token="0123456789abcdef") as server:
