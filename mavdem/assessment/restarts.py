@@ -21,10 +21,10 @@ from mavdem.dataset.intervals import in_intervals
 from mavdem.dataset.segments import Segment
 from mavdem.dataset.signals import Signals
 from mavdem.dataset.time_series import series_of_boot
+from mavdem.dataset.vehicle_cache import cached_per_vehicle
 from mavdem.facts import Fact
 from mavdem.facts.events import ReportedEvent
 from mavdem.ingest.joined import MAX_BOOT_CLOCK
-from mavdem.ingest.telemetry import Telemetry
 
 FALL_SECONDS = 10.0
 """Duration from the beginning, s, in which the fall after a restart is sought: one from 400 m takes as long."""
@@ -82,7 +82,7 @@ def restarts(signals: Signals, recorded_span: Segment) -> Iterator[Fact]:
         ``impact``, when it hit the ground, s since boot. The last two are None if it did not, or that is not known.
     """
     telemetry = signals.telemetry
-    is_watchdog = _reports_watchdog(telemetry, recorded_span)
+    is_watchdog = _reports_watchdog(signals, recorded_span)
     was_flying = recorded_span.boot > 0 and _ends_in_air(signals, recorded_span.boot - 1)
     fall = _fall_at_start(signals, recorded_span)
     descent = 0.0 if fall is None else fall.descent
@@ -119,21 +119,29 @@ def restarts(signals: Signals, recorded_span: Segment) -> Iterator[Fact]:
     )
 
 
-def _reports_watchdog(telemetry: Telemetry, recorded_span: Segment) -> bool:
+def _reports_watchdog(signals: Signals, recorded_span: Segment) -> bool:
     """Returns whether the autopilot reports, in the first ``MAX_BOOT_CLOCK`` of a boot, that its watchdog reset it.
 
     Args:
-        telemetry: messages of the vehicle, with the texts of the autopilot.
+        signals: signals of the vehicle.
         recorded_span: recorded time of the boot.
     """
-    for message in status_texts(telemetry):
-        is_of_start = (
-            message.boot == recorded_span.boot
-            and message.time <= recorded_span.start + MAX_BOOT_CLOCK
-        )
-        if is_of_start and _is_watchdog_text(message):
-            return True
-    return False
+    latest_time = recorded_span.start + MAX_BOOT_CLOCK
+    return any(
+        message.boot == recorded_span.boot and message.time <= latest_time
+        for message in _watchdog_texts(signals)
+    )
+
+
+@cached_per_vehicle()
+def _watchdog_texts(signals: Signals) -> tuple[StatusText, ...]:
+    """Returns the texts of all boots that report a watchdog reset; a log may have hundreds of boots.
+
+    Args:
+        signals: signals of the vehicle.
+    """
+    texts = status_texts(signals.telemetry)
+    return tuple(text for text in texts if _is_watchdog_text(text))
 
 
 def _is_watchdog_text(message: StatusText) -> bool:
