@@ -75,10 +75,10 @@ class Forecaster(Protocol):
 
         Args:
             inputs: Inputs after the training data, (H, r), in the unit of the training inputs.
-            from_zero: Whether to begin with state 0, as the paper's figures do, instead of the state at the end of
-                training.
-            smooth: Whether each sample is estimated from all inputs, instead of those up to its instant. This makes a
-                difference for methods that treat inputs as measurements.
+            from_zero: Whether to begin with state 0, instead of the state at the end of training. The figures of the
+                paper on DEM (Dynamic Expectation Maximization) do.
+            smooth: Whether each sample is estimated from all inputs, also from later ones. This makes a difference for
+                methods that treat inputs as measurements.
 
         Returns:
             Forecast outputs, (H, m); row 0 is the first sample after the training data.

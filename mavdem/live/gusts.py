@@ -36,16 +36,16 @@ class ResolvedTorque:
         self._mean_square_band = np.nan
 
     def resolved(self, estimate: Estimate) -> Estimate:
-        """Drops the wind torque of an estimate if it is smaller than its error.
+        """Returns an estimate without its wind torque if that is smaller than its error.
 
-        The error is the root mean square of the torque's 90 % band over the recent estimates, an exponential moving
-        average. The band stays in the estimate, since it shows why there is no torque.
+        The error is the root mean square of the half width of the torque's 90 % band, an exponential moving average
+        over the recent estimates. The band stays in the estimate, since it shows why there is no torque.
 
         Args:
             estimate: estimate for the latest sample; estimates must come in order, since their bands are averaged.
 
         Returns:
-            The estimate, with NaN in place of such a torque.
+            The estimate; its torque is NaN if it was smaller than the error.
         """
         if estimate.physical is None or not np.isfinite(estimate.wind_torque):
             return estimate

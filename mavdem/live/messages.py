@@ -255,7 +255,7 @@ def port_outputs(message: Message) -> PortOutputs:
 
 
 def parameters_by_name(messages: Iterable[Message], autopilot: str) -> Parameters:
-    """Returns the autopilot's finite parameters by name, as they would be read from a log of the same messages.
+    """Returns the finite values of an autopilot's parameters by name, by the rules for logs.
 
     Args:
         messages: PARAM_VALUEs, at least one.

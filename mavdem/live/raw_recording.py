@@ -133,10 +133,10 @@ class RawRecording:
                 self._mcap.finish()  # type: ignore[no-untyped-call]
 
     def move_after(self, system: int, component: int, other: RawRecording) -> list[ReceivedPiece]:
-        """Moves all frames after the last frame of a sender from a closed .tlog to the recording of another flight.
+        """Moves all frames after the last frame of a vehicle from its closed .tlog to the recording of another vehicle.
 
-        They were sent by other vehicles, while this one was silent. They are cut here only once the operating system
-        has them in the other file, so that whatever fails loses none. An .mcap stays as it is.
+        They were sent by other vehicles, after this one had become silent. They are cut off here only once the
+        operating system has them in the other file, so that no failure loses a frame. An .mcap stays as it is.
 
         Args:
             system: system id of the sender.

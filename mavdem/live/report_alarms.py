@@ -106,10 +106,12 @@ def is_lasting_state(report: Fact) -> bool:
 
 
 def is_alarming(report: Fact) -> bool:
-    """Returns whether a report is an alarm in flight: it is bad, critical, or a state for which a failsafe begins.
+    """Returns whether a report of the autopilot is an alarm in flight.
+
+    It is one if it warns, and is bad, has a critical severity, or is a state such as those for which failsafes begin.
 
     Args:
-        report: a fact on what the autopilot reports, by the text of a message with a severity, or by a state without.
+        report: the text of a message, which has a severity, or the interval of a state, which has none.
     """
     if not report.warns:
         return False

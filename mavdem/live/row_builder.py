@@ -104,8 +104,8 @@ class RowBuilder:
     ) -> SampleStream | None:
         """Adds a sample to the stream of its message and port, which begins with its first sample.
 
-        All messages of attitude and motor outputs are kept, also those that rows are not made of: the choice among them
-        goes by their samples.
+        The samples of all messages of attitude and motor outputs are kept, since they show of which messages rows can
+        be made.
 
         Args:
             name: name of the message.

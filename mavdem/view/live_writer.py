@@ -181,9 +181,10 @@ class LiveWriter:
         self._widen_axes()
 
     def mark_motor_torque(self, start_time: float) -> None:
-        """Draws the wind torque of the last seconds again in red: it was not caused by wind, but by a motor.
+        """Draws the estimated wind torque of the last seconds again in red, since a motor caused it, and not the wind.
 
-        The red line begins when the motor lost thrust or recovered it, and ends now.
+        A loss of thrust is detected some seconds after it happened. The red line begins when the motor lost thrust or
+        recovered it, and ends now.
 
         Args:
             start_time: time of the change of the motor, s on the timeline.

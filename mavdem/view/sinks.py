@@ -191,9 +191,10 @@ class RecordingFile(Sink):
             self._cut_to_complete_messages()
 
     def close(self) -> None:
-        """Completes the file with Rerun's index of its content, or cuts it after the last complete message.
+        """Completes the file with Rerun's index of its content, with which a viewer opens it faster.
 
-        A viewer opens a file without the index too, but more slowly. After an error the file is unchanged.
+        If a write had failed, as on a full disk, the file is cut after its last complete message instead, so that it
+        can be read. If adding the index fails, the file stays without it.
         """
         with suppress(OSError, subprocess.TimeoutExpired):
             # Rerun reports a failed write only at the next write, which does not follow here. So the file is checked.
@@ -311,7 +312,8 @@ class WebServer(Viewer):
                 raise OSError(
                     f"port {number} of {LOOPBACK} is taken: end the program that uses it, perhaps another view"
                 ) from error
-        # Rerun's page reports its use to Rerun, unless it is in a notebook: https://github.com/rerun-io/rerun/pull/3166.
+        # Rerun's page reports its use to Rerun, unless it is in a notebook:
+        # https://github.com/rerun-io/rerun/pull/3166.
         self.page = f"http://{LOOPBACK}:{page_port}?url={quote(self.url, safe='')}&notebook=1"
         options = ["--server-memory-limit", SERVER_MEMORY, "--serve-web"]
         options += ["--port", str(port), "--web-viewer-port", str(page_port)]
