@@ -13,6 +13,7 @@ from mavdem.facts.watch import WatchFact
 from mavdem.live import clock
 from mavdem.live.display import Display, DisplayRow
 from mavdem.live.history import LiveHistory
+from mavdem.live.link import SILENCE_SECONDS
 from mavdem.live.motor_alarms import MotorAlarms
 from mavdem.live.pose import LatestPose
 from mavdem.live.rows import AlignedRow, FormattedRow, RowFormat
@@ -98,12 +99,13 @@ class Presentation:
             row: the row.
             row_format: format of the row, with the boot of its time, and the range of the motors.
             estimate: estimate of the learner for this row; None if the learner did not take the row.
-            wind: the latest estimate of the wind; None before the first.
+            wind: the latest estimate of the wind, which is left out ``SILENCE_SECONDS`` later; None before the first.
             pose: the latest attitude with its setpoint; None before the first.
         """
         wind_speed = nan
         wind_band = nan
-        if wind is not None:
+        # An estimate that has ended is not drawn on: nothing measures the wind any more.
+        if wind is not None and row.time - wind.time <= SILENCE_SECONDS:
             compass_wind = wind.compass
             wind_speed = compass_wind.speed
             wind_band = compass_wind.speed_high - compass_wind.speed

@@ -45,6 +45,7 @@ from mavdem.live.raw_recording import RawRecording
 from mavdem.live.session import LiveSession
 from mavdem.live.session_status import SessionStatus
 from mavdem.live.silence import SilenceMonitor
+from mavdem.live.wind import WindEstimate
 from mavdem.report.charts.timeline import live_timeline
 from mavdem.report.numbers import plus_minus
 from mavdem.report.pages.flight_page import live_page
@@ -165,6 +166,15 @@ def test_motion_motors_and_battery_are_plotted_though_messages_are_too_slow_for_
     assert spacing.min() > 0.09 and np.median(spacing) < 0.2
     # Each sample has the latest outputs.
     assert np.mean(np.diff(charts["Motors"].lines[0].y) != 0) > 0.5
+    # A wind that is no longer estimated is not drawn on, and a voltage that comes rarely has no gaps.
+    latest = session.stream.latest_row()
+    speeds = []
+    for age in (1.0, 5.0):
+        wind = WindEstimate(latest.row.time - age, np.array([3.0, 4.0]), np.ones(2))
+        session._presentation.add_to_history(latest.row, latest.row_format, None, wind)
+        speeds.append(history.table[-1, 7])
+    assert_array_equal(speeds, [5.0, np.nan])
+    assert first.longest_bridged_gap == 10.0
 
 
 @mark.parametrize("keeps_vehicle", [False, True])

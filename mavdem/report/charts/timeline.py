@@ -56,6 +56,12 @@ if TYPE_CHECKING:
 FULL_TURN = 360.0
 """Degrees of a full turn of the compass."""
 
+BRIDGED_VOLTAGE_GAP = 10.0
+"""Time between two voltages of a live flight, s, over which their line goes on.
+
+A choice: a computer that is busy with late messages takes the voltage, which changes slowly, less than once a second.
+"""
+
 ANGLE_UNIT = display_unit("rad")
 """Unit in which angles and rates are shown: degrees."""
 
@@ -507,7 +513,8 @@ def live_timeline(history: LiveHistory, axis: str) -> Timeline | None:
             # As in a log, the number is shown only where there are several batteries.
             name = battery_name(number) if len(history.voltages) > 1 else "battery"
             voltage_time, voltage = samples.T
-            voltage_lines.append(Line(name, colour, voltage_time, voltage))
+            line = Line(name, colour, voltage_time, voltage)
+            voltage_lines.append(line._replace(bridged_gap=BRIDGED_VOLTAGE_GAP))
     if voltage_lines:
         drawn_charts.append(over_time("Battery", "V", voltage_lines))
     position = _live_position(history, columns)

@@ -352,7 +352,10 @@ def test_the_light_of_a_live_pages_headline_does_not_say_it_again():
     lights = {Light.POWER: fact, Light.WIND: Fact(Unjudged.NOT_JUDGED, reason=None)}
     head = Head(Level.BAD, lights, has_log=False)
     page = render_document("Live", "", [headline_sentence(fact)], head=head)
-    assert page.count(str(fact)) == page.count("As above.</dd>") == 1 and "Not judged." in page
+    assert (
+        page.count(str(fact)) == page.count("The headline above says why.</dd>") == 1
+        and "Not judged." in page
+    )
 
 
 def test_of_chapters_to_be_watched_two_are_open_first_that_of_the_headline():
