@@ -82,3 +82,20 @@ def barometer_drifts(
             ),
         ),
     )
+
+
+def is_barometer_steady(
+    sensors: BootSensors, flight_interval: TimeInterval, rests: Intervals | None = None
+) -> bool:
+    """Returns whether a barometer reads the same at rest after a flight as before it: it has not drifted in between.
+
+    Args:
+        sensors: sensors of the boot.
+        flight_interval: start and end of the flight, s since boot.
+        rests: when the vehicle rested before and after the flight, s since boot; None to find that in the signals.
+
+    Returns:
+        Whether it does; false if the vehicle was not recorded at rest both times.
+    """
+    heights = ground_heights(sensors.signals, sensors.boot, flight_interval, rests)
+    return heights is not None and abs(heights.barometer_change) < MIN_DRIFT

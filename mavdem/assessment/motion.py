@@ -23,6 +23,7 @@ from mavdem.assessment.flights import (
     merge_close,
 )
 from mavdem.assessment.ground_contacts import CONTACTS, flight_losses, ground_contact
+from mavdem.assessment.height_disagreements import height_disagreements
 from mavdem.assessment.height_divergence import height_divergences
 from mavdem.assessment.invalid_attitudes import invalid_attitudes
 from mavdem.assessment.motor_events import LASTING_SECONDS, motor_events
@@ -275,7 +276,10 @@ def _events_of_flight(
     yield from position_losses(sensors, controlled_interval, reports)
     yield from wind_drifts(sensors, controlled_interval)
     yield from invalid_attitudes(sensors.signals, sensors.boot, flight_interval)
-    yield from barometer_drifts(sensors, flight_interval)
+    drifts = [*barometer_drifts(sensors, flight_interval)]
+    yield from drifts
+    if not drifts:
+        yield from height_disagreements(sensors, controlled_interval)
 
 
 def _standing_motors(

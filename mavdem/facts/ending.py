@@ -25,6 +25,7 @@ class MotionEvent(Code):
     HEIGHT_DIVERGED = "height_diverged"
     POSITION_LOST = "position_lost"
     BAROMETER_DRIFTED = "barometer_drifted"
+    HEIGHTS_DISAGREE = "heights_disagree"
     CARRIED_AWAY = "carried_away"
     ATTITUDE_INVALID = "attitude_invalid"
 

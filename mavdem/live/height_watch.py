@@ -1,16 +1,24 @@
 """Wrong heights of a live vehicle, judged by the rules for logs: an estimate that diverges, a barometer that drifts.
 
-The estimator follows its barometer, so that a barometer that drifts shows only after the landing, at rest.
+The estimator follows its barometer, so that a barometer that drifts shows by the altitude of satellites in flight, and
+for certain after the landing, at rest.
 """
 
 from dataclasses import replace
 from math import isfinite
 
-from mavdem.assessment.barometer_drifts import barometer_drifts
+from mavdem.assessment.barometer_drifts import barometer_drifts, is_barometer_steady
+from mavdem.assessment.height_disagreements import (
+    SECONDS_BEFORE_TAKE_OFF,
+    disagreement,
+    height_difference,
+    initial_difference,
+)
 from mavdem.assessment.height_divergence import height_divergences
 from mavdem.dataset.intervals import TimeInterval
+from mavdem.dataset.position_fix import RECEIVER_MESSAGES
 from mavdem.dataset.signals import CLIMB_RATE_FIELDS, Signals
-from mavdem.facts import Fact
+from mavdem.facts import Fact, Level
 from mavdem.ingest.telemetry import Telemetry
 from mavdem.live.control_watch import ControlWatch
 from mavdem.live.live_signals import FlightMoment, RecentMotion
@@ -22,6 +30,9 @@ from mavdem.witnesses.sensors import BAROMETERS
 
 BAROMETER_MESSAGE = BAROMETERS[0]
 """The message of the barometer that is received live."""
+
+RECEIVER_MESSAGE = RECEIVER_MESSAGES[0]
+"""The message of the satellite receiver that is received live."""
 
 MEMORY_SECONDS = 15.0
 """Seconds in which a contradiction of estimate and barometer is looked for: a choice, three times what one takes."""
@@ -44,6 +55,10 @@ class HeightWatch:
         self._rest_before_flight: TimeInterval | None = None
         # The latest divergence of the estimated height; None before any.
         self._divergence: Fact | None = None
+        # How much higher the barometer read than satellites at the take-off, m; None before that is known.
+        self._initial_difference: float | None = None
+        # The latest disagreement of these two in the present flight; None before any.
+        self._disagreement: Fact | None = None
 
     def divergence(self, moment: FlightMoment) -> Fact | None:
         """Returns the latest event in which the estimated height diverged from the barometer's in the last seconds.
@@ -71,29 +86,44 @@ class HeightWatch:
         divergences = list(height_divergences(sensors, flight_interval))
         if not divergences:
             return None
-        self._divergence = self._with_known_start(divergences[-1])
+        self._divergence = _with_known_start(divergences[-1], self._divergence)
         return self._divergence
 
-    def _with_known_start(self, divergence: Fact) -> Fact:
-        """Gives a divergence the start at which it was found first, if it is still the same one.
-
-        Its first seconds are forgotten after ``MEMORY_SECONDS``, so that it seems to begin later and later.
+    def disagreement(self, moment: FlightMoment) -> Fact | None:
+        """Returns the event that barometer and satellites disagree about the height in the last seconds.
 
         Args:
-            divergence: the divergence, as the messages that are still kept show it.
+            moment: present time in flight.
 
         Returns:
-            The divergence that was found before, with the new end, if this one begins within it; otherwise this one.
+            The event, which has no end while they disagree; None if they agreed in the last ``MEMORY_SECONDS``.
         """
-        known = self._divergence
-        if known is None:
-            return divergence
-        # The climb rates are compared on a time grid that begins with the kept messages. So a start up to a step later
-        # is the same start.
-        latest_same_start = known.start_time + 1.0 / GRID_RATE
-        if latest_same_start < divergence.start_time < known.latest_time:
-            return known.replace(end_time=divergence.end_time)
-        return divergence
+        start = moment.time - MEMORY_SECONDS
+        if self._initial_difference is None:
+            start = moment.takeoff_time - SECONDS_BEFORE_TAKE_OFF
+        columns = self._recent.columns((BAROMETER_MESSAGE, RECEIVER_MESSAGE), start)
+        signals = Signals(replace(moment.vehicle, messages=columns))
+        difference = height_difference(signals, self._recent.boot)
+        if difference is None:
+            return None
+        if self._initial_difference is None:
+            self._initial_difference = initial_difference(difference, moment.takeoff_time)
+        if self._initial_difference is None:
+            return None
+        flight_interval = (moment.takeoff_time, moment.time)
+        known = self._disagreement
+        latest = disagreement(
+            difference,
+            self._initial_difference,
+            flight_interval,
+            is_known=known is not None and known.end_time is None,
+        )
+        if latest is None:
+            return None
+        event = _with_known_start(latest, known)
+        heights = [fact.figures["height"] for fact in (event, latest)]
+        self._disagreement = event.replace(height=max(heights, key=abs))
+        return self._disagreement
 
     def add_rest(self, vehicle: Telemetry, motion: RecentMotion | None) -> None:
         """Notes when the vehicle on the ground last rested, since heights are compared at rest only.
@@ -107,13 +137,26 @@ class HeightWatch:
             self._latest_rest = rests[-1]
 
     def begin_flight(self) -> None:
-        """Keeps the rest before a take-off, with which those after the landing are compared."""
+        """Keeps the rest before a take-off, for comparison after the landing, and forgets earlier heights."""
         self._rest_before_flight = self._latest_rest
+        self._initial_difference = None
+        self._disagreement = None
 
-    def drift_at_landing(
+    def end_flight(self, now: float) -> Fact | None:
+        """Ends a disagreement of barometer and satellites with its flight, and returns it; None without any.
+
+        Args:
+            now: present time on the boot clock, s.
+        """
+        event = self._disagreement
+        if event is not None and event.end_time is None:
+            self._disagreement = event.replace(end_time=now)
+        return self._disagreement
+
+    def judgement_at_rest(
         self, vehicle: Telemetry, flight_interval: TimeInterval, motion: RecentMotion | None
     ) -> Fact | None:
-        """Judges whether the barometer has drifted in a flight, by its heights at rest before and after it.
+        """Judges whether barometer or satellites drifted in a flight, by the heights at rest before and after it.
 
         Args:
             vehicle: identity and parameters of the vehicle, without messages.
@@ -121,15 +164,43 @@ class HeightWatch:
             motion: motor outputs of the last seconds; None if they do not come.
 
         Returns:
-            The event that it has drifted. None if it has not, before the vehicle has rested after the landing, or if
-            it was not seen to rest before the take-off.
+            The event that the barometer has drifted; or, if both disagreed in flight, that the altitude by satellites
+            wandered. None if neither has, before the vehicle has rested after the landing, or if it was not seen to
+            rest before the take-off.
         """
         take_off, _ = flight_interval
         if self._rest_before_flight is None or not isfinite(take_off):
             return None
-        names = (BAROMETER_MESSAGE, "GPS_RAW_INT")
+        names = (BAROMETER_MESSAGE, RECEIVER_MESSAGE)
         signals = self._control.signals(vehicle, motion, names)
-        rests = rest_intervals(signals, self._recent.boot)
+        rests = [self._rest_before_flight, *rest_intervals(signals, self._recent.boot)]
         sensors = BootSensors(signals, self._recent.boot, take_off)
-        drifts = barometer_drifts(sensors, flight_interval, [self._rest_before_flight, *rests])
-        return next(drifts, None)
+        drift = next(barometer_drifts(sensors, flight_interval, rests), None)
+        event = self._disagreement
+        if drift is not None or event is None:
+            return drift
+        if not is_barometer_steady(sensors, flight_interval, rests):
+            return None
+        return event.replace(Level.GOOD)
+
+
+def _with_known_start(event: Fact, known: Fact | None) -> Fact:
+    """Gives an event the start at which it was found first, if it is still the same one.
+
+    Its first seconds are forgotten after ``MEMORY_SECONDS``, so that it seems to begin later and later.
+
+    Args:
+        event: the event, as the messages that are still kept show it.
+        known: the event of this kind that was found before; None before any.
+
+    Returns:
+        The event that was found before, with the new end, if this one begins within it; otherwise this one.
+    """
+    if known is None:
+        return event
+    # The climb rates are compared on a time grid that begins with the kept messages. So a start up to a step later is
+    # the same start.
+    latest_same_start = known.start_time + 1.0 / GRID_RATE
+    if latest_same_start < event.start_time < known.latest_time:
+        return known.replace(end_time=event.end_time)
+    return event

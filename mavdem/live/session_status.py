@@ -250,9 +250,11 @@ class SessionStatus(ImmutableResult):
         judged yet, their lights get the reason from the list of what is watched.
         """
         reason = self._reason_without_model
-        lights_before = lights_before_model(
-            reason, self.rates, self._followed_watch_facts, self.no_wind_reason
-        )
+        watch_facts = self._followed_watch_facts
+        if self._is_silent_after_flight:
+            # Nothing is watched any more, and no light needs to be: the reason is the end of the flight, not the link.
+            watch_facts = {}
+        lights_before = lights_before_model(reason, self.rates, watch_facts, self.no_wind_reason)
         if self.model_judgement is None:
             headline = self._weak_motors[0] if self._weak_motors else reason
             return replace(unjudged(headline), lights=lights_before)

@@ -19,7 +19,8 @@ UNWATCHED_BATTERIES = frozenset(
 """Judgements of the power that say nothing of a battery: it was not measured, or has no limit."""
 
 LISTENING_SECONDS = 3.0
-"""Time after the first review of a boot in which no message counts as missing, s: some come once a second."""
+"""Time after the first review of a boot, and after a take-off, in which no message counts as missing, s: some come once
+a second."""
 
 
 class WatchList:

@@ -25,7 +25,7 @@ from mavdem.dataset.quality import samples_at_limits
 from mavdem.dataset.setpoints import SETPOINT_MESSAGE
 from mavdem.dataset.signals import Signals
 from mavdem.facts import Fact, Facts, Level
-from mavdem.facts.ending import Ending
+from mavdem.facts.ending import Ending, MotionEvent
 from mavdem.facts.estimator import EstimatorLight
 from mavdem.facts.events import ReportedEvent
 from mavdem.facts.lights import Light
@@ -55,6 +55,7 @@ from mavdem.live.report_search import ReportSearch
 from mavdem.live.samples import DECISION_SECONDS
 from mavdem.live.tracking_watch import TrackingWatch
 from mavdem.live.watch_list import (
+    LISTENING_SECONDS,
     WatchList,
     quantities_without_message,
     quantities_without_motion,
@@ -199,8 +200,8 @@ class Watchdog:
         self.control = ControlWatch(recent)
         self.drift = WindDriftDetector(recent.boot)
         self._height = HeightWatch(recent, self.control)
-        # Whether the heights on the ground before and after the latest flight were found to differ.
-        self._has_drifted = False
+        # Whether the heights at rest before and after the latest flight have shown what drifted.
+        self._are_heights_judged = False
         self._tracking = TrackingWatch(recent)
         self.loss: Fact | None = None if former is None else former.loss
         self.has_landed = True
@@ -371,10 +372,13 @@ class Watchdog:
         if states.latest == landed_state:
             return
         self._end_drift(now)
+        disagreement = self._height.end_flight(now)
+        if disagreement is not None:
+            self.lights.replace(Light.ESTIMATOR, disagreement.code, disagreement)
         if landed_state == IN_AIR:
             self._fall = None
             self._height.begin_flight()
-            self._has_drifted = False
+            self._are_heights_judged = False
             self.has_landed = False
             self._landing_report = None
             self.alarms.begin_flight()
@@ -444,7 +448,9 @@ class Watchdog:
         findings = LiveFindings(events=tuple(self._warnings))
         power = power_light(live_evidence(all_signals, condition, findings))
         review.facts[WatchedQuantity.BATTERY] = power
-        self._battery_not_judged = reason_battery_not_judged(power)
+        # Just after the take-off too few voltages have come to say that none is measured.
+        has_just_begun = condition.duration < LISTENING_SECONDS
+        self._battery_not_judged = None if has_just_begun else reason_battery_not_judged(power)
 
     @property
     def is_tracking_due(self) -> bool:
@@ -485,7 +491,7 @@ class Watchdog:
             reported_facts = self._judge_flight(review, moment)
         else:
             self._judge_end_of_flight(review, moment)
-            reported_facts = self._judge_barometer_on_ground(review, moment)
+            reported_facts = self._judge_heights_on_ground(review, moment)
         if self.has_landed and self._landing_report is not None:
             reported_facts.append(self._landing_report)
             self._landing_report = None
@@ -511,8 +517,10 @@ class Watchdog:
             self._add_event(review, WatchedQuantity.DRIFT, self.drift.latest)
         if self.is_thorough:
             divergence = self._height.divergence(moment)
-            if divergence is not None:
-                self._add_event(review, WatchedQuantity.HEIGHT, divergence)
+            disagreement = self._height.disagreement(moment)
+            height_events = [event for event in (divergence, disagreement) if event is not None]
+            if height_events:
+                self._add_event(review, WatchedQuantity.HEIGHT, worst_fact(height_events))
         if moment.motion is not None:
             self._judge_motor_limits(review, moment.motion)
         if WatchedQuantity.OSCILLATION in review.facts:
@@ -616,29 +624,30 @@ class Watchdog:
             alarm = self.alarms.facts.get(WatchedQuantity.MOTOR_LIMITS)
             review.facts[WatchedQuantity.MOTOR_LIMITS] = with_earlier_motors(limited_motor, alarm)
 
-    def _judge_barometer_on_ground(self, review: _Review, moment: FlightMoment) -> list[Fact]:
-        """Judges whether the barometer has drifted, by its heights on the ground before and after the latest flight.
+    def _judge_heights_on_ground(self, review: _Review, moment: FlightMoment) -> list[Fact]:
+        """Judges what drifted, barometer or satellites, by the heights at rest before and after the latest flight.
 
-        The vehicle must rest both times. So the heights are compared in each thorough review after the landing until a
-        drift is found, for ``MAX_WAIT_SECONDS`` at most.
+        The vehicle must rest both times. So the heights are compared in each thorough review after the landing until
+        they show that, for ``MAX_WAIT_SECONDS`` at most.
 
         Args:
             review: the review, in which the vehicle is on the ground.
             moment: present time, and the motion.
 
         Returns:
-            The event that the barometer has drifted, once after a flight; otherwise nothing.
+            The event that one of them has drifted, once after a flight; otherwise nothing.
         """
         if not self.is_thorough:
             return []
         has_flown_and_landed = self._landed_states.flight_end is not None and self.has_landed
         seconds_on_ground = review.now - review.phase_start
         is_due = has_flown_and_landed and seconds_on_ground <= MAX_WAIT_SECONDS
-        if is_due and not self._has_drifted:
+        if is_due and not self._are_heights_judged:
             flight_interval = (moment.takeoff_time, review.phase_start)
-            drift = self._height.drift_at_landing(review.vehicle, flight_interval, moment.motion)
+            drift = self._height.judgement_at_rest(review.vehicle, flight_interval, moment.motion)
             if drift is not None:
-                self._has_drifted = True
+                self._are_heights_judged = True
+                self.lights.replace(Light.ESTIMATOR, MotionEvent.HEIGHTS_DISAGREE, drift)
                 self.lights.add(Light.ESTIMATOR, drift)
                 return [drift]
         self._height.add_rest(review.vehicle, moment.motion)
@@ -859,8 +868,8 @@ class Watchdog:
     def _is_end_reported(self, quantity: WatchedQuantity, review: _Review) -> bool:
         """Returns whether the end of an alarm is reported: in flight always, on the ground only if it is good news.
 
-        A vehicle that was lost is not sound. And a landing neither charges a battery nor ends a state that lasts, such
-        as no fix of the GPS receiver.
+        A vehicle that was lost is not sound. And a landing neither charges a battery, nor ends a state that lasts, such
+        as no fix of the GPS receiver, nor corrects a barometer.
 
         Args:
             quantity: quantity of the alarm, which is still active.
@@ -868,7 +877,8 @@ class Watchdog:
         """
         if review.is_flying:
             return True
-        is_lasting = is_lasting_state(self.alarms.facts[quantity])
+        alarm = self.alarms.facts[quantity]
+        is_lasting = is_lasting_state(alarm) or alarm.code is MotionEvent.HEIGHTS_DISAGREE
         return self.loss is None and not is_lasting and quantity is not WatchedQuantity.BATTERY
 
     def _reasons_not_watched(

@@ -74,6 +74,17 @@ def test_a_barometer_that_drifted_is_reported_after_the_landing(drift):
         assert estimator == drifts[0]
 
 
+def test_a_barometer_that_drifts_is_reported_in_flight_by_satellites():
+    flight = Flight(Still(), attitude=25.0, motors=25.0).frames(start=0.5, end=40.0)
+    made = replay(by_time(flight, pressure_messages(40.0, -10.0), position_messages(40.0)))
+    [event] = [fact for fact in made.facts if fact.code is MotionEvent.HEIGHTS_DISAGREE]
+    # The drift is 7.5 m at 30 s, and must last for 5 s.
+    assert 35.0 < event.time < 38.0
+    light = made.stream.status().overall_judgement.lights[Light.ESTIMATOR]
+    assert light.code is MotionEvent.HEIGHTS_DISAGREE
+    assert light.figures["height"] == approx(-10.0, abs=0.6)
+
+
 def test_an_estimated_height_that_falls_while_the_barometer_rises_is_reported_within_three_seconds():
     flight = FallingEstimate(Still(), attitude=25.0, motors=25.0).frames(end=27.0)
     made = replay(by_time(flight, pressure_messages(27.0, rise=4.0)))

@@ -9,7 +9,7 @@ from unittest.mock import Mock
 
 import numpy as np
 from hover import Hover
-from live_hover import Flight, by_time, replay
+from live_hover import Flight, by_time, replay, ticks
 from mavlink_streams import message
 from pytest import approx, fixture, mark
 from rich.console import Console
@@ -675,7 +675,12 @@ def test_what_was_asked_for_in_vain_is_not_advised():
 def test_what_a_flight_has_shown_stays_the_headline_once_the_landed_vehicle_is_silent():
     silent = Fact(RowsFact.NOTHING_RECEIVED, subject=MissingMessages.MESSAGES, duration=3.0)
     lights = {Light.MOTORS: Fact(MotorsLight.MOTORS_EVEN, Level.GOOD)}
-    judgement = SessionStatus(no_model_reason=silent, worst_lights=lights).overall_judgement
+    unwatched = Fact(
+        WatchFact.NOT_WATCHED, time=9.0, subject=WatchedQuantity.TRACKING, reason=silent
+    )
+    judgement = SessionStatus(
+        no_model_reason=silent, worst_lights=lights, watch_facts=(unwatched,)
+    ).overall_judgement
     assert judgement.headline.code is Headline.NOTHING_WRONG
     # Nothing helps a light that can no longer be judged, so that it is no step.
     assert judgement.next_step.code is NextStep.KEEP_LOG
@@ -702,3 +707,19 @@ def test_the_message_that_is_missing_is_that_of_the_autopilot(autopilot, name):
     watchdog = Watchdog(RecentMessages())
     reasons = watchdog._reasons_not_watched(5.0, vehicle, None)
     assert reasons[WatchedQuantity.ESTIMATOR].figures["name"] == name
+
+
+def test_a_battery_whose_voltage_comes_is_never_said_to_be_unmeasured():
+    reasons = []
+    stream = LiveStream()
+    frames = Flight(Hover(hovering=8.0)).frames(end=14.0)
+    voltages = [
+        (time, message("SYS_STATUS", voltage_battery=round(12600 - 10 * time)))
+        for time in ticks(3.0, 14.0, 2.0)
+    ]
+    for time, frame in by_time(frames, voltages):
+        stream.feed(time, frame)
+        for fact in stream.status().watch_facts:
+            if fact.subject == WatchedQuantity.BATTERY and fact.figures["reason"] is not None:
+                reasons.append(fact.figures["reason"].code)
+    assert WatchFact.BATTERY_NOT_JUDGED not in reasons

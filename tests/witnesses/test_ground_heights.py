@@ -96,8 +96,17 @@ def test_without_a_fix_no_drift_is_stated():
     assert not drifts(flight(6.0, fix_type=1))
 
 
-def test_satellites_that_wander_alone_are_no_drift_of_the_barometer():
-    assert not drifts(flight(0.0, satellite_change=8.0))
+def test_satellites_that_wander_alone_are_no_fault():
+    telemetry = flight(0.0, satellite_change=10.0)
+    assert not drifts(telemetry)
+    [event] = [
+        event
+        for event in motion_events(Signals(telemetry, inputs="motors"))
+        if event.code is MotionEvent.HEIGHTS_DISAGREE
+    ]
+    assert event.is_good
+    assert "the altitude by satellites wandered" in event.sentence
+    assert not event.remedy
 
 
 def test_noise_is_no_drift():

@@ -79,6 +79,7 @@ ESTIMATOR_EVENTS: set[Code] = {
     MotionEvent.HEIGHT_DIVERGED,
     MotionEvent.POSITION_LOST,
     MotionEvent.BAROMETER_DRIFTED,
+    MotionEvent.HEIGHTS_DISAGREE,
     MotionEvent.ATTITUDE_INVALID,
 }
 """Events in flight that concern the estimator: what the autopilot reports, and estimates that the motion refutes."""

@@ -1,0 +1,168 @@
+"""Flights in which barometer and satellites disagree about the height, as facts (coded findings).
+
+An estimator follows its barometer, so that the height of a vehicle whose barometer drifts looks steady in flight. The
+altitude by satellites shows that one of the two drifts, but not which: receivers of sound vehicles wander by several
+metres. That is known after the landing, by the heights at rest (``barometer_drifts``).
+"""
+
+from collections.abc import Iterator
+from math import inf, isfinite
+
+import numpy as np
+
+from mavdem.arrays import Array
+from mavdem.assessment.barometer_drifts import WEATHER_RATE, is_barometer_steady
+from mavdem.dataset.intervals import TimeInterval, in_intervals, intersection, true_intervals
+from mavdem.dataset.signals import Signals
+from mavdem.dataset.time_series import TimeSeries, series_of_boot
+from mavdem.facts import Fact, Level
+from mavdem.facts.ending import MotionEvent
+from mavdem.witnesses.boot_sensors import BootSensors
+from mavdem.witnesses.ground_heights import satellite_position
+from mavdem.witnesses.height import MEAN_SECONDS, height_comparison, windowed_mean
+
+MIN_DISAGREEMENT = 7.5
+"""Difference, m, from which on both heights disagree.
+
+In 44 of 46 real flights the two differed by at most 7.3 m for ``MIN_DISAGREEMENT_SECONDS``. In the other two, by 9 and
+15 m, they do disagree, whichever of them is wrong.
+"""
+
+MIN_DISAGREEMENT_SECONDS = 5.0
+"""Seconds for which they must differ so much: receivers lag in a climb or descent, and jump when satellites change."""
+
+MAX_AGREEMENT = MIN_DISAGREEMENT / 2
+"""Difference, m, below which they agree again: a choice, so that noise does not part one disagreement."""
+
+SECONDS_BEFORE_TAKE_OFF = 10.0
+"""Seconds before the take-off in which the initial difference is measured; a choice."""
+
+SECONDS_AFTER_TAKE_OFF = 5.0
+"""Seconds of a flight in which it is measured if nothing was recorded on the ground; a choice."""
+
+
+def height_disagreements(sensors: BootSensors, flight_interval: TimeInterval) -> Iterator[Fact]:
+    """Yields an event if the height by the barometer and that by satellites disagree in a flight.
+
+    If the heights at rest show that the barometer is right, the altitude by satellites wandered: that is no fault, so
+    that the level of the event is good.
+
+    Args:
+        sensors: sensors of the boot.
+        flight_interval: start and end of the flight, s since boot.
+
+    Yields:
+        At most one event, as of :func:`disagreement`, with its end.
+    """
+    take_off, landing = flight_interval
+    difference = height_difference(sensors.signals, sensors.boot)
+    if difference is None:
+        return
+    initial = initial_difference(difference, take_off)
+    if initial is None:
+        return
+    event = disagreement(difference, initial, flight_interval)
+    if event is None:
+        return
+    event = event.replace(end_time=event.end_time or min(landing, float(difference.time[-1])))
+    if is_barometer_steady(sensors, flight_interval):
+        event = event.replace(Level.GOOD)
+    yield event
+
+
+def height_difference(signals: Signals, boot: int) -> TimeSeries | None:
+    """Returns how much higher the barometer reads than satellites, m, by an arbitrary level of both.
+
+    Args:
+        signals: signals of the vehicle.
+        boot: number of the boot.
+
+    Returns:
+        The difference (N,) at the receiver's fixes, both averaged over ``MEAN_SECONDS``; None if the barometer is
+        missing or not usable, or no receiver had a fix.
+    """
+    barometer = height_comparison(signals, boot).barometer
+    position = series_of_boot(satellite_position(signals), boot)
+    if barometer is None or position is None:
+        return None
+    _, _, altitude = position.values.T
+    is_covered = (position.time >= barometer.time[0]) & (position.time <= barometer.time[-1])
+    if not is_covered.any():
+        return None
+    mean_altitude = windowed_mean(position.time, altitude, MEAN_SECONDS)
+    barometer_height = np.interp(position.time, barometer.time, barometer.values)
+    difference = TimeSeries(position.time, position.boot, barometer_height - mean_altitude)
+    return difference.select(is_covered)
+
+
+def initial_difference(difference: TimeSeries, take_off: float) -> float | None:
+    """Returns the difference of both heights at a take-off, m: its median just before, or else just afterwards.
+
+    Args:
+        difference: how much higher the barometer reads (N,), m.
+        take_off: start of the flight, s since boot; minus infinity if it was not recorded.
+
+    Returns:
+        The difference; None if it was not recorded at that time.
+    """
+    start = take_off if isfinite(take_off) else float(difference.time[0])
+    before = (start - SECONDS_BEFORE_TAKE_OFF, start)
+    after = (start, start + SECONDS_AFTER_TAKE_OFF)
+    for interval in (before, after):
+        differences = difference.values[in_intervals(difference.time, [interval])]
+        if len(differences) > 1:
+            return float(np.median(differences))
+    return None
+
+
+def disagreement(
+    difference: TimeSeries,
+    initial: float,
+    flight_interval: TimeInterval,
+    *,
+    is_known: bool = False,
+) -> Fact | None:
+    """Returns the event that both heights disagree in a flight, or in its latest part.
+
+    They disagree from a difference of ``MIN_DISAGREEMENT`` for ``MIN_DISAGREEMENT_SECONDS`` on, until it is less than
+    ``MAX_AGREEMENT``.
+
+    Args:
+        difference: how much higher the barometer reads (N,), m.
+        initial: the difference at take-off, m.
+        flight_interval: start and end of the flight, s since boot.
+        is_known: whether they disagreed just before these samples, so that ``MAX_AGREEMENT`` alone decides.
+
+    Returns:
+        The latest such event, with the largest change of the difference since take-off as ``height``, m, positive
+        where the barometer reads more. It has no end if the heights still disagree. None if they agree.
+    """
+    take_off, _ = flight_interval
+    is_in_flight = in_intervals(difference.time, [flight_interval])
+    times = difference.time[is_in_flight]
+    changes = difference.values[is_in_flight] - initial
+    first_time = take_off if isfinite(take_off) else float(difference.time[0])
+    weather = WEATHER_RATE * (times - first_time)
+    apart = true_intervals(times, abs(changes) >= MAX_AGREEMENT + weather)
+    if not is_known:
+        far_apart = true_intervals(times, abs(changes) >= MIN_DISAGREEMENT + weather)
+        lasting = [interval for interval in far_apart if _lasts(interval, times)]
+        apart = [interval for interval in apart if intersection([interval], lasting)]
+    if not apart:
+        return None
+    start, end = apart[-1]
+    changes_apart = changes[in_intervals(times, [(start, end)])]
+    return Fact(
+        MotionEvent.HEIGHTS_DISAGREE,
+        time=max(start, float(times[0])),
+        end_time=None if end == inf else end,
+        height=float(changes_apart[abs(changes_apart).argmax()]),
+        boot=int(difference.boot[0]),
+    )
+
+
+def _lasts(interval: TimeInterval, times: Array) -> bool:
+    """Returns whether an interval has ``MIN_DISAGREEMENT_SECONDS`` within the samples at some times (N,), s."""
+    start, end = interval
+    duration = min(end, float(times[-1])) - max(start, float(times[0]))
+    return duration >= MIN_DISAGREEMENT_SECONDS
