@@ -46,6 +46,29 @@ OLD_CELL_COUNT_PARAMETER = "BAT_N_CELLS"
 """PX4's parameter of the number of cells of the first battery, before PX4 1.11."""
 
 
+CAPACITY_PARAMETERS = ("{}LOW_MAH", "{}CRT_MAH", "{}CAPACITY")
+"""ArduPilot's parameters of the charge, mAh, at which it acts on a low and on a critical battery, and of the full
+charge, after the prefix of the battery; 0 for none."""
+
+
+def ardupilot_charge_levels(parameters: Parameters, number: int) -> Limits:
+    """Returns the shares of the full charge below which ArduPilot acts on a low and on a critical battery.
+
+    Args:
+        parameters: parameters of the autopilot.
+        number: number of the battery, from 1.
+
+    Returns:
+        The limits; 0 where ArduPilot does not act, or the full charge is not set.
+    """
+    prefix = "BATT_" if number == FIRST_BATTERY else f"BATT{number}_"
+    charges = [parameters.get(name.format(prefix), 0.0) for name in CAPACITY_PARAMETERS]
+    low, critical, capacity = charges
+    if capacity <= 0:
+        return Limits(watch=0.0, bad=0.0)
+    return Limits(watch=max(low, critical) / capacity, bad=critical / capacity)
+
+
 def voltage_levels(parameters: Parameters, number: int, cells: int) -> Limits:
     """Returns the voltages, V, below which a battery is to be watched (low) or bad (critical).
 

@@ -9,8 +9,10 @@ from hover import Hover, changed, columns, evidence_of, only
 from pytest import approx
 
 from mavdem.assessment.autopilot_messages import reported_problems
+from mavdem.assessment.battery_levels import ardupilot_charge_levels
 from mavdem.assessment.condition import condition_of
 from mavdem.assessment.lights.power import power_light, with_batteries_on_ground
+from mavdem.assessment.limits import Limits
 from mavdem.assessment.reported import reported_events
 from mavdem.dataset.signals import Signals
 from mavdem.facts import Fact, Level
@@ -298,3 +300,9 @@ def test_a_charge_that_is_always_nothing_is_not_known():
     telemetry = HOVER.telemetry(20.0, 20.0, autopilot="PX4")
     status = columns(TIME, voltage_battery=1000 * FULL, battery_remaining=np.zeros(len(TIME)))
     assert power_light(evidence(changed(telemetry, "SYS_STATUS", **status))).is_good
+
+
+def test_ardupilots_parameters_say_which_charge_is_low_and_critical():
+    parameters = {"BATT_CAPACITY": 5000.0, "BATT_LOW_MAH": 1000.0, "BATT_CRT_MAH": 500.0}
+    assert ardupilot_charge_levels(parameters, 1) == Limits(watch=0.2, bad=0.1)
+    assert ardupilot_charge_levels(parameters, 2) == Limits(watch=0.0, bad=0.0)

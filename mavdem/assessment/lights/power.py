@@ -7,6 +7,7 @@ import numpy as np
 
 from mavdem.arrays import Array
 from mavdem.assessment.battery_levels import (
+    ardupilot_charge_levels,
     batteries_worst_first,
     cell_count,
     is_measured,
@@ -274,11 +275,11 @@ def _first_time_below(evidence: Evidence, voltage: TimeSeries, limit: float) -> 
 
 
 def _battery_charges(evidence: Evidence, batteries: Sequence[Battery]) -> Iterator[Fact]:
-    """Yields a fact for each battery whose charge fell below PX4's limits in flight.
+    """Yields a fact for each battery whose charge fell below the autopilot's limits in flight.
 
     The autopilot estimates the remaining charge in percent. It is averaged over 2 s, and compared as a share of the
-    full charge with the parameters BAT_LOW_THR, below which it is to be watched, and BAT_CRIT_THR, below which it is
-    bad, or with their defaults. Other autopilots have no such parameters and are not judged by their charge.
+    full charge with PX4's parameters BAT_LOW_THR, below which it is to be watched, and BAT_CRIT_THR, below which it is
+    bad, or with their defaults; or with those of ArduPilot, which has no defaults.
 
     Args:
         evidence: signals, events and measurements of the vehicle.
@@ -293,6 +294,7 @@ def _battery_charges(evidence: Evidence, batteries: Sequence[Battery]) -> Iterat
     critical_share = telemetry.parameters.get(
         "BAT_CRIT_THR", PX4_CRITICAL_CHARGE if is_px4 else 0.0
     )
+    px4_levels = Limits(watch=low_share, bad=critical_share)
     has_several = len(evidence.signals.batteries) > 1
     for battery in batteries:
         percent = evidence.averages_in_flight(battery.charge)
@@ -300,15 +302,18 @@ def _battery_charges(evidence: Evidence, batteries: Sequence[Battery]) -> Iterat
         was_charged = np.maximum.accumulate(percent) > 0
         shares = percent[was_charged & (percent >= 0)] / 100
         lowest_share = shares.min(initial=1.0)
-        if lowest_share >= max(low_share, critical_share):
+        levels = px4_levels
+        if telemetry.autopilot == "ARDUPILOTMEGA":
+            levels = ardupilot_charge_levels(telemetry.parameters, battery.number)
+        if lowest_share >= max(levels.watch, levels.bad):
             continue
-        is_critical = lowest_share < critical_share
+        is_critical = lowest_share < levels.bad
         yield Fact(
             PowerLight.CHARGE_LOW,
             Level.BAD if is_critical else None,
             subject=battery_name(battery.number) if has_several else "",
             share=lowest_share,
-            share_limit=critical_share if is_critical else low_share,
+            share_limit=levels.bad if is_critical else levels.watch,
         )
 
 
