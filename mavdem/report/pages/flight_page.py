@@ -541,8 +541,6 @@ def _wind_chapter(assessment: Assessment, analysis: LogAnalysis) -> Chapter:
         blocks += torque_blocks(analysis.learned)
     if analysis.truth:
         blocks += truth_blocks(analysis.truth)
-    if assessment.wind is not None:
-        blocks += render_section("wind_command")
     wind = assessment.drawn_wind
     rose = None
     if wind is not None and wind.direction_identifiable and wind.speed_identifiable:
