@@ -32,6 +32,11 @@ def run(*words):
     return main([*map(str, words)])
 
 
+def unwrapped(text):
+    """Text of a screen in one line, as if no line were too long for it."""
+    return " ".join(text.split())
+
+
 def unknown_options(words):
     """The options among the words behind ``mavdem`` that their command does not have."""
     name = words[0] if words[0] in mavdem_command.commands else "review"

@@ -297,6 +297,8 @@ def test_the_figures_of_a_flight_are_those_of_before(
         by_the_log(monkeypatch)
     # Another process would take a second to import what reads logs, and keep nothing for the next command.
     monkeypatch.setattr("mavdem.cli.track.WorkerPool", lambda *_: InThisProcess(rows_of_log))
+    # A line that wraps would have other words where a figure has a digit more.
+    monkeypatch.setattr("mavdem.cli.streams.MAX_COLUMNS", 10_000)
     in_full = request.config.getoption("--in-full")
     seconds = FULL_FLIGHT_SECONDS if in_full else FLIGHT_SECONDS
     options = OPTIONS | {"fly": [*OPTIONS["fly"], "--duration", seconds]}

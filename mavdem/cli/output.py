@@ -12,7 +12,6 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 from mavdem.cli.streams import (
     STDERR,
     escape_unprintable,
-    has_known_width,
     print_to_stderr,
     print_to_stdout,
     text_columns,
@@ -122,7 +121,7 @@ def print_screen(
 def _block_lines(block: Block, lines_per_row: int | None = None) -> list[str]:
     """Returns the lines of a sentence or a table, laid out for standard output.
 
-    They wrap at the width of standard output. Files and pipes have no width: there a sentence is one line.
+    They wrap at the width of standard output (:func:`text_columns`).
 
     Args:
         block: The sentence or table.
@@ -133,8 +132,7 @@ def _block_lines(block: Block, lines_per_row: int | None = None) -> list[str]:
     with console.capture() as captured:
         if isinstance(block, Sentence):
             sentence = f"{block.lead} {block.text}".strip()
-            # A soft wrap of Rich does not break lines: that is left to whatever shows the file.
-            console.print(escape_unprintable(sentence), soft_wrap=not has_known_width())
+            console.print(escape_unprintable(sentence))
         else:
             # Numbers cannot be shortened.
             max_row_lines = lines_per_row if block.words else None

@@ -5,9 +5,11 @@ import logging
 import os
 import shutil
 import sys
+import textwrap
 import warnings
 from contextlib import suppress
 from pathlib import Path
+from typing import TextIO
 
 import click
 from rich.console import Console
@@ -44,12 +46,9 @@ def prepare_streams() -> None:
     warnings.showwarning = lambda message, *_, **__: print_to_stderr(f"mavdem: warning: {message}")
 
 
-def has_known_width() -> bool:
-    """Returns whether standard output has a width: that of a terminal, or of the environment variable COLUMNS.
-
-    Files and pipes have none. Sentences are one line there, so that programs can search for them.
-    """
-    return sys.stdout.isatty() or "COLUMNS" in os.environ
+def has_known_width(stream: TextIO) -> bool:
+    """Returns whether a stream has a width: that of a terminal, or of the environment variable COLUMNS."""
+    return stream.isatty() or "COLUMNS" in os.environ
 
 
 def text_columns() -> int:
@@ -58,8 +57,13 @@ def text_columns() -> int:
     The number is that of the environment variable COLUMNS, otherwise of the terminal, limited to ``MIN_COLUMNS`` and
     ``MAX_COLUMNS``; without both it is ``MAX_COLUMNS``.
     """
-    if not has_known_width():
+    if not has_known_width(sys.stdout):
         return MAX_COLUMNS
+    return _known_width()
+
+
+def _known_width() -> int:
+    """Returns the width of COLUMNS, otherwise of the terminal, limited to ``MIN_COLUMNS`` and ``MAX_COLUMNS``."""
     width = shutil.get_terminal_size((DEFAULT_COLUMNS, 0)).columns
     return min(max(width, MIN_COLUMNS), MAX_COLUMNS)
 
@@ -78,9 +82,17 @@ def print_page_path(path: Path, seconds: float) -> None:
 
 
 def print_to_stderr(text: object) -> None:
-    """Prints text as one line on standard error; a failure is ignored, since the exit code reports the result."""
+    """Prints text on standard error; a failure is ignored, since the exit code reports the result.
+
+    It wraps at the width of standard error. In files and pipes, which have none, it is one line, which programs can
+    search for.
+    """
+    line = escape_unprintable(" ".join(str(text).splitlines()))
+    if has_known_width(sys.stderr):
+        # Paths and commands stay whole, so that they can be copied.
+        line = textwrap.fill(line, _known_width(), break_long_words=False, break_on_hyphens=False)
     with suppress(OSError):
-        click.echo(escape_unprintable(" ".join(str(text).splitlines())), file=sys.stderr)
+        click.echo(line, file=sys.stderr)
 
 
 def escape_unprintable(text: object) -> str:

@@ -3,7 +3,7 @@
 import re
 from pathlib import Path
 
-from command_line import document_of, refused, run
+from command_line import document_of, refused, run, unwrapped
 from fleet_rows import WEAK, flight_row
 from hover import Hover
 from pytest import fixture, mark
@@ -42,7 +42,7 @@ def test_the_vehicle_that_both_fleets_have_is_compared(fleets, capsys):
     said = capsys.readouterr().out
     changed_line = next(line for line in said.splitlines() if line.startswith("Changed:"))
     assert "motor 3" in changed_line and "; motor 3's relative trim +12" in said
-    assert "4 flights of A and 4 flights of B" in said
+    assert "4 flights of A and 4 flights of B" in unwrapped(said)
     next_step, page = said.split("\n\n")[-3:-1]
     assert next_step == "Next: Inspect motor 3 and its propeller before the next flight."
     assert page == "Page: old_and_new/diff.html"

@@ -2,7 +2,7 @@
 
 from unittest.mock import Mock
 
-from command_line import document_of, refused, run
+from command_line import document_of, refused, run, unwrapped
 from pytest import mark
 from recorded_flights import FLIGHT, shared
 
@@ -58,7 +58,7 @@ def test_a_weak_motor_is_named_in_the_place_of_gains(tmp_path, capsys):
     (tmp_path / "weakened.toml").write_text(WEAKENED)
     assert run("fly", tmp_path / "weakened.toml", "--out", log) == 0
     assert run("tune", log, "--more") == 1
-    said = capsys.readouterr().out
+    said = unwrapped(capsys.readouterr().out)
     assert "No gains are advised. Motor 1" in said and "Next: Do not fly" in said
 
 

@@ -5,7 +5,7 @@ from dataclasses import replace
 from math import degrees
 
 import numpy as np
-from command_line import run
+from command_line import run, unwrapped
 from pytest import approx, mark
 
 from mavdem import wind
@@ -28,8 +28,10 @@ def test_the_wind_is_shown_as_it_is_estimated(tmp_path, capsys):
     assert run("fly", tmp_path / "legs.toml", "--duration", "62", "--out", log) == 0
     learnt = tmp_path / "learnt"
     found = wind(log)
-    assert run("learn", log, "--out", learnt, "--mcap", "--train", "5s", "--test", "25") == 0
-    said = capsys.readouterr().out
+    assert (
+        run("learn", log, "--out", learnt, "--mcap", "--more", "--train", "5s", "--test", "25") == 0
+    )
+    said = unwrapped(capsys.readouterr().out)
     (low, high) = found.speed_interval
     assert f"Wind: {found.speed:.1f} m/s from {compass_words(found.direction)}, gusts to" in said
     assert f"the speed is {low:.1f} to {high:.1f} m/s" in said
