@@ -29,7 +29,8 @@ def test_the_wind_is_shown_as_it_is_estimated(tmp_path, capsys):
     learnt = tmp_path / "learnt"
     found = wind(log)
     assert (
-        run("learn", log, "--out", learnt, "--mcap", "--more", "--train", "5s", "--test", "25") == 0
+        run("learn", log, "--out", learnt, "--mcap", "--verbose", "--train", "5s", "--test", "25")
+        == 0
     )
     said = unwrapped(capsys.readouterr().out)
     (low, high) = found.speed_interval
