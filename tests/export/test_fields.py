@@ -2,11 +2,20 @@
 
 from collections.abc import Mapping
 from dataclasses import replace
+from pathlib import Path
+from xml.etree import ElementTree
 
 import numpy as np
+import pymavlink
 from pytest import fixture, raises
 
-from mavdem.export.fields import FieldSamples, extremes_of_intervals, messages_of, samples_of
+from mavdem.export.fields import (
+    UNSET_VALUES,
+    FieldSamples,
+    extremes_of_intervals,
+    messages_of,
+    samples_of,
+)
 from mavdem.ingest.telemetry import Telemetry
 
 
@@ -126,3 +135,18 @@ def test_no_peak_is_lost_when_samples_are_thinned():
     assert len(thinned.time) <= 40 and (np.diff(thinned.time) > 0).all()
     assert {(time[137], 7.0), (time[613], -5.0)} <= set(zip(*thinned, strict=True))
     assert not len(extremes_of_intervals(FieldSamples(time[:1], values[500:501]), 20).time)
+
+
+def test_unset_values_are_those_of_the_definition_of_mavlink():
+    """Pymavlink's modules leave the attribute out, its copy of common.xml has it."""
+    limits = {"UINT8_MAX": 2**8 - 1, "INT16_MAX": 2**15 - 1, "UINT16_MAX": 2**16 - 1}
+    invalid = {}
+    path = Path(pymavlink.__file__).parent / "dialects" / "v20" / "common.xml"
+    for message in ElementTree.parse(path).iter("message"):
+        for field in message.iter("field"):
+            text = field.get("invalid", "").strip("[]")
+            if text:
+                invalid[message.get("name"), field.get("name")] = limits.get(text, text)
+    checked = UNSET_VALUES.keys() & invalid.keys()
+    assert len(checked) > 20
+    assert all(int(invalid[name]) == UNSET_VALUES[name] for name in checked)
