@@ -138,15 +138,17 @@ def test_no_peak_is_lost_when_samples_are_thinned():
 
 
 def test_unset_values_are_those_of_the_definition_of_mavlink():
-    """Pymavlink's modules leave the attribute out, its copy of common.xml has it."""
+    """Pymavlink's modules leave the attribute out, its copies of the definitions have it."""
     limits = {"UINT8_MAX": 2**8 - 1, "INT16_MAX": 2**15 - 1, "UINT16_MAX": 2**16 - 1}
     invalid = {}
-    path = Path(pymavlink.__file__).parent / "dialects" / "v20" / "common.xml"
-    for message in ElementTree.parse(path).iter("message"):
-        for field in message.iter("field"):
-            text = field.get("invalid", "").strip("[]")
-            if text:
-                invalid[message.get("name"), field.get("name")] = limits.get(text, text)
+    folder = Path(pymavlink.__file__).parent / "dialects" / "v20"
+    # Common.xml includes standard.xml.
+    for name in ("common.xml", "standard.xml"):
+        for message in ElementTree.parse(folder / name).iter("message"):
+            for field in message.iter("field"):
+                text = field.get("invalid", "").strip("[]")
+                if text:
+                    invalid[message.get("name"), field.get("name")] = limits.get(text, text)
     checked = UNSET_VALUES.keys() & invalid.keys()
     assert all(int(invalid[name]) == UNSET_VALUES[name] for name in checked)
     # Where the attribute is missing, the text of the field says it.
