@@ -377,8 +377,8 @@ def alarms_before_loss(alarms: Sequence[MotorAlarm], ending: Fact | None) -> lis
 def with_wind(assessment: Assessment, wind: WindEvidence) -> Assessment:
     """Returns an assessment with another estimate of its wind, such as one with the drag of an earlier flight.
 
-    The light of the wind, the headline and the next step are judged anew; the other lights are kept. The next step does
-    not depend on the grades of the model then.
+    The light of the wind, the headline and the next step are judged anew; the other lights (the judgements of motors,
+    margins, …) are kept. The grades of the learned model are left out, so that no next step is to improve it.
 
     Args:
         assessment: assessment of a vehicle, which must have been judged.

@@ -479,20 +479,22 @@ class Learned(ImmutableResult, ForecasterBase):
         return np.concatenate(centers)
 
     def free_energy_terms_of_samples(self) -> dict[str, Array]:
-        """Returns the terms of F(t), of which :attr:`free_energy_of_samples` is the sum.
+        """Returns the terms of the free energy of each training sample, such as its squared prediction error.
 
-        The terms of the priors and entropies of θ and λ, the complexity of the model, are shared evenly between the
-        samples.
+        The sum of the terms is :attr:`free_energy_of_samples`. Priors and entropies of the parameters θ and of the
+        noise precisions λ belong to the model as a whole; these terms are shared evenly between the samples.
 
         Returns:
-            (T′,) values of each term by its name, nats, at the samples :attr:`window_center_samples`. Their sums over
-            the samples are the terms of F̄ in the last iteration of :attr:`free_energy`; the term of the mean field is
-            0. Empty for a model without :attr:`sample_free_energy`.
+            (T′,) values of each term by its name, nats, at the samples :attr:`window_center_samples`. Summed over the
+            samples they are the terms of the free energy action in the last iteration of :attr:`free_energy`. The
+            mean-field term is 0, as it is wherever the covariances are optimal. Empty for a model without
+            :attr:`sample_free_energy`.
         """
         if self.sample_free_energy is None:
             return {}
         data = np.concatenate(generalized_data(self.settings, self.scaling, self.record))
-        return dict(zip(Term, self.sample_free_energy.terms(data).T, strict=True))
+        terms_of_samples = self.sample_free_energy.terms(data)
+        return dict(zip(Term, terms_of_samples.T, strict=True))
 
     def process_noise(self) -> ProcessNoise:
         """Estimates the process noise w = x′ − A x − B v: the wind and everything else outside the model.

@@ -118,11 +118,11 @@ class SilenceMonitor:
         """Returns whether an attitude of any vehicle has come in the last ``SILENCE_SECONDS``.
 
         Args:
-            now: as for ``silence``.
+            now: as for ``missing_messages``.
         """
         return now - self.attitude_time <= SILENCE_SECONDS
 
-    def silence(self, now: float) -> Fact | None:
+    def missing_messages(self, now: float) -> Fact | None:
         """Returns a fact if the link is silent: if messages or motion have not come for ``SILENCE_SECONDS``.
 
         Either all messages are missing, as when the radio is lost; or only the motion is, that is attitude and motor
@@ -152,11 +152,11 @@ class SilenceMonitor:
             return silence.replace(is_noise=True)
         return silence
 
-    def has_others(self, now: float) -> bool:
+    def hears_other_vehicles(self, now: float) -> bool:
         """Returns whether other senders than the followed vehicle were received in the last ``SILENCE_SECONDS``.
 
         Args:
-            now: as for ``silence``.
+            now: as for ``missing_messages``.
         """
         return self.link_time > self.message_time and now - self.link_time <= SILENCE_SECONDS
 

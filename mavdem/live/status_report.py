@@ -125,23 +125,24 @@ class StatusReport:
         return silence
 
     def _silence_fact(self) -> Fact | None:
-        """Returns the fact that the link is lost, or which messages have not come for ``SILENCE_SECONDS``.
+        """Returns the fact that the link is lost, or which messages of the vehicle have not come for some seconds.
 
         Returns:
-            The fact, a coded finding; None while messages come.
+            The fact, a coded finding; None while all needed messages come.
         """
         if self.intake.is_lost:
             return Fact(LinkFact.CONNECTION_LOST, cause=None, reopening=False)
         now = self.backlog.analysed_until
-        silence = self.silence.silence(now)
+        silence_fact = self.silence.missing_messages(now)
         vehicle = self.stream.followed_vehicle
-        if silence is None or vehicle is None:
-            return silence
-        if silence.subject == MissingMessages.MESSAGES and self.silence.has_others(now):
-            # Other vehicles are heard, so that the user need not check the link's address or router. With the name, the
-            # fact says that this vehicle alone is silent.
-            return silence.replace(name=vehicle.name)
-        return silence
+        if silence_fact is None or vehicle is None:
+            return silence_fact
+        is_all_missing = silence_fact.subject == MissingMessages.MESSAGES
+        if is_all_missing and self.silence.hears_other_vehicles(now):
+            # The user need not check the link's address or router. With the name, the fact says that this vehicle alone
+            # is silent.
+            return silence_fact.replace(name=vehicle.name)
+        return silence_fact
 
     def _no_learning_reason(self, *, is_flying: bool) -> Fact | None:
         """Returns the reason why there is no new model of a vehicle whose rows arrive.

@@ -75,7 +75,9 @@ class TimeAccount:
         return now - self.entry_time >= ENTRY_SECONDS
 
     def update(self, now: float, state: AccountedState) -> dict[TimeUse, float]:
-        """Assigns the time since the last entry to activities: learning by its rows, the rest by the present state.
+        """Adds an entry: the time since the last one is assigned to learning by its rows, and the rest by the state.
+
+        A row is the motion of the vehicle at one step of time, from which the model is learned.
 
         The learned time is the number of new learned rows times the step between rows, s. Rows may be analysed some
         time after their arrival, so they can span more than the time since the last entry. An entry cannot contain more

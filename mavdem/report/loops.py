@@ -229,7 +229,7 @@ def _facts_on_axis(tuning: Tuning, axis: str) -> list[Fact]:
     if axis in tuning.doubtful_axes:
         return [advice_on_gains]
     reasons = [note for note in advice.notes if note.code in REASONS_FOR_GAINS]
-    return [*_consistent_rating(advice, decision), advice_on_gains, *reasons]
+    return [*_rating_unless_contradicted(advice, decision), advice_on_gains, *reasons]
 
 
 def _remedies_besides_tuning(decision: LoopDecision | None) -> list[str]:
@@ -243,7 +243,7 @@ def _remedies_besides_tuning(decision: LoopDecision | None) -> list[str]:
     return [decision.action.sentence_and_remedy]
 
 
-def _consistent_rating(advice: Advice, decision: LoopDecision | None) -> list[Fact]:
+def _rating_unless_contradicted(advice: Advice, decision: LoopDecision | None) -> list[Fact]:
     """Returns the rating of an axis' margins, such that it does not contradict the decision on the axis.
 
     The rating knows the stability margins alone: are they large enough? The decision also knows whether the axis
@@ -382,7 +382,7 @@ def _axes_with_room_for_gains(tuning: Tuning) -> list[str]:
         is_doubtful = axis in tuning.doubtful_axes
         if isinstance(advice, Fact) or is_doubtful:
             continue
-        ratings = _consistent_rating(advice, tuning.judgement.loop_decisions.get(axis))
+        ratings = _rating_unless_contradicted(advice, tuning.judgement.loop_decisions.get(axis))
         has_good_margins = all(rating.is_good for rating in ratings)
         if advice.conclusion.code is GainFact.SET_GAINS and has_good_margins:
             axes.append(axis)
@@ -390,19 +390,22 @@ def _axes_with_room_for_gains(tuning: Tuning) -> list[str]:
 
 
 def _worst_rating(tuning: Tuning) -> Fact | None:
-    """Returns the rating of margins with the worst level, the first of equal ones, with its axis in the subject.
+    """Returns the worst rating of the margins of all axes, the first of equal ones, with its axis in the subject.
 
     Args:
         tuning: advice for each axis, with the decisions on their loops.
 
     Returns:
-        The rating; None if an axis has no loop that can be relied on, or a measurement contradicts its margins.
+        The rating; None if the margins of some axis are not known: no loop was identified, gains were refused since the
+        loop cannot be relied on, or a measured response contradicts the loop.
     """
     ratings = []
     for axis, advice in tuning.axes.items():
         if isinstance(advice, Fact) or advice.refusals or axis in tuning.doubtful_axes:
             return None
-        for rating in _consistent_rating(advice, tuning.judgement.loop_decisions.get(axis)):
+        for rating in _rating_unless_contradicted(
+            advice, tuning.judgement.loop_decisions.get(axis)
+        ):
             ratings.append(rating.replace(subject=f"{axis} {rating.subject}"))
     for level in (Level.BAD, Level.WATCH, Level.GOOD):
         for rating in ratings:

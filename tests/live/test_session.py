@@ -686,12 +686,12 @@ def test_bytes_without_a_message_are_noise_and_no_silence(now):
     start = monitor.message_time
     for seconds in range(6):
         monitor.note_noise(start + seconds)
-    noise = monitor.silence(start + 6.0)
+    noise = monitor.missing_messages(start + 6.0)
     assert noise.sentence_and_remedy == (
         "Only bytes that are no intact MAVLink messages were received for 3 s and more. Check protocol and baud rate, "
         "and what disturbs the radio."
     )
-    assert "is_noise" not in monitor.silence(start + 20.0).figures
+    assert "is_noise" not in monitor.missing_messages(start + 20.0).figures
 
 
 def test_of_several_vehicles_one_is_to_be_chosen_still_at_the_end():

@@ -443,9 +443,10 @@ def _gains_come_next(headline: Fact) -> bool:
 def _doubts_on_vehicle(evidence: Evidence, judgement: Judgement) -> Facts:
     """Returns the reasons why no gains of any axis may be raised.
 
-    The reasons are the repairs that the vehicle needs, and a limit cycle (an oscillation of the loops). A limit
-    cycle is reported as a repair and by the decision on the loops. Only the fact of that decision is returned, since it
-    also names the gains to lower.
+    The reasons are the repairs that the vehicle needs, and a limit cycle: a lasting oscillation of the loops. Three
+    judgements report the same limit cycle: the repairs, the decision on the loops of its axis, and the gains to lower.
+    It is to be read once. So of these only the decision is returned, which names the gains too; if no axis has it, the
+    gains to lower stand for it.
 
     Args:
         evidence: signals, events and measurements of the vehicle.
@@ -455,15 +456,15 @@ def _doubts_on_vehicle(evidence: Evidence, judgement: Judgement) -> Facts:
         The reasons as facts; empty if gains may be raised.
     """
     repairs = repairs_before_tuning(evidence, judgement.lights[Light.MOTORS])
-    # The gains to lower against a limit cycle; None if nothing oscillates.
-    gain_reduction = evidence.gain_reduction
-    if not gain_reduction:
+    gains_to_lower = evidence.gain_reduction
+    if gains_to_lower is None:
+        # There is no limit cycle.
         return repairs
     for decision in judgement.loop_decisions.values():
         if decision.reason.code is MarginsLight.OSCILLATES:
             other_repairs = [fact for fact in repairs if fact.code is not Override.OSCILLATION]
             return (*other_repairs, decision.reason)
-    return (*repairs, gain_reduction)
+    return (*repairs, gains_to_lower)
 
 
 def _measured_loops(assessment: Assessment) -> dict[str, Fact]:

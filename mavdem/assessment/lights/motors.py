@@ -213,7 +213,7 @@ def _reason_outputs_are_unusable(evidence: Evidence) -> Fact | None:
 def _events_of_motors(evidence: Evidence) -> list[Fact]:
     """Returns the events that show a fault of one motor of this vehicle, the most important first.
 
-    1. The loss of the flight, if that names a motor, or all thrust was used up.
+    1. How the flight was lost, such as by a crash, if a motor failed first, or all thrust was used up.
     2. Warnings in flight without a figure of the lost thrust, such as a motor that was off.
     3. Losses of thrust, the largest first, equal ones by their duration.
     4. Reports of the autopilot about a motor.
@@ -234,18 +234,20 @@ def _events_of_motors(evidence: Evidence) -> list[Fact]:
         MotionEvent.OUTPUT_FROZE,
     ]
     names = _motor_names(evidence)
-    facts = [fact for fact in evidence.warnings_in_flight(codes) if fact.subject in names]
+    facts = []
+    ending = evidence.ending
+    if ending is not None and (ending.subject in names or _is_thrust_spent(ending)):
+        facts.append(ending)
+    warnings = [fact for fact in evidence.warnings_in_flight(codes) if fact.subject in names]
     # The figure "rise" is the increase of the motor's command that compensates its loss, as a share of the range. An
     # event without it, such as a motor that was off, counts as infinitely large.
-    facts.sort(key=lambda fact: (-fact.figures.get("rise", inf), -_duration(fact)))
+    warnings.sort(key=lambda fact: (-fact.figures.get("rise", inf), -_duration(fact)))
+    facts += warnings
     # The autopilot names a motor by its number only.
     numbered_names = {name_without_place(name) for name in names}
     for fact in evidence.warnings_in_flight(REPORTS_OF_MOTOR):
         if name_without_place(fact.subject) in numbered_names:
             facts.append(fact)
-    ending = evidence.ending
-    if ending is not None and (ending.subject in names or _is_thrust_spent(ending)):
-        facts.insert(0, ending)
     for limit in _longest_limit(evidence, names):
         is_long = limit.subject in names and limit.figures["duration"] >= MIN_LOSS_SECONDS
         if evidence.condition.hover is None or is_long:
