@@ -348,8 +348,11 @@ def flight_grid(
     time = samples.time
     longest = max(step, np.median(np.diff(time)), (time[-1] - time[0]) / max_steps)
     grid = motion_grid(time, samples.attitude, samples.velocity, longest, wind)
-    if grid.complete.sum() * grid.step < MIN_MOTION_SECONDS:
-        raise NotLearnable(AirflowFact.MOTION_TOO_SHORT, duration=MIN_MOTION_SECONDS)
+    complete_seconds = float(grid.complete.sum() * grid.step)
+    if complete_seconds < MIN_MOTION_SECONDS:
+        raise NotLearnable(
+            AirflowFact.MOTION_TOO_SHORT, settled=complete_seconds, duration=MIN_MOTION_SECONDS
+        )
     return grid
 
 
