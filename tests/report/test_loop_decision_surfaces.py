@@ -384,6 +384,7 @@ def test_every_surface_gives_the_advice_of_the_decision(name, assessments, tunin
             assert not any(words in text for words in LOWERED), surface
 
 
+@mark.slow
 def test_the_lights_show_the_action_of_the_axis_that_they_name(assessments):
     for assessment in assessments.values():
         roll = assessment.loop_decisions["roll"]
@@ -426,6 +427,7 @@ def test_the_screen_of_tune_has_the_cautions_of_its_page(tunings):
     assert labels[-5:-2] == ["phase margin (°)", "gain margin (dB)", "maximum sensitivity Ms"]
 
 
+@mark.slow
 def test_the_tune_page_opens_with_gains_steps_and_margins(assessments, tunings, without_pictures):
     name = "below the goal"
     page = tune_page("flight", tunings[name], assessments[name])
@@ -437,6 +439,7 @@ def test_the_tune_page_opens_with_gains_steps_and_margins(assessments, tunings, 
     assert margin_overview(tunings[name]).rows[0][0] == "roll rate, now"
 
 
+@mark.slow
 def test_no_goal_heads_a_report_of_tune_whose_loops_are_not_all_trusted(tunings):
     tuning = tunings["sound"]
     good = Fact(MotorsLight.MOTORS_EVEN, Level.GOOD)
@@ -451,6 +454,7 @@ def test_no_goal_heads_a_report_of_tune_whose_loops_are_not_all_trusted(tunings)
     assert tuning_result(slow._replace(axes={"roll": slow.axes["roll"]})).level is Level.WATCH
 
 
+@mark.slow
 def test_room_for_higher_gains_heads_the_report_of_tune(tunings):
     tuning = tunings["below the goal"]
     good = Fact(MotorsLight.MOTORS_EVEN, Level.GOOD)
@@ -462,6 +466,7 @@ def test_room_for_higher_gains_heads_the_report_of_tune(tunings):
     assert result == Fact(GainFact.ROOM_FOR_GAINS, names=["roll"])
 
 
+@mark.slow
 def test_axes_without_a_loop_for_the_same_reason_share_a_sentence(tunings):
     tuning = tunings["below the goal"]
     roll = Fact(LoopFact.NO_LOOP, reasons=(Fact(LoopFact.NOT_STEERED, share=0.131),))
@@ -471,6 +476,7 @@ def test_axes_without_a_loop_for_the_same_reason_share_a_sentence(tunings):
     assert [block.lead for block in shown] == ["Roll and pitch:"]
 
 
+@mark.slow
 def test_a_crash_that_the_light_of_tracking_shows_is_not_about_loops(tunings):
     judgement = tunings["sound"].judgement
     crash = Fact(Ending.CRASHED, Level.BAD, time=9.0, height=2.0, cause=None, word=None)
