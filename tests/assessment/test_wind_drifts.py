@@ -80,6 +80,7 @@ class BlownFlight(Flight):
             yield time, name, values | {"vy": -3.0 if 13.0 <= time < 23.0 else 0.1}
 
 
+@mark.slow
 def test_a_log_and_a_live_flight_are_judged_the_same():
     frames = BlownFlight(Hover(hovering=30.0), attitude=20.0, motors=20.0).frames(end=64.0)
     live = replay(frames)

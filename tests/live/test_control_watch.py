@@ -103,6 +103,7 @@ def test_after_a_loss_nothing_speaks_as_of_a_landing(lost):
     assert status.active_alarms == (status.loss,)
 
 
+@mark.slow
 def test_a_loss_after_vibration_that_is_over_is_alarmed():
     """The vibration of the last minute is judged still, but neither reported nor shown after the loss."""
     clips = [
@@ -115,6 +116,7 @@ def test_a_loss_after_vibration_that_is_over_is_alarmed():
     assert made.stream.status().active_alarms == (made.stream.status().loss,)
 
 
+@mark.slow
 @mark.parametrize(
     "harmless",
     [{"largest": 0.8, "back": 1.2}, {"largest": 0.5}],
@@ -315,6 +317,7 @@ class LandingFlight(Flight):
             yield time, name, fields | {"z": -float(height)}
 
 
+@mark.slow
 @mark.parametrize("hover", [Toppling(), Hover(hovering=3.0)], ids=["toppling", "sound"])
 def test_a_vehicle_that_topples_over_after_its_landing_is_an_alarm(hover):
     end = hover.landed + 6.0

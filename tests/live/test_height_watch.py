@@ -62,6 +62,7 @@ class FallingEstimate(Flight):
             yield time, name, fields | ({"vz": 2.0} if 20.0 <= time < 24.0 else {})
 
 
+@mark.slow
 @mark.parametrize("drift", [8.0, 0.0])
 def test_a_barometer_that_drifted_is_reported_after_the_landing(drift):
     flight = Flight(Still(), attitude=25.0, motors=25.0).frames(start=0.5, end=66.0)

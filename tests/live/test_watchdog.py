@@ -197,6 +197,7 @@ def test_a_receiver_without_a_fix_is_not_said_to_be_over_while_it_has_none():
     ]
 
 
+@mark.slow
 def test_motors_that_take_turns_at_their_limit_are_one_alarm():
     """Each comes to its limit for two seconds; between them none is there, for longer than an alarm lasts."""
     turns = {10.0: 0, 13.0: 1, 28.0: 2, 45.0: 0}
