@@ -1,4 +1,4 @@
-"""Errors whose cause is the user's data: each carries a fact that states the reason and the remedy."""
+"""Errors whose cause is the user's data: each carries a fact (a coded finding) with the reason and the remedy."""
 
 from mavdem.facts import Code, Fact, Figure, Level
 from mavdem.facts.forecasts import ForecastFact

@@ -1,4 +1,4 @@
-"""Optional dependencies ("extras" of the package): which are installed, and the errors that name the missing ones."""
+"""Optional dependencies (extras of the package): which are installed, and facts (coded findings) on missing ones."""
 
 import os
 from importlib.util import find_spec

@@ -1,4 +1,4 @@
-"""Assessing a log: computes events, models, control loops and status lights of a vehicle, each from the ones before."""
+"""Assessing a log: facts (coded findings) on events, models, loops and status lights, each from the ones before."""
 
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager

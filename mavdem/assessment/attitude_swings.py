@@ -1,4 +1,4 @@
-"""Slow swings of the attitude in modes in which the autopilot alone decides where to fly.
+"""Slow swings of the attitude, as facts (coded findings), in modes in which the autopilot alone decides where to fly.
 
 A position controller whose gains are too high for the vehicle, or whose position is wrong, leans the vehicle to and
 fro by tens of degrees, once in one to five seconds. The attitude may follow its setpoint throughout, so that no error

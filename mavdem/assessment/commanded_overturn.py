@@ -1,4 +1,4 @@
-"""Whether a vehicle turned over because its setpoint did: a flip, a roll or a stick held at its end.
+"""The fact (coded finding) that a vehicle turned over because its setpoint did: a flip, a roll, a stick at its end.
 
 Modes that level the vehicle limit the lean that can be commanded (ANGLE_MAX of ArduPilot, MPC_MAN_TILT_MAX of PX4); in
 Acro the setpoint turns on for as long as the stick is held. A vehicle that follows such a setpoint is sound, and no

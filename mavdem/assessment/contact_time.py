@@ -1,4 +1,4 @@
-"""When a vehicle touched the ground: the knock of its accelerometer, an attitude lost near it, or a sudden stop."""
+"""When a vehicle touched the ground: by facts (coded findings) on knocks, a lost attitude, or a sudden stop."""
 
 from dataclasses import dataclass
 from math import inf

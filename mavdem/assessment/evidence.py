@@ -1,4 +1,4 @@
-"""Evidence: all that a log shows of one vehicle, measured once, by which its status lights and headline are judged.
+"""Evidence: all that a log shows of one vehicle, as measurements and facts (coded findings), each made once.
 
 Measurements count in flight only: off the ground, and until the vehicle was lost. What happens to a vehicle after that
 is a consequence and no fault.

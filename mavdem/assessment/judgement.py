@@ -1,4 +1,4 @@
-"""Judgement of a vehicle: a status light (a fact with a level) for each subject, its loops, headline and next step."""
+"""Judgement of a vehicle by facts (coded findings with a level): status lights, loops, headline, next step."""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field

@@ -1,4 +1,4 @@
-"""Whether the pilot's throttle let a vehicle sink until it hit the ground."""
+"""The fact (coded finding) that the pilot's throttle let a vehicle sink until it hit the ground."""
 
 from math import inf
 

@@ -1,4 +1,4 @@
-"""The assessment of one vehicle of a log: all results, computed once, that the screen, pages and documents show."""
+"""The assessment of one vehicle of a log: results and facts (coded findings) that screen, pages and documents show."""
 
 from __future__ import annotations
 

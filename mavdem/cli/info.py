@@ -1,4 +1,4 @@
-"""``mavdem info``: what a log holds, and whether a model can be learned from it."""
+"""``mavdem info``: what a log holds, its status lights, and the fact (coded finding) why no model can be learned."""
 
 from collections.abc import Sequence
 from dataclasses import replace

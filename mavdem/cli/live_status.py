@@ -1,4 +1,4 @@
-"""Status of a live session on standard error: lines updated in place on a terminal, elsewhere lines with news."""
+"""Status of a live session on standard error, with facts (coded findings); updated in place on a terminal."""
 
 from collections.abc import Hashable
 from contextlib import suppress

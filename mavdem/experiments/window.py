@@ -1,4 +1,4 @@
-"""Windows of a flight: training samples that a model learns from, and the test samples after them that it forecasts."""
+"""Windows of a flight, training samples and the test samples after them; or the fact (coded finding) why none fits."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass

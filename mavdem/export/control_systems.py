@@ -1,4 +1,4 @@
-"""Learned models as systems of python-control: the identified plant with its delay, and the model of DEM."""
+"""Learned models as systems of python-control: the plant with its delay, and the model of DEM."""
 
 from __future__ import annotations
 

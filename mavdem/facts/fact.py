@@ -1,4 +1,4 @@
-"""Fact: a small frozen record of something found: its code, level, time, subject and figures with units.
+"""Fact: a coded finding, a small frozen record with code, level, time, subject, and figures with units.
 
 Facts are made where they are found, on any floor. They know no words: ``report.sentences`` has a sentence and a remedy
 for each code. Code compares codes and levels, never text.

@@ -1,4 +1,4 @@
-"""Reasons why quantities of two states of a vehicle (flights before and after a change) cannot be compared."""
+"""Facts (coded findings) why quantities of two states of a vehicle, before and after a change, cannot be compared."""
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import NamedTuple

@@ -1,4 +1,4 @@
-"""A short list of a flight's events: the bad ones first, then those to be watched, each kind once with its count."""
+"""A short list of a flight's events, facts (coded findings): the bad ones first, each kind once with its count."""
 
 from collections import Counter
 from collections.abc import Sequence

@@ -1,4 +1,4 @@
-"""What changed between two states of a vehicle (before and after), in sentences: changed, equal, uncertain, unknown."""
+"""What changed between two states of a vehicle (before and after): its figures, and its status lights."""
 
 from collections import Counter
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence

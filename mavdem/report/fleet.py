@@ -1,4 +1,4 @@
-"""What the flights of one vehicle show: the health of its motors, how urgently it needs a look, and why."""
+"""What the flights of one vehicle show: the motors' health, its status light, how urgently the vehicle needs a look."""
 
 from collections import Counter
 from typing import NamedTuple

@@ -1,4 +1,4 @@
-"""Lines of the table of flights on a fleet's page: its columns, and the cells of a flight."""
+"""Lines of the table of flights on a fleet's page: the cells of a flight, such as its judgement by status lights."""
 
 import re
 from collections.abc import Callable

@@ -1,4 +1,4 @@
-"""Gains to set as a page shows them: a table, and files for ground stations that download from the page itself."""
+"""Gains to set as a page shows them: a table, cautions from facts (coded findings), and files for ground stations."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Lights, the judgements of the parts of a vehicle by level, as shown: a reason that several share is stated once."""
+"""Status lights, judgements of a vehicle's parts: facts (coded findings) whose shared reason is stated once."""
 
 from mavdem.facts import Fact, Level, NamedFacts
 from mavdem.facts.lights import Unjudged

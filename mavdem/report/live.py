@@ -1,4 +1,4 @@
-"""The report of a live flight: how well it was predicted, what the model learned from, and what the link delivered."""
+"""The report of a live flight: errors of its predictions, what was learned from, and facts (coded findings) to watch."""
 
 from collections.abc import Mapping, Sequence
 from math import isfinite, sqrt

@@ -1,4 +1,4 @@
-"""Control loops in sentences and tables: margins, decisions on axes (what is wrong, what to do), and gains to set."""
+"""Control loops in sentences and tables, made of facts (coded findings): margins, decisions, gains to set."""
 
 from collections.abc import Collection, Container, Iterator
 from operator import attrgetter

@@ -1,4 +1,4 @@
-"""The review of a log on one terminal screen: title, lights (judgements by subject), alarms (bad events), next step."""
+"""The review of a log on one screen: status lights, alarms and next step, as sentences of facts (coded findings)."""
 
 import re
 from collections.abc import Iterator

@@ -1,4 +1,4 @@
-"""Reports on a flight and its model in sentences and tables: lights (judgements by subject), grades, motors, wind.
+"""Reports on a flight and its model, made of facts (coded findings): status lights, grades, motors, wind.
 
 ``analysis_blocks`` is the report of a log, ``model_screen`` that of a model alone. Pages and dashboards use the same
 parts: ``motor_blocks``, ``torque_blocks``, ``prediction_blocks``, and ``vehicle_blocks`` for all axes of a vehicle.

@@ -1,4 +1,4 @@
-"""The web application of the server: its routes, and what all responses have in common, such as refusals."""
+"""The web application of the server: its routes, and responses to refusals, each by a fact (a coded finding)."""
 
 import asyncio
 import inspect

@@ -1,4 +1,4 @@
-"""Live sessions on a link that the server monitors: a page while the vehicle flies, then its log in the library."""
+"""Live sessions on a monitored link: a page and facts (coded findings) while the vehicle flies, then its stored log."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace

@@ -1,4 +1,4 @@
-"""Reading one log for the library, in a worker process: its rows for the fleet's table, and its folder of result files.
+"""Reading one log for the library, in a worker process: its rows with status lights, and its folder of result files.
 
 The folder is made under a hidden name and renamed when it is complete. Meanwhile a progress file in it has the stage of
 the work and what is known of the log so far, for the pages of those who wait.

@@ -1,4 +1,4 @@
-"""Recordings of flights in the library, ``flight.rrd`` and ``flight.mcap``, which are made on request.
+"""Recordings of flights in the library, made on request; or the fact (a coded finding) why there is none.
 
 Writing them takes as long as everything else that is done for a log, and few are ever opened. The column
 ``recording_stage`` of a flight's entry has its state: empty before anybody asks and when the files are there, then

@@ -1,4 +1,4 @@
-"""The first tab of both dashboards, of a live flight and of a log: the same five plots, with texts next to them.
+"""The first tab of both dashboards: five plots, and texts such as the events, which are facts (coded findings).
 
 From the top: the angle that the model is of, with its prediction; the free energy; the physical parameters; the wind;
 and the torque of the wind.

@@ -1,4 +1,4 @@
-"""Analysis of one vehicle and axis: what the log allows, the model, held-out forecasts, and physical parameters.
+"""Analysis of one vehicle and axis: the model and its parameters, or facts (coded findings) why there are none.
 
 Learnability and tier decide what the log allows. The model is trained on the settled flight, tested on windows that no
 model was trained on, and graded by the findings. A model of the slow motion is kept only if it predicts better than the

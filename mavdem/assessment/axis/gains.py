@@ -1,4 +1,4 @@
-"""Changes of the controller's gains in a log: sections of flight with constant gains, and what AutoTune changed."""
+"""Changes of the controller's gains in a log: flight with constant gains, and facts (coded findings) on AutoTune."""
 
 import re
 from collections import defaultdict

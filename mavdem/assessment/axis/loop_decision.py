@@ -1,4 +1,4 @@
-"""The decision on the control loops of an axis: what is wrong, what to do, and the doubts that forbid new gains.
+"""Decision on the loops of an axis by facts (coded findings): what is wrong, what to do, what forbids new gains.
 
 It is made once, from limit cycles, margins, the measured response, tracking, and what speaks against the vehicle.
 A doubt is a fact (a coded finding) because of which no gains may be computed from the identified loop; what a fact

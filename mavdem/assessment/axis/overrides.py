@@ -1,4 +1,4 @@
-"""Overrides: facts that make a flight itself doubtful, even if its model is good."""
+"""Overrides: facts (coded findings) that make a flight itself doubtful, even if its model is good."""
 
 from collections.abc import Sequence
 from typing import NamedTuple

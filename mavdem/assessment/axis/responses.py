@@ -1,4 +1,4 @@
-"""Measured closed-loop responses of rate and attitude of each axis, and their predictions by the identified loops."""
+"""Measured closed-loop responses of each axis, their predictions, and facts (coded findings) on how both agree."""
 
 from collections.abc import Mapping
 from types import MappingProxyType

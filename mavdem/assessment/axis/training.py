@@ -1,4 +1,4 @@
-"""Training of the model of one axis, and its test on windows or flights that it was not trained on."""
+"""Training of the model of one axis, its test on held-out data, and facts (coded findings) that refuse it."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager

@@ -1,4 +1,4 @@
-"""Tuning of an assessed vehicle: gains to set for each axis, or the facts (coded findings) why none, and a notch."""
+"""Tuning of an assessed vehicle: gains and a notch to set, or facts (coded findings) why none; and the next step."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace

@@ -1,4 +1,4 @@
-"""Twin of an assessed vehicle: a simulation with the identified plant, and its flight with other gains."""
+"""Twin of an assessed vehicle: its simulation with other gains, or the fact (a coded finding) why there is none."""
 
 from collections.abc import Mapping
 from dataclasses import replace

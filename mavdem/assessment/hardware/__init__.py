@@ -1,4 +1,4 @@
-"""What a log shows of the hardware, a fact for each device: judged if an autopilot's own documentation has a limit."""
+"""What a log shows of the hardware, a fact (a coded finding) for each device: judged where the autopilot has a limit."""
 
 from mavdem.assessment.evidence import Evidence
 from mavdem.assessment.hardware.calibration import calibration_fact

@@ -1,4 +1,4 @@
-"""Which sensors are there and calibrated, by the autopilot's parameters: the same tests that it makes before arming."""
+"""Which sensors are there and calibrated, as a fact (a coded finding), by the tests that the autopilot makes to arm."""
 
 from collections.abc import Iterator
 from typing import NamedTuple

@@ -1,4 +1,4 @@
-"""How much the motors disturb the magnetic field at the compasses: its change in flight, and its correlation with them.
+"""How much the motors disturb the magnetic field at the compasses in flight, as a fact (a coded finding).
 
 A change from the ground to the flight may also come from steel in the ground. What follows the motors' command, both
 averaged over 2 s, comes from their currents.

@@ -1,4 +1,4 @@
-"""Speed controllers over a flight: speeds, currents and temperatures that they measure, and errors that they count."""
+"""Speed controllers (ESCs) over a flight, as a fact (a coded finding): speeds, currents, temperatures, error counts."""
 
 import numpy as np
 

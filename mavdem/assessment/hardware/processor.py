@@ -1,4 +1,4 @@
-"""The autopilot's processor over a flight: its load, its memory, and main loops that took too long."""
+"""The autopilot's processor over a flight, as a fact (a coded finding): load, memory, and loops that took too long."""
 
 import numpy as np
 

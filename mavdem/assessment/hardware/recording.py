@@ -1,4 +1,4 @@
-"""How evenly the log was recorded in flight: usual step and longest gap of the attitude, and losses of the logger."""
+"""How evenly a log was recorded in flight, as a fact (a coded finding): usual step, longest gap, losses."""
 
 import numpy as np
 

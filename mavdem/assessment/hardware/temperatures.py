@@ -1,4 +1,4 @@
-"""Temperatures of processor, IMU and barometer in flight. No documentation has limits for them: they are not judged."""
+"""Temperatures of devices in flight, as a fact (a coded finding) without a judgement: no limits are documented."""
 
 from mavdem.assessment.evidence import Evidence
 from mavdem.dataset.hardware_quantities import TEMPERATURES, recorded_quantity

@@ -1,4 +1,4 @@
-"""Status light of tracking: how roll, pitch and yaw follow their setpoints, at any rate of the log."""
+"""Status light of tracking, a fact (a coded finding): how roll, pitch and yaw follow their setpoints."""
 
 from mavdem.assessment.evidence import Evidence
 from mavdem.assessment.limits import worst_fact

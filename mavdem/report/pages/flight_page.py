@@ -1,4 +1,4 @@
-"""The HTML page of a flight: what happened, axes, loops, vibration, motors, wind, parameters and model, by chapter."""
+"""The HTML page of a flight: headline, status lights and other facts (coded findings), then chapters of charts."""
 
 from __future__ import annotations
 

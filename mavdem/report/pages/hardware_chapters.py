@@ -1,4 +1,4 @@
-"""The chapters of a flight's page on hardware, setpoints and sticks: a section for each subject, such as power."""
+"""Chapters of a flight's page on hardware and commands: a section for each fact (a coded finding) and its charts."""
 
 from mavdem.assessment.evidence import Evidence
 from mavdem.assessment.hardware import hardware_facts

@@ -1,4 +1,4 @@
-"""The HTML pages of ``mavdem serve``: the library, a flight while it is read, a vehicle, a comparison, and refusals.
+"""The HTML pages of ``mavdem serve``: the library, a flight and its status lights, a vehicle, refusals.
 
 The page of a flight is the file in its folder, with a bar above it. The content security policy of the server allows
 one script, ``serve.js``, and within a flight's page those that draw the charts, by their hashes.

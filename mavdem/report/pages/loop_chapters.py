@@ -1,4 +1,4 @@
-"""Chapters of a flight's page on its control loops: step responses, what was decided on each axis, and figures."""
+"""Chapters of a flight's page on its control loops: step responses, facts (coded findings) on margins, decisions."""
 
 from collections.abc import Iterator, Mapping
 from math import inf

@@ -1,4 +1,4 @@
-"""Trouble with the motors that a flight shows only beside the vehicle's other flights, written into the flight's page.
+"""Trouble with motors that only comparison with other flights shows, written into the page and its status light.
 
 The page of a flight is written from its log alone. Later the vehicle is judged from all its flights, which shows
 smaller losses of a motor. Then the beginning of the page is changed: a paragraph about the trouble is added, and the

@@ -1,4 +1,4 @@
-"""The page of ``mavdem tune``: gains to load, step responses and margins to decide by, and the evidence for them."""
+"""The page of ``mavdem tune``: gains to load, step responses, margins, and the facts (coded findings) behind them."""
 
 from collections.abc import Mapping, Sequence
 from itertools import chain
