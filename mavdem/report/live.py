@@ -1,4 +1,4 @@
-"""The report of a live flight: errors of its predictions, what was learned from, and facts (coded findings) to watch."""
+"""The report of a live flight: errors of its predictions, training data, and facts (coded findings)."""
 
 from collections.abc import Mapping, Sequence
 from math import isfinite, sqrt

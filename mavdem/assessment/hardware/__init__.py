@@ -1,4 +1,4 @@
-"""What a log shows of the hardware, a fact (a coded finding) for each device: judged where the autopilot has a limit."""
+"""What a log shows of the hardware, a fact (a coded finding) for each device, judged by the autopilot's limits."""
 
 from mavdem.assessment.evidence import Evidence
 from mavdem.assessment.hardware.calibration import calibration_fact
