@@ -141,8 +141,8 @@ def _angle_error(angle: Array, setpoint: Array, is_rate_controlled: Flags, windo
     # Lowest and highest setpoint in the window that ends with each sample. SciPy centres its windows, so that they are
     # shifted by half of their length.
     shift = (window - 1) // 2
-    lowest = scipy.ndimage.minimum_filter1d(known_setpoint, window, origin=shift)
-    highest = scipy.ndimage.maximum_filter1d(known_setpoint, window, origin=shift)
+    lowest_setpoint = scipy.ndimage.minimum_filter1d(known_setpoint, window, origin=shift)
+    highest_setpoint = scipy.ndimage.maximum_filter1d(known_setpoint, window, origin=shift)
     error_without_setpoint = np.where(is_rate_controlled, 0.0, WITHOUT_SETPOINT_SHARE * angle)
-    error_with_setpoint = angle - np.clip(angle, lowest, highest)
+    error_with_setpoint = angle - np.clip(angle, lowest_setpoint, highest_setpoint)
     return wrapped_angle(np.where(is_unknown, error_without_setpoint, error_with_setpoint))

@@ -196,19 +196,19 @@ class _AttitudeLoss(NamedTuple):
             # Without a setpoint, the pilot may have intended this lean. Then it is not known how bad it is.
             code = MotionEvent.ATTITUDE_CAUGHT
             level = None if self._has_setpoint else Level.UNKNOWN
-        largest = self._largest_error()
+        peak_error = self._largest_error()
         event = Fact(
             code,
             level,
             time=onset if knock_time is None else min(onset, knock_time),
             end_time=None if self.end == inf else self.end,
-            angle=largest.angle,
+            angle=peak_error.angle,
             height=height,
             height_source=self.sensors.height_source,
             speed=self._sink_rate(code, onset),
             boot=self.sensors.boot,
         )
-        if not largest.has_setpoint:
+        if not peak_error.has_setpoint:
             event = event.replace(is_lean=True)
         sensor_facts = self._sensor_facts(onset)
         _, flight_end = self.flight_interval
@@ -229,10 +229,10 @@ class _AttitudeLoss(NamedTuple):
 
     def _largest_error(self) -> LargestError:
         """Returns the largest error of the loss; if the setpoint was not recorded, it is the whole lean."""
-        largest = largest_error(self.error, (self.start, self.end))
+        peak_error = largest_error(self.error, (self.start, self.end))
         # A loss is found by samples of the attitude, so that there is one.
-        assert largest is not None
-        return largest
+        assert peak_error is not None
+        return peak_error
 
     def _onset(self) -> float:
         """Returns the time at which the attitude began to leave its setpoint, s since boot.
@@ -244,10 +244,10 @@ class _AttitudeLoss(NamedTuple):
         """
         time = self.error.time
         magnitude = self.error.magnitude
-        earliest = self.start - RECOVERY_SECONDS
+        earliest_time = self.start - RECOVERY_SECONDS
         onset = self.start
         search_end = onset
-        while search_end > earliest:
+        while search_end > earliest_time:
             times_near_setpoint = time[(time < search_end) & (magnitude < ONSET_ANGLE)]
             if not len(times_near_setpoint):
                 break
@@ -257,7 +257,7 @@ class _AttitudeLoss(NamedTuple):
             if not len(times_of_swing):
                 break
             search_end = float(times_of_swing[-1])
-        return max(onset, earliest)
+        return max(onset, earliest_time)
 
     def _code_without_recovery(
         self, onset: float, height: float | None, knock_time: float | None
@@ -408,16 +408,21 @@ class _AttitudeLoss(NamedTuple):
             )
         largest_change = max(angle_changes, default=0.0)
         largest_turn = max(gyro_turns, default=0.0)
-        fastest = self.sensors.fastest_rotation(tilts, (onset, end))
+        fastest_rotation = self.sensors.fastest_rotation(tilts, (onset, end))
         if largest_change < ONSET_ANGLE:
             return contradicting_fact(
-                SensorFact.DID_NOT_ROTATE, time=onset, end_time=end, body_rate=fastest.body_rate
+                SensorFact.DID_NOT_ROTATE,
+                time=onset,
+                end_time=end,
+                body_rate=fastest_rotation.body_rate,
             )
         if largest_turn < MIN_GYRO_SHARE * largest_change:
             return contradicting_fact(
                 SensorFact.GYRO_DISAGREED, time=onset, end_time=end, angle=largest_change
             )
-        return supporting_fact(SensorFact.ROTATED, time=fastest.time, body_rate=fastest.body_rate)
+        return supporting_fact(
+            SensorFact.ROTATED, time=fastest_rotation.time, body_rate=fastest_rotation.body_rate
+        )
 
 
 def knock_is_contact(sensors: BootSensors, time: float) -> bool:

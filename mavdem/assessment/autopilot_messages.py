@@ -154,13 +154,13 @@ def _with_battery_levels(facts: Sequence[Fact]) -> list[Fact]:
         ``BATTERY_ALARMED``, and the level of that code.
     """
     low_battery_texts = [fact for fact in facts if fact.code is ReportedEvent.BATTERY_WARNED]
-    corrected = []
+    corrected_facts = []
     for fact in facts:
         is_failsafe = fact.code is ReportedEvent.BATTERY_ALARMED and reports_failsafe(fact)
         if is_failsafe and any(_is_close(fact, text) for text in low_battery_texts):
             fact = fact.with_code(ReportedEvent.BATTERY_WARNED)
-        corrected.append(fact)
-    return corrected
+        corrected_facts.append(fact)
+    return corrected_facts
 
 
 def reports_failsafe(alarm: Fact) -> bool:
@@ -169,10 +169,10 @@ def reports_failsafe(alarm: Fact) -> bool:
     return "error_code" in alarm.figures or "failsafe" in text.lower()
 
 
-def _is_close(first: Fact, second: Fact) -> bool:
+def _is_close(earlier_fact: Fact, later_fact: Fact) -> bool:
     """Returns whether two facts are of one boot, and begin within ``REPEAT_SECONDS`` of each other."""
-    is_same_boot = first.figures["boot"] == second.figures["boot"]
-    distance = abs(first.start_time - second.start_time)
+    is_same_boot = earlier_fact.figures["boot"] == later_fact.figures["boot"]
+    distance = abs(earlier_fact.start_time - later_fact.start_time)
     return is_same_boot and distance <= REPEAT_SECONDS
 
 
@@ -355,7 +355,7 @@ def merge_repeats(facts: Iterable[Fact]) -> list[Fact]:
     Returns:
         The remaining facts in time order, each with its ``count``, 1 for a report without repetitions.
     """
-    merged: list[Fact] = []
+    merged_facts: list[Fact] = []
     # The indices in ``merged`` of facts with the same boot, code and quoted text.
     indices_by_kind = defaultdict[tuple[Any, ...], list[int]](list)
     for fact in in_time_order(facts):
@@ -363,13 +363,13 @@ def merge_repeats(facts: Iterable[Fact]) -> list[Fact]:
         indices = indices_by_kind[fact.figures["boot"], fact.code, quoted_text]
         # The latest report of the kind comes first: it is the one that is repeated, if any.
         for index in reversed(indices):
-            if _is_repetition(merged[index], fact):
-                merged[index] = _merged_pair(merged[index], fact)
+            if _is_repetition(merged_facts[index], fact):
+                merged_facts[index] = _merged_pair(merged_facts[index], fact)
                 break
         else:
-            indices.append(len(merged))
-            merged.append(fact.replace(count=1))
-    return merged
+            indices.append(len(merged_facts))
+            merged_facts.append(fact.replace(count=1))
+    return merged_facts
 
 
 def _last_time(fact: Fact) -> float:
@@ -377,41 +377,45 @@ def _last_time(fact: Fact) -> float:
     return max(time for time in (fact.time, fact.end_time) if time is not None)
 
 
-def _is_repetition(earlier: Fact, later: Fact) -> bool:
-    """Returns whether a ``later`` fact of the same code reports the ``earlier`` one again.
+def _is_repetition(earlier_report: Fact, later_report: Fact) -> bool:
+    """Returns whether ``later_report`` repeats ``earlier_report``, a fact (a coded finding) of the same code.
 
     It does if it follows within ``REPEAT_SECONDS`` and is about the same subject, such as "motor 2". A report that
     names no subject may be about the subject of the other report.
 
     Args:
-        earlier: the first report.
-        later: the one that may repeat it.
+        earlier_report: the first report.
+        later_report: the one that may repeat it.
     """
-    subjects_agree = earlier.subject == later.subject or not earlier.subject or not later.subject
-    return subjects_agree and later.start_time - _last_time(earlier) <= REPEAT_SECONDS
+    subjects_agree = (
+        earlier_report.subject == later_report.subject
+        or not earlier_report.subject
+        or not later_report.subject
+    )
+    return subjects_agree and later_report.start_time - _last_time(earlier_report) <= REPEAT_SECONDS
 
 
-def _merged_pair(first: Fact, repetition: Fact) -> Fact:
+def _merged_pair(first_report: Fact, repetition: Fact) -> Fact:
     """Merges the repetition of a report into the first fact of it, so that it is shown once with its count.
 
     Args:
-        first: the report, with the figures ``basis`` (names of messages) and ``count``.
+        first_report: the report, with the figures ``basis`` (names of messages) and ``count``.
         repetition: a later fact of the same code, with ``basis``.
 
     Returns:
         A fact with the time of the first one, the later end, the worse level, the messages of both, a subject if either
         has one, and a count that is one higher. All other figures are taken from the first fact.
     """
-    last_time = max(_last_time(first), _last_time(repetition))
+    last_time = max(_last_time(first_report), _last_time(repetition))
     # A dictionary keeps each name once, in order.
-    basis = dict.fromkeys((*first.figures["basis"], *repetition.figures["basis"]))
-    figures = {**repetition.figures, **first.figures}
+    basis = dict.fromkeys((*first_report.figures["basis"], *repetition.figures["basis"]))
+    figures = {**repetition.figures, **first_report.figures}
     figures["basis"] = tuple(basis)
-    figures["count"] = first.figures["count"] + 1
-    return first.replace(
+    figures["count"] = first_report.figures["count"] + 1
+    return first_report.replace(
         # Levels count in the order of their definition: good, watch, bad, unknown.
-        max(first.level, repetition.level, key=list(Level).index),
-        end_time=None if last_time == first.time else last_time,
-        subject=first.subject or repetition.subject,
+        max(first_report.level, repetition.level, key=list(Level).index),
+        end_time=None if last_time == first_report.time else last_time,
+        subject=first_report.subject or repetition.subject,
         **figures,
     )

@@ -118,10 +118,12 @@ def cell_count(parameters: Parameters, battery: Battery) -> int | None:
             return count
     if battery.cells is not None:
         return battery.cells
-    lowest, highest = FULL_CELL_VOLTAGES
+    lowest_cell_voltage, highest_cell_voltage = FULL_CELL_VOLTAGES
     # Voltage of a full cell for each of the usual counts.
     cell_voltages = np.percentile(battery.voltage.values, FULL_PERCENTILE) / CELL_COUNTS
-    possible_counts = CELL_COUNTS[(cell_voltages >= lowest) & (cell_voltages <= highest)]
+    possible_counts = CELL_COUNTS[
+        (cell_voltages >= lowest_cell_voltage) & (cell_voltages <= highest_cell_voltage)
+    ]
     return int(possible_counts[0]) if len(possible_counts) == 1 else None
 
 

@@ -120,7 +120,7 @@ def condition_of(signals: Signals, *, with_oscillation: bool = True) -> Conditio
     if signals.inputs != "motors":
         signals = signals.for_axis("roll", "motors")
     recorded_segments = recorded_spans(signals)
-    settled = settled_flight(signals)
+    settled_segments = settled_flight(signals)
 
     # Outputs of the motors in the hover, and what follows from them.
     try:
@@ -131,38 +131,38 @@ def condition_of(signals: Signals, *, with_oscillation: bool = True) -> Conditio
     commands: dict[str, MeanFigure] = {}
     if hover is not None:
         assert signals.motors is not None
-        share_intervals = _share_intervals(signals.motors, settled)
-        commands = _mean_commands(signals.motors, settled)
+        share_intervals = _share_intervals(signals.motors, settled_segments)
+        commands = _mean_commands(signals.motors, settled_segments)
 
-    tilt = _tilt(signals, settled)
-    armed = None
+    tilt = _tilt(signals, settled_segments)
+    armed_seconds = None
     if signals.armed is not None:
-        armed = total_duration(segments_of_boots(signals, flight_states.armed_intervals))
+        armed_seconds = total_duration(segments_of_boots(signals, flight_states.armed_intervals))
     return Condition(
         duration=total_duration(recorded_segments),
-        armed=armed,
-        settled=total_duration(settled),
+        armed=armed_seconds,
+        settled=total_duration(settled_segments),
         hover=hover,
         share_interval=share_intervals,
         command=commands,
-        lean=_mean_lean(signals, settled),
+        lean=_mean_lean(signals, settled_segments),
         tilt_mean=tilt.mean() if len(tilt) else None,
         tilt_sd=tilt.std() if len(tilt) else None,
         tilt_max=tilt.max() if len(tilt) else None,
-        vibration=_vibration_figures(signals, settled),
-        batteries=_figures_of_batteries(signals, settled or recorded_segments),
-        oscillation=_oscillation(signals, settled) if with_oscillation else None,
+        vibration=_vibration_figures(signals, settled_segments),
+        batteries=_figures_of_batteries(signals, settled_segments or recorded_segments),
+        oscillation=_oscillation(signals, settled_segments) if with_oscillation else None,
     )
 
 
-def _oscillation(signals: Signals, settled: Segments) -> Oscillation | None:
+def _oscillation(signals: Signals, settled_segments: Segments) -> Oscillation | None:
     """Looks for a limit cycle of the vehicle's motors and tilt, first in settled flight and then in all flight.
 
     All flight is searched too because a vehicle may swing so much that its flight does not count as settled.
 
     Args:
         signals: signals of the vehicle.
-        settled: segments of settled flight.
+        settled_segments: segments of settled flight.
 
     Returns:
         The limit cycle, in settled flight if there is one; None if the vehicle does not oscillate, or is no multirotor.
@@ -171,7 +171,7 @@ def _oscillation(signals: Signals, settled: Segments) -> Oscillation | None:
     if signals.telemetry.vehicle not in POSSIBLE_MULTIROTORS:
         # The outputs of other vehicles drive control surfaces, wheels or a rudder too.
         return None
-    in_settled_flight = detect_limit_cycle(signals.motors, attitudes, settled)
+    in_settled_flight = detect_limit_cycle(signals.motors, attitudes, settled_segments)
     if in_settled_flight is not None:
         return in_settled_flight
     return detect_limit_cycle(
@@ -179,7 +179,7 @@ def _oscillation(signals: Signals, settled: Segments) -> Oscillation | None:
     )
 
 
-def _share_intervals(motors: MotorOutputs, settled: Segments) -> tuple[float | None, ...]:
+def _share_intervals(motors: MotorOutputs, settled_segments: Segments) -> tuple[float | None, ...]:
     """Returns the uncertainty of each motor's share of the work: half widths of 90 % intervals.
 
     With the output u_i of motor i, and the mean m of the outputs of all motors at the same time, the share is the ratio
@@ -188,23 +188,23 @@ def _share_intervals(motors: MotorOutputs, settled: Segments) -> tuple[float | N
 
     Args:
         motors: outputs of k motors.
-        settled: segments of settled flight.
+        settled_segments: segments of settled flight.
 
     Returns:
         Half width for each motor (k,); None if the flight is too short for one.
     """
-    shares = _shares_in(motors, settled)
+    shares = _shares_in(motors, settled_segments)
     means_of_motors = shares.mean(axis=1, keepdims=True)
     mean_output = means_of_motors.mean()
     half_widths = []
     # The motors are processed one by one to save memory: in hours of flight, one such array is as large as the log.
     for share, ratio in zip(shares.T, shares.mean(axis=0) / mean_output, strict=True):
         errors = (share[:, None] - means_of_motors * ratio) / mean_output
-        half_widths += mean_interval(errors, total_duration(settled)).tolist()
+        half_widths += mean_interval(errors, total_duration(settled_segments)).tolist()
     return tuple(map(finite_or_none, half_widths))
 
 
-def _mean_commands(motors: MotorOutputs, settled: Segments) -> dict[str, MeanFigure]:
+def _mean_commands(motors: MotorOutputs, settled_segments: Segments) -> dict[str, MeanFigure]:
     """Returns the mean command about each axis in settled flight, with its interval.
 
     A command about an axis is the combination of the motors' outputs that turns the vehicle about it: the outputs times
@@ -212,17 +212,17 @@ def _mean_commands(motors: MotorOutputs, settled: Segments) -> dict[str, MeanFig
 
     Args:
         motors: outputs of k motors, with the geometry of the frame.
-        settled: segments of settled flight.
+        settled_segments: segments of settled flight.
 
     Returns:
         Figures by axis, as shares of the motors' range; axes whose row of the mixer is not known are left out.
     """
-    shares = _shares_in(motors, settled)
+    shares = _shares_in(motors, settled_segments)
     commands = {}
     for axis in AXES:
         mixer_row = motors.geometry.mixer_row(axis)
         if mixer_row is not None:
-            commands[axis] = mean_figure(shares @ mixer_row, total_duration(settled))
+            commands[axis] = mean_figure(shares @ mixer_row, total_duration(settled_segments))
     return commands
 
 
@@ -239,28 +239,28 @@ def _roll_and_pitch(signals: Signals, segments: Segments) -> list[Array]:
     return angles
 
 
-def _mean_lean(signals: Signals, settled: Segments) -> dict[str, MeanFigure]:
+def _mean_lean(signals: Signals, settled_segments: Segments) -> dict[str, MeanFigure]:
     """Returns the means of roll and pitch in settled flight, rad, by axis; empty if they were not recorded there."""
-    angles = _roll_and_pitch(signals, settled)
-    duration = total_duration(settled)
+    angles = _roll_and_pitch(signals, settled_segments)
+    duration = total_duration(settled_segments)
     return {
         axis: mean_figure(angle, duration) for axis, angle in zip(TILT_AXES, angles, strict=False)
     }
 
 
-def _tilt(signals: Signals, settled: Segments) -> Array:
+def _tilt(signals: Signals, settled_segments: Segments) -> Array:
     """Returns the tilt in settled flight: the angle between the vehicle's vertical axis and the vertical.
 
     It follows from cos(tilt) = cos(roll) cos(pitch).
 
     Args:
         signals: signals of the vehicle.
-        settled: segments of settled flight.
+        settled_segments: segments of settled flight.
 
     Returns:
         Tilt at each sample of settled flight (N,), rad; empty if roll or pitch is not known.
     """
-    angles = _roll_and_pitch(signals, settled)
+    angles = _roll_and_pitch(signals, settled_segments)
     if not angles:
         return np.zeros(0)
     # Both angles come in the same messages: they differ in length only if a damaged value was left out.
@@ -269,12 +269,12 @@ def _tilt(signals: Signals, settled: Segments) -> Array:
     return np.arccos(np.clip(np.cos(roll) * np.cos(pitch), -1, 1))
 
 
-def _vibration_figures(signals: Signals, settled: Segments) -> VibrationFigures | None:
+def _vibration_figures(signals: Signals, settled_segments: Segments) -> VibrationFigures | None:
     """Returns the vibration of the vehicle in settled flight, by the autopilot's own message.
 
     Args:
         signals: signals of the vehicle.
-        settled: segments of settled flight.
+        settled_segments: segments of settled flight.
 
     Returns:
         Mean level of the first IMU, m/s², and number of clips of the IMU that clipped most: times that it
@@ -283,7 +283,7 @@ def _vibration_figures(signals: Signals, settled: Segments) -> VibrationFigures 
     vibration = reported_vibration(signals)
     if vibration is None:
         return None
-    is_in_segment = in_segments(vibration.levels, *settled, slack=0)
+    is_in_segment = in_segments(vibration.levels, *settled_segments, slack=0)
     if not is_in_segment.any():
         return None
     # Columns are the axes of the first IMU, then the axes of the others.

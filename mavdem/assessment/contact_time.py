@@ -73,20 +73,20 @@ class ContactSearch:
             return loss_time
         return self.time_of_sudden_stop((start, end + RECOVERY_SECONDS))
 
-    def first_knock(self, start: float, latest: float) -> float:
+    def first_knock(self, start: float, largest_knock_time: float) -> float:
         """Returns the time of the peak of the first knock that is larger than the vibration before.
 
         Args:
             start: time when the attitude was lost, s since boot. Near the ground that may be shortly before the
                 contact.
-            latest: time of the largest knock, s since boot; returned if no earlier one is measured.
+            largest_knock_time: time of the largest knock, s since boot; returned if no earlier one is measured.
 
         Returns:
             The time, s since boot.
         """
         accelerometer = self.sensors.accelerometer
-        if accelerometer is None or start >= latest:
-            return latest
+        if accelerometer is None or start >= largest_knock_time:
+            return largest_knock_time
         # A knock with its peak at the loss of attitude begins up to ``KNOCK_SECONDS`` earlier.
         search_start = start - KNOCK_SECONDS
         min_knock = accelerometer.knock_size
@@ -94,12 +94,16 @@ class ContactSearch:
         if vibration is not None:
             min_knock = max(min_knock, vibration.size)
         is_knock = accelerometer.magnitude >= min_knock
-        is_in_search = (accelerometer.time >= search_start) & (accelerometer.time <= latest)
+        is_in_search = (accelerometer.time >= search_start) & (
+            accelerometer.time <= largest_knock_time
+        )
         rows = np.flatnonzero(is_knock & is_in_search)
         if not len(rows):
-            return latest
+            return largest_knock_time
         knock_start = float(accelerometer.time[rows[0]])
-        peak = accelerometer.peak((knock_start, min(knock_start + KNOCK_SECONDS, latest)))
+        peak = accelerometer.peak(
+            (knock_start, min(knock_start + KNOCK_SECONDS, largest_knock_time))
+        )
         if peak is None:
             return knock_start
         return peak.time

@@ -109,10 +109,10 @@ def _throttle_closed(loss: Fact) -> Fact | None:
     Returns:
         The fact; None if no stick shows it.
     """
-    latest = (loss_onset(loss) or 0.0) + FIRST_RESPONSE_SECONDS
+    latest_time = (loss_onset(loss) or 0.0) + FIRST_RESPONSE_SECONDS
     for sensor_fact in loss.figures["witnesses"]:
         is_closed = sensor_fact.code is SensorFact.THROTTLE_CLOSED
-        if is_closed and sensor_fact.start_time <= latest:
+        if is_closed and sensor_fact.start_time <= latest_time:
             return Fact(FailedFirst.THROTTLE_CLOSED_FIRST, time=sensor_fact.time)
     return None
 
@@ -195,9 +195,9 @@ def _signs_of_crash(signals: Signals, report: Fact, losses: Sequence[Fact]) -> F
     """
     boot = report.figures["boot"]
     interval = _interval_of_crash(report)
-    earliest, latest = interval
+    earliest_time, latest_time = interval
     for loss in losses:
-        if loss.figures["boot"] == boot and earliest <= loss.start_time <= latest:
+        if loss.figures["boot"] == boot and earliest_time <= loss.start_time <= latest_time:
             facts_of_loss = loss.figures.get("witnesses", ())
             # The report itself may be among them, but the caller has counted it already.
             return tuple(
@@ -209,7 +209,7 @@ def _signs_of_crash(signals: Signals, report: Fact, losses: Sequence[Fact]) -> F
         if sensor_fact is not None:
             signs.append(sensor_fact)
     signs += [fact for fact in sensors.sink_facts(interval) if fact.code is SensorFact.SANK]
-    rest = sensors.rest_after(earliest, latest)
+    rest = sensors.rest_after(earliest_time, latest_time)
     if rest is not None and rest.is_on_side:
         signs += [rest.rest_fact, *rest.pose_facts]
     return tuple(signs)

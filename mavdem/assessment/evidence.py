@@ -104,8 +104,8 @@ class Evidence:
     @property
     def restarts_in_flight(self) -> Facts:
         """The events that the autopilot restarted in flight, in order of boot and time."""
-        restarted = ReportedEvent.RESTARTED_IN_FLIGHT
-        return tuple(event for event in self.events if event.code is restarted)
+        restart_code = ReportedEvent.RESTARTED_IN_FLIGHT
+        return tuple(event for event in self.events if event.code is restart_code)
 
     @cached_property
     def trust(self) -> tuple[SensorTrust, ...]:

@@ -126,9 +126,9 @@ def failure_by_commands(signals: Signals, boot: int, loss_context: LossContext) 
         # Then the time before the loss ends with an impact. After a loss of attitude the thrust points sideways, and
         # the vehicle sinks even if not all thrust is in use.
         _, impact = loss_context.interval
-        sinking = _sinking_at_full_throttle(signals, boot, commands.motors, impact)
-        if sinking is not None:
-            return sinking
+        sinking_fact = _sinking_at_full_throttle(signals, boot, commands.motors, impact)
+        if sinking_fact is not None:
+            return sinking_fact
     frozen = _frozen_output(signals, commands)
     if frozen is not None:
         return frozen
@@ -368,11 +368,11 @@ def _frozen_output(signals: Signals, commands: _LossCommands) -> Fact | None:
     motors = commands.motors
     if len(commands.during) < MIN_FROZEN_SAMPLES:
         return None
-    recorded = commands.recorded
+    recorded_commands = commands.recorded
     loss_start, loss_end = commands.time[0], commands.time[-1]
-    is_around = in_intervals(recorded.time, [(loss_start - RECOVERY_SECONDS, loss_end)])
-    lowest_command = recorded.values[is_around].min()
-    motor = frozen_motor(motors, commands.during, lowest=lowest_command)
+    is_around = in_intervals(recorded_commands.time, [(loss_start - RECOVERY_SECONDS, loss_end)])
+    lowest_command = recorded_commands.values[is_around].min()
+    motor = frozen_motor(motors, commands.during, lowest_command=lowest_command)
     if motor is None:
         return None
     name = motors.geometry.names[motor]

@@ -87,8 +87,8 @@ class FaultSignal(NamedTuple):
         Args:
             subject: subject of the text; empty if it names none, so that it may be about any.
         """
-        reported = self.instance or self.subject
-        return not subject or not reported or subject == reported
+        reported_subject = self.instance or self.subject
+        return not subject or not reported_subject or subject == reported_subject
 
     def columns_of(self, signals: Signals) -> Columns:
         """Returns the N samples, with their times and boots.

@@ -90,10 +90,12 @@ def first_failure(
             names=names,
             settings=changed_functions(signals, names),
         )
-    standing = _standing_motor(events, boot, onset)
-    if standing is not None:
+    standing_motor = _standing_motor(events, boot, onset)
+    if standing_motor is not None:
         return Fact(
-            FailedFirst.MOTOR_STOOD_STILL_FIRST, time=standing.time, subject=standing.subject
+            FailedFirst.MOTOR_STOOD_STILL_FIRST,
+            time=standing_motor.time,
+            subject=standing_motor.subject,
         )
     overturn = commanded_overturn(signals, boot, loss.time or onset)
     if overturn is not None:
@@ -106,13 +108,13 @@ def first_failure(
     else:
         loss_context = _context_of_attitude_loss(error, onset)
     cause = failure_by_commands(signals, boot, loss_context)
-    diverged = _diverged_height(events, boot, onset)
-    if diverged is not None:
+    divergence = _diverged_height(events, boot, onset)
+    if divergence is not None:
         return Fact(
             FailedFirst.HEIGHT_DIVERGED_FIRST,
-            time=diverged.time,
-            cause=diverged,
-            later_cause=_closed_throttle(signals, boot, diverged, onset),
+            time=divergence.time,
+            cause=divergence,
+            later_cause=_closed_throttle(signals, boot, divergence, onset),
         )
     if cause is None and loss.code is MotionEvent.HIT:
         return lowered_throttle(signals, boot, onset)
@@ -189,7 +191,7 @@ def _standing_motor(events: Sequence[Fact], boot: int, onset: float) -> Fact | N
     return None
 
 
-def _closed_throttle(signals: Signals, boot: int, diverged: Fact, onset: float) -> Fact | None:
+def _closed_throttle(signals: Signals, boot: int, divergence: Fact, onset: float) -> Fact | None:
     """Returns the fact that the pilot closed the throttle between a diverged height and the loss.
 
     The flight mode must be one in which the stick sets the thrust: only then does a closed throttle let the vehicle
@@ -198,18 +200,18 @@ def _closed_throttle(signals: Signals, boot: int, diverged: Fact, onset: float) 
     Args:
         signals: signals of the vehicle.
         boot: number of the boot.
-        diverged: event that the height estimate diverged before.
+        divergence: event that the height estimate diverged before.
         onset: time when the loss began, s since boot.
 
     Returns:
         The fact; None if the log does not show it.
     """
-    start = max(diverged.latest_time, onset - STOP_REASON_SECONDS)
-    closed = BootSensors(signals, boot).throttle_closed_fact((start, onset))
+    start = max(divergence.latest_time, onset - STOP_REASON_SECONDS)
+    throttle_fact = BootSensors(signals, boot).throttle_closed_fact((start, onset))
     manual = mode_intervals(signals, boot, MANUAL_THROTTLE_MODES)
-    if closed is None or not in_intervals(closed.start_time, manual):
+    if throttle_fact is None or not in_intervals(throttle_fact.start_time, manual):
         return None
-    return Fact(FailedFirst.THROTTLE_CLOSED_FIRST, time=closed.time)
+    return Fact(FailedFirst.THROTTLE_CLOSED_FIRST, time=throttle_fact.time)
 
 
 def _diverged_height(events: Sequence[Fact], boot: int, onset: float) -> Fact | None:
@@ -223,14 +225,14 @@ def _diverged_height(events: Sequence[Fact], boot: int, onset: float) -> Fact | 
     Returns:
         The event; None if none did.
     """
-    diverged = None
+    divergence = None
     for event in events:
         is_of_boot = event.figures.get("boot") == boot
         if event.code is MotionEvent.HEIGHT_DIVERGED and is_of_boot and event.is_bad:
             start, end = event.start_time, event.latest_time
             if start <= onset <= end + DIVERGENCE_SECONDS:
-                diverged = event
-    return diverged
+                divergence = event
+    return divergence
 
 
 def _events_at(

@@ -49,10 +49,12 @@ def segments_of_boots(
         The segments, in order of boot and time.
     """
     segments = []
-    for part in recorded_spans(signals):
-        recorded_interval = [(part.start, part.end)]
-        for start, end in intersection(recorded_interval, intervals_of_boot(signals, part.boot)):
-            segments.append(Segment(part.boot, start, end))
+    for recorded_span in recorded_spans(signals):
+        recorded_interval = [(recorded_span.start, recorded_span.end)]
+        for start, end in intersection(
+            recorded_interval, intervals_of_boot(signals, recorded_span.boot)
+        ):
+            segments.append(Segment(recorded_span.boot, start, end))
     return tuple(segments)
 
 
@@ -86,15 +88,15 @@ def merge_close(intervals: Intervals, gap: float) -> Intervals:
     Returns:
         The merged intervals, s, in ascending order.
     """
-    merged: Intervals = []
+    merged_intervals: Intervals = []
     for start, end in intervals:
-        if merged:
-            earlier_start, earlier_end = merged[-1]
+        if merged_intervals:
+            earlier_start, earlier_end = merged_intervals[-1]
             if start - earlier_end < gap:
-                merged[-1] = (earlier_start, end)
+                merged_intervals[-1] = (earlier_start, end)
                 continue
-        merged.append((start, end))
-    return merged
+        merged_intervals.append((start, end))
+    return merged_intervals
 
 
 def loss_onset(loss: Fact) -> float | None:

@@ -261,10 +261,10 @@ class _Contact:
         It is sought for three times ``SEARCH_SECONDS``, since a vehicle that hit the ground may roll or slide on.
         """
         if self.loss is not None:
-            earliest = self.loss.time or self._flight_start
+            earliest_time = self.loss.time or self._flight_start
         else:
-            earliest = self._flight_end() - SEARCH_SECONDS
-        return self.sensors.rest_after(earliest, latest=earliest + 3 * SEARCH_SECONDS)
+            earliest_time = self._flight_end() - SEARCH_SECONDS
+        return self.sensors.rest_after(earliest_time, latest=earliest_time + 3 * SEARCH_SECONDS)
 
     def _flight_end(self) -> float:
         """Returns the end of the flight, s; the end of the record if it continues until then."""
@@ -299,12 +299,12 @@ class _Contact:
         facts += self._descent_facts(time)
         if rest is not None:
             facts += rest.pose_facts
-        largest = largest_error(self.error, interval)
-        if largest is not None:
-            is_far = largest.counted_angle > MAX_LANDING_LEAN
+        peak_error = largest_error(self.error, interval)
+        if peak_error is not None:
+            is_far = peak_error.counted_angle > MAX_LANDING_LEAN
             if self.loss is not None or is_far:
                 facts.append(
-                    supporting_fact(SensorFact.ATTITUDE_LEFT_SETPOINT, **largest._asdict())
+                    supporting_fact(SensorFact.ATTITUDE_LEFT_SETPOINT, **peak_error._asdict())
                 )
         for report in self.reports:
             if self._is_crash_report(report, start, time + SEARCH_SECONDS):
@@ -372,11 +372,11 @@ class _Contact:
         event_time = contact if is_hit else onset
         height = self._height_of_contact(event_time)
         interval = (onset - MAX_SETPOINT_DELAY, onset + RECOVERY_SECONDS)
-        largest = largest_error(self.error, interval)
+        peak_error = largest_error(self.error, interval)
         event = Fact(
             code,
             time=event_time,
-            angle=0.0 if largest is None else largest.counted_angle,
+            angle=0.0 if peak_error is None else peak_error.counted_angle,
             height=height,
             speed=contact_speed,
             boot=self.sensors.boot,

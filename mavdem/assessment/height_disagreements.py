@@ -106,9 +106,9 @@ def initial_difference(difference: TimeSeries, take_off: float) -> float | None:
         The difference; None if it was not recorded at that time.
     """
     start = take_off if isfinite(take_off) else float(difference.time[0])
-    before = (start - SECONDS_BEFORE_TAKE_OFF, start)
-    after = (start, start + SECONDS_AFTER_TAKE_OFF)
-    for interval in (before, after):
+    interval_before = (start - SECONDS_BEFORE_TAKE_OFF, start)
+    interval_after = (start, start + SECONDS_AFTER_TAKE_OFF)
+    for interval in (interval_before, interval_after):
         differences = difference.values[in_intervals(difference.time, [interval])]
         if len(differences) > 1:
             return float(np.median(differences))
@@ -142,15 +142,17 @@ def disagreement(
     times = difference.time[is_in_flight]
     changes = difference.values[is_in_flight] - initial
     first_time = take_off if isfinite(take_off) else float(difference.time[0])
-    weather = WEATHER_RATE * (times - first_time)
-    apart = true_intervals(times, abs(changes) >= MAX_AGREEMENT + weather)
+    weather_change = WEATHER_RATE * (times - first_time)
+    intervals_apart = true_intervals(times, abs(changes) >= MAX_AGREEMENT + weather_change)
     if not is_known:
-        far_apart = true_intervals(times, abs(changes) >= MIN_DISAGREEMENT + weather)
-        lasting = [interval for interval in far_apart if _lasts(interval, times)]
-        apart = [interval for interval in apart if intersection([interval], lasting)]
-    if not apart:
+        far_apart = true_intervals(times, abs(changes) >= MIN_DISAGREEMENT + weather_change)
+        lasting_intervals = [interval for interval in far_apart if _lasts(interval, times)]
+        intervals_apart = [
+            interval for interval in intervals_apart if intersection([interval], lasting_intervals)
+        ]
+    if not intervals_apart:
         return None
-    start, end = apart[-1]
+    start, end = intervals_apart[-1]
     changes_apart = changes[in_intervals(times, [(start, end)])]
     return Fact(
         MotionEvent.HEIGHTS_DISAGREE,

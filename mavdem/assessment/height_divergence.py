@@ -74,8 +74,8 @@ def height_divergences(sensors: BootSensors, flight_interval: TimeInterval) -> I
 
 def _lasting_intervals(intervals: Intervals) -> Intervals:
     """Returns the intervals of at least half of ``MIN_CONTRADICTION_SECONDS``: a mode may begin or end within one."""
-    shortest = MIN_CONTRADICTION_SECONDS / 2
-    return [(start, end) for start, end in intervals if end - start >= shortest]
+    min_seconds = MIN_CONTRADICTION_SECONDS / 2
+    return [(start, end) for start, end in intervals if end - start >= min_seconds]
 
 
 def _divergence(sensors: BootSensors, interval: TimeInterval) -> Fact | None:

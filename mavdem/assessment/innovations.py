@@ -173,13 +173,13 @@ def rejection_in(time: Array, ratios: Array, failsafe_limit: float) -> Rejection
         if name is not EstimatorRatio.HEIGHT or failsafe_duration < FAILSAFE_SECONDS
     ]
     # Of innovations that exceeded the limit equally long, or not at all, the largest is the worst.
-    worst = max(candidates, key=lambda column: (durations[column], largest_ratios[column]))
-    rejected_intervals = true_intervals(time, is_rejected[:, worst])
+    worst_column = max(candidates, key=lambda column: (durations[column], largest_ratios[column]))
+    rejected_intervals = true_intervals(time, is_rejected[:, worst_column])
     return Rejection(
-        INNOVATIONS[worst],
-        ratio=float(largest_ratios[worst] / INNOVATION_LIMIT),
-        time=float(time[ratios[:, worst].argmax()]),
-        duration=durations[worst],
+        INNOVATIONS[worst_column],
+        ratio=float(largest_ratios[worst_column] / INNOVATION_LIMIT),
+        time=float(time[ratios[:, worst_column].argmax()]),
+        duration=durations[worst_column],
         total_duration=total_duration(intersection(rejected_intervals, [(time[0], time[-1])])),
         failsafe_duration=failsafe_duration,
     )

@@ -174,13 +174,13 @@ def _batteries(evidence: Evidence) -> Iterator[Instance]:
     Args:
         evidence: signals of the vehicle and what was measured of them.
     """
-    measured = batteries_in_flight(evidence)
+    measured_batteries = batteries_in_flight(evidence)
     warnings = list(evidence.warnings_in_flight(POWER_REPORTS))
     for battery in batteries_worst_first(evidence.signals):
         name = battery_name(battery.number)
         volts = _values_in_flight(evidence, battery.voltage)
-        facts = [warning for warning in warnings if warning.subject == name]
-        if battery in measured:
+        facts = [fact for fact in warnings if fact.subject == name]
+        if battery in measured_batteries:
             facts.append(battery_voltage(evidence, battery))
         state = worst_fact(facts) if facts else _measured_state(volts)
         yield Instance(
@@ -209,14 +209,14 @@ def _estimators(evidence: Evidence) -> Iterator[Instance]:
         values = _values_in_flight(evidence, samples)
         ratios = values[:, : len(INNOVATIONS)]
         used_share = float(values[:, USED_COLUMN].mean())
-        largest = ratios.max(axis=1) / INNOVATION_LIMIT
+        largest_ratios = ratios.max(axis=1) / INNOVATION_LIMIT
         yield Instance(
             kind="estimator",
             name=name,
             quantity="innovation over its limit",
             unit="1",
-            low=largest.min(),
-            high=largest.max(),
+            low=largest_ratios.min(),
+            high=largest_ratios.max(),
             state=_estimator_state(evidence, samples, used_share),
             used_share=used_share,
         )
@@ -360,7 +360,7 @@ def _largest_difference(evidence: Evidence, altitude: TimeSeries, reference: Tim
     Returns:
         The largest difference of all flights, m; 0 without a flight in which both were recorded.
     """
-    largest = 0.0
+    largest_difference = 0.0
     for flight in evidence.in_flight(altitude):
         reference_of_boot = series_of_boot(reference, int(flight.boot[0]))
         if reference_of_boot is not None:
@@ -369,8 +369,10 @@ def _largest_difference(evidence: Evidence, altitude: TimeSeries, reference: Tim
             )
             difference = flight.values - reference_altitude
             deviation = abs(difference - np.median(difference))
-            largest = max(largest, float(np.quantile(deviation, LARGEST_QUANTILE)))
-    return largest
+            largest_difference = max(
+                largest_difference, float(np.quantile(deviation, LARGEST_QUANTILE))
+            )
+    return largest_difference
 
 
 def _compasses(evidence: Evidence) -> Iterator[Instance]:

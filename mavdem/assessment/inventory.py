@@ -246,6 +246,6 @@ def _missing_share(telemetry: Telemetry) -> float | None:
         if usual_step > 0:
             # The jitter is subtracted, so that a step of 1.75 usual ones is rounded down to one.
             missing_by_step = np.rint(steps / usual_step - STEP_JITTER) - 1
-            missing = np.maximum(missing_by_step, 0).sum()
-            shares.append(missing / (missing + message_count))
+            missing_count = np.maximum(missing_by_step, 0).sum()
+            shares.append(missing_count / (missing_count + message_count))
     return np.median(shares) if shares else None

@@ -386,12 +386,12 @@ def _worst_event(bad_events: Sequence[Fact]) -> Fact:
         The largest of the events with the code of the first. A spent battery is worse than a critical one: if the first
         is a critical battery, and a battery was spent too, the event of the spent one.
     """
-    worst = _largest_with_first_code(bad_events)
-    if worst.code is ReportedEvent.BATTERY_ALARMED:
+    worst_event = _largest_with_first_code(bad_events)
+    if worst_event.code is ReportedEvent.BATTERY_ALARMED:
         for event in bad_events:
             if event.code is ReportedEvent.BATTERY_SPENT:
                 return event
-    return worst
+    return worst_event
 
 
 def _with_weak_motor(event: Fact, motors: Fact) -> Fact:
@@ -428,8 +428,8 @@ def _with_weak_motor(event: Fact, motors: Fact) -> Fact:
 def _reason_on_ground(evidence: Evidence) -> Fact:
     """Returns the fact that says why a log has no flight or, of a vehicle that is no multirotor, no operation."""
     if evidence.other_vehicle is not None:
-        armed = evidence.signals.armed
-        if armed is not None and not armed.values.any():
+        armed_signal = evidence.signals.armed
+        if armed_signal is not None and not armed_signal.values.any():
             return NEVER_ARMED
     return evidence.learnability.reason
 
@@ -459,11 +459,11 @@ def _urgent_warnings(evidence: Evidence) -> list[Fact]:
     Returns:
         Events in the order of ``URGENT_EVENTS``.
     """
-    reported = list(evidence.warnings_in_flight(URGENT_EVENTS))
+    reported_warnings = list(evidence.warnings_in_flight(URGENT_EVENTS))
     motion = [event for event in evidence.events if isinstance(event.code, MotionEvent)]
-    urgent = [fact for fact in (*motion, *reported) if fact.code in URGENT_EVENTS]
-    watched = [fact for fact in urgent if fact.level is Level.WATCH]
-    return sorted(watched, key=lambda fact: URGENT_EVENTS.index(fact.code))
+    urgent = [fact for fact in (*motion, *reported_warnings) if fact.code in URGENT_EVENTS]
+    warnings_to_watch = [fact for fact in urgent if fact.level is Level.WATCH]
+    return sorted(warnings_to_watch, key=lambda fact: URGENT_EVENTS.index(fact.code))
 
 
 def headline_by_lights(lights: NamedFacts) -> Fact:
@@ -502,27 +502,27 @@ def _nothing_wrong(lights: NamedFacts) -> Fact:
         A fact with the lights that are good and those that are unknown. It is good only if the motors and at least
         ``MIN_CHECKED_LIGHTS`` were checked. For a vehicle that is not a multirotor it has the ``kind``.
     """
-    checked = [name for name in VEHICLE_LIGHTS if lights[name].is_good]
-    unchecked = [name for name in VEHICLE_LIGHTS if name not in checked]
-    if not checked:
+    checked_lights = [name for name in VEHICLE_LIGHTS if lights[name].is_good]
+    unchecked_lights = [name for name in VEHICLE_LIGHTS if name not in checked_lights]
+    if not checked_lights:
         # A log that lacks data is the reason. If it has all that is needed, the most urgent light says why it is
         # unknown.
-        reason = lights[unchecked[0] if lights[Light.LOG].is_good else Light.LOG]
+        reason = lights[unchecked_lights[0] if lights[Light.LOG].is_good else Light.LOG]
         if reason.code in PARTIAL_CHECKS and reason.figures["reason"] is not None:
             # What a check has shown so far is not the reason why the rest of its light is unknown.
             reason = reason.figures["reason"]
         return Fact(Headline.NOTHING_CHECKED, reason=reason)
     # The motors must be among the checked lights, since only their light shows a motor or propeller that is about to
     # fail. But that light alone is not enough.
-    is_enough = Light.MOTORS in checked and len(checked) >= MIN_CHECKED_LIGHTS
+    is_enough = Light.MOTORS in checked_lights and len(checked_lights) >= MIN_CHECKED_LIGHTS
     level = Level.GOOD if is_enough else Level.UNKNOWN
     motors = lights[Light.MOTORS]
     kind = motors.figures["kind"] if motors.code is Unjudged.MULTIROTORS_ONLY else None
     return Fact(
         Headline.NOTHING_WRONG,
         level,
-        names=checked,
-        missing=unchecked,
+        names=checked_lights,
+        missing=unchecked_lights,
         most_loss=motors.figures.get("most_loss"),
         kind=kind,
     )

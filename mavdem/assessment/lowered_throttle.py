@@ -48,10 +48,12 @@ def lowered_throttle(signals: Signals, boot: int, onset: float) -> Fact | None:
     if not is_usual.any():
         return None
     usual_travel = float(np.median(stick.values[is_usual]))
-    lowered = true_intervals(stick.time, stick.values < usual_travel - LOWERED_TRAVEL)
+    lowered_intervals = true_intervals(stick.time, stick.values < usual_travel - LOWERED_TRAVEL)
     manual = mode_intervals(signals, boot, MANUAL_THROTTLE_MODES)
     # The latest movement is the cause, since a pilot who descends in steps lowers the throttle several times.
-    for start, end in reversed(intersection(lowered, intersection(manual, [(-inf, onset)]))):
+    for start, end in reversed(
+        intersection(lowered_intervals, intersection(manual, [(-inf, onset)]))
+    ):
         if start < descent_start:
             return None
         if end - start >= LOWERED_SECONDS:

@@ -304,14 +304,14 @@ def _standing_motors(
         contact: event of the contact with the ground; None for an ordinary landing.
         reports: events that the autopilot reports.
     """
-    _, latest = flight_interval
+    _, latest_time = flight_interval
     if contact is not None and contact.code is not MotionEvent.LANDED_HARD:
         # A contact whose onset is not known leaves nothing out.
-        latest = min(latest, loss_onset(contact) or latest)
+        latest_time = min(latest_time, loss_onset(contact) or latest_time)
     if loss is not None and loss.time is not None:
-        latest = min(latest, loss.time + MAX_SETPOINT_DELAY)
+        latest_time = min(latest_time, loss.time + MAX_SETPOINT_DELAY)
     for event in standing_motors(sensors, error, flight_interval, reports):
-        if event.start_time < latest:
+        if event.start_time < latest_time:
             yield event
 
 

@@ -142,12 +142,12 @@ def _lasting_events(
         is_true = condition.is_true[:, motor]
         for start, end in lasting_runs(time, is_true, RECOVERY_SECONDS):
             # An interval that reaches an end of the record is infinite there.
-            recorded = (max(start, time[0]), min(end, time[-1]))
-            recorded_start, recorded_end = recorded
+            recorded_interval = (max(start, time[0]), min(end, time[-1]))
+            recorded_start, recorded_end = recorded_interval
             duration = recorded_end - recorded_start
             if duration <= condition.min_duration:
                 continue
-            share = is_true[in_intervals(time, [recorded])].mean()
+            share = is_true[in_intervals(time, [recorded_interval])].mean()
             event = Fact(
                 condition.code,
                 time=start,
@@ -158,7 +158,7 @@ def _lasting_events(
                 boot=boot,
             )
             if event.code is MotionEvent.MOTOR_AT_ITS_STOP:
-                event = _with_full_throttle_marked(signals, boot, recorded, event)
+                event = _with_full_throttle_marked(signals, boot, recorded_interval, event)
             yield event
 
 
@@ -183,23 +183,23 @@ def _frozen_outputs(
         commands_in_flight = commands.within(flight)
         time, values = commands_in_flight.time, commands_in_flight.values
         for motor, name in enumerate(motors.geometry.names):
-            for first, end in _constant_runs(values[:, motor]):
-                is_long_enough = time[end - 1] - time[first] >= FROZEN_SECONDS
+            for first_sample, end in _constant_runs(values[:, motor]):
+                is_long_enough = time[end - 1] - time[first_sample] >= FROZEN_SECONDS
                 if not is_long_enough:
                     continue
-                constant = values[first:end]
-                if frozen_motor(motors, constant, lowest=constant.min()) == motor:
+                constant = values[first_sample:end]
+                if frozen_motor(motors, constant, lowest_command=constant.min()) == motor:
                     yield Fact(
                         MotionEvent.OUTPUT_FROZE,
-                        time=time[first],
+                        time=time[first_sample],
                         end_time=time[end - 1],
                         subject=name,
-                        share=float(values[first, motor]),
+                        share=float(values[first_sample, motor]),
                         boot=boot,
                     )
 
 
-def frozen_motor(motors: MotorOutputs, commands: Array, lowest: float) -> int | None:
+def frozen_motor(motors: MotorOutputs, commands: Array, lowest_command: float) -> int | None:
     """Returns the index of the one motor whose output is frozen: its command is constant while other commands change.
 
     The others change if the range of the commands, averaged over the motors, is at least ``MIN_COMMAND_RANGE``. As a
@@ -210,7 +210,7 @@ def frozen_motor(motors: MotorOutputs, commands: Array, lowest: float) -> int | 
     Args:
         motors: outputs of the k motors, with their scale.
         commands: commands of that time (N, k), as shares of their range.
-        lowest: lowest command of all motors that occurred around that time, as share of the range.
+        lowest_command: lowest command of all motors that occurred around that time, as share of the range.
 
     Returns:
         The index; None if no output is frozen, or several seem to be.
@@ -218,7 +218,7 @@ def frozen_motor(motors: MotorOutputs, commands: Array, lowest: float) -> int | 
     if motors.geometry.channels_assumed:
         return None
     ranges = np.ptp(commands, axis=0)
-    lower_limit = max(min_running_command(motors), lowest)
+    lower_limit = max(min_running_command(motors), lowest_command)
     upper_limit = motors.scale.stop - MIN_COMMAND_RANGE
     is_between_limits = (commands[0] > lower_limit) & (commands[0] < upper_limit)
     frozen = np.flatnonzero((ranges == 0) & is_between_limits)
@@ -235,9 +235,9 @@ def _constant_runs(commands: Array) -> Iterator[tuple[int, int]]:
     # Each change begins a new run of equal commands.
     changes = np.flatnonzero(np.diff(commands)) + 1
     edges = np.concatenate([[0], changes, [len(commands)]]).tolist()
-    for first, end in pairwise(edges):
-        if end - first >= FROZEN_SAMPLES:
-            yield first, end
+    for first_sample, end in pairwise(edges):
+        if end - first_sample >= FROZEN_SAMPLES:
+            yield first_sample, end
 
 
 def _with_full_throttle_marked(

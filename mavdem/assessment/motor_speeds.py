@@ -107,9 +107,9 @@ def standing_motors(
         motor = controller.motor_index(motors.geometry)
         speed = series_of_boot(controller.speed, sensors.boot)
         if motor is not None and speed is not None:
-            measured = speed.select(in_intervals(speed.time, [flight_interval]))
-            command = _commands_at(motors, sensors.boot, motor, measured.time)
-            for interval in _standstills(sensors.signals, measured, command):
+            measured_speed = speed.select(in_intervals(speed.time, [flight_interval]))
+            command = _commands_at(motors, sensors.boot, motor, measured_speed.time)
+            for interval in _standstills(sensors.signals, measured_speed, command):
                 yield _standstill(sensors, error, reports, controller, motor, interval)
 
 
@@ -195,9 +195,9 @@ def _standstill(
     name = motors.geometry.names[motor]
     start, interval_end = interval
     end = min(interval_end, sensors.record_end)
-    recorded = (start, end)
+    recorded_interval = (start, end)
     command = motors.motor_fractions(sensors.boot, motor)
-    is_in_interval = in_intervals(command.time, [recorded])
+    is_in_interval = in_intervals(command.time, [recorded_interval])
     share = float(command.values[is_in_interval].mean()) if is_in_interval.any() else 0.0
     no_rotation = supporting_fact(
         SensorFact.SPEED_ZERO,
@@ -209,10 +209,10 @@ def _standstill(
     )
     sensor_facts = (
         no_rotation,
-        *_counted_errors(controller, sensors.boot, recorded),
-        *_reaction_of_command(command, recorded),
-        *_reaction_of_attitude(error, recorded),
-        *reports_on_motor(reports, sensors.boot, name, recorded),
+        *_counted_errors(controller, sensors.boot, recorded_interval),
+        *_reaction_of_command(command, recorded_interval),
+        *_reaction_of_attitude(error, recorded_interval),
+        *reports_on_motor(reports, sensors.boot, name, recorded_interval),
     )
     event = Fact(
         MotionEvent.MOTOR_STOOD_STILL,
@@ -247,10 +247,10 @@ def _reaction_of_command(command: TimeSeries, interval: TimeInterval) -> Facts:
         return (rise_fact(change, interval),)
     start, end = interval
     usual_command = change.before
-    unchanged = contradicting_fact(
+    unchanged_fact = contradicting_fact(
         SensorFact.COMMAND_UNCHANGED, share=usual_command, time=start, end_time=end
     )
-    return (unchanged,)
+    return (unchanged_fact,)
 
 
 def command_change(
@@ -267,10 +267,12 @@ def command_change(
     Returns:
         The commands before and in the interval; None without a sample in either (:func:`samples_around`).
     """
-    before, during = samples_around(time, commands, interval)
-    if not len(before) or not len(during):
+    commands_before, commands_during = samples_around(time, commands, interval)
+    if not len(commands_before) or not len(commands_during):
         return None
-    return CommandChange(float(np.median(before)), float(np.quantile(during, later_quantile)))
+    return CommandChange(
+        float(np.median(commands_before)), float(np.quantile(commands_during, later_quantile))
+    )
 
 
 def rise_fact(change: CommandChange, interval: TimeInterval) -> Fact:
@@ -306,17 +308,17 @@ def _reaction_of_attitude(error: AttitudeError, interval: TimeInterval) -> Facts
     """
     start, end = interval
     interval_of_error = (start - MAX_SETPOINT_DELAY, end)
-    largest = largest_error(error, interval_of_error)
-    if largest is None:
+    peak_error = largest_error(error, interval_of_error)
+    if peak_error is None:
         return ()
-    if largest.counted_angle > MIN_LEAN_ERROR:
-        return (supporting_fact(SensorFact.ATTITUDE_LEFT_SETPOINT, **largest._asdict()),)
+    if peak_error.counted_angle > MIN_LEAN_ERROR:
+        return (supporting_fact(SensorFact.ATTITUDE_LEFT_SETPOINT, **peak_error._asdict()),)
     held = contradicting_fact(
         SensorFact.ATTITUDE_HELD,
         time=interval_of_error[0],
         end_time=end,
-        angle=largest.angle,
-        has_setpoint=largest.has_setpoint,
+        angle=peak_error.angle,
+        has_setpoint=peak_error.has_setpoint,
     )
     return (held,)
 
@@ -342,14 +344,14 @@ def _counted_errors(controller: SpeedController, boot: int, interval: TimeInterv
     count = int(count_after - count_before)
     if count <= 0:
         return ()
-    counted = supporting_fact(
+    counted_errors_fact = supporting_fact(
         SensorFact.ERRORS_COUNTED,
         time=start - MAX_SETPOINT_DELAY,
         end_time=end,
         name=controller.name,
         count=count,
     )
-    return (counted,)
+    return (counted_errors_fact,)
 
 
 def reports_on_motor(
@@ -367,12 +369,12 @@ def reports_on_motor(
         A fact for each report, which supports that the motor was lost.
     """
     start, end = interval
-    earliest = start - RECOVERY_SECONDS
-    latest = end + RECOVERY_SECONDS
+    earliest_time = start - RECOVERY_SECONDS
+    latest_time = end + RECOVERY_SECONDS
     supporting_reports = []
     for report in reports:
         is_of_motor = report.subject == name_without_place(name)
-        is_in_time = earliest <= report.start_time <= latest
+        is_in_time = earliest_time <= report.start_time <= latest_time
         is_near = report.figures["boot"] == boot and is_in_time
         if report.code in REPORTS_OF_MOTOR and is_of_motor and is_near:
             supporting_reports.append(supporting_fact(SensorFact.AUTOPILOT_REPORTED, cause=report))
@@ -446,10 +448,10 @@ def _speed_change(speed: TimeSeries | None, interval: TimeInterval) -> _SpeedCha
     """
     if speed is None:
         return None
-    before, during = samples_around(speed.time, speed.values, interval)
-    if min(len(before), len(during)) < MIN_USUAL_SAMPLES:
+    speeds_before, speeds_during = samples_around(speed.time, speed.values, interval)
+    if min(len(speeds_before), len(speeds_during)) < MIN_USUAL_SAMPLES:
         return None
-    change = _SpeedChange(float(np.median(before)), float(np.median(during)))
+    change = _SpeedChange(float(np.median(speeds_before)), float(np.median(speeds_during)))
     return change if change.before > 0 else None
 
 

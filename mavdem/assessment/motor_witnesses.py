@@ -126,10 +126,10 @@ def _loss_of_attitude(signals: Signals, boot: int, interval: TimeInterval) -> Fa
     error = attitude_error(signals, boot)
     if error is None:
         return ()
-    largest = largest_error(error, interval)
-    if largest is None or largest.counted_angle < MIN_LEAN_ERROR:
+    peak_error = largest_error(error, interval)
+    if peak_error is None or peak_error.counted_angle < MIN_LEAN_ERROR:
         return ()
-    return (supporting_fact(SensorFact.ATTITUDE_LEFT_SETPOINT, **largest._asdict()),)
+    return (supporting_fact(SensorFact.ATTITUDE_LEFT_SETPOINT, **peak_error._asdict()),)
 
 
 def _fast_descent_facts(signals: Signals, boot: int, interval: TimeInterval) -> Facts:

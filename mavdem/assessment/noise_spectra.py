@@ -53,35 +53,37 @@ class MeasuredNoise(NamedTuple):
         filter to set. The spectrum before the filters is preferred, since it shows all lines. The removed shares are
         known only if the gyro was logged both before and after the filters.
         """
-        filtered = self.spectra.get(GYRO)
-        unfiltered = self.spectra.get(UNFILTERED_GYRO)
-        spectrum = filtered if unfiltered is None else unfiltered
+        filtered_gyro = self.spectra.get(GYRO)
+        unfiltered_gyro = self.spectra.get(UNFILTERED_GYRO)
+        spectrum = filtered_gyro if unfiltered_gyro is None else unfiltered_gyro
         if spectrum is None:
             return (Fact(NoiseFact.NO_SPECTRUM),)
         facts = [_spectrum_fact(spectrum)]
         for line in self.lines:
             facts.append(_line_fact(line))
-        if unfiltered is not None and filtered is not None:
-            facts += self._filter_facts(unfiltered, filtered)
+        if unfiltered_gyro is not None and filtered_gyro is not None:
+            facts += self._filter_facts(unfiltered_gyro, filtered_gyro)
         if self.notch is not None:
             facts.append(self.notch)
         return tuple(facts)
 
-    def _filter_facts(self, unfiltered: Spectrum, filtered: Spectrum) -> Iterator[Fact]:
+    def _filter_facts(self, unfiltered_gyro: Spectrum, filtered_gyro: Spectrum) -> Iterator[Fact]:
         """Yields a fact for each motor line with the ``share`` of its power that the gyro's filters remove, 0 to 1.
 
         The power is the mean in a band about the frequency of the line (``LINE_BAND``). Lines above the Nyquist
         frequency of the filtered gyro cannot be compared, and are skipped.
 
         Args:
-            unfiltered: spectrum of the gyro before its filters.
-            filtered: spectrum of the gyro after its filters.
+            unfiltered_gyro: spectrum of the gyro before its filters.
+            filtered_gyro: spectrum of the gyro after its filters.
         """
         for line in self.lines:
-            if line.cause is LineCause.MOTOR and line.frequency < filtered.nyquist_frequency:
+            if line.cause is LineCause.MOTOR and line.frequency < filtered_gyro.nyquist_frequency:
                 # Lower and upper end of the band about the line, Hz.
                 band = np.multiply(LINE_BAND, line.frequency)
-                remaining_share = filtered.mean_power(*band) / unfiltered.mean_power(*band)
+                remaining_share = filtered_gyro.mean_power(*band) / unfiltered_gyro.mean_power(
+                    *band
+                )
                 yield Fact(
                     NoiseFact.FILTERS_REMOVE, frequency=line.frequency, share=1 - remaining_share
                 )

@@ -491,17 +491,22 @@ def _estimator_changes(signals: Signals, recorded_span: Segment) -> Iterator[Fac
         signals: signals of the vehicle.
         recorded_span: recorded time of one boot.
     """
-    for counting in COUNTING_FIELDS:
-        columns = signals.telemetry.messages.get(counting.message, {})
-        if counting.field not in columns:
+    for counting_field in COUNTING_FIELDS:
+        columns = signals.telemetry.messages.get(counting_field.message, {})
+        if counting_field.field not in columns:
             continue
         is_selected = columns["boot"] == recorded_span.boot
-        values = columns[counting.field][is_selected]
+        values = columns[counting_field.field][is_selected]
         times = columns["time"][is_selected]
         for row in 1 + np.flatnonzero(values[1:] != values[:-1]):
-            subject = counting.subject.format(int(values[row]))
+            subject = counting_field.subject.format(int(values[row]))
             yield _reported_event(
-                signals, recorded_span, counting.message, counting.code, times[row], subject=subject
+                signals,
+                recorded_span,
+                counting_field.message,
+                counting_field.code,
+                times[row],
+                subject=subject,
             )
 
 
@@ -521,14 +526,14 @@ def _lasting_faults(
         A fact with start and end for each interval; a fault that is still there when the record ends has no end.
     """
     recorded_interval = [(recorded_span.start, recorded_span.end)]
-    armed = intersection(armed_intervals(signals, recorded_span.boot), recorded_interval)
+    armed_spans = intersection(armed_intervals(signals, recorded_span.boot), recorded_interval)
     for fault in fault_states:
         if not len(fault.is_faulty):
             continue
         columns = fault.columns_of(signals)
         is_in_boot = columns["boot"] == recorded_span.boot
         faulty_intervals = true_intervals(columns["time"][is_in_boot], fault.is_faulty[is_in_boot])
-        for start, end in intersection(faulty_intervals, armed):
+        for start, end in intersection(faulty_intervals, armed_spans):
             yield _reported_event(
                 signals,
                 recorded_span,

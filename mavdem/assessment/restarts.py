@@ -170,11 +170,11 @@ def _begins_in_flight(signals: Signals, recorded_span: Segment) -> bool:
         signals: signals of the vehicle.
         recorded_span: recorded time of the boot.
     """
-    armed = armed_intervals(signals, recorded_span.boot)
+    armed_spans = armed_intervals(signals, recorded_span.boot)
     flights = flights_in_boot(signals, recorded_span.boot)
-    if not armed or not flights:
+    if not armed_spans or not flights:
         return False
-    first_arming, _ = armed[0]
+    first_arming, _ = armed_spans[0]
     first_take_off, _ = flights[0]
     return max(first_arming, first_take_off) <= recorded_span.start + MAX_LATE_TAKE_OFF
 

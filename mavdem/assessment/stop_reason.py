@@ -109,10 +109,10 @@ def _is_reported_in(event: Fact, interval: TimeInterval) -> bool:
         event: event that the autopilot reported.
         interval: start and end, s since boot.
     """
-    earliest, latest = interval
+    earliest_time, latest_time = interval
     start = event.start_time
     end = event.latest_time if event.code is ReportedEvent.RADIO_LOST else start
-    return start <= latest and end >= earliest
+    return start <= latest_time and end >= earliest_time
 
 
 def _battery_was_low(signals: Signals, boot: int, time: float) -> bool:

@@ -116,21 +116,21 @@ class TimeHistory:
 
 
 def time_history(
-    signals: Signals, settled: Segments, wind: WindEvidence, events: Facts
+    signals: Signals, settled_segments: Segments, wind: WindEvidence, events: Facts
 ) -> TimeHistory | None:
     """Returns the signals of the boot that was analysed, over time.
 
     Args:
         signals: signals of the vehicle.
-        settled: segments of settled flight. The boot is the first one's or, without any segment, the boot with the most
-            samples of the attitude.
+        settled_segments: segments of settled flight. The boot is the first one's or, without any segment, the boot
+            with the most samples of the attitude.
         wind: evidence of the wind.
         events: events in the order of boot and time.
 
     Returns:
         The time history; None if the boot has less than two samples of the attitude.
     """
-    segment = _segment_of_flight(signals, settled)
+    segment = _segment_of_flight(signals, settled_segments)
     if segment is None:
         return None
     events_of_boot = []
@@ -150,13 +150,13 @@ def time_history(
     )
 
 
-def _segment_of_flight(signals: Signals, settled: Segments) -> Segment | None:
+def _segment_of_flight(signals: Signals, settled_segments: Segments) -> Segment | None:
     """Returns the part of one boot from shortly before arming to shortly after disarming.
 
     Args:
         signals: signals of the vehicle.
-        settled: segments of settled flight. The boot is the first one's or, without any segment, the boot with the most
-            samples of the attitude.
+        settled_segments: segments of settled flight. The boot is the first one's or, without any segment, the boot
+            with the most samples of the attitude.
 
     Returns:
         The part, limited to the samples of the attitude; None with less than two of them. Without information on
@@ -165,8 +165,8 @@ def _segment_of_flight(signals: Signals, settled: Segments) -> Segment | None:
     if not signals.tilts:
         return None
     tilt = signals.tilts[0]
-    if settled:
-        boot = int(settled[0].boot)
+    if settled_segments:
+        boot = int(settled_segments[0].boot)
     else:
         boot = int(np.bincount(tilt.boot, minlength=1).argmax())
     time = tilt.time[tilt.boot == boot]
@@ -280,16 +280,16 @@ def _followed_setpoint(
         The signal with its setpoint, None if that was not recorded in the segment. The result is None with less than
         two samples of the signal there.
     """
-    measured = _within(signal, segment)
-    if measured is None:
+    measured_signal = _within(signal, segment)
+    if measured_signal is None:
         return None
     latest_setpoint = None
     if setpoint is not None:
-        recorded = Setpoint(name="", unit=unit, message="", signal=setpoint)
-        setpoint_at_samples = held_setpoint(recorded, segment.boot, measured.time)
+        recorded_setpoint = Setpoint(name="", unit=unit, message="", signal=setpoint)
+        setpoint_at_samples = held_setpoint(recorded_setpoint, segment.boot, measured_signal.time)
         if np.isfinite(setpoint_at_samples).any():
             latest_setpoint = setpoint_at_samples
-    return FollowedSetpoint(measured, latest_setpoint, unit)
+    return FollowedSetpoint(measured_signal, latest_setpoint, unit)
 
 
 def wind_history(evidence: WindEvidence, segment: Segment) -> WindHistory | None:

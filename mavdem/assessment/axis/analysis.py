@@ -117,7 +117,7 @@ def analyse(
     if not segments or not (options.with_model or is_slow):
         return analysis
     try:
-        trained = train_and_test(segments, options, progress, is_slow=is_slow)
+        trained_model = train_and_test(segments, options, progress, is_slow=is_slow)
     except NotLearnable as error:
         has_chosen_lengths = options.start or options.train or options.test
         if isinstance(error, TooFewSamples) and has_chosen_lengths:
@@ -125,8 +125,8 @@ def analyse(
         if is_slow:
             return _with_reason_of_no_slow_model(analysis, error.fact)
         return replace(analysis, reason=error.fact)
-    flights = trained.flights
-    learned = _with_cautions(trained.learned, flights, is_slow=is_slow)
+    flights = trained_model.flights
+    learned = _with_cautions(trained_model.learned, flights, is_slow=is_slow)
     axis_estimates = None if other_axis is None else other_axis.axes.get(axis)
     learned = _with_physical_parameters(
         learned, signals, flights, analysis, axis_estimates, is_slow=is_slow
@@ -134,7 +134,7 @@ def analyse(
     learned = with_own_torque_marked(
         learned, vehicle_made_torque=analysis.condition.oscillation is not None
     )
-    held_out = replace(trained.held_out, model=learned.forecast_model)
+    held_out = replace(trained_model.held_out, model=learned.forecast_model)
     analysis = replace(analysis, flights=flights, learned=learned, held_out=held_out)
     if options.truth is not None:
         truth = truth_of(flights, options.truth)
@@ -389,8 +389,8 @@ def motor_alarms(signals: Signals) -> tuple[MotorAlarm, ...]:
         detector = MotorLossDetector(motors.geometry, boot)
         commands = motors.range_fractions(boot)
         headings = tracked_headings(signals, boot, commands.time)
-        settled = settled_intervals(signals, boot)
-        is_settled = in_intervals(commands.time, settled)
+        settled_flight_times = settled_intervals(signals, boot)
+        is_settled = in_intervals(commands.time, settled_flight_times)
         settled_samples = zip(
             commands.time[is_settled].tolist(),
             commands.values[is_settled],
@@ -402,8 +402,8 @@ def motor_alarms(signals: Signals) -> tuple[MotorAlarm, ...]:
         changes = lasting_changes(detector.alarms)
         # Headings are NaN while the attitude does not follow its setpoint. Then the balance of
         # the motors does not show which of them lost thrust.
-        tracked = commands.select(np.isfinite(headings))
-        alarms += changes + _lasting_losses(signals, motors, tracked, boot, changes)
+        commands_with_heading = commands.select(np.isfinite(headings))
+        alarms += changes + _lasting_losses(signals, motors, commands_with_heading, boot, changes)
     return tuple(alarms)
 
 
@@ -429,11 +429,11 @@ def _lasting_losses(
     Returns:
         At most one alarm for each interval of settled flight, then one for each other flight.
     """
-    settled = settled_intervals(signals, boot)
-    losses = _gradual_losses(motors, commands, boot, settled, changes)
+    settled_flight_times = settled_intervals(signals, boot)
+    losses = _gradual_losses(motors, commands, boot, settled_flight_times, changes)
     for flight in free_flight_intervals(signals, boot):
         start, end = flight
-        settled_in_flight = intersection(settled, [flight])
+        settled_in_flight = intersection(settled_flight_times, [flight])
         has_loss = any(start <= loss.onset_time <= end for loss in losses)
         if settled_in_flight and not has_loss:
             settled_start, _ = settled_in_flight[0]

@@ -152,11 +152,11 @@ def axes_with_doubtful_loop(
     Returns:
         Names of these axes.
     """
-    identified = identified_loops(loops)
+    loops_by_axis = identified_loops(loops)
     return frozenset(
         axis_margins.axis
         for axis_margins in margins
-        if axis_margins.axis in identified and axis_margins.is_loop_doubtful
+        if axis_margins.axis in loops_by_axis and axis_margins.is_loop_doubtful
     )
 
 
@@ -179,11 +179,11 @@ def _contradicting_response(
     # An unstable loop predicts no response.
     if not isinstance(loop, Loop) or loop.agrees is not None or not loop.rate.is_stable:
         return None
-    measured = rate_step_response(signals, segments, loop)
-    if isinstance(measured, Fact):
+    measured_response = rate_step_response(signals, segments, loop)
+    if isinstance(measured_response, Fact):
         return None
     comparison = response_comparison(
-        measured, loop, loop.rate.frequency, loop.rate.closed_loop_of_estimate
+        measured_response, loop, loop.rate.frequency, loop.rate.closed_loop_of_estimate
     )
     if comparison is None or comparison.code is not StepResponseFact.PREDICTION_DOUBTED:
         return None
@@ -191,7 +191,7 @@ def _contradicting_response(
 
 
 def response_comparison(
-    measured: StepResponse, loop: Loop, frequency: Array, closed_loop: Complex
+    measured_response: StepResponse, loop: Loop, frequency: Array, closed_loop: Complex
 ) -> Fact | None:
     """Returns the fact that a measured and a predicted response agree, or which of the two is doubtful.
 
@@ -204,7 +204,7 @@ def response_comparison(
     response then mixes two loops.
 
     Args:
-        measured: the measured response.
+        measured_response: the measured response.
         loop: the identified loops of the axis.
         frequency: (F,) frequencies of the prediction, Hz.
         closed_loop: (F,) predicted frequency response of the closed loop.
@@ -212,7 +212,7 @@ def response_comparison(
     Returns:
         The fact; None if the comparison is left out, or a difference casts no doubt on the loop.
     """
-    comparison = measured.comparison(frequency, closed_loop)
+    comparison = measured_response.comparison(frequency, closed_loop)
     if loop.agrees is not None:
         confirms_identification = comparison.is_good == loop.agrees
         return comparison if confirms_identification else None

@@ -76,9 +76,9 @@ def flight_overrides(
     elif losses:
         overrides += [_loss_override(loss) for loss in losses]
     elif condition is not None and condition.hover is not None:
-        limited = limited_motors(condition.hover)
-        if limited is not None:
-            overrides.append(limited.fact(Override.SATURATION))
+        motors_at_limit = limited_motors(condition.hover)
+        if motors_at_limit is not None:
+            overrides.append(motors_at_limit.fact(Override.SATURATION))
         elif trim is not None and trim.level is Level.WATCH:
             overrides.append(Fact(Override.TRIM, subject=trim.subject, reason=trim))
     if consistency is not None and consistency < MIN_TRUSTED_CONSISTENCY:
@@ -147,7 +147,7 @@ def limited_motors(hover: HoverFigures) -> LimitedMotors | None:
     return LimitedMotors(motors, largest_share, equally_loaded_motors(hover, motors))
 
 
-def equally_loaded_motors(hover: HoverFigures, limited: Names) -> Names:
+def equally_loaded_motors(hover: HoverFigures, motors_at_limit: Names) -> Names:
     """Returns the motors whose mean command in hover is about as high as the command of the motors at their limit.
 
     A weak motor needs a higher command than every other one throughout the hover. If others need as much, the cause of
@@ -155,7 +155,7 @@ def equally_loaded_motors(hover: HoverFigures, limited: Names) -> Names:
 
     Args:
         hover: figures of the motors in the hover.
-        limited: names of the motors that are at their limit the most.
+        motors_at_limit: names of the motors that are at their limit the most.
 
     Returns:
         Names of the other motors whose mean command is above the mean of all motors by at least ``ALIKE_RATIO`` times
@@ -163,9 +163,11 @@ def equally_loaded_motors(hover: HoverFigures, limited: Names) -> Names:
     """
     # The imbalance of a motor is the deviation of its mean command from the mean of all motors.
     deviation_by_motor = dict(zip(hover.motors, hover.imbalance, strict=True))
-    limited_deviation = max(deviation_by_motor[motor] for motor in limited)
-    unlimited = [motor for motor in hover.motors if motor not in limited]
+    limited_deviation = max(deviation_by_motor[motor] for motor in motors_at_limit)
+    motors_below_limit = [motor for motor in hover.motors if motor not in motors_at_limit]
     if limited_deviation <= 0:
-        return tuple(unlimited)
+        return tuple(motors_below_limit)
     min_deviation = ALIKE_RATIO * limited_deviation
-    return tuple(motor for motor in unlimited if deviation_by_motor[motor] >= min_deviation)
+    return tuple(
+        motor for motor in motors_below_limit if deviation_by_motor[motor] >= min_deviation
+    )

@@ -109,7 +109,7 @@ def residuals(learned: Learned, output: int = -1) -> Residuals:
     )
 
 
-def lagged_correlation(earlier: Array, later: Array, max_lag: int) -> Array:
+def lagged_correlation(earlier_series: Array, later_series: Array, max_lag: int) -> Array:
     """Computes the cross-correlation of two series at lags from 0 on, by Fourier transforms (Wiener-Khinchin).
 
     Args:
@@ -117,13 +117,16 @@ def lagged_correlation(earlier: Array, later: Array, max_lag: int) -> Array:
         max_lag: largest lag L, in samples.
 
     Returns:
-        (L + 1,) correlations of ``earlier`` with ``later`` 0, 1, …, L samples after it; 0 if one of them is constant.
+        (L + 1,) correlations of ``earlier_series`` with ``later_series`` 0, 1, …, L samples after it; 0 if one of
+        them is constant.
     """
     # Padding with as many zeros keeps the end of a series from being correlated with its beginning.
-    padded_size = 2 * len(earlier)
-    cross_spectrum = np.conj(np.fft.rfft(earlier, padded_size)) * np.fft.rfft(later, padded_size)
+    padded_size = 2 * len(earlier_series)
+    cross_spectrum = np.conj(np.fft.rfft(earlier_series, padded_size)) * np.fft.rfft(
+        later_series, padded_size
+    )
     cross_products = np.fft.irfft(cross_spectrum, padded_size)[: max_lag + 1]
-    norm = np.sqrt(float(earlier @ earlier) * float(later @ later))
+    norm = np.sqrt(float(earlier_series @ earlier_series) * float(later_series @ later_series))
     return cross_products / norm if norm else np.zeros(max_lag + 1)
 
 

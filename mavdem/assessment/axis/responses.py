@@ -156,7 +156,7 @@ def predicted_attitude_response(loop: Loop, *, has_feedforward: bool) -> Complex
 
 
 def _compared_response(
-    measured: StepResponse | Fact, loop: Loop, open_loop: OpenLoop, closed_loop: Complex
+    measured_response: StepResponse | Fact, loop: Loop, open_loop: OpenLoop, closed_loop: Complex
 ) -> LoopResponse:
     """Predicts the response that was measured by the identified loop, and compares the two.
 
@@ -164,7 +164,7 @@ def _compared_response(
     |T| is interpolated at the measured frequencies.
 
     Args:
-        measured: the measured response of the rate or attitude loop, or why it is not known.
+        measured_response: the measured response of the rate or attitude loop, or why it is not known.
         loop: the axis with its two identified loops, rate and attitude.
         open_loop: the one of these two whose response was measured.
         closed_loop: (F,) its predicted frequency response from setpoint to rate or angle, at ``open_loop.frequency``.
@@ -173,12 +173,12 @@ def _compared_response(
         The measured response with its prediction. There is no prediction without a measured response, nor by an
         unstable loop, which has no response.
     """
-    if isinstance(measured, Fact) or not open_loop.is_stable:
-        return LoopResponse(measured)
+    if isinstance(measured_response, Fact) or not open_loop.is_stable:
+        return LoopResponse(measured_response)
     frequency = open_loop.frequency
     return LoopResponse(
-        measured=measured,
-        predicted_step=step_from_frequency_response(frequency, closed_loop, measured.time),
-        predicted_gain=np.interp(measured.frequency, frequency, abs(closed_loop)),
-        compared=response_comparison(measured, loop, frequency, closed_loop),
+        measured=measured_response,
+        predicted_step=step_from_frequency_response(frequency, closed_loop, measured_response.time),
+        predicted_gain=np.interp(measured_response.frequency, frequency, abs(closed_loop)),
+        compared=response_comparison(measured_response, loop, frequency, closed_loop),
     )

@@ -456,10 +456,10 @@ def _response_peak(
     if not is_usable.any():
         return None
     gains = np.where(is_usable, abs(estimate.response), 0.0)
-    highest = np.argmax(gains)
+    peak_index = np.argmax(gains)
     return ResponsePeak(
-        ratio=gains[highest],
-        frequency=estimate.frequency[highest],
-        coherence=estimate.coherence[highest],
+        ratio=gains[peak_index],
+        frequency=estimate.frequency[peak_index],
+        coherence=estimate.coherence[peak_index],
         windows=estimate.windows,
     )

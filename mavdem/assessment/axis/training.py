@@ -64,11 +64,13 @@ def train_and_test(
     """
     settings = options.settings
     if options.train is not None:
-        longest = max(segments, key=len)
-        training, following = training_and_test(longest, options.start, options.train, options.test)
+        longest_segment = max(segments, key=len)
+        training, test_flight = training_and_test(
+            longest_segment, options.start, options.train, options.test
+        )
         with _learning_step(progress):
             learned = learn(training, settings)
-        return TestedModel((training,), learned, held_out_test(training, following, learned))
+        return TestedModel((training,), learned, held_out_test(training, test_flight, learned))
     flights = flights_after_start(segments, options.start)
     first_learned = None
     with _learning_step(progress):

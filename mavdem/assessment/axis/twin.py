@@ -142,8 +142,8 @@ def try_gains(evidence: Evidence, gains: Parameters, *, in_wind: bool = True) ->
     hover_samples = slice(round((SETTLING_SECONDS + WIND_SECONDS) / dt))
     replayed = dict[str, ReplaySegment]()
     hover = dict[str, ReplaySegment]()
-    for axis, recorded in recorded_segments.items():
-        outputs, setpoints = recorded
+    for axis, recorded_segment in recorded_segments.items():
+        outputs, setpoints = recorded_segment
         replayed[axis] = ReplaySegment(outputs[replayed_samples], setpoints[replayed_samples])
         hover[axis] = ReplaySegment(outputs[hover_samples], np.zeros_like(setpoints[hover_samples]))
     try:

@@ -112,15 +112,15 @@ def _sticks_fact(evidence: Evidence) -> Fact | None:
     series_of_inputs = [*inputs.sticks.values(), *inputs.switches.values()]
     if not any(len(evidence.values_in_flight(series)) for series in series_of_inputs):
         return None
-    moved = []
+    moved_controls = []
     for name, series in inputs.sticks.items():
         if _change_in_flight(evidence, series) >= MIN_STICK_CHANGE[inputs.unit]:
-            moved.append(name)
+            moved_controls.append(name)
     channels = []
     for number, series in inputs.switches.items():
         if _change_in_flight(evidence, series) >= MIN_SWITCH_CHANGE:
             channels.append(str(number))
-    return Fact(CommandFact.STICKS_MOVED, Level.UNKNOWN, names=moved, channels=channels)
+    return Fact(CommandFact.STICKS_MOVED, Level.UNKNOWN, names=moved_controls, channels=channels)
 
 
 def _change_in_flight(evidence: Evidence, series: TimeSeries) -> float:

@@ -82,14 +82,16 @@ def motor_correlation(evidence: Evidence, field: TimeSeries) -> float | None:
     outputs_interval = (float(outputs.time[0]), float(outputs.time[-1]))
     for flight in evidence.in_flight(field):
         has_outputs = in_intervals(flight.time, [outputs_interval])
-        covered = flight.select(has_outputs & (flight.boot == history.segment.boot))
-        if len(covered.time) < 2:
+        covered_samples = flight.select(has_outputs & (flight.boot == history.segment.boot))
+        if len(covered_samples.time) < 2:
             continue
-        strength = replace(covered, values=np.linalg.norm(covered.values, axis=1))
-        command = replace(covered, values=np.interp(covered.time, outputs.time, mean_output))
+        strength = replace(covered_samples, values=np.linalg.norm(covered_samples.values, axis=1))
+        command = replace(
+            covered_samples, values=np.interp(covered_samples.time, outputs.time, mean_output)
+        )
         strengths.append(moving_average(strength))
         commands.append(moving_average(command))
-        seconds += float(np.ptp(covered.time))
+        seconds += float(np.ptp(covered_samples.time))
     if seconds < MIN_SECONDS:
         return None
     all_strengths, all_commands = np.concatenate(strengths), np.concatenate(commands)

@@ -16,20 +16,20 @@ def temperatures_fact(evidence: Evidence) -> Fact | None:
         The fact; None if no sensor has a temperature.
     """
     names = []
-    lowest = []
-    highest = []
+    lowest_temperatures = []
+    highest_temperatures = []
     for quantity in TEMPERATURES:
         values = evidence.values_in_flight(recorded_quantity(evidence.signals, quantity))
         if len(values):
             names.append(quantity.name)
-            lowest.append(values.min())
-            highest.append(values.max())
+            lowest_temperatures.append(values.min())
+            highest_temperatures.append(values.max())
     if not names:
         return None
     return Fact(
         HardwareFact.TEMPERATURES_MEASURED,
         Level.UNKNOWN,
         names=names,
-        temperatures_least=lowest,
-        temperatures=highest,
+        temperatures_least=lowest_temperatures,
+        temperatures=highest_temperatures,
     )

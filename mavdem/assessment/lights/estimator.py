@@ -121,10 +121,10 @@ def estimator_light(evidence: Evidence) -> Fact:
     facts += _wrong_accelerometers(evidence)
     facts += evidence.warnings_in_flight(ESTIMATOR_EVENTS)
     if not facts:
-        unmeasured = Fact(EstimatorLight.ESTIMATOR_UNMEASURED, airborne=evidence.was_in_air)
+        unmeasured_fact = Fact(EstimatorLight.ESTIMATOR_UNMEASURED, airborne=evidence.was_in_air)
         if satellites_without_fix is None:
-            return unmeasured
-        return unmeasured.replace(satellites=satellites_without_fix)
+            return unmeasured_fact
+        return unmeasured_fact.replace(satellites=satellites_without_fix)
     return worst_fact(facts)
 
 
@@ -382,7 +382,7 @@ def _best_receiver(evidence: Evidence) -> TimeSeries | None:
         (N, 3) fix type, number of satellites, and horizontal dilution (HDOP) in hundredths; None if no receiver was
         recorded.
     """
-    best = None
+    best_receiver = None
     largest_mean = -1.0
     for message in RECEIVER_MESSAGES:
         fixes = recorded_series(
@@ -395,9 +395,9 @@ def _best_receiver(evidence: Evidence) -> TimeSeries | None:
         satellites = np.concatenate([np.zeros(0), *counts])
         mean_satellites = float(satellites.mean()) if len(satellites) else 0.0
         if fixes is not None and mean_satellites > largest_mean:
-            best = fixes
+            best_receiver = fixes
             largest_mean = mean_satellites
-    return best
+    return best_receiver
 
 
 def _compass_disturbances(evidence: Evidence) -> Iterator[Fact]:

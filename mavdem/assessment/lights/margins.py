@@ -34,9 +34,9 @@ def margins_light(evidence: Evidence) -> Fact:
         return Fact(MarginsLight.OSCILLATES, reason=advice, **oscillation.figures)
     facts = _facts_by_margin(evidence)
     if facts:
-        worst = worst_fact(facts)
-        if worst.warns:
-            return worst
+        light = worst_fact(facts)
+        if light.warns:
+            return light
     good_facts = [fact for fact in facts if fact.is_good]
     good_axes = []
     for fact in good_facts:

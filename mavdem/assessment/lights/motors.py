@@ -70,9 +70,9 @@ def motors_light(evidence: Evidence) -> Fact:
         facts.append(_missing_hover(evidence))
     else:
         facts.append(_trim_or_headroom(evidence, hover))
-    limited = _limited_motors_of_flight(evidence, hover)
-    if limited is not None:
-        facts.append(limited)
+    motors_at_limit = _limited_motors_of_flight(evidence, hover)
+    if motors_at_limit is not None:
+        facts.append(motors_at_limit)
     return worst_fact(facts)
 
 
@@ -119,13 +119,13 @@ def _limited_motors_of_flight(evidence: Evidence, hover: HoverFigures | None) ->
         is_settled = False
         segments = evidence.flight_segments(motors.boot)
         figures = _figures_of_flight(motors, segments)
-    limited = None if figures is None else limited_motors(figures)
-    if figures is None or limited is None:
+    motors_at_limit = None if figures is None else limited_motors(figures)
+    if figures is None or motors_at_limit is None:
         return None
-    is_short_limit = not is_settled and limited.share <= MIN_MOST_SHARE
+    is_short_limit = not is_settled and motors_at_limit.share <= MIN_MOST_SHARE
     if is_short_limit or _is_limited_together(motors, segments, figures):
         return None
-    return limited.fact(MotorsLight.MOTOR_LIMITED).replace(is_settled=is_settled)
+    return motors_at_limit.fact(MotorsLight.MOTOR_LIMITED).replace(is_settled=is_settled)
 
 
 def _figures_of_flight(motors: MotorOutputs, segments: Segments) -> HoverFigures | None:
@@ -279,13 +279,13 @@ def _longest_limit(evidence: Evidence, names: tuple[str, ...]) -> list[Fact]:
     seconds_at_limit = dict.fromkeys(names, 0.0)
     for event in events:
         seconds_at_limit[event.subject] += event.figures["duration"]
-    limited = most_limited_motors(names, list(seconds_at_limit.values()))
-    if not limited:
+    motors_at_limit = most_limited_motors(names, list(seconds_at_limit.values()))
+    if not motors_at_limit:
         return []
-    events_of_limited = [event for event in events if event.subject in limited]
-    if len(limited) > 1:
+    events_of_limited = [event for event in events if event.subject in motors_at_limit]
+    if len(motors_at_limit) > 1:
         first_time = events_of_limited[0].time
-        return [Fact(MotorsLight.MOTORS_AT_LIMIT, names=limited, time=first_time)]
+        return [Fact(MotorsLight.MOTORS_AT_LIMIT, names=motors_at_limit, time=first_time)]
     return [max(events_of_limited, key=lambda event: event.figures["duration"])]
 
 

@@ -94,11 +94,11 @@ def power_light(evidence: Evidence) -> Fact:
         ]
     if not facts:
         return _unmeasured_power(evidence)
-    worst = worst_fact(facts)
+    light = worst_fact(facts)
     if len(evidence.signals.batteries) > 1:
-        other_voltages = [fact for fact in voltages if fact is not worst]
-        worst = worst.replace(batteries=(*other_voltages, *_constant_voltages(evidence, batteries)))
-    return worst
+        other_voltages = [fact for fact in voltages if fact is not light]
+        light = light.replace(batteries=(*other_voltages, *_constant_voltages(evidence, batteries)))
+    return light
 
 
 def _unmeasured_power(evidence: Evidence) -> Fact:
@@ -113,7 +113,7 @@ def _unmeasured_power(evidence: Evidence) -> Fact:
         changes.
     """
     voltages = [battery.voltage.values for battery in evidence.signals.batteries]
-    unmeasured = Fact(
+    unmeasured_fact = Fact(
         PowerLight.POWER_UNMEASURED,
         airborne=evidence.was_in_air,
         is_constant=not any(np.ptp(volts) for volts in voltages),
@@ -126,8 +126,8 @@ def _unmeasured_power(evidence: Evidence) -> Fact:
         if battery.current is not None and np.ptp(battery.current.values) > 0
     ]
     if not currents:
-        return unmeasured
-    return unmeasured.replace(current=max(amperes.max() for amperes in currents))
+        return unmeasured_fact
+    return unmeasured_fact.replace(current=max(amperes.max() for amperes in currents))
 
 
 def with_batteries_on_ground(evidence: Evidence) -> tuple[Fact, ...]:
@@ -162,9 +162,9 @@ def _constant_voltages(evidence: Evidence, batteries: Sequence[Battery]) -> Iter
     Yields:
         Facts with the number of the ``battery`` and its largest ``voltage``, V.
     """
-    measured = {battery.number for battery in batteries}
+    measured_numbers = {battery.number for battery in batteries}
     for battery in evidence.signals.batteries:
-        if battery.number not in measured:
+        if battery.number not in measured_numbers:
             yield Fact(
                 PowerLight.POWER_UNMEASURED,
                 subject=battery_name(battery.number),
@@ -331,11 +331,11 @@ def _board_voltage(evidence: Evidence) -> Iterator[Fact]:
         limit, all in V.
     """
     # A voltage that is constant was not measured.
-    measured = None
+    measured_voltage = None
     for volts in _board_voltages(evidence):
-        if measured is None and np.ptp(volts.values) > 0:
-            measured = volts
-    averages = evidence.averages_in_flight(measured)
+        if measured_voltage is None and np.ptp(volts.values) > 0:
+            measured_voltage = volts
+    averages = evidence.averages_in_flight(measured_voltage)
     if not len(averages):
         return
     lowest_voltage = averages.min()

@@ -37,10 +37,12 @@ def tracking_light(evidence: Evidence) -> Fact:
         key=lambda fact: fact.figures["angle_error"] / fact.figures["error_limit"],
         reverse=True,
     )
-    worst = worst_fact(nearest_to_bad_first)
-    if worst.code is TrackingLight.OVERSHOOTS_SETPOINT:
-        overshooting = [fact.figures["axis"] for fact in judged_facts if fact.code is worst.code]
-        return worst.replace(names=overshooting)
-    if evidence.condition.oscillation is not None and worst.is_good:
-        return worst.replace(Level.WATCH)
-    return worst
+    light = worst_fact(nearest_to_bad_first)
+    if light.code is TrackingLight.OVERSHOOTS_SETPOINT:
+        overshooting_axes = [
+            fact.figures["axis"] for fact in judged_facts if fact.code is light.code
+        ]
+        return light.replace(names=overshooting_axes)
+    if evidence.condition.oscillation is not None and light.is_good:
+        return light.replace(Level.WATCH)
+    return light

@@ -55,9 +55,9 @@ def vibration_light(evidence: Evidence) -> Fact:
     if vibration is None:
         return unknown_vibration
     levels = vibration.levels
-    settled = settled_flight(signals)
+    settled_segments = settled_flight(signals)
     free_flight = evidence.flight_segments(levels.boot)
-    is_in_segment = in_segments(levels, *(settled or free_flight))
+    is_in_segment = in_segments(levels, *(settled_segments or free_flight))
     if not is_in_segment.any():
         return unknown_vibration
     limits = vibration_limits(telemetry)
@@ -79,6 +79,6 @@ def vibration_light(evidence: Evidence) -> Fact:
         vibration=largest_level,
         acceptable_vibration=limits.bad if largest_level > limits.bad else limits.watch,
         clips=clips,
-        is_settled=bool(settled),
+        is_settled=bool(settled_segments),
     )
     return fact.replace(has_clipped_unsettled=True) if has_clipped_unsettled else fact
