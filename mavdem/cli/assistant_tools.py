@@ -81,17 +81,17 @@ class AssistantServer(MCPServer):  # type: ignore[misc]
 
 def _argument_error(tool: str, error: ValidationError) -> str:
     """Returns sentences on the arguments of a tool that are missing, and on those that do not fit."""
-    missing = []
+    missing_arguments = []
     sentences = []
     for problem in error.errors():
         argument = ".".join(map(str, problem["loc"]))
         if problem["type"] == "missing":
-            missing.append(argument)
+            missing_arguments.append(argument)
         else:
             message = problem["msg"].removeprefix("Input ")
             sentences.append(f"{argument} {message}.")
-    if missing:
-        sentences.insert(0, f"{tool} needs {listed(missing)}.")
+    if missing_arguments:
+        sentences.insert(0, f"{tool} needs {listed(missing_arguments)}.")
     return " ".join(sentences)
 
 
@@ -197,7 +197,7 @@ def messages(log: str, name: str = "", vehicle: str | None = None) -> JsonValues
         ToolError: The log cannot be read, or has several vehicles and none was chosen.
     """
     telemetry = with_all_messages(_telemetry(log, vehicle), log)
-    listed: list[JsonValues] = []
+    message_list: list[JsonValues] = []
     fields = 0
     # A hostile log may have very many messages; they are described one by one, and only until the list is full.
     for message in messages_of(telemetry, name):
@@ -205,9 +205,9 @@ def messages(log: str, name: str = "", vehicle: str | None = None) -> JsonValues
         if fields > MAX_LISTED_FIELDS:
             names = message_names(telemetry, name)
             left_out = len(names) - names.index(message.message)
-            return {"messages": listed, "messages_left_out": left_out}
-        listed.append(message._asdict())
-    return {"messages": listed, "messages_left_out": 0}
+            return {"messages": message_list, "messages_left_out": left_out}
+        message_list.append(message._asdict())
+    return {"messages": message_list, "messages_left_out": 0}
 
 
 def samples(
@@ -334,7 +334,7 @@ def _command_document(
     """
     with TemporaryDirectory(prefix="mavdem-") as folder:
         folder_option = ["--out", str(Path(folder, "results"))] if has_folder else []
-        finished = subprocess.run(
+        process = subprocess.run(
             [
                 sys.executable,
                 "-m",
@@ -353,8 +353,8 @@ def _command_document(
             check=False,
         )
     # A log from which no model can be learned has a document too.
-    if finished.returncode not in (EXIT_DONE, EXIT_UNSUPPORTED) or not finished.stdout:
-        lines = finished.stderr.strip().splitlines()
+    if process.returncode not in (EXIT_DONE, EXIT_UNSUPPORTED) or not process.stdout:
+        lines = process.stderr.strip().splitlines()
         raise ToolError(lines[-1] if lines else f"mavdem {command} ended without a word.")
-    document: JsonValues = json.loads(finished.stdout)
+    document: JsonValues = json.loads(process.stdout)
     return document

@@ -357,9 +357,9 @@ def _fly_live(name: str, scenario: Scenario, udp: str, speed: float) -> JsonValu
                 show_fraction(min(time / duration, 1.0))
 
             outcome = fly_live(scenario, simulation_of(scenario), ground, speed, show_time)
-    ended = "Stopped after" if outcome.stopped else "Flew"
+    verb = "Stopped after" if outcome.stopped else "Flew"
     print_to_stderr(
-        f"{ended} {outcome.flown:.1f} s in {outcome.took:.1f} s: sent {outcome.sent} frames."
+        f"{verb} {outcome.flown:.1f} s in {outcome.took:.1f} s: sent {outcome.sent} frames."
     )
     reached_speed = outcome.flown / outcome.took if outcome.took else speed
     if reached_speed < MIN_SPEED_RATIO * speed:

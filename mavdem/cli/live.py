@@ -265,8 +265,8 @@ def live_command(
         flight = _follow_vehicle(options, paths, opened_link, executor, vehicle, None, duration)
         flights = [flight]
         while flight.next_vehicle is not None:
-            remaining = None if duration is None else duration - (monotonic() - start_time)
-            if remaining is not None and remaining <= 0:
+            remaining_seconds = None if duration is None else duration - (monotonic() - start_time)
+            if remaining_seconds is not None and remaining_seconds <= 0:
                 break
             # The earlier model is of the first vehicle.
             options = replace(options, earlier_model=None, prior=None)
@@ -279,7 +279,7 @@ def live_command(
                     executor,
                     flight.next_vehicle,
                     flight,
-                    remaining,
+                    remaining_seconds,
                 )
             except Unreadable as error:
                 print_to_stderr(f"The next vehicle cannot be followed: {as_clause(error)}.")
@@ -393,9 +393,9 @@ def _follow_vehicle(
             session.intake.record_rest()
         account = session.time_account()
         status = session.status
-        dropped = link.dropped_datagrams
-        if dropped:
-            print_fact(Fact(LinkFact.DATAGRAMS_LOST, count=dropped))
+        dropped_datagrams = link.dropped_datagrams
+        if dropped_datagrams:
+            print_fact(Fact(LinkFact.DATAGRAMS_LOST, count=dropped_datagrams))
         print_to_stderr("Ending takes some seconds: model, message rates and files are completed.")
         learned = _final_model(session, session_end)
         # The model is written first, since what follows may fail or take its time.

@@ -114,13 +114,15 @@ class StatusLines:
             self._print_new(status, texts)
             return
         # The problems state why nothing is learned: it is not repeated as the reason for not watching.
-        watched = watched_quantities_text(status.watch_facts, stated_reason=status.no_model_reason)
+        watched_text = watched_quantities_text(
+            status.watch_facts, stated_reason=status.no_model_reason
+        )
         style = _style(*status.active_alarms)
         lines = Group(
             texts.vehicle,
             Text(texts.judgement, style),
             texts.learning,
-            Text(" ".join([*texts.problems, watched]), style),
+            Text(" ".join([*texts.problems, watched_text]), style),
         )
         self._terminal_text.update(lines, refresh=True)
 
@@ -202,12 +204,12 @@ def _status_texts(status: SessionStatus) -> StatusTexts:
     if reason is not None:
         # The section ends with the reason why nothing is learned and its remedy. The headline may be the same fact, and
         # the next step may be the same remedy.
-        advised = escape_unprintable(reason.sentence_and_remedy)
+        advice_text = escape_unprintable(reason.sentence_and_remedy)
         remedy = escape_unprintable(reason.remedy)
         if judgement.headline == reason:
-            sentences[sentences.index(advised)] = "" if remedy in judgement_text else remedy
+            sentences[sentences.index(advice_text)] = "" if remedy in judgement_text else remedy
         elif remedy in judgement_text:
-            sentences[sentences.index(advised)] = escape_unprintable(reason.sentence)
+            sentences[sentences.index(advice_text)] = escape_unprintable(reason.sentence)
     sentences = [text for text in sentences if text and text not in judgement_text]
     # The first sentence of the section is always there.
     return StatusTexts(

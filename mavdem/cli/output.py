@@ -129,7 +129,7 @@ def _block_lines(block: Block, lines_per_row: int | None = None) -> list[str]:
             for whole texts.
     """
     console = Console(width=text_columns(), highlight=False, markup=False, emoji=False)
-    with console.capture() as captured:
+    with console.capture() as capture:
         if isinstance(block, Sentence):
             sentence = f"{block.lead} {block.text}".strip()
             console.print(escape_unprintable(sentence))
@@ -138,7 +138,7 @@ def _block_lines(block: Block, lines_per_row: int | None = None) -> list[str]:
             max_row_lines = lines_per_row if block.words else None
             for table in terminal_tables(block, console.width, max_row_lines):
                 console.print(table)
-    return [line.rstrip() for line in captured.get().splitlines()]
+    return [line.rstrip() for line in capture.get().splitlines()]
 
 
 def report_error(fact: Fact, *, as_json: bool) -> None:

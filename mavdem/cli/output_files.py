@@ -36,16 +36,16 @@ def check_output_folder(folder: Path, names: Names = (), *inputs: PathName | Non
     """
     # The nearest existing folder: the folder itself or one of its parents, of which the root always exists.
     candidates = (folder, *folder.absolute().parents)
-    existing = next(path for path in candidates if os.path.lexists(path))
-    if not existing.is_dir():
-        raise Unreadable(Unwritable.OUT_IS_A_FILE, path=folder, existing=existing)
-    if not is_writable(existing):
-        raise Unreadable(Unwritable.OUT_NOT_WRITABLE, path=folder, existing=existing)
+    existing_path = next(path for path in candidates if os.path.lexists(path))
+    if not existing_path.is_dir():
+        raise Unreadable(Unwritable.OUT_IS_A_FILE, path=folder, existing=existing_path)
+    if not is_writable(existing_path):
+        raise Unreadable(Unwritable.OUT_NOT_WRITABLE, path=folder, existing=existing_path)
     with reporting_write_errors(folder, code=Unwritable.OUT_FAILED):
         for part in folder.parts:
             # ``lstat`` raises an error if a name is too long for the file system, even if the path does not exist.
             with suppress(FileNotFoundError):
-                (existing / part).lstat()
+                (existing_path / part).lstat()
     for name in names:
         # A file that does not exist yet, in a folder that may not exist yet, is no error.
         with reporting_write_errors(folder / name), suppress(FileNotFoundError):

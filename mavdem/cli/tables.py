@@ -59,9 +59,9 @@ def terminal_tables(table: Table, width: int, lines_per_row: int | None) -> Iter
         return
     while other_columns:
         count = _fitting_columns(row_names, other_columns, width)
-        part = [row_names, *other_columns[:count]]
-        widths = [row_names.full_width, *(column.wrapped_width for column in part[1:])]
-        yield _grid(part, is_text=False, widths=widths)
+        columns_of_part = [row_names, *other_columns[:count]]
+        widths = [row_names.full_width, *(column.wrapped_width for column in columns_of_part[1:])]
+        yield _grid(columns_of_part, is_text=False, widths=widths)
         other_columns = other_columns[count:]
 
 

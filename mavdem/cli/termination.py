@@ -46,8 +46,8 @@ def _raise_exit(number: int, frame: FrameType | None) -> None:
         number: Number of the signal.
         frame: Stack frame that the signal has interrupted; not used.
     """
-    for ignored in (signal.SIGINT, signal.SIGTERM, number):
-        signal.signal(ignored, signal.SIG_IGN)
+    for signal_number in (signal.SIGINT, signal.SIGTERM, number):
+        signal.signal(signal_number, signal.SIG_IGN)
     if number == signal.SIGINT:
         raise KeyboardInterrupt
     sys.exit(SIGNAL_EXIT_BASE + number)

@@ -76,13 +76,13 @@ def wind_command(
     if prior is not None:
         # The estimate is made anew with the earlier drag as its prior. A hover in one place does not show the drag that
         # relates tilt to wind speed; an earlier flight may.
-        earlier = earlier_drag(prior, wind.speed)
-        wind = wind_of_signals(signals, earlier.drag)
+        prior_drag = earlier_drag(prior, wind.speed)
+        wind = wind_of_signals(signals, prior_drag.drag)
         wind_evidence = wind_evidence._replace(estimate=wind)
         assessment = with_wind(assessment, wind_evidence)
         is_named = identity.basis is not Basis.SYSTEM_ID
-        if is_named and earlier.vehicle not in ("", identity.name):
-            doubts = render_section("wind_prior", earlier=earlier.vehicle, name=identity.name)
+        if is_named and prior_drag.vehicle not in ("", identity.name):
+            doubts = render_section("wind_prior", earlier=prior_drag.vehicle, name=identity.name)
             cautions = [caution(doubt.text) for doubt in doubts]
     parameters_to_set = drag_settings(wind.drag, signals.telemetry)
     document = Wind.from_results(

@@ -236,16 +236,16 @@ class Learned(ImmutableResult, ForecasterBase):
         """
         # Computed properties are stored in the instance's dictionary. The wind torque of the former parameters is
         # removed from it. The dataclass is frozen, so its field is set by object.__setattr__.
-        changed = copy(self)
-        object.__setattr__(changed, "_physical_fit", physical)
-        vars(changed).pop("wind_torque", None)
-        return changed
+        copied_model = copy(self)
+        object.__setattr__(copied_model, "_physical_fit", physical)
+        vars(copied_model).pop("wind_torque", None)
+        return copied_model
 
     def with_wind_torque(self, wind_torque: WindTorque | None) -> Learned:
         """Returns a copy with another :attr:`wind_torque`; all else that has been computed is kept."""
-        changed = copy(self)
-        object.__setattr__(changed, "wind_torque", wind_torque)
-        return changed
+        copied_model = copy(self)
+        object.__setattr__(copied_model, "wind_torque", wind_torque)
+        return copied_model
 
     @cached_property
     def joint(self) -> JointModel:
@@ -375,10 +375,10 @@ class Learned(ImmutableResult, ForecasterBase):
         A prediction is useful where its expected squared error is below ``USEFUL_VARIANCE_SHARE`` of the output's
         variance, the squared error of always predicting the mean.
         """
-        longest = max(1, round(FORECAST_HORIZON_SECONDS / self.dt))
+        max_steps = max(1, round(FORECAST_HORIZON_SECONDS / self.dt))
         # The error of a longer horizon is taken to be at least as large as of each shorter one. If a horizon is useful,
         # all shorter ones then are as well.
-        errors = np.maximum.accumulate(self.predict_with_variance(longest).variance)
+        errors = np.maximum.accumulate(self.predict_with_variance(max_steps).variance)
         is_useful = errors < USEFUL_VARIANCE_SHARE * self.record.outputs.var(axis=0)
         # The useful horizons are 1, 2, …, so that their number is the longest one.
         return is_useful.sum(axis=0)

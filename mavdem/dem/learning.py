@@ -77,12 +77,12 @@ def learn(train: TrainingData, settings: Settings | None = None) -> Learned:
     with one_thread():
         record, settings = prepared_training(train, settings)
         try:
-            fitted = fit(record, settings)
+            dem_fit = fit(record, settings)
         except LinAlgError:
             raise NotLearnable(ModelRefusal.FIT_BREAKS_DOWN) from None
         # The refinement below changes the parameters, but neither the data nor their units.
-        segments = generalized_data(settings, fitted.scaling, record)
-        refined_fit = _refined_by_simulation(fitted, record)
+        segments = generalized_data(settings, dem_fit.scaling, record)
+        refined_fit = _refined_by_simulation(dem_fit, record)
         return _learned_from_fit(refined_fit, record, np.concatenate(segments))
 
 
@@ -214,39 +214,46 @@ def _odd_window(samples: float, min_window: int) -> int:
     return window + 1 - window % 2
 
 
-def _refined_by_simulation(fitted: Fit, record: Record) -> Fit:
+def _refined_by_simulation(dem_fit: Fit, record: Record) -> Fit:
     """Refines the parameters θ of DEM by a simulation-error (output-error) fit, if the settings have a horizon for it.
 
     DEM fits the derivatives within short windows. Simulations over a longer horizon also depend on slow effects.
 
     Args:
-        fitted: The fit by DEM.
+        dem_fit: The fit by DEM.
         record: The training data.
 
     Returns:
-        The fit with the refined θ, the posterior of all other quantities given θ, and its predictor. It is ``fitted``
+        The fit with the refined θ, the posterior of all other quantities given θ, and its predictor. It is ``dem_fit``
         if the settings have no horizon or the refinement fails.
     """
-    model = fitted.model
-    ascent = fitted.ascent
+    model = dem_fit.model
+    ascent = dem_fit.ascent
     try:
         with raise_on_overflow():
-            refined = fit_simulation_error(
-                model, fitted.settings, fitted.scaling, ascent.posterior.theta, fitted.gain, record
+            simulation_fit = fit_simulation_error(
+                model,
+                dem_fit.settings,
+                dem_fit.scaling,
+                ascent.posterior.theta,
+                dem_fit.gain,
+                record,
             )
-            if refined is None:
-                return fitted
+            if simulation_fit is None:
+                return dem_fit
             # The noises and states are fitted again to the refined parameters. The predictor keeps DEM's filter gain.
-            posterior = condition_on_theta(refined.theta, ascent.posterior)
-            predictor = predictor_from_theta(refined.theta, model.sizes, fitted.gain, record.dt)
+            posterior = condition_on_theta(simulation_fit.theta, ascent.posterior)
+            predictor = predictor_from_theta(
+                simulation_fit.theta, model.sizes, dem_fit.gain, record.dt
+            )
     except LinAlgError:
         # The result of DEM is used; its cautions say that it was not refined.
-        return fitted
+        return dem_fit
     return replace(
-        fitted,
+        dem_fit,
         posterior=posterior,
         predictor=predictor,
-        simulation_fit=refined,
+        simulation_fit=simulation_fit,
     )
 
 

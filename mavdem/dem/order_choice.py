@@ -117,8 +117,8 @@ class OrderChoice:
         has_fit = np.isfinite(self.free_energy).any(axis=0)
         fitted_orders = self.orders[has_fit].tolist()
         for order in fitted_orders:
-            higher_orders = [higher for higher in fitted_orders if higher > order]
-            if not any(self._is_strong_gain(higher, order) for higher in higher_orders):
+            higher_orders = [higher_order for higher_order in fitted_orders if higher_order > order]
+            if not any(self._is_strong_gain(higher_order, order) for higher_order in higher_orders):
                 return order
         raise ValueError("no order was fitted")
 
@@ -143,8 +143,8 @@ class OrderChoice:
         chosen = self.chosen
         largest_gain = None
         # The orders begin at 1, so that the higher ones begin at this index.
-        for higher in self.orders[chosen:].tolist():
-            gain, _ = self.gain(higher, chosen)
+        for higher_order in self.orders[chosen:].tolist():
+            gain, _ = self.gain(higher_order, chosen)
             if np.isfinite(gain) and (largest_gain is None or gain > largest_gain):
                 largest_gain = gain
         return Fact(
@@ -240,17 +240,17 @@ def free_energy_of_flights(
     Returns:
         The free energies of the flights, and the reasons for the flights that have none.
     """
-    work = partial(_free_energy_or_reason, max_order=max_order, known_inputs=known_inputs)
+    search_orders = partial(_free_energy_or_reason, max_order=max_order, known_inputs=known_inputs)
     results: dict[str, FlightFreeEnergy] = {}
     refusals: dict[str, NotLearnable] = {}
     # If an exception ends the loop, closing the generator cancels the remaining jobs.
-    with closing(parallel_map(work, flights.values())) as answers:
-        for completed, (name, answer) in enumerate(zip(flights, answers, strict=True), 1):
+    with closing(parallel_map(search_orders, flights.values())) as answers:
+        for completed_count, (name, answer) in enumerate(zip(flights, answers, strict=True), 1):
             if isinstance(answer, NotLearnable):
                 refusals[name] = answer
             else:
                 results[name] = answer
-            progress(completed / len(flights))
+            progress(completed_count / len(flights))
     return FreeEnergyOfFlights(results, refusals)
 
 

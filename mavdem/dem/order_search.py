@@ -301,12 +301,12 @@ def kernel_width(record: Record) -> float:
     # A kernel of w steps leaves len(record) / (N w) effective samples, where N is the number of samples per effective
     # sample for a width of one step. So the widest kernel has this width:
     samples_for_one_step = _samples_per_effective_sample(width=1.0, dt=1.0)
-    widest = len(record) * record.dt / (samples_for_one_step * MIN_KERNEL_SAMPLES)
-    width = widest
+    max_width = len(record) * record.dt / (samples_for_one_step * MIN_KERNEL_SAMPLES)
+    width = max_width
     # There are no rates if all segments are shorter than the kernel.
     if len(derivatives):
         time_of_change = _time_of_change(derivatives[:, :m], derivatives[:, m:])
-        width = min(widest, RELATIVE_KERNEL_WIDTH * time_of_change)
+        width = min(max_width, RELATIVE_KERNEL_WIDTH * time_of_change)
     return max(MIN_KERNEL_STEPS * record.dt, width)
 
 
@@ -398,23 +398,23 @@ def theta_from_data(data: BlackBoxData, order: int) -> Array:
     rates = states
     for k in range(data.p):
         # The k-th derivative of the outputs, and its own rate, as linear functions of the data.
-        unexplained = y[k]
+        residual_derivative = y[k]
         rate_of_unexplained = y[k + 1]
         # From the first derivative on, what the states and the inputs up to order k − 1 explain is subtracted.
         if k > 0:
             regressors = np.vstack([states, *v[:k]])
             regressor_rates = np.vstack([rates, *v[1 : k + 1]])
             coefficients = _regression(data, y[k], regressors, ROUNDING_TOLERANCE)
-            unexplained = unexplained - coefficients @ regressors
+            residual_derivative = residual_derivative - coefficients @ regressors
             rate_of_unexplained = rate_of_unexplained - coefficients @ regressor_rates
         # The principal components of what is unexplained, the largest first, become further states, as many as are
         # still missing. Outputs are compared in units of the derivatives' standard deviations.
         deviation = np.sqrt(np.diag(_mean_products(data, y[k], y[k])))
-        scaled = unexplained / deviation[:, None]
+        scaled = residual_derivative / deviation[:, None]
         directions = _principal_directions(_mean_products(data, scaled, scaled))
         missing_states = order - len(states)
         combinations = directions[:missing_states] / deviation
-        states = np.vstack([states, combinations @ unexplained])
+        states = np.vstack([states, combinations @ residual_derivative])
         rates = np.vstack([rates, combinations @ rate_of_unexplained])
         if len(states) == order:
             return _theta_by_regression(data, states, rates)
@@ -439,7 +439,9 @@ def _signal_selectors(data: BlackBoxData) -> tuple[list[Array], list[Array]]:
     return np.split(outputs, data.p + 1), np.split(inputs, data.p)
 
 
-def _mean_products(data: BlackBoxData, left: Array, right: Array) -> Array:
+def _mean_products(
+    data: BlackBoxData, left_coefficients: Array, right_coefficients: Array
+) -> Array:
     """Returns the mean over all samples of the products of two sets of linear functions of the data.
 
     The mean of (a · z)(b · z) is aᵀ E[z zᵀ] b, so that it can be computed from the second moments of the data
@@ -447,13 +449,18 @@ def _mean_products(data: BlackBoxData, left: Array, right: Array) -> Array:
 
     Args:
         data: the generalized data.
-        left: coefficients of a functions, one in each row (a, dim [ỹ; η̃]).
-        right: coefficients of b functions (b, dim [ỹ; η̃]).
+        left_coefficients: coefficients of a functions, one in each row (a, dim [ỹ; η̃]).
+        right_coefficients: coefficients of b functions (b, dim [ỹ; η̃]).
 
     Returns:
         Mean products (a, b).
     """
-    return left @ data.statistics.gram @ right.T / data.statistics.sample_count
+    return (
+        left_coefficients
+        @ data.statistics.gram
+        @ right_coefficients.T
+        / data.statistics.sample_count
+    )
 
 
 def _regression(

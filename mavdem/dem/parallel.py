@@ -71,7 +71,7 @@ _stop_pipe: ReceivingEnd | None = None
 
 
 def parallel_map(
-    work: Callable[[Job], Result], jobs: Iterable[Job], executor: Executor | None = None
+    function: Callable[[Job], Result], jobs: Iterable[Job], executor: Executor | None = None
 ) -> Generator[Result, None, None]:
     """Calls a function for each of many jobs, and yields the results in the order of the jobs.
 
@@ -79,7 +79,7 @@ def parallel_map(
     core is started, which ends with the generator. See :func:`mavdem.dem.learn_many`.
 
     Args:
-        work: The function. Other processes can only call a function of a module, or a ``partial`` of one.
+        function: The function. Other processes can only call a function of a module, or a ``partial`` of one.
         jobs: Arguments of the calls, possibly endless. For other processes jobs and results must pickle.
         executor: Executor that does the work in place of a pool; it is not shut down.
 
@@ -88,29 +88,29 @@ def parallel_map(
 
     Raises:
         concurrent.futures.BrokenExecutor: A worker died.
-        Exception: Any error that ``work`` or ``jobs`` raises.
+        Exception: Any error that ``function`` or ``jobs`` raises.
     """
     jobs = iter(jobs)
     if executor is not None:
-        yield from _map_on_executor(executor, work, jobs)
+        yield from _map_on_executor(executor, function, jobs)
         return
     first_jobs = list(islice(jobs, MAX_SERIAL_JOBS + 1))
     workers = available_workers() if len(first_jobs) > MAX_SERIAL_JOBS else 1
     if workers == 1:
-        yield from map(work, chain(first_jobs, jobs))
+        yield from map(function, chain(first_jobs, jobs))
         return
     with process_pool(workers) as executor:
-        yield from _map_on_executor(executor, work, chain(first_jobs, jobs))
+        yield from _map_on_executor(executor, function, chain(first_jobs, jobs))
 
 
 def _map_on_executor(
-    executor: Executor, work: Callable[[Job], Result], jobs: Iterable[Job]
+    executor: Executor, function: Callable[[Job], Result], jobs: Iterable[Job]
 ) -> Generator[Result, None, None]:
     """Yields the result of each job in order, while at most ``JOBS_AHEAD`` jobs are with the executor.
 
     Args:
         executor: Executor that does the work.
-        work: Function to call.
+        function: Function to call.
         jobs: Arguments of the calls; they may be endless, since each is taken only when fewer than ``JOBS_AHEAD`` are
             with the executor.
 
@@ -124,7 +124,7 @@ def _map_on_executor(
     futures: deque[Future[Result]] = deque()
     try:
         for job in jobs:
-            futures.append(executor.submit(partial(_work_unless_stopped, work), job))
+            futures.append(executor.submit(partial(_work_unless_stopped, function), job))
             # Finished results are yielded at once. If JOBS_AHEAD jobs are with the executor, the first is waited for. A
             # future is only removed after its result was taken, so that a failed one is among those that end below.
             while futures and (len(futures) >= JOBS_AHEAD or futures[0].done()):
@@ -145,12 +145,12 @@ def _map_on_executor(
                 future.cancel()
 
 
-def _work_unless_stopped(work: Callable[[Job], Result], job: Job) -> Result:
+def _work_unless_stopped(function: Callable[[Job], Result], job: Job) -> Result:
     """Does a job in a worker, or raises an error if its result is no longer needed; the worker then ends soon."""
     # The parent sends nothing, so that the pipe is readable only after the parent has closed its end.
     if _stop_pipe is not None and _stop_pipe.poll():
         raise CancelledError
-    return work(job)
+    return function(job)
 
 
 def available_workers() -> int:
@@ -336,7 +336,7 @@ class ForkedCall(Generic[Result]):
     _process: BaseProcess
     _receiver: "Connection[Any, Any]"
 
-    def __init__(self, work: Callable[[], Result]) -> None:
+    def __init__(self, function: Callable[[], Result]) -> None:
         """Starts the process.
 
         Raises:
@@ -349,7 +349,7 @@ class ForkedCall(Generic[Result]):
         # Ctrl-C reaches both processes: this one decides what it means, and ends the other.
         with blocked_signals(*TERMINATION_SIGNALS):
             self._process = context.Process(
-                target=_send_result, args=(work, sender, self._receiver), daemon=True
+                target=_send_result, args=(function, sender, self._receiver), daemon=True
             )
             self._process.start()
         # The pipe ends with the process, which alone has this end then.
@@ -371,11 +371,11 @@ class ForkedCall(Generic[Result]):
 
 
 @contextmanager
-def in_second_process(work: Callable[[], Result]) -> Iterator[Callable[[], Result | None]]:
+def in_second_process(function: Callable[[], Result]) -> Iterator[Callable[[], Result | None]]:
     """Starts a function in a second process if there is a core for it, and ends that process with the block.
 
     Args:
-        work: the function.
+        function: the function.
 
     Yields:
         A function that waits for the result and returns it. It returns None if there is only one core, or if this
@@ -389,7 +389,7 @@ def in_second_process(work: Callable[[], Result]) -> Iterator[Callable[[], Resul
     # Both processes need the libraries, and share their memory if they are loaded before the fork.
     load_libraries()
     try:
-        call = ForkedCall(work)
+        call = ForkedCall(function)
     except OSError:
         # The system has no memory or no process number for another process.
         yield lambda: None
@@ -399,14 +399,14 @@ def in_second_process(work: Callable[[], Result]) -> Iterator[Callable[[], Resul
 
 
 def _send_result(
-    work: Callable[[], Result],
+    function: Callable[[], Result],
     sender: "Connection[Any, Any]",
     receiver: "Connection[Any, Any]",
 ) -> None:
     """Calls a function in the process of a :class:`ForkedCall`, and sends its result, or None if that fails.
 
     Args:
-        work: the function.
+        function: the function.
         sender: sending end of the pipe, through which the result is sent as a tuple of one.
         receiver: receiving end of the pipe, which only the parent process uses.
     """
@@ -417,7 +417,7 @@ def _send_result(
     outcome = None
     # If the work fails, the caller does it again, and the same error is raised there.
     with suppress(Exception):
-        outcome = (work(),)
+        outcome = (function(),)
     try:
         sender.send(outcome)
     except Exception:
@@ -436,14 +436,14 @@ def blocked_signals(*numbers: signal.Signals) -> Iterator[None]:
         *numbers: The signals.
     """
     # Signals that were received in the block, in their order.
-    postponed = []
+    postponed_signals = []
     original_handlers = {}
     if current_thread() is main_thread():
         for number in numbers:
             # An ignored signal remains ignored, and a handler that Python did not install cannot be replaced.
             if signal.getsignal(number) not in (None, signal.SIG_IGN):
                 original_handlers[number] = signal.signal(
-                    number, lambda received, _: postponed.append(received)
+                    number, lambda signal_number, _: postponed_signals.append(signal_number)
                 )
     if sys.platform != "win32":
         original_mask = signal.pthread_sigmask(signal.SIG_BLOCK, numbers)
@@ -454,8 +454,8 @@ def blocked_signals(*numbers: signal.Signals) -> Iterator[None]:
             signal.signal(number, handler)
         if sys.platform != "win32":
             signal.pthread_sigmask(signal.SIG_SETMASK, original_mask)
-        for received in postponed:
-            signal.raise_signal(received)
+        for signal_number in postponed_signals:
+            signal.raise_signal(signal_number)
 
 
 def _is_fork_safe() -> bool:

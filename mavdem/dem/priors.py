@@ -64,12 +64,12 @@ def derivative_pairs(record: Record) -> DerivativePairs:
         return ()
     # Entry (i, j): variance of the changes of output i that the integral of output j leaves unexplained.
     differences = output_changes[:, :, None] - integral_changes[:, None]
-    unexplained = differences.var(axis=0)
+    unexplained_variance = differences.var(axis=0)
     # No output is its own derivative.
-    np.fill_diagonal(unexplained, np.inf)
-    allowed = (1 - MIN_EXPLAINED_SHARE) * output_changes.var(axis=0)[:, None]
-    is_derivative = unexplained < allowed
-    best_columns = unexplained.argmin(axis=1).tolist()
+    np.fill_diagonal(unexplained_variance, np.inf)
+    max_unexplained_variance = (1 - MIN_EXPLAINED_SHARE) * output_changes.var(axis=0)[:, None]
+    is_derivative = unexplained_variance < max_unexplained_variance
+    best_columns = unexplained_variance.argmin(axis=1).tolist()
     return tuple((i, j) for i, j in enumerate(best_columns) if is_derivative[i, j])
 
 

@@ -325,19 +325,19 @@ def cross_validation_folds(lengths: Sequence[int], count: int) -> list[list[Fold
     Returns:
         The pieces of each fold in order: one for each segment of which the fold contains samples.
     """
-    total = sum(lengths)
+    sample_count = sum(lengths)
     folds = []
     for number in range(count):
         # Range of the fold's samples, counted over all segments. Its overlap with each segment is a piece.
-        fold_start = total * number // count
-        fold_stop = total * (number + 1) // count
+        fold_start = sample_count * number // count
+        fold_stop = sample_count * (number + 1) // count
         segment_start = 0
         pieces = []
         for segment, length in enumerate(lengths):
-            first = max(fold_start - segment_start, 0)
+            first_sample = max(fold_start - segment_start, 0)
             stop = min(fold_stop - segment_start, length)
-            if first < stop:
-                pieces.append(FoldPiece(segment, first, stop))
+            if first_sample < stop:
+                pieces.append(FoldPiece(segment, first_sample, stop))
             segment_start += length
         if pieces:
             folds.append(pieces)

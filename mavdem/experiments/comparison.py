@@ -65,8 +65,8 @@ def compare(
             progress(len(outcomes) / len(trials))
     # The outcomes come in the order of the trials: all methods of a window one after the other.
     outcomes_by_window = []
-    for first in range(0, len(trials), len(methods)):
-        outcomes_by_window.append(tuple(outcomes[first : first + len(methods)]))
+    for first_trial in range(0, len(trials), len(methods)):
+        outcomes_by_window.append(tuple(outcomes[first_trial : first_trial + len(methods)]))
     names = tuple(method.name for method in methods)
     return Comparison(tuple(windows), names, tuple(outcomes_by_window))
 

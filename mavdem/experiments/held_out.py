@@ -243,11 +243,11 @@ def held_out_windows(
         # A fold may contain samples of several flights.
         for piece in fold:
             flight = flights[piece.segment]
-            first = max(piece.first, lead)
-            count = (piece.stop - first) // steps
+            first_sample = max(piece.first, lead)
+            count = (piece.stop - first_sample) // steps
             if count > 0:
                 block = HeldOutBlock(
-                    samples=flight[first - lead : first + count * steps],
+                    samples=flight[first_sample - lead : first_sample + count * steps],
                     lead=lead,
                     steps=steps,
                     # At the beginning of a flight there is no sample before; its first one stands for it.

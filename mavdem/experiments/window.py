@@ -80,9 +80,9 @@ def too_short(flight: Flight, start: float, train: int, test: int, min_train: in
         The error, which the caller raises. Its fact has the lengths, and the ``options``, empty if no window is long
         enough.
     """
-    remaining = len(flight) - round(min(start / flight.dt, len(flight)))
-    shorter_test = min(test, max(remaining // SHORT_TEST_FRACTION, 1))
-    longest_train = min(train, remaining - shorter_test)
+    remaining_samples = len(flight) - round(min(start / flight.dt, len(flight)))
+    shorter_test = min(test, max(remaining_samples // SHORT_TEST_FRACTION, 1))
+    longest_train = min(train, remaining_samples - shorter_test)
     options: tuple[str, ...] = ()
     if longest_train >= min_train:
         options = ("--train", str(longest_train), "--test", str(shorter_test))
@@ -91,7 +91,7 @@ def too_short(flight: Flight, start: float, train: int, test: int, min_train: in
         samples=len(flight),
         duration=flight.duration,
         start=start,
-        left=remaining,
+        left=remaining_samples,
         train_samples=train,
         test_samples=test,
         options=options,
@@ -210,10 +210,10 @@ def required_windows(
         TooFewSamples: no window fits into the flight.
     """
     train_samples, test_samples = part_samples(flight.dt, train, test)
-    fitting = windows(name, flight, train_samples, test_samples, hop)
-    if not fitting:
+    fitting_windows = windows(name, flight, train_samples, test_samples, hop)
+    if not fitting_windows:
         raise too_short(flight, 0.0, train_samples, test_samples, MIN_SAMPLES)
-    return fitting
+    return fitting_windows
 
 
 def disjoint(windows: Sequence[Window]) -> Indices:

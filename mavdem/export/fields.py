@@ -208,12 +208,12 @@ def extremes_of_intervals(samples: FieldSamples, intervals: int) -> FieldSamples
     first_rows = np.searchsorted(time, edges[:-1])
     end_rows = np.append(first_rows[1:], len(time))
     kept_rows: list[int] = []
-    for first, end in zip(first_rows.tolist(), end_rows.tolist(), strict=True):
+    for first_row, end_row in zip(first_rows.tolist(), end_rows.tolist(), strict=True):
         # An interval may have no sample.
-        if end > first:
-            lowest = first + int(values[first:end].argmin())
-            highest = first + int(values[first:end].argmax())
-            kept_rows += sorted({lowest, highest})
+        if end_row > first_row:
+            lowest_row = first_row + int(values[first_row:end_row].argmin())
+            highest_row = first_row + int(values[first_row:end_row].argmax())
+            kept_rows += sorted({lowest_row, highest_row})
     return FieldSamples(time=time[kept_rows], values=values[kept_rows])
 
 

@@ -125,8 +125,8 @@ def write_kml(file: BinaryIO, name: str, paths: Sequence[GeographicPath]) -> Non
     ElementTree.SubElement(document, "name").text = valid_name(name)
     for path in paths:
         placemark = ElementTree.SubElement(document, "Placemark")
-        first, last = path.time[0], path.time[-1]
-        title = f"Boot {path.boot + 1}, {first:.1f} to {last:.1f} s"
+        first_time, last_time = path.time[0], path.time[-1]
+        title = f"Boot {path.boot + 1}, {first_time:.1f} to {last_time:.1f} s"
         ElementTree.SubElement(placemark, "name").text = title
         line = ElementTree.SubElement(placemark, "LineString")
         has_altitude = path.positions.shape[1] > 2

@@ -88,14 +88,14 @@ class Fact:
         """
         if unknown := figures.keys() - UNITS.keys():
             raise ValueError(f"figures without a unit in facts/units.toml: {sorted(unknown)}")
-        own = tuple((name, plain(value)) for name, value in figures.items())
+        own_figures = tuple((name, plain(value)) for name, value in figures.items())
         for name, value in {
             "code": code,
             "level": level or Level(LEVELS.get(code, Level.UNKNOWN)),
             "time": plain(time),
             "end_time": plain(end_time),
             "subject": subject,
-            "_figures": own,
+            "_figures": own_figures,
         }.items():
             object.__setattr__(self, name, value)
 

@@ -49,10 +49,10 @@ def incomparability_reason(states: Sequence[Flights]) -> Fact | None:
         Incomparable.OTHER_UNITS: _trim_unit,
         Incomparable.OTHER_INPUTS: _inputs_of_model,
     }
-    before, after = states
+    state_before, state_after = states
     for code, property_of in properties.items():
-        values_before = _known_properties(before, property_of)
-        values_after = _known_properties(after, property_of)
+        values_before = _known_properties(state_before, property_of)
+        values_after = _known_properties(state_after, property_of)
         # Flights of one state may differ among themselves, so one value in common is enough.
         if values_before and values_after and not values_before & values_after:
             return Fact(
@@ -143,9 +143,9 @@ def _has_estimate(quantity: Quantity, estimated_quantities: Sequence[Iterable[Qu
         estimated_quantities: quantities that have an estimate, for each flight of the state.
     """
     for quantities_of_flight in estimated_quantities:
-        for estimated in quantities_of_flight:
-            has_same_axis = quantity.axis in ("", estimated.axis)
-            if estimated.kind == quantity.kind and has_same_axis:
+        for estimated_quantity in quantities_of_flight:
+            has_same_axis = quantity.axis in ("", estimated_quantity.axis)
+            if estimated_quantity.kind == quantity.kind and has_same_axis:
                 return True
     return False
 

@@ -88,9 +88,13 @@ class VehicleDifference(NamedTuple):
         """Whether both states are the same flights: their number, conditions and all quantities are equal, exactly."""
         if self.flights.before != self.flights.after:
             return False
-        before, after = self.conditions
+        conditions_before, conditions_after = self.conditions
         has_differences = any(change.difference != 0 for change in self.changes)
-        return before.collective is not None and before == after and not has_differences
+        return (
+            conditions_before.collective is not None
+            and conditions_before == conditions_after
+            and not has_differences
+        )
 
     def changes_with(self, outcome: QuantityOutcome) -> list[QuantityChange]:
         """Returns the changes with this outcome."""
@@ -171,14 +175,16 @@ def vehicle_difference(
     shared_names = {row.vehicle for row in first_rows if row.vehicle_basis == SYSTEM_ID_BASIS}
     axes = axes_with_other_gains(parameters)
     attitude_axes = axes_with_other_attitude_gains(parameters)
-    missing = missing_quantities(states, [estimates_before, estimates_after], incomparability)
+    missing_estimates = missing_quantities(
+        states, [estimates_before, estimates_after], incomparability
+    )
     return VehicleDifference(
         vehicles=BeforeAfter(_vehicle_names(flights_before), _vehicle_names(flights_after)),
         shared=tuple(sorted(shared_names)),
         motors=motors,
         flights=BeforeAfter(len(flights_before), len(flights_after)),
         changes=tuple(with_outcomes(changes, axes, attitude_axes)),
-        incomparable=tuple(missing),
+        incomparable=tuple(missing_estimates),
         conditions=BeforeAfter(conditions_before, conditions_after),
         axes_with_other_gains=axes,
         axes_with_other_attitude_gains=attitude_axes,

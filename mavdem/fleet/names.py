@@ -121,8 +121,8 @@ def read_names(db: sqlite3.Connection) -> GivenNames:
     """
     vehicles = dict(db.execute("select vehicle, name from vehicle_names").fetchall())
     flights = dict(db.execute("select content, name from flight_names").fetchall())
-    logged = db.execute("select distinct vehicle from flights")
-    return GivenNames(vehicles, flights, frozenset(vehicle for (vehicle,) in logged))
+    logged_vehicles = db.execute("select distinct vehicle from flights")
+    return GivenNames(vehicles, flights, frozenset(vehicle for (vehicle,) in logged_vehicles))
 
 
 def store_vehicle_name(db: sqlite3.Connection, vehicle: str, name: str) -> None:

@@ -12,7 +12,7 @@ MakePart = Callable[[str], str]
 
 
 def kept_summaries(
-    store: Store, version: str, outdated_vehicles: Iterable[str], make: MakePart
+    store: Store, version: str, outdated_vehicles: Iterable[str], make_summary: MakePart
 ) -> list[str]:
     """Returns the summaries of all vehicles as texts, in the order of their names; missing and outdated ones are made.
 
@@ -20,7 +20,7 @@ def kept_summaries(
         store: the open store of the fleet.
         version: version of the summaries: those of another version, or another version of mavdem, are outdated.
         outdated_vehicles: names of the vehicles that were judged since their summaries were made.
-        make: function that makes the summary of a vehicle, given its name. The store keeps what it returns.
+        make_summary: function that makes the summary of a vehicle, given its name. The store keeps what it returns.
 
     Returns:
         The summaries.
@@ -29,32 +29,32 @@ def kept_summaries(
     with store.transaction():
         names = [[vehicle] for vehicle in outdated_vehicles]
         store.db.executemany("delete from vehicle_parts where vehicle = ?", names)
-        tracked = "select vehicle from flights where file is not null"
-        query = f"delete from vehicle_parts where version <> ? or vehicle not in ({tracked})"
+        tracked_query = "select vehicle from flights where file is not null"
+        query = f"delete from vehicle_parts where version <> ? or vehicle not in ({tracked_query})"
         store.db.execute(query, [full_version])
-        missing = f"""select distinct vehicle from ({tracked})
+        missing_query = f"""select distinct vehicle from ({tracked_query})
             where vehicle not in (select vehicle from vehicle_parts)"""
-        for (vehicle,) in store.db.execute(missing).fetchall():
+        for (vehicle,) in store.db.execute(missing_query).fetchall():
             store.db.execute(
                 "insert into vehicle_parts (vehicle, version, summary) values (?, ?, ?)",
-                [vehicle, full_version, make(vehicle)],
+                [vehicle, full_version, make_summary(vehicle)],
             )
         query = "select summary from vehicle_parts order by vehicle"
         return [summary for (summary,) in store.db.execute(query)]
 
 
-def kept_charts(store: Store, vehicle: str, make: MakePart) -> str:
+def kept_charts(store: Store, vehicle: str, make_charts: MakePart) -> str:
     """Returns the charts of a vehicle as HTML; they are made and kept at the first call after it was judged.
 
     Args:
         store: the open store of the fleet, with the summary of the vehicle.
         vehicle: its name.
-        make: function that makes the charts of a vehicle.
+        make_charts: function that makes the charts of a vehicle.
     """
     query = "select charts from vehicle_parts where vehicle = ?"
     (charts,) = store.db.execute(query, [vehicle]).fetchone()
     if charts is None:
-        charts = make(vehicle)
+        charts = make_charts(vehicle)
         query = "update vehicle_parts set charts = ? where vehicle = ?"
         store.db.execute(query, [charts, vehicle])
     return str(charts)

@@ -277,16 +277,16 @@ def with_outcomes(
     Returns:
         The changes with their outcomes, in the order of kinds, motors and axes.
     """
-    tested = []
+    tested_changes = []
     changed_quantities = set()
     for change in changes:
         if not follows_from_gains(
             change.quantity, axes_with_other_gains, axes_with_other_attitude_gains
         ):
-            tested.append(change)
+            tested_changes.append(change)
         elif not change.interval_contains_zero:
             changed_quantities.add(change.quantity)
-    changed_quantities |= _changed_quantities(tested)
+    changed_quantities |= _changed_quantities(tested_changes)
 
     changes_with_outcomes = []
     for change in changes:
@@ -355,15 +355,15 @@ def _changed_quantities(changes: Sequence[QuantityChange]) -> set[Quantity]:
     is_selected = scipy.stats.false_discovery_control(p_of_families) <= SIGNIFICANCE
     # The mean of the flags is R / m.
     false_discovery_rate = SIGNIFICANCE * is_selected.mean()
-    changed = set()
-    for family, selected in zip(changes_by_family, is_selected, strict=True):
-        if not selected:
+    changed_quantities = set()
+    for family, is_family_selected in zip(changes_by_family, is_selected, strict=True):
+        if not is_family_selected:
             continue
         changes_of_family = changes_by_family[family]
         for change, adjusted_p in zip(changes_of_family, adjusted_by_family[family], strict=True):
             if adjusted_p <= false_discovery_rate:
-                changed.add(change.quantity)
-    return changed
+                changed_quantities.add(change.quantity)
+    return changed_quantities
 
 
 def family_of(kind: str) -> str:

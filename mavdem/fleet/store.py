@@ -224,9 +224,9 @@ class Store:
         with self.transaction():
             # Whether the log is among those of the fleet's table stays as it was.
             query = "select max(tracked) from logs where path = ?"
-            (tracked,) = self.db.execute(query, [path]).fetchone()
+            (is_tracked,) = self.db.execute(query, [path]).fetchone()
             if outcome.ended == "known":
-                self._add_path(path, source.version, tracked, content)
+                self._add_path(path, source.version, is_tracked, content)
                 return
             # A key ends in the size of the content.
             size = int(outcome.key.rpartition("-")[2]) if outcome.key else source.size
@@ -242,7 +242,7 @@ class Store:
                 limits.seconds,
                 limits.megabytes,
                 metadata.version("mavdem"),
-                tracked,
+                is_tracked,
             )
             parameters = ", ".join("?" * len(entry))
             self.db.execute(f"insert or replace into logs values ({parameters})", entry)

@@ -163,10 +163,10 @@ class JobOutcome:
     """MiB, the largest memory that the process has had, with this log and those before"""
 
 
-def failed(job: Job, ended: JobEnding, status: Fact, key: str = "") -> JobOutcome:
+def failed(job: Job, ending: JobEnding, status: Fact, key: str = "") -> JobOutcome:
     """Returns the outcome of a log without a flight: one row, whose ``status`` says why."""
     row = FlightRow.without_flight(status=status, **_job_columns(job, key))
-    return JobOutcome(job.path, ended, (row,), key)
+    return JobOutcome(job.path, ending, (row,), key)
 
 
 def _job_columns(job: Job, key: str) -> JsonValues:

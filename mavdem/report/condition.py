@@ -271,10 +271,10 @@ def wind_tables(wind: WindVelocity, max_rows: int | None = None) -> list[Table]:
         wind: estimated wind of a flight.
         max_rows: most rows of a table. Of more parts or layers, evenly spaced ones are shown; None for all.
     """
-    identified = wind.identified_figures
+    identified_figures = wind.identified_figures
     mean_winds_by_subject = (
-        _MeanWinds("Time (s)", ("start", "end"), identified.minutes),
-        _MeanWinds("Height (m)", ("height",), identified.profile),
+        _MeanWinds("Time (s)", ("start", "end"), identified_figures.minutes),
+        _MeanWinds("Height (m)", ("height",), identified_figures.profile),
     )
     tables = []
     for mean_winds in mean_winds_by_subject:

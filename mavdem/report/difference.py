@@ -137,11 +137,13 @@ def headline_of_comparison(
     )
     # That no other figure changed follows what the gains explain.
     has_named_change = bool(_changes_by_cause(difference, changes).unexplained)
-    ordered = [*result, *gain_sentences] if has_named_change else [*gain_sentences, *result]
+    ordered_sentences = (
+        [*result, *gain_sentences] if has_named_change else [*gain_sentences, *result]
+    )
     return [
         *(_identity_cautions(difference) if _are_two_vehicles(difference) else ()),
         *light_sentences,
-        *ordered,
+        *ordered_sentences,
     ]
 
 
@@ -254,11 +256,11 @@ def _later_side(reviews: Mapping[str, Review]) -> str:
     Args:
         reviews: review documents of both logs, by side, "A" and "B".
     """
-    first, second = STATE_NAMES
+    first_side, second_side = STATE_NAMES
     dates = [value_at(reviews.get(side) or {}, "identity.date") for side in STATE_NAMES]
     if all(dates) and dates[0] > dates[1]:
-        return first
-    return second
+        return first_side
+    return second_side
 
 
 def light_blocks(reviews: Mapping[str, Review]) -> Blocks:
@@ -393,16 +395,16 @@ def _result_sentences(
         difference: comparison of two groups of flights of a vehicle, quantity by quantity.
         changes: the changed quantities, the most relevant first.
     """
-    unexplained, by_gains = _changes_by_cause(difference, changes)
+    unexplained_changes, by_gains = _changes_by_cause(difference, changes)
     doubtful = sorted(filter(_is_doubtful, difference.tested), key=lambda change: change.p)
-    candidates = unexplained or doubtful
+    candidates = unexplained_changes or doubtful
     outcomes = Counter(change.outcome for change in difference.changes)
     return render_section(
         "difference_conclusion",
         change=change_text(candidates[0], difference) if candidates else "",
         further_count=len(candidates) - 1,
-        is_doubtful=not unexplained,
-        doubtful=change_text(doubtful[0], difference) if unexplained and doubtful else "",
+        is_doubtful=not unexplained_changes,
+        doubtful=change_text(doubtful[0], difference) if unexplained_changes and doubtful else "",
         p=candidates[0].p if candidates else None,
         tested_count=len(difference.tested),
         uncertain_count=outcomes[QuantityOutcome.UNCERTAIN],
@@ -441,11 +443,13 @@ def _change_sentences(
             doubtful.append(change_text(change, difference))
         elif change.outcome is QuantityOutcome.UNCERTAIN:
             uncertain.append(change)
-    unexplained, by_gains = _changes_by_cause(difference, _changes_by_relevance(difference))
+    unexplained_changes, by_gains = _changes_by_cause(difference, _changes_by_relevance(difference))
     # The headline names the first change, so that a single one is not repeated.
-    listed_changes = unexplained if len(unexplained) > 1 else []
-    tested = difference.tested
-    surest = min(filter(_is_doubtful, tested), key=lambda change: change.p, default=None)
+    listed_changes = unexplained_changes if len(unexplained_changes) > 1 else []
+    tested_changes = difference.tested
+    surest_change = min(
+        filter(_is_doubtful, tested_changes), key=lambda change: change.p, default=None
+    )
     texts_above = " ".join(sentence.text for sentence in headline)
     texts_by_gains = [change_text(change, difference) for change in by_gains]
     sentences = render_section(
@@ -463,10 +467,12 @@ def _change_sentences(
         uncertain=[*_texts_of_equal_changes(uncertain, difference)],
         are_two_vehicles=_are_two_vehicles(difference),
         has_trims=any(change.quantity.kind == SHARE for change in difference.changes),
-        tested_count=len(tested),
-        surest_p=None if surest is None else surest.p,
+        tested_count=len(tested_changes),
+        surest_p=None if surest_change is None else surest_change.p,
         # Probability that at least one of so many independent figures has such a p-value by chance.
-        chance_of_any=None if surest is None else 1 - (1 - surest.p) ** len(tested),
+        chance_of_any=None
+        if surest_change is None
+        else 1 - (1 - surest_change.p) ** len(tested_changes),
     )
     return [*sentences, *same_sentences(difference.changes_with(QuantityOutcome.SAME))]
 
@@ -563,9 +569,9 @@ def next_blocks(
     if len(known_vehicles) > 1:
         return []
     changes = difference.changes_with(QuantityOutcome.CHANGED)
-    unexplained = _changes_by_cause(difference, changes).unexplained
-    if unexplained:
-        return _what_to_check(unexplained, difference)
+    unexplained_changes = _changes_by_cause(difference, changes).unexplained
+    if unexplained_changes:
+        return _what_to_check(unexplained_changes, difference)
     if any(_is_doubtful(change) for change in difference.tested):
         return render_section("difference_doubt")
     return []
@@ -653,10 +659,10 @@ def change_text(change: QuantityChange, difference: VehicleDifference) -> str:
         )
     if quantity.kind in (SHARE, EFFECT, MEAN_EFFECT):
         return f"{name} {change_with_interval}"
-    before = rounded(shown_form.scale * change.before)
-    after = rounded(shown_form.scale * change.after)
+    value_before = rounded(shown_form.scale * change.before)
+    value_after = rounded(shown_form.scale * change.after)
     space = " " if shown_form.unit not in ("°", "") else ""
-    return f"{name} {before} → {after}{space}{shown_form.unit} ({change_with_interval})"
+    return f"{name} {value_before} → {value_after}{space}{shown_form.unit} ({change_with_interval})"
 
 
 def _texts_by_kind(changes: Sequence[QuantityChange]) -> Iterator[str]:

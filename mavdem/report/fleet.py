@@ -194,8 +194,8 @@ def badge(flights: Flights) -> str:
 
 def badge_level(flights: Flights) -> Level:
     """Returns the level of the :func:`badge` of flights; unknown for a log that was not used."""
-    word = badge(flights)
-    return word.level if isinstance(word, Rated) else Level.UNKNOWN
+    badge_text = badge(flights)
+    return badge_text.level if isinstance(badge_text, Rated) else Level.UNKNOWN
 
 
 def urgency(flights: Flights) -> Urgency:

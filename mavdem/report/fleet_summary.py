@@ -100,8 +100,8 @@ def fleet_blocks(
         bad_names=abbreviated_list(latest_bad),
         are_all_described=len(latest_bad) == bad_count,
     )
-    unused = [row for summary in summaries for row in summary.unused if row.is_first]
-    return [*blocks, *_unused_blocks(unused)]
+    unused_rows = [row for summary in summaries for row in summary.unused if row.is_first]
+    return [*blocks, *_unused_blocks(unused_rows)]
 
 
 def _count_bad_unnamed_flights(
@@ -208,7 +208,7 @@ def _health_summary(vehicles: Mapping[str, VehicleFlights], names: GivenNames) -
     """
     urgent = []
     watched_count = 0
-    recovered = []
+    recovered_labels = []
     healthy_count = 0
     # The most urgent vehicle is named first.
     for name in sorted(vehicles, key=lambda name: (vehicles[name].urgency, name)):
@@ -221,13 +221,13 @@ def _health_summary(vehicles: Mapping[str, VehicleFlights], names: GivenNames) -
         if vehicle.health == MotorHealth.OK:
             healthy_count += 1
             if vehicle.was_in_trouble:
-                recovered.append(label)
+                recovered_labels.append(label)
     return HealthSummary(
         urgent_count=len(urgent),
         urgent_list=abbreviated_list(urgent),
         watched_count=watched_count,
-        recovered_count=len(recovered),
-        recovered_list=abbreviated_list(sorted(recovered)),
+        recovered_count=len(recovered_labels),
+        recovered_list=abbreviated_list(sorted(recovered_labels)),
         healthy_count=healthy_count,
     )
 
@@ -277,9 +277,9 @@ def _unused_blocks(rows: Sequence[UnusedRow]) -> Blocks:
         The sentence and the table; no table without such logs.
     """
     rows_by_reason = group_by(rows, lambda row: row.status_code or row.status)
-    ranked = sorted(rows_by_reason.items(), key=lambda item: (-len(item[1]), item[0]))
+    reasons_by_frequency = sorted(rows_by_reason.items(), key=lambda item: (-len(item[1]), item[0]))
     cells = []
-    for code, rows_of_reason in ranked[:MAX_REASONS]:
+    for code, rows_of_reason in reasons_by_frequency[:MAX_REASONS]:
         # The sentence of one log contains its own figures, so several logs share the name of their code.
         if len(rows_of_reason) == 1:
             reason = rows_of_reason[0].status

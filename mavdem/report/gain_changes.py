@@ -91,9 +91,9 @@ def gain_changes(
     Returns:
         The table with its files; None if no gain changes.
     """
-    lowered = dict(_gains_to_lower(next_step))
-    if lowered:
-        gain_sets = [_GainSet(lowered, LOWERED_GAINS_HEADING)]
+    lowered_gains = dict(_gains_to_lower(next_step))
+    if lowered_gains:
+        gain_sets = [_GainSet(lowered_gains, LOWERED_GAINS_HEADING)]
     else:
         gain_sets = [*_advised_gain_sets(advice)]
     rows = []
@@ -105,8 +105,10 @@ def gain_changes(
             rows.append([name, f"{gain.now:.4g}", f"{gain.set:.4g}", f"{factor:.2f}"])
         values = {name: gain.set for name, gain in gain_set.gains.items()}
         for name, value in remaining_notch.items():
-            now = vehicle.parameters.get(name)
-            rows.append([name, "" if now is None else f"{now:.4g}", f"{value:.4g}", ""])
+            present_value = vehicle.parameters.get(name)
+            rows.append(
+                [name, "" if present_value is None else f"{present_value:.4g}", f"{value:.4g}", ""]
+            )
         values |= remaining_notch
         remaining_notch = NO_PARAMETERS
         files = parameter_files(values, vehicle, gain_set.heading)
@@ -118,7 +120,7 @@ def gain_changes(
             downloads.append(ParameterDownload(name, label, address))
     if not rows:
         return None
-    cautions = () if lowered else tuple(_cautions_on_gains(advice))
+    cautions = () if lowered_gains else tuple(_cautions_on_gains(advice))
     return GainChanges(Table(["gain", "now", "set", "times"], rows), tuple(downloads), cautions)
 
 
@@ -160,8 +162,8 @@ def _advised_gain_sets(advice: AdviceByAxis) -> Iterator[_GainSet]:
     axes_of_stage: dict[Stage, dict[str, Gain]] = {}
     for axis_advice in advice.values():
         if isinstance(axis_advice, Advice) and axis_advice.stage is not None:
-            changed = {name: axis_advice.gains[name] for name in axis_advice.parameters}
-            axes_of_stage.setdefault(axis_advice.stage, {}).update(changed)
+            changed_gains = {name: axis_advice.gains[name] for name in axis_advice.parameters}
+            axes_of_stage.setdefault(axis_advice.stage, {}).update(changed_gains)
     for stage, gains in sorted(axes_of_stage.items()):
         suffix = f".stage{stage:d}" if len(axes_of_stage) > 1 else ""
         yield _GainSet(gains, STAGE_HEADINGS[stage], suffix)
@@ -177,8 +179,8 @@ def _gains_to_lower(fact: Fact) -> Iterator[tuple[str, Gain]]:
         fact: a next step, or a fact among its figures.
     """
     if fact.code in LOWERING:
-        for name, now, new_value in fact.figures["changes"]:
-            yield name, Gain(now, new_value)
+        for name, present_value, new_value in fact.figures["changes"]:
+            yield name, Gain(present_value, new_value)
     for figure in fact.figures.values():
         # A figure is a value or a tuple of values.
         values = figure if isinstance(figure, tuple) else (figure,)

@@ -652,9 +652,9 @@ def gain_blocks(advice: Advice) -> Blocks:
     rows = []
     for name, gain in advice.gains.items():
         # Two values that look equal in the table, which shows four digits, are no change to a reader.
-        now, new = (f"{value:.4g}" for value in gain)
-        if now != new:
-            rows.append([name, now, new, f"{gain.set / gain.now:.2f}"])
+        present_text, advised_text = (f"{value:.4g}" for value in gain)
+        if present_text != advised_text:
+            rows.append([name, present_text, advised_text, f"{gain.set / gain.now:.2f}"])
     tables = [Table(["gain", "now", "set", "times"], rows)] if rows else []
     return [*tables, *_gain_sentences(advice)]
 

@@ -181,10 +181,12 @@ def notch_trial(
     crossover = ASSUMED_CROSSOVER if loop is None else loop.crossover
     mark = Mark(crossover, "crossover" if loop is not None else "", BAD)
     # If only the filtered gyro was logged, what the filters took cannot be known.
-    has_only_filtered_gyro = spectrum.name == GYRO and any(tried.is_on for tried in filters)
+    has_only_filtered_gyro = spectrum.name == GYRO and any(
+        tried_filter.is_on for tried_filter in filters
+    )
     parameters: dict[str, float] = {}
-    for tried in filters:
-        parameters |= tried.parameters
+    for tried_filter in filters:
+        parameters |= tried_filter.parameters
     files = parameter_files(parameters, vehicle, REMARK)
     endings = tuple(sorted(files))
     return NotchTrial(
@@ -233,18 +235,21 @@ def _remarks(
         yield f"No rate loop is identified: the phase is stated at {ASSUMED_CROSSOVER:.0f} Hz."
     if not filters[0].is_logged:
         yield "The log has none of its parameters: see whether the firmware has them."
-    for title, tried in zip(_titles(filters), filters, strict=True):
-        mode = _mode_of(tried)
+    for title, tried_filter in zip(_titles(filters), filters, strict=True):
+        mode = _mode_of(tried_filter)
         name = title or "It"
-        if tried.motor_frequencies:
-            centers = listed(f"{frequency:.0f}" for frequency in tried.motor_frequencies)
+        if tried_filter.motor_frequencies:
+            centers = listed(f"{frequency:.0f}" for frequency in tried_filter.motor_frequencies)
             yield f"{name} follows the motors' speeds, and is shown at those of the flight: {centers} Hz."
         elif mode == NotchMode.THROTTLE:
             yield f"{name} follows the throttle, and is shown where it is in hover."
         elif mode != NotchMode.FIXED:
             yield f"{name} follows a measurement, and is shown at its lowest frequency."
     # Only ArduPilot's filters, which have a prefix, can follow something.
-    if any(tried.prefix and _mode_of(tried) != NotchMode.FIXED for tried in filters):
+    if any(
+        tried_filter.prefix and _mode_of(tried_filter) != NotchMode.FIXED
+        for tried_filter in filters
+    ):
         yield "In flight the centres move; the trial holds for the fixed ones that are shown."
     if has_dynamic_notch:
         yield "IMU_GYRO_DNF_EN adds notches that move with the motors: the trial holds for the fixed ones alone."
@@ -254,9 +259,9 @@ def _remarks(
         )
 
 
-def _mode_of(tried: TriedFilter) -> float:
+def _mode_of(tried_filter: TriedFilter) -> float:
     """Returns what the centre of a filter follows, by its parameter; ``NotchMode.FIXED`` without one."""
-    return tried.parameters.get(f"{tried.prefix}MODE", NotchMode.FIXED)
+    return tried_filter.parameters.get(f"{tried_filter.prefix}MODE", NotchMode.FIXED)
 
 
 def _titles(filters: Sequence[TriedFilter]) -> list[str]:
@@ -276,23 +281,23 @@ def _filter_forms(filters: Sequence[TriedFilter], gyro_rate: float) -> Iterator[
         filters: the filters, whose parameters are the settings that the forms show first.
         gyro_rate: rate at which the filters run, Hz, which limits their centres.
     """
-    for title, tried in zip(_titles(filters), filters, strict=True):
+    for title, tried_filter in zip(_titles(filters), filters, strict=True):
         yield FilterForm(
             title,
-            sliders=_sliders(tried, gyro_rate),
-            harmonics=_harmonics(tried),
-            harmonics_parameter=tried.names.get("harmonics", ""),
-            is_on=tried.is_on,
+            sliders=_sliders(tried_filter, gyro_rate),
+            harmonics=_harmonics(tried_filter),
+            harmonics_parameter=tried_filter.names.get("harmonics", ""),
+            is_on=tried_filter.is_on,
         )
 
 
-def _sliders(tried: TriedFilter, gyro_rate: float) -> tuple[NotchSlider, ...]:
+def _sliders(tried_filter: TriedFilter, gyro_rate: float) -> tuple[NotchSlider, ...]:
     """Returns the sliders of a notch filter: one for each setting that the filter has as a parameter.
 
     Ranges are those of ``SLIDER_RANGES``, widened if the log has a value beyond them.
 
     Args:
-        tried: filter with its parameters.
+        tried_filter: filter with its parameters.
         gyro_rate: rate at which the filter runs, Hz. Its centre must be below ``MAX_NOTCH_FREQUENCY_RATIO`` of this
             rate, since the autopilot switches off a notch above.
 
@@ -301,32 +306,32 @@ def _sliders(tried: TriedFilter, gyro_rate: float) -> tuple[NotchSlider, ...]:
     """
     max_center = np.floor(MAX_NOTCH_FREQUENCY_RATIO * gyro_rate)
     sliders = []
-    for setting, documented in SLIDER_RANGES.items():
-        if setting not in tried.names:
+    for setting, documented_range in SLIDER_RANGES.items():
+        if setting not in tried_filter.names:
             continue
-        highest = documented.highest
+        highest_value = documented_range.highest
         if setting == "centre":
-            highest = min(highest, max_center)
-        name = tried.names[setting]
-        value = tried.parameters[name]
+            highest_value = min(highest_value, max_center)
+        name = tried_filter.names[setting]
+        value = tried_filter.parameters[name]
         sliders.append(
             NotchSlider(
                 name,
-                label=documented.label,
-                unit=documented.unit,
-                lowest=min(documented.lowest, np.floor(value)),
-                highest=max(highest, np.ceil(value)),
+                label=documented_range.label,
+                unit=documented_range.unit,
+                lowest=min(documented_range.lowest, np.floor(value)),
+                highest=max(highest_value, np.ceil(value)),
                 value=value,
             )
         )
     return tuple(sliders)
 
 
-def _harmonics(tried: TriedFilter) -> dict[int, bool]:
+def _harmonics(tried_filter: TriedFilter) -> dict[int, bool]:
     """Returns whether each multiple of the centre has a notch at first; empty if the filter has no mask."""
-    if "harmonics" not in tried.names:
+    if "harmonics" not in tried_filter.names:
         return {}
-    mask = int(tried.parameters[tried.names["harmonics"]])
+    mask = int(tried_filter.parameters[tried_filter.names["harmonics"]])
     return {k: bool(mask >> (k - 1) & 1) for k in range(1, OFFERED_HARMONICS + 1)}
 
 
@@ -350,19 +355,19 @@ def _model(controller: Controller, filters: Sequence[TriedFilter]) -> JsonValues
           harmonics; and ``minGain``: lowest gain that is drawn.
     """
     models = []
-    for title, tried in zip(_titles(filters), filters, strict=True):
-        parameters = {**controller.parameters, **tried.parameters}
-        prefix = tried.prefix
+    for title, tried_filter in zip(_titles(filters), filters, strict=True):
+        parameters = {**controller.parameters, **tried_filter.parameters}
+        prefix = tried_filter.prefix
         models.append(
             {
                 "title": title,
-                "parameters": tried.parameters,
-                "off": tried.values_when_off,
-                "names": tried.names,
-                "wasOn": tried.is_on,
+                "parameters": tried_filter.parameters,
+                "off": tried_filter.values_when_off,
+                "names": tried_filter.names,
+                "wasOn": tried_filter.is_on,
                 "hoverRatio": hover_center_ratio(parameters, prefix) if prefix else 1.0,
                 "sources": notch_source_count(parameters, prefix) if prefix else 1,
-                "motors": tried.motor_frequencies,
+                "motors": tried_filter.motor_frequencies,
             }
         )
     return {
@@ -396,9 +401,9 @@ def _charts(
         has_spectrum: whether the spectrum with other filters is known.
     """
     nyquist = MAX_NOTCH_FREQUENCY_RATIO * controller.gyro_rate
-    highest = min(max(RESPONSE_SPAN, spectrum.nyquist_frequency), nyquist)
-    axis = FREQUENCY._replace(limits=(MIN_FREQUENCY, highest))
-    frequency = np.geomspace(MIN_FREQUENCY, highest, RESPONSE_POINTS)
+    max_frequency = min(max(RESPONSE_SPAN, spectrum.nyquist_frequency), nyquist)
+    axis = FREQUENCY._replace(limits=(MIN_FREQUENCY, max_frequency))
+    frequency = np.geomspace(MIN_FREQUENCY, max_frequency, RESPONSE_POINTS)
     notches = logged_notches(controller, filters)
     response = notch_response(notches, controller.gyro_rate, frequency)
     gain = 20 * np.log10(np.maximum(abs(response), MIN_GAIN))
@@ -424,7 +429,7 @@ def _charts(
     ]
     if has_spectrum:
         gyro = _GyroPower(spectrum, without_filters(controller, filters), notches, filter_words)
-        charts.insert(0, _spectrum_chart(gyro, peak, highest))
+        charts.insert(0, _spectrum_chart(gyro, peak, max_frequency))
     return Group.side_by_side(charts)
 
 
@@ -444,7 +449,7 @@ class _GyroPower(NamedTuple):
     """Name of the notches in the legend, such as "this notch"."""
 
 
-def _spectrum_chart(gyro: _GyroPower, peak: float, highest: float) -> Chart:
+def _spectrum_chart(gyro: _GyroPower, peak: float, max_frequency: float) -> Chart:
     """Returns the chart of the gyro's power spectrum in up to three places of the chain of filters.
 
     The lines are the measured spectrum, the input of the notches that are tried (behind all other filters), and their
@@ -455,11 +460,11 @@ def _spectrum_chart(gyro: _GyroPower, peak: float, highest: float) -> Chart:
     Args:
         gyro: spectrum and filters.
         peak: frequency of the strongest spectral line, Hz, which is marked.
-        highest: highest frequency of the chart, Hz.
+        max_frequency: highest frequency of the chart, Hz.
     """
     spectrum = gyro.spectrum
     density = spectrum.mean_density.sum(axis=0)
-    is_shown = (spectrum.frequency >= MIN_FREQUENCY) & (spectrum.frequency <= highest)
+    is_shown = (spectrum.frequency >= MIN_FREQUENCY) & (spectrum.frequency <= max_frequency)
     frequency, measured_power = max_decimated(
         spectrum.frequency[is_shown], density[is_shown], RESPONSE_POINTS
     )
@@ -486,7 +491,7 @@ def _spectrum_chart(gyro: _GyroPower, peak: float, highest: float) -> Chart:
     unit = "(rad/s)²/Hz"
     return Chart(
         "Gyro, power",
-        FREQUENCY._replace(limits=(MIN_FREQUENCY, highest)),
+        FREQUENCY._replace(limits=(MIN_FREQUENCY, max_frequency)),
         Axis(f"Gyro, power ({unit})", is_logarithmic=True),
         tuple(line._replace(y=np.maximum(line.y, MIN_DENSITY)) for line in lines),
         marks=(Mark(peak, "peak"),),

@@ -97,16 +97,16 @@ def one_line_list(names: Iterable[str], max_names: int = 5, max_length: int = 80
         max_names: largest number of names that are listed; "…" replaces the others.
         max_length: largest number of characters of a name; "…" replaces the rest.
     """
-    ordered = sorted(names)
+    sorted_names = sorted(names)
     listed_names = []
-    for name in ordered[:max_names]:
+    for name in sorted_names[:max_names]:
         short_name = name if len(name) <= max_length else f"{name[:max_length]}…"
         # Control characters could change what a terminal shows.
         letters = [
             letter if letter.isprintable() else "\N{REPLACEMENT CHARACTER}" for letter in short_name
         ]
         listed_names.append("".join(letters))
-    if len(ordered) > max_names:
+    if len(sorted_names) > max_names:
         listed_names.append("…")
     return ", ".join(listed_names)
 

@@ -210,7 +210,7 @@ def _alarm_lines(assessment: Assessment, columns: int) -> Iterator[list[str]]:
         columns: number of characters of a line of the terminal.
     """
     former_boot = None
-    for index, total in worst_events(assessment.events):
+    for index, count in worst_events(assessment.events):
         event = assessment.events[index]
         if event.is_bad and event.time != assessment.headline.time:
             # The number of the boot, by which the autopilot's restarts are counted; only some events have it.
@@ -220,7 +220,7 @@ def _alarm_lines(assessment: Assessment, columns: int) -> Iterator[list[str]]:
             former_boot = boot
             has_time = event.time is not None and isfinite(event.time)
             label = f"{event.time:.0f} s" if has_time else "event"
-            yield _wrapped_fact(label, event, columns, count_text=first_of(total))
+            yield _wrapped_fact(label, event, columns, count_text=first_of(count))
 
 
 def _lines_of_light(name: str, fact: Fact, columns: int) -> list[str]:
@@ -252,20 +252,20 @@ def _wrapped_fact(label: str, fact: Fact, columns: int, count_text: str = "") ->
         columns: characters of a line.
         count_text: text after the sentence on how many equal events there are; empty for a single one.
     """
-    beginning = _label_and_level(label, fact)
+    label_and_level = _label_and_level(label, fact)
     return wrap(
         headline(fact) + count_text,
         columns,
-        initial_indent=beginning,
-        subsequent_indent=" " * len(beginning),
+        initial_indent=label_and_level,
+        subsequent_indent=" " * len(label_and_level),
         break_on_hyphens=False,
     )
 
 
 def _shortened_fact(label: str, fact: Fact, columns: int) -> str:
     """Returns one line of a fact: its label, its level, and its sentence without the clauses that do not fit."""
-    beginning = _label_and_level(label, fact)
-    return f"{beginning}{shortened(headline(fact), columns - len(beginning))}"
+    label_and_level = _label_and_level(label, fact)
+    return f"{label_and_level}{shortened(headline(fact), columns - len(label_and_level))}"
 
 
 def _label_and_level(label: str, fact: Fact) -> str:

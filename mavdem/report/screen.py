@@ -273,17 +273,17 @@ def assessment_blocks(findings: Findings, judgement: Judgement | None) -> Blocks
     return [headline_of_flight, *lights, *grades, next_step, *warnings]
 
 
-def flight_title(flights: Flights, simulated: Fact | None = None) -> Sentence:
+def flight_title(flights: Flights, simulation_fact: Fact | None = None) -> Sentence:
     """Returns the title of a report: name of the log, axis, duration, number of segments and sampling rate.
 
     Args:
         flights: segments of settled flight of one log, with the data of one axis each; at least one.
-        simulated: the fact that the flight was simulated, which the title then states; None for a real flight.
+        simulation_fact: the fact that the flight was simulated, which the title then states; None for a real flight.
     """
     # A flight that was made from arrays has no file.
     source = flights[0].provenance.get("source") or "Arrays"
     name = Path(str(source)).name
-    (title,) = render_section("title", flights=flights, name=name, simulated=simulated)
+    (title,) = render_section("title", flights=flights, name=name, simulated=simulation_fact)
     return title
 
 

@@ -94,24 +94,33 @@ def tried_filters(
     Returns:
         Filters of ArduPilot (INS_HNTCH, INS_HNTC2) or PX4 (IMU_GYRO_NF0, IMU_GYRO_NF1).
     """
-    advised: Parameters = {}
+    advised_parameters: Parameters = {}
     if noise.notch is not None and noise.notch.code is NotchAdvice.SET_NOTCH:
-        advised = dict(noise.notch.figures["settings"])
-    logged = controller.parameters
+        advised_parameters = dict(noise.notch.figures["settings"])
+    logged_parameters = controller.parameters
     filters = []
     if controller.is_ardupilot:
         for index, prefix in enumerate(ARDUPILOT_PREFIXES):
-            if index == 0 or f"{prefix}ENABLE" in logged:
+            if index == 0 or f"{prefix}ENABLE" in logged_parameters:
                 peak = _peak_for(index, peaks)
-                filters.append(_ardupilot_filter(logged, prefix, advised, peak, motor_frequencies))
+                filters.append(
+                    _ardupilot_filter(
+                        logged_parameters, prefix, advised_parameters, peak, motor_frequencies
+                    )
+                )
         return tuple(filters)
     # Older versions of PX4 have a single notch, whose parameters have other names.
     notches: Sequence[_NotchParameters] = PX4_NOTCHES
-    if PX4_NOTCHES[0].center not in logged and OLDER_PX4_NOTCH.center in logged:
+    if (
+        PX4_NOTCHES[0].center not in logged_parameters
+        and OLDER_PX4_NOTCH.center in logged_parameters
+    ):
         notches = (OLDER_PX4_NOTCH,)
     for index, notch in enumerate(notches):
-        if index == 0 or notch.center in logged:
-            filters.append(_px4_filter(logged, notch, advised, _peak_for(index, peaks)))
+        if index == 0 or notch.center in logged_parameters:
+            filters.append(
+                _px4_filter(logged_parameters, notch, advised_parameters, _peak_for(index, peaks))
+            )
     return tuple(filters)
 
 
@@ -139,18 +148,18 @@ def strongest_peaks(noise: MeasuredNoise, spectrum: Spectrum) -> tuple[float, ..
 
 
 def _ardupilot_filter(
-    logged: Parameters,
+    logged_parameters: Parameters,
     prefix: str,
-    advised: Parameters,
+    advised_parameters: Parameters,
     peak: float,
     motor_frequencies: Numbers,
 ) -> TriedFilter:
     """Returns one of ArduPilot's harmonic notches.
 
     Args:
-        logged: parameters of the log.
+        logged_parameters: parameters of the log.
         prefix: beginning of its parameters.
-        advised: parameters that the advice sets; empty without one.
+        advised_parameters: parameters that the advice sets; empty without one.
         peak: frequency of a line, Hz.
         motor_frequencies: revolutions per second of each motor in flight.
     """
@@ -166,31 +175,34 @@ def _ardupilot_filter(
         f"{prefix}ATT": ARDUPILOT_ATTENUATION,
     }
     # What the log or, if the filter is off, the advice has replaces these values.
-    is_on = bool(logged.get(enable, 0.0))
-    source = logged if is_on else advised
+    is_on = bool(logged_parameters.get(enable, 0.0))
+    source = logged_parameters if is_on else advised_parameters
     for name, value in parameters.items():
         parameters[name] = source.get(name, value)
     parameters[enable] = 1.0
     names = {"centre": "FREQ", "width": "BW", "depth": "ATT", "harmonics": "HMNCS"}
-    followed: Numbers = ()
+    followed_frequencies: Numbers = ()
     if parameters[f"{prefix}MODE"] == NotchMode.ESC_TELEMETRY and motor_frequencies:
         # The parameter REF scales the speeds (AP_Vehicle::update_dynamic_notch).
         scaled = [parameters[f"{prefix}REF"] * frequency for frequency in motor_frequencies]
-        has_notch_for_each = notch_source_count({**logged, **parameters}, prefix) > 1
-        followed = tuple(scaled) if has_notch_for_each else (float(np.mean(scaled)),)
+        has_notch_for_each = notch_source_count({**logged_parameters, **parameters}, prefix) > 1
+        followed_frequencies = tuple(scaled) if has_notch_for_each else (float(np.mean(scaled)),)
     return TriedFilter(
         parameters=parameters,
         values_when_off={enable: 0.0},
         names={setting: f"{prefix}{ending}" for setting, ending in names.items()},
         is_on=is_on,
-        is_logged=enable in logged,
+        is_logged=enable in logged_parameters,
         prefix=prefix,
-        motor_frequencies=followed,
+        motor_frequencies=followed_frequencies,
     )
 
 
 def _px4_filter(
-    logged: Parameters, notch: _NotchParameters, advised: Parameters, line_frequency: float
+    logged_parameters: Parameters,
+    notch: _NotchParameters,
+    advised_parameters: Parameters,
+    line_frequency: float,
 ) -> TriedFilter:
     """Returns one of PX4's static notches, with the settings that the page shows first.
 
@@ -198,13 +210,16 @@ def _px4_filter(
     another filter, such that the notch attenuates a line of the spectrum.
 
     Args:
-        logged: parameters of the log.
+        logged_parameters: parameters of the log.
         notch: names of the notch's parameters.
-        advised: parameters that the advice sets, perhaps of another filter; empty without advice.
+        advised_parameters: parameters that the advice sets, perhaps of another filter; empty without advice.
         line_frequency: frequency of the spectral line, Hz.
     """
-    is_on = logged.get(notch.center, 0.0) > 0 and logged.get(notch.bandwidth, 0.0) > 0
-    first_settings = logged if is_on else advised
+    is_on = (
+        logged_parameters.get(notch.center, 0.0) > 0
+        and logged_parameters.get(notch.bandwidth, 0.0) > 0
+    )
+    first_settings = logged_parameters if is_on else advised_parameters
     # Rounded to as many digits as people type.
     center_on_line = float(f"{line_frequency:.3g}")
     bandwidth_on_line = float(f"{RELATIVE_BANDWIDTHS[-1] * center_on_line:.2g}")
@@ -217,15 +232,15 @@ def _px4_filter(
         values_when_off={notch.center: 0.0},
         names={"centre": notch.center, "width": notch.bandwidth},
         is_on=is_on,
-        is_logged=notch.center in logged,
+        is_logged=notch.center in logged_parameters,
     )
 
 
 def without_filters(controller: Controller, filters: Sequence[TriedFilter]) -> Controller:
     """Returns the controller with these filters off, and all others as they are."""
     parameters: dict[str, float] = {}
-    for tried in filters:
-        parameters |= tried.values_when_off
+    for tried_filter in filters:
+        parameters |= tried_filter.values_when_off
     return controller.with_parameters(parameters)
 
 
@@ -240,48 +255,52 @@ def logged_notches(controller: Controller, filters: Sequence[TriedFilter]) -> li
     """
     notches: list[Notch] = []
     controller_without_filters = without_filters(controller, filters)
-    for tried in filters:
-        if not tried.is_on:
+    for tried_filter in filters:
+        if not tried_filter.is_on:
             continue
-        if tried.motor_frequencies:
-            notches += _motor_notches(tried)
+        if tried_filter.motor_frequencies:
+            notches += _motor_notches(tried_filter)
         else:
-            notches += _fixed_notches(tried, controller_without_filters)
+            notches += _fixed_notches(tried_filter, controller_without_filters)
     return notches
 
 
-def _fixed_notches(tried: TriedFilter, controller_without_filters: Controller) -> list[Notch]:
+def _fixed_notches(
+    tried_filter: TriedFilter, controller_without_filters: Controller
+) -> list[Notch]:
     """Returns the notches of a filter at fixed frequencies: those that the controller gets when it is switched on.
 
     Args:
-        tried: the filter, with its parameters.
+        tried_filter: the filter, with its parameters.
         controller_without_filters: the controller with all filters off that are tried. Others may be on.
     """
-    controller = controller_without_filters.with_parameters(tried.parameters)
+    controller = controller_without_filters.with_parameters(tried_filter.parameters)
     notch_count = len(controller.notches) - len(controller_without_filters.notches)
     # A controller lists the notches of these filters before the others, such as those of a dynamic notch.
     return [*controller.notches[:notch_count]]
 
 
-def _motor_notches(tried: TriedFilter) -> list[Notch]:
+def _motor_notches(tried_filter: TriedFilter) -> list[Notch]:
     """Returns the notches of a filter that follows the motors: harmonics of the speed of each motor.
 
     A motor that turns more slowly than the filter's lowest centre gets its notches at that centre.
 
     Args:
-        tried: the filter, with the frequencies of the motors, Hz.
+        tried_filter: the filter, with the frequencies of the motors, Hz.
 
     Returns:
         The notches, motor by motor; empty if the filter has neither centre nor bandwidth.
     """
-    values = {setting: tried.parameters[name] for setting, name in tried.names.items()}
+    values = {
+        setting: tried_filter.parameters[name] for setting, name in tried_filter.names.items()
+    }
     min_center = max(values["centre"], MIN_CENTER_PER_BANDWIDTH * values["width"])
     if min_center <= 0:
         return []
     # ArduPilot computes the quality factor once, at the lowest centre, and keeps it at every other one.
     relative_bandwidth = values["width"] / min_center
     notches: list[Notch] = []
-    centers: Array = np.maximum(tried.motor_frequencies, min_center)
+    centers: Array = np.maximum(tried_filter.motor_frequencies, min_center)
     for center in centers.tolist():
         notches += harmonic_notches(
             center, relative_bandwidth, values["depth"], int(values["harmonics"])

@@ -309,8 +309,8 @@ def _light_counts(flights: Sequence[AxisRows]) -> dict[Light, dict[Level, int]]:
 
 def _unused_rows(rows: FlightRows) -> list[UnusedRow]:
     """Returns the rows without a flight, those of logs with a date first and by date."""
-    unused = []
+    unused_rows = []
     for flight in flights_of(row for row in rows if not row.has_flight):
         for number, row in enumerate(flight):
-            unused.append(UnusedRow(row.file, row.status, row.status_code, number == 0))
-    return unused
+            unused_rows.append(UnusedRow(row.file, row.status, row.status_code, number == 0))
+    return unused_rows

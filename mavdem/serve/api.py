@@ -178,7 +178,7 @@ class Api:
         """
         columns = _columns_of_form(form.fields, request.url.path)
         flights = []
-        refused = []
+        refused_files = []
         try:
             for path, file in form.files.items():
                 # A browser sends a file without name and content for a file field that was left blank.
@@ -198,15 +198,15 @@ class Api:
                     # A full disk or a deleted flight concerns the whole request, not this file.
                     if isinstance(error.fact.code, RefusalReason):
                         raise
-                    refused.append((name, error.fact.replace(path=name)))
+                    refused_files.append((name, error.fact.replace(path=name)))
         finally:
             form.remove_files()
         if not flights:
-            first_reason = refused[0][1]
+            first_reason = refused_files[0][1]
             raise Refusal(first_reason)
         # This wakes the background reading.
         self._log_added()
-        refused_logs = [{"name": name, "error": error_values(fact)} for name, fact in refused]
+        refused_logs = [{"name": name, "error": error_values(fact)} for name, fact in refused_files]
         return Added.model_validate({"flights": flights, "refused": refused_logs})
 
     # Flights
@@ -456,13 +456,15 @@ class Api:
 
     def _progress_of_all(self, entries: Sequence[LibraryEntry]) -> dict[str, Progress]:
         """Returns the progress of flights by their ids, in their order."""
-        places = dict[str, QueuePlace]()
+        places_in_queue = dict[str, QueuePlace]()
         # A thousand logs may wait: their places are found together.
         if not all(entry.is_done for entry in entries):
-            places = queue_places(self._library)
-        return {entry.id: self._progress_of(entry, places) for entry in entries}
+            places_in_queue = queue_places(self._library)
+        return {entry.id: self._progress_of(entry, places_in_queue) for entry in entries}
 
-    def _progress_of(self, entry: LibraryEntry, places: Mapping[str, QueuePlace]) -> Progress:
+    def _progress_of(
+        self, entry: LibraryEntry, places_in_queue: Mapping[str, QueuePlace]
+    ) -> Progress:
         """Returns the progress of a flight: its index entry, its place in the queue, and what its worker has reported.
 
         While a log is read, its process reports into a file, and the index is updated only at the end. So where the
@@ -470,13 +472,13 @@ class Api:
 
         Args:
             entry: index entry of the flight.
-            places: place in the queue of each log that waits or is read, by its id.
+            places_in_queue: place in the queue of each log that waits or is read, by its id.
 
         Returns:
             The progress, with the stage in words and, once the log is read, the seconds since reading began.
         """
         # A log that a worker claimed after the places were listed has none.
-        queue_place = places.get(entry.id, QueuePlace())
+        queue_place = places_in_queue.get(entry.id, QueuePlace())
         reading_progress: JsonValues = {}
         if entry.stage != Stage.WAITING and not entry.is_done:
             reported_progress = self._library.progress(entry)

@@ -186,8 +186,8 @@ class Library:
     @property
     def used_bytes(self) -> int:
         """Bytes of all logs and results."""
-        (total,) = self.db.execute("select total(size + kept) from entries").fetchone()
-        return int(total)
+        (total_bytes,) = self.db.execute("select total(size + kept) from entries").fetchone()
+        return int(total_bytes)
 
     def check_space(self, size: int) -> None:
         """Checks that the quota and the disk have room for another log.
@@ -201,12 +201,14 @@ class Library:
         # The folders may have been removed while the server runs.
         self._create_folders()
         # Uploads that are being received count too.
-        used = self.used_bytes
+        used_bytes = self.used_bytes
         for path in (self.folder / INCOMING).iterdir():
             with suppress(FileNotFoundError):
-                used += path.stat().st_size
-        if self.quota is not None and used + size > self.quota:
-            raise Refusal(RefusalReason.QUOTA_REACHED, size=used + size, size_limit=self.quota)
+                used_bytes += path.stat().st_size
+        if self.quota is not None and used_bytes + size > self.quota:
+            raise Refusal(
+                RefusalReason.QUOTA_REACHED, size=used_bytes + size, size_limit=self.quota
+            )
         if shutil.disk_usage(self.folder).free < size + RESERVED_BYTES:
             raise Refusal(RefusalReason.DISK_FULL)
 
@@ -226,24 +228,24 @@ class Library:
 
     # Adding logs
 
-    def add(self, incoming: Path, name: str, **columns: Any) -> LibraryEntry:
+    def add(self, incoming_path: Path, name: str, **columns: Any) -> LibraryEntry:
         """Moves a complete file into the library, after computing its digest.
 
         Args:
-            incoming: path of the file, in the folder for incoming files.
+            incoming_path: path of the file, in the folder for incoming files.
             name: name of the log that users see.
             **columns: further columns of its entry, such as ``note`` and ``sharing``.
 
         Returns:
             The entry of the log, as :meth:`add_with_digest` returns it.
         """
-        with refuse_full_disk(), incoming.open("rb") as file:
+        with refuse_full_disk(), incoming_path.open("rb") as file:
             os.fsync(file.fileno())
             digest = hashlib.file_digest(file, "sha256").hexdigest()
-        return self.add_with_digest(incoming, digest, name, **columns)
+        return self.add_with_digest(incoming_path, digest, name, **columns)
 
     def add_with_digest(
-        self, incoming: Path, digest: str, name: str, **columns: Any
+        self, incoming_path: Path, digest: str, name: str, **columns: Any
     ) -> LibraryEntry:
         """Moves a complete file into the library.
 
@@ -251,7 +253,7 @@ class Library:
         of the same content already, the file is removed, unless that log could not be read: then it is read again.
 
         Args:
-            incoming: path of the file, in the folder for incoming files.
+            incoming_path: path of the file, in the folder for incoming files.
             digest: SHA-256 of its content.
             name: name of the log that users see.
             **columns: further columns of its entry, such as ``note`` and ``sharing``.
@@ -268,7 +270,7 @@ class Library:
             former_entry = find_by_digest(db, digest)
             if former_entry is not None:
                 if former_entry.stage != Stage.FAILED:
-                    incoming.unlink()
+                    incoming_path.unlink()
                     return former_entry
                 db.execute("delete from entries where digest = ?", [digest])
             entry = LibraryEntry(
@@ -276,7 +278,7 @@ class Library:
                 name=name,
                 digest=digest,
                 path=stored_path.as_posix(),
-                size=incoming.stat().st_size,
+                size=incoming_path.stat().st_size,
                 received=time.time(),
                 **columns,
             )
@@ -285,7 +287,7 @@ class Library:
             # its entry, which the next start adds again.
             folder = (self.folder / stored_path).parent
             folder.mkdir(exist_ok=True)
-            os.replace(incoming, self.folder / stored_path)
+            os.replace(incoming_path, self.folder / stored_path)
             sync_folder(folder)
             sync_folder(self.folder / LOGS)
         return entry
@@ -464,8 +466,8 @@ class Library:
         """
         # The members of ``Sharing`` are ordered from the fewest to the most people who see the flight.
         narrow_to_wide = [str(member) for member in Sharing]
-        widest = max(entry.sharing, sharing, key=narrow_to_wide.index)
-        return self.change(entry.id, sharing=widest, note=entry.note or note)
+        widest_sharing = max(entry.sharing, sharing, key=narrow_to_wide.index)
+        return self.change(entry.id, sharing=widest_sharing, note=entry.note or note)
 
     def set_baseline(self, ids: Iterable[str]) -> None:
         """Makes some flights the healthy ones with which the other flights of their vehicles are compared.

@@ -310,8 +310,8 @@ class LinkMonitor:
         Args:
             path: path of the flight's page on this server.
         """
-        saved = Fact(LinkFact.FLIGHT_SAVED, address=self._server_address + path)
-        self._report_event(Event(nan, saved, reception=clock.unix_time()))
+        saved_fact = Fact(LinkFact.FLIGHT_SAVED, address=self._server_address + path)
+        self._report_event(Event(nan, saved_fact, reception=clock.unix_time()))
 
     def _is_over(self) -> bool:
         """Returns whether the session is to end."""

@@ -383,34 +383,34 @@ class Pages:
             Refusal: the visitor may not read, or there is no such flight.
         """
         self._rights.require(request, Permission.READ)
-        before = self._library.entry(request.query_params.get("a", ""))
-        after = self._library.entry(request.query_params.get("b", ""))
-        for entry in (before, after):
+        entry_before = self._library.entry(request.query_params.get("a", ""))
+        entry_after = self._library.entry(request.query_params.get("b", ""))
+        for entry in (entry_before, entry_after):
             if not entry.is_done:
                 raise Refusal(RefusalReason.STILL_BEING_READ, name=entry.name)
         # A is the earlier flight, so that a change for the worse is not presented as an improvement.
-        if before.date and after.date and after.date < before.date:
-            before, after = after, before
-        rows_before = self._rows_of_listed_vehicle(before)
-        rows_after = self._rows_of_listed_vehicle(after)
-        gains_before = json.loads(before.gains)
-        gains_after = json.loads(after.gains)
+        if entry_before.date and entry_after.date and entry_after.date < entry_before.date:
+            entry_before, entry_after = entry_after, entry_before
+        rows_before = self._rows_of_listed_vehicle(entry_before)
+        rows_after = self._rows_of_listed_vehicle(entry_after)
+        gains_before = json.loads(entry_before.gains)
+        gains_after = json.loads(entry_after.gains)
         parameters = changed_parameters(gains_before, gains_after)
         given_names = self._library.names.flights
         html = comparison_page(
             names=(
-                given_names.get(before.content_hash, before.name),
-                given_names.get(after.content_hash, after.name),
+                given_names.get(entry_before.content_hash, entry_before.name),
+                given_names.get(entry_after.content_hash, entry_after.name),
             ),
             reviews=(
-                self._visible_library.review(before) or {},
-                self._visible_library.review(after) or {},
+                self._visible_library.review(entry_before) or {},
+                self._visible_library.review(entry_after) or {},
             ),
             difference=vehicle_difference(rows_before, rows_after, parameters),
             parameters=parameters,
             lacking=states_without_gains(gains_before, gains_after),
             back=PageLink("Flights", "/"),
-            flights=(self._series(before), self._series(after)),
+            flights=(self._series(entry_before), self._series(entry_after)),
         )
         return HTMLResponse(without_policy(html, **self._visible_library.visitor_values(request)))
 

@@ -69,33 +69,33 @@ def queue_places(library: Library) -> dict[str, QueuePlace]:
     history = _reading_history(library)
     now = time.time()
     query = "select id, size from entries where stage = ? order by received"
-    waiting = library.db.execute(query, [Stage.WAITING]).fetchall()
+    waiting_rows = library.db.execute(query, [Stage.WAITING]).fetchall()
     reading = library.find("stage = ?", [Stage.READING], sys.maxsize).entries
     # The estimate for each size is made once, since a queue of a thousand logs is listed five times a second.
     seconds_by_size = dict[int, float]()
     if len(history) >= MIN_HISTORY:
-        sizes = {size for _, size in waiting} | {entry.size for entry in reading}
+        sizes = {size for _, size in waiting_rows} | {entry.size for entry in reading}
         by_size = sorted(history)
         slowness = recent_slowness(history)
         seconds_by_size = {size: slowness * estimated_seconds(size, by_size) for size in sizes}
-    places = dict[str, QueuePlace]()
+    places_by_id = dict[str, QueuePlace]()
     # Processor time of all work that is done before the next waiting log begins, s.
     seconds_before = 0.0
     for entry in reading:
         if entry.size in seconds_by_size:
             begin = float(library.progress(entry).get("started", now))
-            remaining = _remaining_seconds(seconds_by_size[entry.size], now - begin)
-            seconds_before += remaining
-            places[entry.id] = QueuePlace(0, _rounded_up(now + remaining))
+            remaining_seconds = _remaining_seconds(seconds_by_size[entry.size], now - begin)
+            seconds_before += remaining_seconds
+            places_by_id[entry.id] = QueuePlace(0, _rounded_up(now + remaining_seconds))
     processes = max(len(reading), 1)
-    for logs_ahead, (id, size) in enumerate(waiting):
+    for logs_ahead, (id, size) in enumerate(waiting_rows):
         estimated_end = None
         if size in seconds_by_size:
             seconds = seconds_by_size[size]
             estimated_end = _rounded_up(now + seconds_before / processes + seconds)
             seconds_before += seconds
-        places[id] = QueuePlace(logs_ahead, estimated_end)
-    return places
+        places_by_id[id] = QueuePlace(logs_ahead, estimated_end)
+    return places_by_id
 
 
 def _remaining_seconds(estimate: float, seconds_so_far: float) -> float:
@@ -132,8 +132,8 @@ def estimated_seconds(size: int, history: Sequence[ReadLogSize]) -> float:
     position = bisect(history, ReadLogSize(size, math.inf))
     centred_first = max(position - (NEIGHBOURS + 1) // 2, 0)
     last_possible_first = max(len(history) - NEIGHBOURS, 0)
-    first = min(centred_first, last_possible_first)
-    neighbours = history[first : first + NEIGHBOURS]
+    first_row = min(centred_first, last_possible_first)
+    neighbours = history[first_row : first_row + NEIGHBOURS]
     return statistics.median(log.seconds * size / log.size for log in neighbours)
 
 

@@ -39,7 +39,7 @@ class RecoverableLibrary(Protocol):
     def transaction(self) -> AbstractContextManager[sqlite3.Connection]:
         """Makes all changes of its block or none."""
 
-    def add(self, incoming: Path, name: str, **columns: Any) -> LibraryEntry:
+    def add(self, incoming_path: Path, name: str, **columns: Any) -> LibraryEntry:
         """Moves a complete file into the library."""
 
 

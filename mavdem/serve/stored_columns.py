@@ -251,8 +251,8 @@ class _MappedMessages(Mapping[str, Columns]):
         for name, column in self._columns[message].items():
             dtype = np.dtype(column.type)
             size = dtype.itemsize * int(np.prod(column.shape))
-            part = self._data[column.begin : column.begin + size]
-            views[name] = part.view(dtype).reshape(column.shape)
+            column_bytes = self._data[column.begin : column.begin + size]
+            views[name] = column_bytes.view(dtype).reshape(column.shape)
         return views
 
     def __iter__(self) -> Iterator[str]:

@@ -118,8 +118,8 @@ def has_connections(process_id: int) -> bool:
     """
     with suppress(psutil.Error):
         process = psutil.Process(process_id)
-        for member in (process, *process.children(recursive=True)):
-            for connection in member.net_connections("tcp"):
+        for process_of_viewer in (process, *process.children(recursive=True)):
+            for connection in process_of_viewer.net_connections("tcp"):
                 if connection.status == psutil.CONN_ESTABLISHED:
                     return True
     return False

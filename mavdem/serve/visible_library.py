@@ -114,8 +114,8 @@ class VisibleLibrary:
         # Senders without the right to read all flights find only the public ones.
         if not self.rights.allows(request, Permission.READ):
             condition = f"sharing = '{Sharing.PUBLIC}' and ({condition})"
-        entries, total = self.library.find(condition, values, limit, offset, order)
-        return SearchResult(entries, total=total, query=query, order=order, offset=offset)
+        entries, entry_count = self.library.find(condition, values, limit, offset, order)
+        return SearchResult(entries, total=entry_count, query=query, order=order, offset=offset)
 
     def previous_flight(self, entry: LibraryEntry) -> LibraryEntry | None:
         """Returns the flight of the same vehicle before this one, by date.

@@ -78,16 +78,16 @@ class SideTexts(NamedTuple):
     """Their heights relative to each other."""
 
 
-def first_tab(plots: Mapping[str, rrb.View], side: SideTexts) -> rrb.Container:
+def first_tab(plots: Mapping[str, rrb.View], side_texts: SideTexts) -> rrb.Container:
     """Returns the layout of the first tab: the plots one below the other, and a column of texts on their right.
 
     Args:
         plots: views of the plots that there are, by the keys of ``PLOTS``.
-        side: texts next to the plots, with their heights.
+        side_texts: texts next to the plots, with their heights.
     """
     shares = [PLOTS[name].share for name in plots]
     column = rrb.Vertical(*plots.values(), row_shares=shares)
-    texts = rrb.Vertical(*side.views, row_shares=list(side.shares))
+    texts = rrb.Vertical(*side_texts.views, row_shares=list(side_texts.shares))
     widths = [100 - SIDE_WIDTH_SHARE, SIDE_WIDTH_SHARE]
     return rrb.Horizontal(column, texts, column_shares=widths, name="Flight")
 

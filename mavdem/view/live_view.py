@@ -113,18 +113,18 @@ class SinkThread(threading.Thread):
         self._attempt(self._open)
         self._attempt(self._send)
 
-    def _attempt(self, work: Callable[[], None]) -> None:
+    def _attempt(self, function: Callable[[], None]) -> None:
         """Calls a function that works with the sink, and catches all its errors.
 
         An error of one sink must not end the flight or disturb the other sinks. If the sink fails, ``problem`` gets the
         reason, and a later turn may try again.
 
         Args:
-            work: the function, without arguments or result.
+            function: the function, without arguments or result.
         """
         start_time = wall.monotonic()
         try:
-            work()
+            function()
         except (RuntimeError, OSError) as error:
             # Rerun has one type of error for a sink that fails and for one that takes too long.
             if wall.monotonic() - start_time >= FLUSH_SECONDS:

@@ -232,9 +232,9 @@ class LiveWriter:
             newest_time = ranges[-1].time
             while ranges[0].time < newest_time - FLIGHT_SECONDS:
                 ranges.popleft()
-            lowest = min(batch.low for batch in ranges)
-            highest = max(batch.high for batch in ranges)
-            ends = range_with_ticks(lowest, highest, self._tick_intervals[plot])
+            lowest_value = min(batch.low for batch in ranges)
+            highest_value = max(batch.high for batch in ranges)
+            ends = range_with_ticks(lowest_value, highest_value, self._tick_intervals[plot])
             self._recording.set_time(BOOT_CLOCK, duration=newest_time)
             self._recording.log(axis_path(plot), rr.Scalars(ends))
 
@@ -250,9 +250,11 @@ class LiveWriter:
             clip: whether to clip values far beyond the measured range so far, which would otherwise determine the range
                 of the axis.
         """
-        latest = self._latest_samples.get(lines, LatestSample(CONTINUOUS_SEGMENT, -np.inf))
+        latest_sample = self._latest_samples.get(lines, LatestSample(CONTINUOUS_SEGMENT, -np.inf))
         # Of several samples with the same time, the dictionary keeps the last one.
-        new_samples = {sample.time: sample for sample in samples if sample.time > latest.time}
+        new_samples = {
+            sample.time: sample for sample in samples if sample.time > latest_sample.time
+        }
         if not new_samples:
             return
         values = np.array([sample.values for sample in new_samples.values()], np.float64)
@@ -264,7 +266,7 @@ class LiveWriter:
         values = self._clipped_to_plot(lines, values, clip)
         time = np.array(list(new_samples))
         self._store_range(lines, time[-1], values)
-        segments = [latest.segment, *(sample.segment for sample in new_samples.values())]
+        segments = [latest_sample.segment, *(sample.segment for sample in new_samples.values())]
         self._latest_samples[lines] = LatestSample(segments[-1], time[-1])
         # A NaN half a step before a new segment breaks the line.
         breaks = np.flatnonzero(np.diff(segments))

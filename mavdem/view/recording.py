@@ -316,17 +316,17 @@ class RecordingTabs:
                     np.interp(SENSITIVITY_FREQUENCIES, loop.rate.frequency, sensitivity),
                 )
             )
-        parts: list[rrb.View | rrb.Container] = []
+        views: list[rrb.View | rrb.Container] = []
         if step_views:
-            parts.append(rrb.Grid(*step_views, grid_columns=2))
+            views.append(rrb.Grid(*step_views, grid_columns=2))
         if loops:
             decisions = decision_sentences(self._assessment.loop_decisions)
             doubtful = self._assessment.axes_with_doubtful_loop
             text: Blocks = [*decisions, *margin_tables(loops, doubtful)]
             margins = log_text(self._recording, "margins", "Margins", text)
             # The text is first, since it tells the user what to do.
-            parts.append(rrb.Tabs(margins, *sensitivity_views))
-        return [rrb.Horizontal(*parts, name="Loops")] if parts else []
+            views.append(rrb.Tabs(margins, *sensitivity_views))
+        return [rrb.Horizontal(*views, name="Loops")] if views else []
 
     def free_energy(self, series: Mapping[str, Series]) -> list[rrb.Container]:
         """Draws the terms of F(t), and the sum of F(t) from the first sample on, which ends at F̄.
@@ -394,10 +394,12 @@ class RecordingTabs:
         """
         energy = learned.free_energy.total
         # The first iterations are left out, but of a fit with very few at least the last one is shown.
-        first = min(FIRST_ITERATION, len(energy) - 1)
+        first_iteration = min(FIRST_ITERATION, len(energy) - 1)
         title = f"F̄ below its maximum of {energy.max():,.0f} nats, by iteration"
-        iterations = np.arange(first, len(energy), dtype=np.float64)
-        bars = self._draw_bars("learning/gap", title, iterations, energy.max() - energy[first:])
+        iterations = np.arange(first_iteration, len(energy), dtype=np.float64)
+        bars = self._draw_bars(
+            "learning/gap", title, iterations, energy.max() - energy[first_iteration:]
+        )
         blocks = [*motor_blocks(learned, None), *detail_blocks(learned)]
         details = log_text(
             self._recording, "learning/details", "The model, and how it was learned", blocks
@@ -468,7 +470,7 @@ def log_text(
     return rrb.TextDocumentView(origin=origin, name=name or origin, titlebar=bool(name))
 
 
-def forecast_chart(output: int, held_out: HeldOut, measured: Series, label: str) -> Chart:
+def forecast_chart(output: int, held_out: HeldOut, measured_outputs: Series, label: str) -> Chart:
     """Returns a chart of one output as measured, and of its forecasts in held-out windows with their bands.
 
     Forecasts of an unstable model may overflow, so curves are clipped at ``CLIP_SPANS`` times the range of the
@@ -477,15 +479,15 @@ def forecast_chart(output: int, held_out: HeldOut, measured: Series, label: str)
     Args:
         output: index of the output.
         held_out: forecasts of W windows with H samples each, (W, H, outputs), and half widths of their bands.
-        measured: outputs of the whole flight, (T, outputs).
+        measured_outputs: outputs of the whole flight, (T, outputs).
         label: unit of the output in the data, such as rad. The chart is in the unit that people read, such as degrees.
 
     Returns:
         A chart over time with a line of the measurement and one of the forecast, interrupted between windows.
     """
     unit = display_unit(label)
-    name = measured.names[output].capitalize()
-    values = unit.scale * measured.values[:, output]
+    name = measured_outputs.names[output].capitalize()
+    values = unit.scale * measured_outputs.values[:, output]
     # A NaN after the last sample of each window keeps a line from being drawn to the next one.
     gap = ((0, 0), (0, 1))
     forecasts = np.pad(held_out.forecasts[FORECAST][:, :, output], gap, constant_values=np.nan)
@@ -498,7 +500,7 @@ def forecast_chart(output: int, held_out: HeldOut, measured: Series, label: str)
     curves = np.array([forecast, forecast - half_width, forecast + half_width])
     forecast, lower_edge, upper_edge = np.clip(curves, low - clip, high + clip)
     lines = (
-        Line("measured", palette.MEASURED, measured.time, values),
+        Line("measured", palette.MEASURED, measured_outputs.time, values),
         Line("forecast", palette.PREDICTED, time, forecast, lower_edge, upper_edge),
     )
     chart = over_time(f"{name}, and its forecast for {held_out.seconds:.2g} s", unit.name, lines)
@@ -537,10 +539,10 @@ def parameter_chart(assessment: Assessment) -> Chart:
         return over_time("Physical parameters", "", ())
     times = []
     estimates_over_time = []
-    for part in history:
+    for estimates_of_part in history:
         # Each row is of one parameter: its value and the half width of its interval.
-        estimates = parameter_estimates(part.physical)
-        part_time = part.samples.time
+        estimates = parameter_estimates(estimates_of_part.physical)
+        part_time = estimates_of_part.samples.time
         # The NaN after each part breaks the lines there.
         times += [part_time, part_time[-1:]]
         estimates_over_time += [

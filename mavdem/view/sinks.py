@@ -209,8 +209,8 @@ class RecordingFile(Sink):
         Raises:
             OSError, subprocess.TimeoutExpired: it could not; the file is unchanged.
         """
-        with atomic_writes(self.path) as (completed,):
-            options = ("rrd", "optimize", str(self.path), "-o", str(completed))
+        with atomic_writes(self.path) as (indexed_path,):
+            options = ("rrd", "optimize", str(self.path), "-o", str(indexed_path))
             with start_rerun(*options) as process:
                 try:
                     exit_code = process.wait(COMPLETION_SECONDS)

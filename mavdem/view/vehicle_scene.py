@@ -105,7 +105,7 @@ def log_body(recording: rr.RecordingStream, rotors: Array) -> None:
     arm = float(np.hypot(*rotors.T).max())
     arms = [[[0, 0, 0], hub] for hub in hubs.tolist()]
     body_half_size = arm * np.array(BODY_HALF_SIZE)
-    parts = {
+    shapes = {
         "body": rr.Boxes3D(half_sizes=[body_half_size], colors=BODY_COLOUR),
         "arms": rr.LineStrips3D(arms, radii=ARM_RADIUS * arm, colors=BODY_COLOUR),
         "nose": rr.Arrows3D(
@@ -122,8 +122,8 @@ def log_body(recording: rr.RecordingStream, rotors: Array) -> None:
             fill_mode="solid",
         ),
     }
-    for name, part in parts.items():
-        recording.log(f"{VEHICLE_FRAME}/{name}", part, static=True)
+    for name, shape in shapes.items():
+        recording.log(f"{VEHICLE_FRAME}/{name}", shape, static=True)
 
 
 def log_wind(recording: rr.RecordingStream, time: Array, wind: Array, arm: float) -> None:

@@ -241,11 +241,11 @@ def run_rounds(start: Iterate, iterations: int) -> tuple[list[Iterate], bool]:
         previous = iterates[-2].posterior if len(iterates) > 1 else current.posterior
         theta_change = current.posterior.theta - previous.theta
         lambda_change = current.posterior.lambda_ - previous.lambda_
-        extrapolated = current.posterior._replace(
+        extrapolated_posterior = current.posterior._replace(
             theta=current.posterior.theta + extrapolation * theta_change,
             lambda_=current.posterior.lambda_ + extrapolation * lambda_change,
         )
-        candidate = _next_iterate(current, extrapolated)
+        candidate = _next_iterate(current, extrapolated_posterior)
         has_gained = candidate.free_energy - current.free_energy > CONVERGED_ROUND_NATS
         if has_gained:
             iterates.append(candidate)

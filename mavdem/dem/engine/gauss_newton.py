@@ -131,12 +131,14 @@ class CurvatureCorrection:
         """
         if not self._is_used:
             return expansion.curvature
-        corrected = expansion.curvature + self._matrix
+        corrected_curvature = expansion.curvature + self._matrix
         scale = np.sqrt(expansion.curvature.diagonal())
-        least_eigenvalue = np.linalg.eigvalsh(corrected / np.outer(scale, scale))[0]
-        return corrected if least_eigenvalue > MIN_CURVATURE_RATIO else expansion.curvature
+        least_eigenvalue = np.linalg.eigvalsh(corrected_curvature / np.outer(scale, scale))[0]
+        return (
+            corrected_curvature if least_eigenvalue > MIN_CURVATURE_RATIO else expansion.curvature
+        )
 
-    def update(self, current: QuadraticExpansion, following: QuadraticExpansion) -> None:
+    def update(self, current: QuadraticExpansion, next_expansion: QuadraticExpansion) -> None:
         """Updates the correction by a step, along which the gradient changed by the true mean curvature.
 
         With the step s, the change y of the gradient and the curvature C of the expansion, a correction A must fulfil
@@ -145,11 +147,11 @@ class CurvatureCorrection:
 
         Args:
             current: expansion about the point before the step.
-            following: expansion about the point after it.
+            next_expansion: expansion about the point after it.
         """
-        step = following.point - current.point
-        gradient_change = current.gradient - following.gradient
-        missing_change = gradient_change - following.curvature @ step
+        step = next_expansion.point - current.point
+        gradient_change = current.gradient - next_expansion.gradient
+        missing_change = gradient_change - next_expansion.curvature @ step
         # If the earlier correction is larger along the step than what is missing now, it is scaled down.
         corrected_along_step = float(step @ self._matrix @ step)
         if corrected_along_step:
@@ -158,7 +160,7 @@ class CurvatureCorrection:
         self._satisfy_secant_equation(step, gradient_change, missing_change)
 
         # It is used next if it would have predicted the gain of this step better.
-        gain = following.value - current.value
+        gain = next_expansion.value - current.value
         plain_prediction = predicted_gain(current, current.curvature, step)
         corrected_prediction = plain_prediction - 0.5 * float(step @ self._matrix @ step)
         self._is_used = abs(corrected_prediction - gain) < abs(plain_prediction - gain)
@@ -187,9 +189,9 @@ class CurvatureCorrection:
             return
         residual = missing_change - self._matrix @ step
         residual_along_step = float(step @ residual)
-        outer = np.outer(residual, gradient_change)
+        outer_product = np.outer(residual, gradient_change)
         outer_gradient = np.outer(gradient_change, gradient_change)
-        self._matrix += (outer + outer.T) / change_along_step
+        self._matrix += (outer_product + outer_product.T) / change_along_step
         self._matrix -= residual_along_step / change_along_step**2 * outer_gradient
 
 
@@ -242,32 +244,32 @@ def gauss_newton(
         current = trace[-1]
         # The damping is increased, which makes the step shorter and turns it towards the gradient, until the step
         # increases the function.
-        following = None
+        next_expansion = None
         needed_one_attempt = attempt == 0
         curvature = current.curvature if correction is None else correction.curvature(current)
         for attempt in range(damping.max_attempts):
             damped_curvature = curvature + damping_now * np.diag(current.curvature.diagonal())
             newton_step = np.asarray(np.linalg.solve(damped_curvature, current.gradient), float)
             step = damping.limit_step(newton_step)
-            following = _higher_expansion(
+            next_expansion = _higher_expansion(
                 objective,
                 current.point + step,
                 current.value,
                 # If the step before succeeded at the first attempt, this one probably does as well.
                 is_likely=needed_one_attempt and attempt == 0,
             )
-            if following is not None:
+            if next_expansion is not None:
                 break
             damping_now *= damping.factor
-        if following is None:
+        if next_expansion is None:
             return trace, current.predicted_gain
-        gain = following.value - current.value
+        gain = next_expansion.value - current.value
         damping_now = damping.after_step(
             damping_now, gain, predicted_gain(current, curvature, step)
         )
         if correction is not None:
-            correction.update(current, following)
-        trace.append(following)
+            correction.update(current, next_expansion)
+        trace.append(next_expansion)
     return trace, gain
 
 

@@ -284,10 +284,14 @@ class GenerativeModel:
         """
         layout = self._regressor_layout
         # The appended row and column of zeros are the moments of derivatives of the inputs that are not modelled.
-        padded = np.pad(moments, (0, 1))
+        padded_moments = np.pad(moments, (0, 1))
         return RegressorMoments(
-            states=_sum_over_orders(padded, layout.state_columns, self.state_temporal_precision),
-            outputs=_sum_over_orders(padded, layout.output_columns, self.output_temporal_precision),
+            states=_sum_over_orders(
+                padded_moments, layout.state_columns, self.state_temporal_precision
+            ),
+            outputs=_sum_over_orders(
+                padded_moments, layout.output_columns, self.output_temporal_precision
+            ),
         )
 
     def error_curvature_in_theta(

@@ -89,12 +89,12 @@ def steady_state_gain(
     with np.errstate(all="ignore"):
         for _ in range(MAX_DOUBLINGS):
             # (I + information · P)⁻¹ times the transition, and times the information.
-            solved = np.linalg.solve(
+            riccati_step = np.linalg.solve(
                 identity + information @ P, np.concatenate([transition, information], axis=-1)
             )
-            increase = transition.mT @ P @ solved[..., :n]
-            information = information + transition @ solved[..., n:] @ transition.mT
-            transition = transition @ solved[..., :n]
+            increase = transition.mT @ P @ riccati_step[..., :n]
+            information = information + transition @ riccati_step[..., n:] @ transition.mT
+            transition = transition @ riccati_step[..., :n]
             P = P + increase
             largest_change = abs(increase).max(axis=(-1, -2))
             largest_entry = abs(P).max(axis=(-1, -2))
@@ -172,16 +172,16 @@ class SteadyStateFilter(NamedTuple):
             Mean of the signal at each sample (T,), given all samples, and the predicted states of the filter (T, n).
         """
         filter_forcing = forcing + measurements[:-1, None] * self.K
-        predicted = np.vstack(
+        predicted_states = np.vstack(
             [initial_state, linear_recursion(self.L, filter_forcing, initial_state)]
         )
         # Backward in time: rₜ₋₁ = Cᵀ eₜ / F + Lᵀ rₜ.
-        backward_forcing = np.zeros_like(predicted)
-        backward_forcing[:, 0] = (measurements - predicted[:, 0])[::-1] / self.F
+        backward_forcing = np.zeros_like(predicted_states)
+        backward_forcing[:, 0] = (measurements - predicted_states[:, 0])[::-1] / self.F
         backward_states = linear_recursion(self.L.T, backward_forcing[1:], backward_forcing[0])
         r = np.vstack([backward_forcing[0], backward_states])[::-1]
         P_h = self.P @ signal
-        return SmoothedSignal(mean=predicted @ signal + r @ P_h, states=predicted)
+        return SmoothedSignal(mean=predicted_states @ signal + r @ P_h, states=predicted_states)
 
     @may_overflow
     def smoothed_variance(self, samples: int, signal: Array) -> Array:
@@ -463,11 +463,11 @@ def smooth_states(
     log_likelihood = 0.5 * (
         np.linalg.slogdet(precisions)[1].sum() - squares - innovations.size * np.log(2 * np.pi)
     )
-    smoothed = kalman_filter.smooth(states, innovations)
+    smoothed_states = kalman_filter.smooth(states, innovations)
     # The filter also predicts the sample after the segment, which is not part of the result.
     return SmoothedStates(
-        smoothed.means[:-1],
-        smoothed.covariances[:-1],
-        smoothed.lag_one_covariances[:-1],
+        smoothed_states.means[:-1],
+        smoothed_states.covariances[:-1],
+        smoothed_states.lag_one_covariances[:-1],
         log_likelihood,
     )

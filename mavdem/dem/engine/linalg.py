@@ -62,10 +62,10 @@ def inverse(matrix: Array) -> Array:
     factor, info = scipy.linalg.lapack.dpotrf(scaled, clean=1)
     _raise_if_not_factorized(info)
     # LAPACK computes only the upper triangle; the entries below it are 0.
-    upper = scipy.linalg.lapack.dpotri(factor)[0] * scale * scale[:, None]
+    upper_triangle = scipy.linalg.lapack.dpotri(factor)[0] * scale * scale[:, None]
     # The sum with the transpose would count the diagonal, every (k + 1)-th entry, twice: it is halved before.
-    upper.flat[:: len(upper) + 1] *= 0.5
-    return upper + upper.T
+    upper_triangle.flat[:: len(upper_triangle) + 1] *= 0.5
+    return upper_triangle + upper_triangle.T
 
 
 def logdet(matrix: Array) -> float:

@@ -186,8 +186,8 @@ def _mutual_information(record: Record, mixer_row: Array, prior_precision: Array
         F̄ of the joint autoregression minus F̄ of the autoregression of the combination alone, nats.
     """
     lags = len(prior_precision)
-    combined = _with_combined_inputs(record, mixer_row[:, None])
-    statistics = lag_regression.LagStatistics.from_record(combined, lags).statistics
+    combined_record = _with_combined_inputs(record, mixer_row[:, None])
+    statistics = lag_regression.LagStatistics.from_record(combined_record, lags).statistics
     k = record.outputs.shape[1] + 1
     # A row of the statistics has the k channels of each lag, the constant, and the k channels of the sample. The
     # combination is the last channel. The regression of it alone uses its column at each lag, the constant, and its
@@ -286,8 +286,8 @@ class JointModel(ImmutableResult):
             mixer = axis_mixer(record)
             # The statistics of the largest number of lags contain the statistics of fewer lags.
             lags = _largest_lags(record)
-            combined = _with_combined_inputs(record, mixer)
-            scaling, statistics = lag_regression.LagStatistics.from_record(combined, lags)
+            combined_record = _with_combined_inputs(record, mixer)
+            scaling, statistics = lag_regression.LagStatistics.from_record(combined_record, lags)
             hyperparameters, regression = select_hyperparameters(statistics, lags)
             process = var.VectorAutoregression.from_regression(regression, scaling)
             return cls(
@@ -295,7 +295,7 @@ class JointModel(ImmutableResult):
                 hyperparameters,
                 process,
                 regression.terms,
-                last_samples=process.last_samples(combined),
+                last_samples=process.last_samples(combined_record),
                 sample_count=len(record),
             )
 

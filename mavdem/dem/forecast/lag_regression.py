@@ -155,28 +155,29 @@ class LagStatistics(NamedTuple):
             )
         return ScaledStatistics(scaling, statistics)
 
-    def plus_discounted(self, earlier: LagStatistics, weight: float) -> LagStatistics:
+    def plus_discounted(self, earlier_statistics: LagStatistics, weight: float) -> LagStatistics:
         """Returns the sum of these statistics and the statistics of earlier samples, multiplied by a weight.
 
         Args:
-            earlier: statistics of the earlier samples.
+            earlier_statistics: statistics of the earlier samples.
             weight: weight of an earlier sample, 0 to 1.
 
         Returns:
             Statistics of all samples.
         """
         return LagStatistics(
-            self.row_count + weight * earlier.row_count, self.gram + weight * earlier.gram
+            self.row_count + weight * earlier_statistics.row_count,
+            self.gram + weight * earlier_statistics.gram,
         )
 
-    def gram_of_fewer_lags(self, lags: int, fewer: int) -> Array:
+    def gram_of_fewer_lags(self, lags: int, kept_lags: int) -> Array:
         """Returns the Gram matrix of the same regression with fewer lags, by leaving out columns.
 
         The rows are the same, so that free energies with different numbers of lags are of the same data.
 
         Args:
             lags: number of lags L of these statistics.
-            fewer: number of lags to keep, the latest ones, at most L.
+            kept_lags: number of lags to keep, the latest ones, at most L.
 
         Returns:
             Gram matrix (fewer · k + 1 + k, fewer · k + 1 + k): the k channels of each lag, the constant, and the k
@@ -185,7 +186,9 @@ class LagStatistics(NamedTuple):
         # A row has the k channels of each lag, the constant, and the k channels of the sample.
         k = (len(self.gram) - 1) // (lags + 1)
         constant_column = lags * k
-        columns = np.concatenate([np.arange(fewer * k), np.arange(constant_column, len(self.gram))])
+        columns = np.concatenate(
+            [np.arange(kept_lags * k), np.arange(constant_column, len(self.gram))]
+        )
         return self.gram[np.ix_(columns, columns)]
 
 

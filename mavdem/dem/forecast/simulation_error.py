@@ -116,11 +116,11 @@ def simulate_models(models: StateSpace, inputs: Array, outputs: Array) -> Array:
     for sample in samples[1:]:
         states = filter_transition @ states + filter_inputs @ sample
     # Then the models are simulated without measurements.
-    simulated = []
+    simulated_outputs = []
     for inputs_now in inputs[len(outputs) :]:
-        simulated.append(C @ states + D @ inputs_now)
+        simulated_outputs.append(C @ states + D @ inputs_now)
         states = A @ states + B @ inputs_now
-    return np.stack(simulated, axis=1)
+    return np.stack(simulated_outputs, axis=1)
 
 
 class SimulationPieces(NamedTuple):
@@ -234,9 +234,9 @@ def simulation_horizon(
     if not scaling.known or not free_parameters:
         return None
     # The horizon is the longest for which the record suffices, from the settings' horizon down to the shortest.
-    longest = max(1, round(settings.horizon / record.dt))
-    shortest = min(longest, max(1, round(MIN_HORIZON_SECONDS / record.dt)))
-    for horizon in range(longest, shortest - 1, -1):
+    max_horizon = max(1, round(settings.horizon / record.dt))
+    min_horizon = min(max_horizon, max(1, round(MIN_HORIZON_SECONDS / record.dt)))
+    for horizon in range(max_horizon, min_horizon - 1, -1):
         effective_samples = effective_piece_count(record.lengths, horizon) * m
         if effective_samples >= MIN_SAMPLES_PER_PARAMETER * free_parameters:
             return horizon
@@ -344,9 +344,9 @@ class SimulationObjective:
         models = models_for_parameters(thetas, self.sizes, self.gain, self.dt)
         first_simulated = self.pieces.filter_steps + 1
         outputs = self.pieces.outputs
-        simulated = simulate_models(models, self.pieces.inputs, outputs[:first_simulated])
+        simulated_outputs = simulate_models(models, self.pieces.inputs, outputs[:first_simulated])
         with np.errstate(over="ignore", invalid="ignore"):
-            return outputs[first_simulated:] - simulated
+            return outputs[first_simulated:] - simulated_outputs
 
     def value(self, point: Array) -> float:
         """Returns the log joint density, nats, up to a constant."""

@@ -206,12 +206,12 @@ class VectorAutoregression(NamedTuple):
         coefficients = self.stacked_coefficients
         k, width = coefficients.shape
         # The L latest samples, the latest first, as functions of the past: columns are [lag 1, …, lag L, constant].
-        latest = np.eye(width, width + 1)
+        latest_map = np.eye(width, width + 1)
         predictions = []
         for _ in range(steps):
-            prediction = coefficients @ latest
+            prediction = coefficients @ latest_map
             prediction[:, -1] += self.offset
-            latest = np.concatenate([prediction, latest[:-k]])
+            latest_map = np.concatenate([prediction, latest_map[:-k]])
             predictions.append(prediction)
         maps = np.array(predictions)
         return AffineMap(np.ascontiguousarray(maps[:, :, :-1]), maps[:, :, -1])
@@ -400,8 +400,8 @@ class VectorAutoregression(NamedTuple):
         for channels in self.scaling.scaled_segments(record):
             # The samples before the segment are assumed to equal its first sample. The first sample itself is predicted
             # as if its past were the mean of the training data, which is 0 here.
-            padded = np.concatenate([np.repeat(channels[:1], self.lags, axis=0), channels])
-            past = lagged_rows(padded, self.lags)
+            padded_channels = np.concatenate([np.repeat(channels[:1], self.lags, axis=0), channels])
+            past = lagged_rows(padded_channels, self.lags)
             past[0] = 0.0
             predictions.append(np.hstack([channels, past]) @ weights.T + constant)
         return self._physical_forecast(np.concatenate(predictions), np.zeros(1)).mean

@@ -168,13 +168,13 @@ class OnlineForecaster:
         inputs, outputs = memory.latest_samples(MAX_LAGS + 1)
         latest_outputs = outputs[-1]
         self.errors.compare(latest_outputs)
-        expected = np.full(self._outputs, np.nan)
+        expected_outputs = np.full(self._outputs, np.nan)
         ahead: Array | None = None
         if self._maps is not None:
             # (H + 1, m): at each horizon and, last, of the latest sample itself.
             predictions = self._maps.predict(inputs, outputs)
             if len(outputs) > 1:
-                expected = predictions[-1]
+                expected_outputs = predictions[-1]
             # Soon after a gap not all lags are known. The prediction is then the latest sample itself, as below.
             if len(outputs) >= MAX_LAGS:
                 ahead = predictions[:-1]
@@ -184,7 +184,7 @@ class OnlineForecaster:
         if ahead is None:
             ahead = np.tile(latest_outputs, (len(self._horizons), 1))
         self.errors.store(ahead, latest_outputs)
-        return NextPredictions(expected, ahead)
+        return NextPredictions(expected_outputs, ahead)
 
     def add_block(self, block: MemoryBlock, *, may_fit: bool = True) -> None:
         """Learns from a block of samples that has just been completed.

@@ -416,14 +416,14 @@ class OnlineLearner:
         Returns:
             The predictions with their bands and, if there is a model, the free energy of the samples under that model.
         """
-        expected, ahead = self._forecaster.predict(self._memory)
+        expected_outputs, ahead = self._forecaster.predict(self._memory)
         # The bands are computed from the errors before this sample. Its own errors are added for later bands.
         half_widths = self._error_bands.half_widths
         errors = self._forecaster.errors
-        self._error_bands.add(sample.outputs - expected, errors.latest)
+        self._error_bands.add(sample.outputs - expected_outputs, errors.latest)
         estimate = Estimate(
             time=sample.time,
-            expected=expected,
+            expected=expected_outputs,
             expected_band=half_widths[0],
             ahead_times=sample.time + self._dt * np.array(self.horizons),
             ahead=ahead,

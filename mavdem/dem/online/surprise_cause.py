@@ -84,9 +84,9 @@ def sustained_share(command: Array, dt: float) -> float:
     Returns:
         The share, 0 to 1.
     """
-    latest = round(CAUSE_SECONDS / dt)
-    reference = command[-latest - round(REFERENCE_SECONDS / dt) : -latest]
-    deviations = command[-latest:] - np.median(reference)
+    latest_count = round(CAUSE_SECONDS / dt)
+    reference = command[-latest_count - round(REFERENCE_SECONDS / dt) : -latest_count]
+    deviations = command[-latest_count:] - np.median(reference)
     return float(deviations.mean() ** 2 / np.mean(deviations**2))
 
 
@@ -108,9 +108,9 @@ def explained_share(
     Returns:
         The share; None if there are too few samples, or nothing varies.
     """
-    latest = round(CAUSE_SECONDS / dt)
+    latest_count = round(CAUSE_SECONDS / dt)
     window = settings.window
-    sample_count = latest + round(SETTLING_SECONDS / dt) + window - 1
+    sample_count = latest_count + round(SETTLING_SECONDS / dt) + window - 1
     if settings.p < 1 or len(outputs) < sample_count:
         return None
     # Both accelerations are smoothed by the window from which the measured derivative is computed.
@@ -118,11 +118,11 @@ def explained_share(
     m = outputs.shape[1]
     # Columns [y; y′; …]: the acceleration is the first derivative of the last output, the body rate.
     derivatives = embed(outputs[-sample_count:], settings.p, dt, window, center)
-    acceleration = derivatives[-latest:, 2 * m - 1]
+    acceleration = derivatives[-latest_count:, 2 * m - 1]
     # Of the lagged commands only the smoothed values are used, which are the columns before the derivatives.
     lagged_commands = _lagged_commands(command[-sample_count:], dt)
-    smoothed = embed(lagged_commands, settings.p, dt, window, center)
-    commanded_acceleration = smoothed[-latest:, : len(MOTOR_LAGS)]
+    smoothed_commands = embed(lagged_commands, settings.p, dt, window, center)
+    commanded_acceleration = smoothed_commands[-latest_count:, : len(MOTOR_LAGS)]
     covariance = np.cov(acceleration, commanded_acceleration, rowvar=False)
     variances = covariance.diagonal()
     if not (variances > 0.0).all():

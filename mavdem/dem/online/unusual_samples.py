@@ -26,10 +26,10 @@ def unusual_samples(free_energy: Array, dt: float) -> Indices:
     surprise = Surprise(dt)
     marks = AnomalyMarks(dt)
     update_interval = max(1, round(QUANTILE_SECONDS / dt))
-    marked = []
+    marked_samples = []
     for sample, value in enumerate(free_energy.tolist()):
         if marks.add(surprise.add(value)):
-            marked.append(sample)
+            marked_samples.append(sample)
         if sample % update_interval == 0:
             surprise.update_quantiles()
-    return np.array(marked, dtype=np.intp)
+    return np.array(marked_samples, dtype=np.intp)

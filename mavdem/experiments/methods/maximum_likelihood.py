@@ -80,9 +80,11 @@ def pem_fit(segments: Segments, order: int) -> NormalizedFit:
     likelihood = PredictionErrorLikelihood(start.model, start.starts, segments)
     expansion = likelihood.expand(likelihood.parameters)
     trace, last_gain = gauss_newton(likelihood, expansion, DAMPING, MAX_ITERATIONS)
-    best = likelihood.with_parameters(trace[-1].point)
+    best_likelihood = likelihood.with_parameters(trace[-1].point)
     has_converged = last_gain <= CONVERGED_STEP_NATS
-    return NormalizedFit(best.model, best.starts, None if has_converged else len(trace) - 1)
+    return NormalizedFit(
+        best_likelihood.model, best_likelihood.starts, None if has_converged else len(trace) - 1
+    )
 
 
 class PredictionErrorLikelihood(NamedTuple):
@@ -400,12 +402,12 @@ def regress_on_products(products: list[Array], target_count: int, samples: int) 
         Coefficients (d, c), and the covariance (d, d) of the residuals. Its eigenvalues are at least
         ``ROUNDING_TOLERANCE``, which is the most likely such covariance where states and outputs are of size 1.
     """
-    total = np.sum(products, axis=0)
+    total_products = np.sum(products, axis=0)
     # With regressors x, targets z and coefficients β = (Σ z xᵀ)(Σ x xᵀ)⁺, the residuals z − β x have the squared sum
     # Σ z zᵀ − β Σ x zᵀ − (β Σ x zᵀ)ᵀ + β (Σ x xᵀ) βᵀ.
-    regressor_products = total[:-target_count, :-target_count]
-    cross_products = total[-target_count:, :-target_count]
-    target_products = total[-target_count:, -target_count:]
+    regressor_products = total_products[:-target_count, :-target_count]
+    cross_products = total_products[-target_count:, :-target_count]
+    target_products = total_products[-target_count:, -target_count:]
     coefficients = cross_products @ np.linalg.pinv(
         regressor_products, rcond=DEPENDENCE_TOLERANCE**2, hermitian=True
     )

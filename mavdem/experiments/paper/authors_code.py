@@ -72,8 +72,8 @@ def run(runner: Runner) -> ExperimentResult:
         authors' files only a remark.
     """
     if not runner.uses_authors_results or not RESULTS_FOLDER.is_dir():
-        missing = f"The authors’ results are not in {RESULTS_FOLDER}, so there is nothing to compare with."
-        return ExperimentResult(remarks=(missing,))
+        missing_text = f"The authors’ results are not in {RESULTS_FOLDER}, so there is nothing to compare with."
+        return ExperimentResult(remarks=(missing_text,))
     authors_errors = read_authors_errors()
     our_errors = _our_errors(runner)
     checks = []

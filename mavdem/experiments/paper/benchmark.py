@@ -294,7 +294,7 @@ def _pictures(
                 figures.draw_lines,
                 {"": squared_errors},
                 "steps ahead, n",
-                first=1,
+                first_x=1,
                 scale="log",
             ),
         ),

@@ -83,10 +83,10 @@ def joined_findings(checks: Sequence[Check]) -> str:
     Returns:
         The findings of checks that fail, then, after "but", the findings of checks that hold.
     """
-    failing = [check.finding for check in checks if not check.holds]
-    holding = [check.finding for check in checks if check.holds]
+    failing_findings = [check.finding for check in checks if not check.holds]
+    holding_findings = [check.finding for check in checks if check.holds]
     clauses = []
-    for findings in (failing, holding):
+    for findings in (failing_findings, holding_findings):
         if findings:
             clauses.append("; ".join(findings))
     return "; but ".join(clauses)

@@ -35,7 +35,7 @@ def draw_lines(
     panels: Panels,
     x_label: str,
     *,
-    first: int = 0,
+    first_x: int = 0,
     scale: str = "linear",
     bounds: Sequence[float] = (),
 ) -> Figure:
@@ -45,7 +45,7 @@ def draw_lines(
         panels: values (N,) by panel and name. A panel whose series have no names has no legend. More than
             ``MAX_LEGEND_LINES`` names must be the same in all panels, which then have one legend below.
         x_label: label of the horizontal axis.
-        first: number of the first value on the horizontal axis.
+        first_x: number of the first value on the horizontal axis.
         scale: matplotlib's name of the scale of the vertical axis.
         bounds: values at which horizontal lines are drawn in every panel.
 
@@ -56,7 +56,7 @@ def draw_lines(
         row = figure.subplots(1, len(panels), squeeze=False)[0]
         for axes, (title, series) in zip(row, panels.items(), strict=True):
             for index, (name, values) in enumerate(series.items()):
-                x = first + np.arange(len(values))
+                x = first_x + np.arange(len(values))
                 axes.plot(x, values, ".-", markersize=3, color=distinct(index), label=name)
             for bound in bounds:
                 axes.axhline(bound, color=BOUND, linewidth=0.8)

@@ -434,7 +434,7 @@ def _free_energy_picture(free_energies: Mapping[str, Array]) -> Picture:
     return Picture(
         "F̄ of the paper’s settings below its maximum by model order, nats",
         "Of the converged fit, mean of the flights; 1000 nats at least, where the maximum is.",
-        partial(figures.draw_lines, panels, "order of the model, n", first=1, scale="log"),
+        partial(figures.draw_lines, panels, "order of the model, n", first_x=1, scale="log"),
     )
 
 

@@ -153,11 +153,13 @@ class Runner:
             return FIGURE_EXPERIMENT
         return self.experiment_numbers[0]
 
-    def map_jobs(self, work: Callable[[Job], JobResult], jobs: Iterable[Job]) -> list[JobResult]:
+    def map_jobs(
+        self, function: Callable[[Job], JobResult], jobs: Iterable[Job]
+    ) -> list[JobResult]:
         """Calls a function for each job, on the workers if there are any, and reports the progress.
 
         Args:
-            work: the function; it and the jobs must pickle.
+            function: the function; it and the jobs must pickle.
             jobs: its arguments.
 
         Returns:
@@ -167,9 +169,9 @@ class Runner:
         self.submitted_jobs += len(job_list)
         results_as_they_come: Iterable[JobResult]
         if self.executor is None:
-            results_as_they_come = map(work, job_list)
+            results_as_they_come = map(function, job_list)
         else:
-            results_as_they_come = parallel_map(work, job_list, self.executor)
+            results_as_they_come = parallel_map(function, job_list, self.executor)
         results = []
         for result in results_as_they_come:
             results.append(result)

@@ -539,12 +539,12 @@ def packed(
         if np.allclose(np.diff(values), step):
             return {"low": values[0], "step": step, "size": len(values)}
     is_finite = np.isfinite(values)
-    lowest = highest = 0.0
+    low = high = 0.0
     if is_finite.any():
-        lowest = float(values[is_finite].min())
-        highest = float(values[is_finite].max())
+        low = float(values[is_finite].min())
+        high = float(values[is_finite].max())
     # Any step will do where all values are the same.
-    step = (highest - lowest) / MAX_COUNT or 1.0
-    steps_above_lowest = np.rint((np.where(is_finite, values, np.nan) - lowest) / step)
+    step = (high - low) / MAX_COUNT or 1.0
+    steps_above_lowest = np.rint((np.where(is_finite, values, np.nan) - low) / step)
     integers = np.nan_to_num(steps_above_lowest + NO_VALUE + 1, nan=NO_VALUE).astype("<i2")
-    return {"low": lowest, "step": step, "counts": b64encode(integers.tobytes()).decode()}
+    return {"low": low, "step": step, "counts": b64encode(integers.tobytes()).decode()}

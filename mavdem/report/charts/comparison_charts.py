@@ -59,8 +59,8 @@ def longest_flight(signals: Signals) -> FlightInterval | None:
     for attitude in signals.attitudes[:1]:
         for boot in np.unique(attitude.boot).tolist():
             times = attitude.time[attitude.boot == boot]
-            recorded = [(float(times[0]), float(times[-1]))]
-            for interval in intersection(airborne_intervals(signals, boot), recorded):
+            recorded_interval = [(float(times[0]), float(times[-1]))]
+            for interval in intersection(airborne_intervals(signals, boot), recorded_interval):
                 flights.append(FlightInterval(boot, interval))
     return max(flights, key=lambda flight: float(np.ptp(flight.interval)), default=None)
 
@@ -80,20 +80,20 @@ def flight_series(signals: Signals) -> FlightSeries:
     flight = longest_flight(signals)
     if flight is None:
         return {}
-    recorded: dict[str, TimeSeries | None] = {HEIGHT: signals.height}
+    recorded_series: dict[str, TimeSeries | None] = {HEIGHT: signals.height}
     for title, attitude in zip((ROLL, PITCH), signals.tilts, strict=False):
-        recorded[title] = _scaled(attitude.angle_series, degrees(1))
+        recorded_series[title] = _scaled(attitude.angle_series, degrees(1))
     if signals.collective is not None:
-        recorded[MEAN_MOTOR_OUTPUT] = _scaled(signals.collective, PERCENT)
+        recorded_series[MEAN_MOTOR_OUTPUT] = _scaled(signals.collective, PERCENT)
     for battery in signals.batteries[:1]:
-        recorded[BATTERY_VOLTAGE] = battery.voltage
+        recorded_series[BATTERY_VOLTAGE] = battery.voltage
     vibration = reported_vibration(signals)
     if vibration is not None:
         levels = vibration.levels
-        recorded[VIBRATION] = TimeSeries(levels.time, levels.boot, levels.values.max(axis=1))
+        recorded_series[VIBRATION] = TimeSeries(levels.time, levels.boot, levels.values.max(axis=1))
     take_off, landing = flight.interval
     flown = {}
-    for title, series in recorded.items():
+    for title, series in recorded_series.items():
         if series is None:
             continue
         is_flown = (series.time >= take_off) & (series.time <= landing)
@@ -144,9 +144,9 @@ def thinned_series(series: FlightSeries, max_points: int) -> FlightSeries:
         series: times and values (2, N) of each quantity.
         max_points: number of samples of a series, about, at most.
     """
-    thinned = {}
+    thinned_by_name = {}
     for title, (times, values) in series.items():
         chart = Chart(title, TIME_AFTER_TAKE_OFF, Axis(title), (Line("", "", times, values),))
         (line,) = chart.thinned(max_points).lines
-        thinned[title] = np.array([line.x, line.y])
-    return thinned
+        thinned_by_name[title] = np.array([line.x, line.y])
+    return thinned_by_name

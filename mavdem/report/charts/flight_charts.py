@@ -82,7 +82,7 @@ SENSITIVITY_LEVELS = 1.0, MARGIN_TARGETS["default"].ms
 
 
 def step_charts(
-    responses: Responses, advised: StepsByLoop = NO_STEPS, *, has_gain: bool = True
+    responses: Responses, advised_steps_by_loop: StepsByLoop = NO_STEPS, *, has_gain: bool = True
 ) -> dict[str, Charts]:
     """Returns charts of the closed-loop responses of each axis, measured and predicted.
 
@@ -91,7 +91,7 @@ def step_charts(
 
     Args:
         responses: responses by axis and loop.
-        advised: predicted step responses with the advised gains, by axis and loop.
+        advised_steps_by_loop: predicted step responses with the advised gains, by axis and loop.
         has_gain: whether the gain |T| is among the charts.
 
     Returns:
@@ -103,7 +103,7 @@ def step_charts(
         for loop_name, response in loops.items():
             if isinstance(response.measured, StepResponse):
                 title = f"{axis.capitalize()} {loop_name}"
-                advised_step = advised.get(axis, {}).get(loop_name)
+                advised_step = advised_steps_by_loop.get(axis, {}).get(loop_name)
                 charts_of_loop = list(
                     _response_charts(title, response, response.measured, advised_step)
                 )
@@ -115,7 +115,7 @@ def step_charts(
 
 
 def _response_charts(
-    title: str, response: LoopResponse, measured: StepResponse, advised_step: Array | None
+    title: str, response: LoopResponse, measured_response: StepResponse, advised_step: Array | None
 ) -> Iterator[Chart]:
     """Yields the chart of a step response and, for a rate loop, a chart of its gain |T| over frequency.
 
@@ -126,30 +126,49 @@ def _response_charts(
     Args:
         title: axis and loop, such as "Roll rate".
         response: the response with its prediction, if the loop is identified.
-        measured: the measured response, which is ``response.measured``. The caller has checked that it is a response,
-            and not the reason why there is none.
+        measured_response: the measured response, which is ``response.measured``. The caller has checked that it is a
+            response, and not the reason why there is none.
         advised_step: (N,) predicted response to a step with the advised gains, at the times of the measured one; None
             if the gains are kept.
     """
     # If the messages are too slow to measure a step, the response of the identified loop takes its place.
-    step_name = "identified" if measured.is_identified else "measured"
-    steps = [Line.with_band(step_name, MEASURED, measured.time, measured.step, measured.step_half)]
+    step_name = "identified" if measured_response.is_identified else "measured"
+    steps = [
+        Line.with_band(
+            step_name,
+            MEASURED,
+            measured_response.time,
+            measured_response.step,
+            measured_response.step_half,
+        )
+    ]
     # On the logarithmic axis the lower end of the band must stay above zero.
-    low = np.maximum(measured.gain - measured.gain_half, measured.gain / MIN_GAIN_RATIO)
-    high = measured.gain + measured.gain_half
-    gains = [Line("measured", MEASURED, measured.frequency, measured.gain, low, high)]
+    low = np.maximum(
+        measured_response.gain - measured_response.gain_half,
+        measured_response.gain / MIN_GAIN_RATIO,
+    )
+    high = measured_response.gain + measured_response.gain_half
+    gains = [
+        Line("measured", MEASURED, measured_response.frequency, measured_response.gain, low, high)
+    ]
     if response.predicted_step is not None and response.predicted_gain is not None:
         predicted_step = Line(
-            "predicted", PREDICTED, measured.time, response.predicted_step, style=LineStyle.DASHES
+            "predicted",
+            PREDICTED,
+            measured_response.time,
+            response.predicted_step,
+            style=LineStyle.DASHES,
         )
         # A step of the identified loop is the prediction already.
-        if not measured.is_identified:
+        if not measured_response.is_identified:
             steps.append(predicted_step)
-        gains.append(predicted_step._replace(x=measured.frequency, y=response.predicted_gain))
+        gains.append(
+            predicted_step._replace(x=measured_response.frequency, y=response.predicted_gain)
+        )
     if advised_step is not None:
-        steps.append(Line("advised gains", PHYSICAL, measured.time, advised_step))
+        steps.append(Line("advised gains", PHYSICAL, measured_response.time, advised_step))
     yield Chart(f"{title}: step", TIME_AFTER_STEP, STEP_RESPONSE, tuple(steps), (1.0,))
-    if measured.loop == "rate":
+    if measured_response.loop == "rate":
         yield Chart(f"{title}: |T|", FREQUENCY, CLOSED_LOOP_GAIN, tuple(gains), (1.0,))
 
 
@@ -181,7 +200,7 @@ def loop_charts(loops: Mapping[str, Loop], loop_name: str = "rate") -> Charts:
         margin = f"{open_loop.phase_margin:.0f}°"
         crossovers.append(Mark(open_loop.crossover, margin, colour))
     # The phase margin stands beside the mark in the chart of the phase alone.
-    unnamed = tuple(mark._replace(name="") for mark in crossovers)
+    unnamed_marks = tuple(mark._replace(name="") for mark in crossovers)
     axis = next(iter(loops.values())).axis.capitalize()
     title = f"{axis} {loop_name}"
     # The limits show a wide range about the crossovers, at 0 dB and −180°, where the margins are read.
@@ -192,7 +211,7 @@ def loop_charts(loops: Mapping[str, Loop], loop_name: str = "rate") -> Charts:
             Axis("gain (dB)", limits=(-40.0, 30.0)),
             tuple(gains),
             levels=(0.0,),
-            marks=unnamed,
+            marks=unnamed_marks,
         ),
         Chart(
             f"{title}: phase (°)",
@@ -208,7 +227,7 @@ def loop_charts(loops: Mapping[str, Loop], loop_name: str = "rate") -> Charts:
             Axis("sensitivity |S|", is_logarithmic=True),
             tuple(sensitivities),
             levels=SENSITIVITY_LEVELS,
-            marks=unnamed,
+            marks=unnamed_marks,
         ),
     )
 

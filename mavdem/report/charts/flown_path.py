@@ -166,9 +166,9 @@ def flown_path(timeline: Timeline | None, wind: MapWind | None = None) -> Plan |
             -scale * (takeoff_north - middle_north),
         )
 
-    lowest = float(np.nanmin(height))
-    height_range = max(float(np.nanmax(height)) - lowest, MIN_HEIGHT_RANGE)
-    height_classes = _height_classes(height, lowest, height_range)
+    lowest_height = float(np.nanmin(height))
+    height_range = max(float(np.nanmax(height)) - lowest_height, MIN_HEIGHT_RANGE)
+    height_classes = _height_classes(height, lowest_height, height_range)
     mode_names = list(dict.fromkeys(mode.name for mode in timeline.modes))
     mode_numbers = _mode_numbers(time, timeline.modes, mode_names)
     # The bar is about a third of the path, rounded to one digit.
@@ -180,7 +180,7 @@ def flown_path(timeline: Timeline | None, wind: MapWind | None = None) -> Plan |
         end=_Place("end" if timeline.heading is None else "vehicle", x[-1], y[-1]),
         heading=timeline.heading,
         scale=(scale * bar_length, f"{bar_length:g} m"),
-        heights=_height_keys(lowest, height_range),
+        heights=_height_keys(lowest_height, height_range),
         modes=[_Key(name, _mode_colour(number)) for number, name in enumerate(mode_names)],
         wind=wind,
     )
@@ -196,21 +196,21 @@ def flown_path(timeline: Timeline | None, wind: MapWind | None = None) -> Plan |
     return Plan("Flown path", description, svg, packed_track)
 
 
-def _height_classes(height: Array, lowest: float, height_range: float) -> Array:
+def _height_classes(height: Array, lowest_height: float, height_range: float) -> Array:
     """Returns the class (N,) of each height, from 0 for the lowest fifth of the range."""
-    share = (np.nan_to_num(height, nan=lowest) - lowest) / height_range
+    share = (np.nan_to_num(height, nan=lowest_height) - lowest_height) / height_range
     count = len(HEIGHT_COLOURS)
     return np.clip(np.floor(count * share), 0, count - 1).astype(int)
 
 
-def _height_keys(lowest: float, height_range: float) -> list[_Key]:
+def _height_keys(lowest_height: float, height_range: float) -> list[_Key]:
     """Returns the legend of the colours by height: the range of each class, m.
 
     Args:
-        lowest: lowest height of the path, m.
+        lowest_height: lowest height of the path, m.
         height_range: difference of the highest and the lowest height, m.
     """
-    edges = np.linspace(lowest, lowest + height_range, len(HEIGHT_COLOURS) + 1)
+    edges = np.linspace(lowest_height, lowest_height + height_range, len(HEIGHT_COLOURS) + 1)
     # Neighbouring edges differ by at least one of the last digit.
     decimals = 0 if height_range >= len(HEIGHT_COLOURS) * WHOLE_METRES else 1
     texts = [f"{edge + 0.0:.{decimals}f}".replace("-", "−") for edge in np.round(edges, decimals)]

@@ -146,6 +146,6 @@ def _motion_chart(title: str, motion: TwinMotion, is_drawn: Flags) -> Chart:
         setpoint = np.degrees(motion.setpoint[is_drawn])
         lines.append(Line("setpoint", TRUTH, time, setpoint, style=LineStyle.DASHES))
     lines.append(Line("now", GAIN_COLOURS["now"], time, np.degrees(motion.present[is_drawn])))
-    advised = np.degrees(motion.advised[is_drawn])
-    lines.append(Line("advised", GAIN_COLOURS["advised"], time, advised))
+    advised_angle = np.degrees(motion.advised[is_drawn])
+    lines.append(Line("advised", GAIN_COLOURS["advised"], time, advised_angle))
     return Chart(f"{title}: error {errors}", TRIAL_TIME, Axis("angle (°)"), tuple(lines))

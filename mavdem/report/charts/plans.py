@@ -128,7 +128,7 @@ def motor_levels(light: Fact, imbalance: Array) -> list[Level]:
         is_concerned = abs(imbalance) > 100 * FAULT_RISE
     if not is_concerned.any():
         return [light.level] * count
-    return [light.level if concerned else Level.GOOD for concerned in is_concerned]
+    return [light.level if is_weak else Level.GOOD for is_weak in is_concerned]
 
 
 def rose_of_wind(wind: WindVelocity) -> Plan:
@@ -217,9 +217,11 @@ def _wind_rose(
     petals = []
     for speed_class, (inner_edges, outer_edges) in enumerate(pairwise(edges)):
         opacity = LOWEST_OPACITY + OPACITY_PER_SPEED_CLASS * speed_class
-        for number, (inner, outer) in enumerate(zip(inner_edges, outer_edges, strict=True)):
-            if outer > inner:
-                petals.append(_Petal(number, scale * inner, scale * outer, opacity))
+        for number, (inner_radius, outer_radius) in enumerate(
+            zip(inner_edges, outer_edges, strict=True)
+        ):
+            if outer_radius > inner_radius:
+                petals.append(_Petal(number, scale * inner_radius, scale * outer_radius, opacity))
     unit = " %" if weight != 1.0 else ""
     # If the outer ring is at more than 1, the labels are whole numbers.
     decimals = 0 if scale < RADIUS else 1

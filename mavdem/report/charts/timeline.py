@@ -344,12 +344,12 @@ def _direction_line(
     Returns:
         The line, with a NaN between the samples of each break.
     """
-    wrapped = np.mod(direction, FULL_TURN)
-    line = Line(name, colour, time, wrapped)
+    wrapped_direction = np.mod(direction, FULL_TURN)
+    line = Line(name, colour, time, wrapped_direction)
     if half_width is not None:
-        lower_edge = np.maximum(wrapped - half_width, 0.0)
-        upper_edge = np.minimum(wrapped + half_width, FULL_TURN)
-        line = Line(name, colour, time, wrapped, lower_edge, upper_edge)
+        lower_edge = np.maximum(wrapped_direction - half_width, 0.0)
+        upper_edge = np.minimum(wrapped_direction + half_width, FULL_TURN)
+        line = Line(name, colour, time, wrapped_direction, lower_edge, upper_edge)
     return _broken_where_it_wraps(line)
 
 

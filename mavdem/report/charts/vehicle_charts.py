@@ -77,7 +77,7 @@ def vehicle_group(flights: Sequence[AxisRows]) -> Group | None:
     if not charts:
         return None
     # The charts go from left to right, and then to the next row.
-    columns = [tuple(charts[first::COLUMNS]) for first in range(COLUMNS)]
+    columns = [tuple(charts[first_chart::COLUMNS]) for first_chart in range(COLUMNS)]
     return Group(tuple(column for column in columns if column))
 
 
@@ -86,8 +86,8 @@ def _flight_axis(flights: Sequence[AxisRows]) -> Axis:
     dates = [
         f"{log_row(flight).date:%Y-%m-%d}" if log_row(flight).date else "" for flight in flights
     ]
-    unlabelled = [""] * (len(flights) - 2)
-    return Axis("flight", names=(dates[0] or "first", *unlabelled, dates[-1] or "last"))
+    empty_labels = [""] * (len(flights) - 2)
+    return Axis("flight", names=(dates[0] or "first", *empty_labels, dates[-1] or "last"))
 
 
 def _lines(estimates: Estimates) -> Iterator[Line]:

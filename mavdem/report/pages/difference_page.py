@@ -86,18 +86,21 @@ def comparison_page(
         flights: time series of the flight of each side (``flight_series``): empty of a fleet, None where they were not
             stored with the flight.
     """
-    sides = dict(zip(SIDE_COLOURS, reviews, strict=True))
+    reviews_by_side = dict(zip(SIDE_COLOURS, reviews, strict=True))
     legend = {
         side: _legend_name(side, name, review)
-        for (side, review), name in zip(sides.items(), names, strict=True)
+        for (side, review), name in zip(reviews_by_side.items(), names, strict=True)
     }
-    headline = headline_of_comparison(sides, difference, parameters)
+    headline = headline_of_comparison(reviews_by_side, difference, parameters)
     steps_of_axes = {}
     for axis in AXES:
-        charts = tuple(_step_charts(sides, legend, axis))
+        charts = tuple(_step_charts(reviews_by_side, legend, axis))
         if charts:
             steps_of_axes[axis] = charts
-    changes = [[name, f"{before:.4g}", f"{after:.4g}"] for name, before, after in parameters]
+    changes = [
+        [name, f"{value_before:.4g}", f"{value_after:.4g}"]
+        for name, value_before, value_after in parameters
+    ]
     change_header = f"{counted(len(changes), 'parameter')} changed"
     plan = change_plan(difference)
     drawn = drawn_changes(difference)
@@ -105,14 +108,22 @@ def comparison_page(
     changed_group = Group.side_by_side([plan], CHANGES_CAPTION)
     chapters = [
         Chapter("What changed", same_sentences(not_drawn), [] if plan is None else [changed_group]),
-        Chapter("Lights", light_blocks(sides)),
+        Chapter("Lights", light_blocks(reviews_by_side)),
         Chapter("Step response", (), [Group.of_axes(steps_of_axes)] if steps_of_axes else []),
-        Chapter("Motors", (), _chart_group(_trim_chart(sides, legend, difference), TRIMS_CAPTION)),
-        Chapter("Spectra", (), _chart_group(_spectrum_chart(sides, legend)), folded=True),
+        Chapter(
+            "Motors",
+            (),
+            _chart_group(_trim_chart(reviews_by_side, legend, difference), TRIMS_CAPTION),
+        ),
+        Chapter("Spectra", (), _chart_group(_spectrum_chart(reviews_by_side, legend)), folded=True),
         _series_chapter(flights, legend),
-        _table_chapter("Margins", "90 % interval", _margin_rows(sides))._replace(folded=True),
+        _table_chapter("Margins", "90 % interval", _margin_rows(reviews_by_side))._replace(
+            folded=True
+        ),
         _table_chapter(
-            "Vibration and wind", "wind: 90 % interval", [_vibration_row(sides), *_wind_rows(sides)]
+            "Vibration and wind",
+            "wind: 90 % interval",
+            [_vibration_row(reviews_by_side), *_wind_rows(reviews_by_side)],
         ),
         _table_chapter("Parameters", change_header, changes),
         Chapter(
@@ -123,9 +134,11 @@ def comparison_page(
     for sentence in headline:
         summary.append(headline_sentence(f"{sentence.lead} {sentence.text}".strip()))
     if not difference.is_of_same_flight:
-        headlines = {side: value_at(review, "headline.sentence") for side, review in sides.items()}
+        headlines = {
+            side: value_at(review, "headline.sentence") for side, review in reviews_by_side.items()
+        }
         summary += headline_blocks(headlines, headline)
-    summary += next_blocks(difference, sides)
+    summary += next_blocks(difference, reviews_by_side)
     subtitle = f"{legend['A']} and {legend['B']} over each other."
     return render_document(" and ".join(names), subtitle, summary, chapters, back)
 
@@ -196,11 +209,11 @@ def _with_single_side(chart: Chart) -> Chart:
     return chart._replace(title=f"{chart.title}, only {chart.lines[0].name}")
 
 
-def _margin_rows(sides: Reviews) -> list[list[str]]:
+def _margin_rows(reviews_by_side: Reviews) -> list[list[str]]:
     """Returns the rows of the table of stability margins: for each axis, each figure of its rate and attitude loop.
 
     Args:
-        sides: review documents of both logs, by side.
+        reviews_by_side: review documents of both logs, by side.
 
     Returns:
         Rows of a name, such as "roll rate: phase margin (°)", and one cell for each side.
@@ -209,7 +222,7 @@ def _margin_rows(sides: Reviews) -> list[list[str]]:
     for axis in AXES:
         for loop_name, keys in MARGIN_FIGURES.items():
             path = f"axes.{axis}.loop.{loop_name}"
-            loops = [value_at(review, path) or {} for review in sides.values()]
+            loops = [value_at(review, path) or {} for review in reviews_by_side.values()]
             for key in keys:
                 figure = LOOP_FIGURES[key]
                 cells = [_cell(loop, key, figure.scale) for loop in loops]
@@ -226,20 +239,20 @@ def _cell(document: Review, key: str, scale: float = 1.0) -> str:
     return f"{value} ({low} to {high})"
 
 
-def _step_charts(sides: Reviews, legend: Mapping[str, str], axis: str) -> Iterator[Chart]:
+def _step_charts(reviews_by_side: Reviews, legend: Mapping[str, str], axis: str) -> Iterator[Chart]:
     """Yields charts of the step responses of rate and angle of an axis, with the lines and bands of both sides.
 
     The responses are those of the review documents: times, s, the response to a step of 1, and the half width of its
     90 % band. A loop that neither side has measured has no chart.
 
     Args:
-        sides: review documents of both logs, by side.
+        reviews_by_side: review documents of both logs, by side.
         legend: name of each side in legends.
         axis: "roll", "pitch" or "yaw".
     """
     for loop in ("rate", "attitude"):
         lines = []
-        for side, review in sides.items():
+        for side, review in reviews_by_side.items():
             response = value_at(review, f"axes.{axis}.{loop}.measured")
             if response:
                 time = np.array(response["time"])
@@ -253,17 +266,17 @@ def _step_charts(sides: Reviews, legend: Mapping[str, str], axis: str) -> Iterat
             yield _with_single_side(chart)
 
 
-def _spectrum_chart(sides: Reviews, legend: Mapping[str, str]) -> Chart:
+def _spectrum_chart(reviews_by_side: Reviews, legend: Mapping[str, str]) -> Chart:
     """Returns a chart of the gyro's power spectra in both flights, (rad/s)²/Hz, the sum over its three axes.
 
     Spectra before the filters are preferred to those after them. A side without a spectrum has no line.
 
     Args:
-        sides: review documents of both logs, by side.
+        reviews_by_side: review documents of both logs, by side.
         legend: name of each side in legends.
     """
     lines = []
-    for side, review in sides.items():
+    for side, review in reviews_by_side.items():
         spectra = review.get("spectra") or {}
         spectrum = spectra.get("gyro_before") or spectra.get("gyro")
         if spectrum:
@@ -277,7 +290,9 @@ def _spectrum_chart(sides: Reviews, legend: Mapping[str, str]) -> Chart:
     return Chart(title, Axis("frequency (Hz)"), power_axis, tuple(lines))
 
 
-def _trim_chart(sides: Reviews, legend: Mapping[str, str], difference: VehicleDifference) -> Chart:
+def _trim_chart(
+    reviews_by_side: Reviews, legend: Mapping[str, str], difference: VehicleDifference
+) -> Chart:
     """Returns a chart of how far each motor's trim is from that of the median motor in both flights, %.
 
     These are the quantities that are compared, so a step between two dots is the change that the text states. Each
@@ -288,7 +303,7 @@ def _trim_chart(sides: Reviews, legend: Mapping[str, str], difference: VehicleDi
     where the numbers of motors differ, the axis has the names that both have.
 
     Args:
-        sides: review documents of both logs, by side.
+        reviews_by_side: review documents of both logs, by side.
         legend: name of each side in legends.
         difference: comparison of both sides, for the intervals of the changes.
     """
@@ -299,7 +314,7 @@ def _trim_chart(sides: Reviews, legend: Mapping[str, str], difference: VehicleDi
         for change in difference.changes
         if change.quantity.kind == SHARE
     }
-    for side, review in sides.items():
+    for side, review in reviews_by_side.items():
         shares = value_at(review, "condition.hover.trim_share")
         if shares:
             half_widths = tuple(value_at(review, "condition.share_interval") or [0.0] * len(shares))
@@ -325,40 +340,43 @@ def _trim_chart(sides: Reviews, legend: Mapping[str, str], difference: VehicleDi
     return Chart("Relative trim (%)", motor_axis, deviation_axis, tuple(lines), (0.0,))
 
 
-def _vibration_row(sides: Reviews) -> list[str]:
+def _vibration_row(reviews_by_side: Reviews) -> list[str]:
     """Returns the row of a table with the mean vibration in flight, m/s², of the IMU and axis that vibrate most.
 
     It is what the light of the vibration states, of all IMUs. Where either log has no such light, it is of the first
     IMU in both.
 
     Args:
-        sides: review documents of both logs, by side.
+        reviews_by_side: review documents of both logs, by side.
 
     Returns:
         The name of the figure, and one cell for each side; a dash if the vibration was not recorded.
     """
-    levels = [value_at(review, "lights.vibration.figures.vibration") for review in sides.values()]
+    levels = [
+        value_at(review, "lights.vibration.figures.vibration")
+        for review in reviews_by_side.values()
+    ]
     if None not in levels:
         return ["vibration of the worst IMU (m/s²)", *map(rounded, levels)]
     row = ["vibration of IMU 1 (m/s²)"]
-    for review in sides.values():
+    for review in reviews_by_side.values():
         levels_of_axes = value_at(review, "condition.vibration.level")
         row.append(rounded(max(levels_of_axes)) if levels_of_axes else UNKNOWN_FIGURE)
     return row
 
 
-def _wind_rows(sides: Reviews) -> list[list[str]]:
+def _wind_rows(reviews_by_side: Reviews) -> list[list[str]]:
     """Returns the rows of a table for wind speed and the direction that the wind comes from.
 
     Args:
-        sides: review documents of both logs, by side.
+        reviews_by_side: review documents of both logs, by side.
 
     Returns:
         Two rows, each with its name and a cell for each side.
     """
     speeds = ["wind (m/s)"]
     directions = ["from (°)"]
-    for review in sides.values():
+    for review in reviews_by_side.values():
         wind = review.get("wind") or {}
         speeds.append(_wind_speed_cell(wind))
         directions.append(_wind_direction_cell(wind))

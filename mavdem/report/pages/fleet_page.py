@@ -132,9 +132,11 @@ def fleet_page(
 
 def _rated(cells: Sequence[str]) -> list[str]:
     """Returns the cells of a flight's line, in which the health is coloured by its level."""
-    rated = dict(zip(COLUMNS, cells, strict=True))
-    rated["health"] = Rated(rated["health"], BADGE_LEVELS[rated["health"]])
-    return [*rated.values()]
+    cells_by_column = dict(zip(COLUMNS, cells, strict=True))
+    cells_by_column["health"] = Rated(
+        cells_by_column["health"], BADGE_LEVELS[cells_by_column["health"]]
+    )
+    return [*cells_by_column.values()]
 
 
 def vehicle_charts(rows: FlightRows) -> str:
@@ -163,17 +165,17 @@ def _newest_first(summaries: Sequence[VehicleSummary]) -> list[FlightLine]:
     Returns:
         The lines, the newest first and those without a date last.
     """
-    dated = []
-    undated = []
+    dated_lines = []
+    undated_lines = []
     for summary in summaries:
         for line in summary.lines:
             if line.seconds is None:
-                undated.append(line)
+                undated_lines.append(line)
             else:
-                dated.append(line)
+                dated_lines.append(line)
     # The sort is stable: of equal dates the lines stay in the order of their vehicles, which is then reversed.
-    dated.sort(key=lambda line: line.seconds or 0.0)
-    return [*reversed(dated), *undated]
+    dated_lines.sort(key=lambda line: line.seconds or 0.0)
+    return [*reversed(dated_lines), *undated_lines]
 
 
 def _named_cells(line: FlightLine, names: GivenNames) -> list[str]:

@@ -55,14 +55,14 @@ STEP_FIGURES = {
 
 
 def responses_chapter(
-    responses: Responses, advised: StepsByLoop = NO_STEPS, light: Fact | None = None
+    responses: Responses, advised_steps_by_loop: StepsByLoop = NO_STEPS, light: Fact | None = None
 ) -> Chapter:
     """Returns the chapter of step responses: their figures, doubts about them, and charts of measured and predicted.
 
     Args:
         responses: measured response or the fact why there is none, and the prediction, by axis and loop. Loops without
             a response for the same reason share one sentence; a prediction that does not agree gives a caution.
-        advised: predicted step responses with the advised gains, by axis and loop.
+        advised_steps_by_loop: predicted step responses with the advised gains, by axis and loop.
         light: fact of the light of the margins, whose axis a phone shows first; None where there is none.
     """
     rows = []
@@ -72,14 +72,18 @@ def responses_chapter(
     for axis, loops in responses.items():
         for loop_name, response in loops.items():
             name = f"{axis} {loop_name}"
-            measured = response.measured
-            if isinstance(measured, Fact):
-                refusal = measured.replace(subject="")
+            measured_response = response.measured
+            if isinstance(measured_response, Fact):
+                refusal = measured_response.replace(subject="")
                 names_by_refusal.setdefault(refusal, []).append(name)
             else:
-                has_identified_step |= measured.is_identified
-                row_name = f"{name} (step: identified loop)" if measured.is_identified else name
-                rows.append([row_name, *(_step_figure_text(measured, key) for key in STEP_FIGURES)])
+                has_identified_step |= measured_response.is_identified
+                row_name = (
+                    f"{name} (step: identified loop)" if measured_response.is_identified else name
+                )
+                rows.append(
+                    [row_name, *(_step_figure_text(measured_response, key) for key in STEP_FIGURES)]
+                )
             if response.compared is not None and not response.compared.is_good:
                 doubts.append(caution(response.compared))
     blocks = Blocks()
@@ -89,13 +93,13 @@ def responses_chapter(
     blocks += doubts
     for refusal, names in names_by_refusal.items():
         blocks.append(Sentence(str(refusal.replace(subject=listed(names)))))
-    columns = step_charts(responses, advised)
+    columns = step_charts(responses, advised_steps_by_loop)
     if not columns:
         return Chapter("Step response", blocks)
     text = "Grey: measured, with its 90 % band. Blue, where the loop is identified: predicted."
     if has_identified_step:
         text += " A rate that rises within few messages has the step of the identified loop; its |T| is measured."
-    if advised:
+    if advised_steps_by_loop:
         text += " Green: predicted with the advised gains."
     attitudes = [loops["attitude"] for loops in responses.values() if "attitude" in loops]
     if any(

@@ -30,11 +30,11 @@ def gyro_chapter(
     """
     noise = assessment.noise
     blocks: Blocks = [Sentence(str(fact)) for fact in noise.facts]
-    fastest = fastest_loop(assessment)
-    if fastest is not None:
-        blocks += filter_sentences(fastest)
+    loop = fastest_loop(assessment)
+    if loop is not None:
+        blocks += filter_sentences(loop)
     groups = [
-        *_spectrum_groups(noise, GYRO, timeline, has_spectrograms=has_spectrograms, loop=fastest)
+        *_spectrum_groups(noise, GYRO, timeline, has_spectrograms=has_spectrograms, loop=loop)
     ]
     return Chapter("Spectra", blocks, groups)
 

@@ -237,8 +237,8 @@ class Head(NamedTuple):
             return self.events
         facts = [page_event.event.fact for page_event in self.events]
         brief_events = []
-        for index, total in worst_events(facts)[:MAX_BRIEF_EVENTS]:
-            brief_events.append(self.events[index]._replace(total=total))
+        for index, count in worst_events(facts)[:MAX_BRIEF_EVENTS]:
+            brief_events.append(self.events[index]._replace(total=count))
         return brief_events
 
     @property

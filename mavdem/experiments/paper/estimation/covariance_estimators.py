@@ -159,11 +159,13 @@ def _autocovariances(series: Array, lags: int) -> Array:
     return np.array([series[lag:].T @ series[: count - lag] / count for lag in range(lags)])
 
 
-def _least_squares_variances(measured: Array, scales: Array, effects: list[Array]) -> Array:
+def _least_squares_variances(
+    measured_autocovariances: Array, scales: Array, effects: list[Array]
+) -> Array:
     """Returns the variances whose effects add up to the measured autocovariances, by least squares.
 
     Args:
-        measured: (lags, n, n) autocovariances.
+        measured_autocovariances: (lags, n, n) autocovariances.
         scales: (n,) standard deviations of the series, in units of which the squares are summed up.
         effects: (lags, n, n) autocovariances that each variance causes if it is 1.
 
@@ -174,7 +176,9 @@ def _least_squares_variances(measured: Array, scales: Array, effects: list[Array
     columns = np.stack([(weights * effect).ravel() for effect in effects], axis=1)
     # The columns are scaled as well: variances of several units differ by orders of magnitude.
     lengths = np.linalg.norm(columns, axis=0)
-    solution = np.linalg.lstsq(columns / lengths, (weights * measured).ravel(), rcond=None)[0]
+    solution = np.linalg.lstsq(
+        columns / lengths, (weights * measured_autocovariances).ravel(), rcond=None
+    )[0]
     variances = solution / lengths
     return np.maximum(variances, SMALLEST_VARIANCE)
 
@@ -370,7 +374,7 @@ def variational_bayes(record: NoisyRecord) -> RecursiveEstimates:
     step = _first_prediction(record)
     shape = np.ones(len(record.process_variances))
     scale = first_variances(record)
-    histories = np.zeros_like(record.outputs)
+    variances = np.zeros_like(record.outputs)
     states = np.zeros_like(record.outputs)
     for t, output in enumerate(record.outputs):
         shape = shape + 0.5
@@ -380,9 +384,9 @@ def variational_bayes(record: NoisyRecord) -> RecursiveEstimates:
             filter_step = corrected_step(step, output, new_scale / shape)
             residual = output - filter_step.state
             new_scale = scale + 0.5 * (residual**2 + filter_step.covariance.diagonal())
-        histories[t] = new_scale / shape
+        variances[t] = new_scale / shape
         states[t] = filter_step.state
         step = predicted_step(record, filter_step, t)
         shape = FORGETTING_FACTOR * shape
         scale = FORGETTING_FACTOR * new_scale
-    return RecursiveEstimates(histories, states)
+    return RecursiveEstimates(variances, states)

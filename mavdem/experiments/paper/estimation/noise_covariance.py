@@ -365,13 +365,13 @@ def online_check(factors: Mapping[str, float]) -> Check:
     Returns:
         The check.
     """
-    best = min(RECURSIVE_ESTIMATORS, key=lambda name: factors[name])
+    best_estimator = min(RECURSIVE_ESTIMATORS, key=lambda name: factors[name])
     return Check(
         f"simulated, {STEP_NOISE}, after a step of the variances: those of {ONLINE_DEM} are wrong by a smaller factor "
         "than those of every recursive estimator",
-        factors[ONLINE_DEM] < factors[best],
+        factors[ONLINE_DEM] < factors[best_estimator],
         f"after a step of the variances they are wrong by a factor of {rounded(factors[ONLINE_DEM], 3)} by "
-        f"{ONLINE_DEM} and {rounded(factors[best], 3)} by {best}",
+        f"{ONLINE_DEM} and {rounded(factors[best_estimator], 3)} by {best_estimator}",
     )
 
 

@@ -137,9 +137,9 @@ def flight_windows(
     windows = []
     for name, flight in flights.items():
         for number in range(count):
-            first = FIRST_SAMPLE + number * samples
-            states = np.asarray(flight.outputs[first : first + samples], float)
-            motors = np.asarray(flight.inputs[first : first + samples], float)
+            first_sample = FIRST_SAMPLE + number * samples
+            states = np.asarray(flight.outputs[first_sample : first_sample + samples], float)
+            motors = np.asarray(flight.inputs[first_sample : first_sample + samples], float)
             if len(states) == samples and is_moving(states) and is_moving(motors):
                 # A recorded flight has one measurement of roll, which is also taken for its true state.
                 measured_roll = states[:, :1]
@@ -239,20 +239,20 @@ def simulated_window(seed: int, smoothness: float, samples: int = WINDOW_SAMPLES
     """
     rng = default_rng(seed)
     dt = 1 / ARDRONE_RATE
-    total = SETTLING_SAMPLES + samples
-    noise = smooth_noise(rng.standard_normal((total, 2)), smoothness / dt) * NOISE_SD
-    dither = rng.standard_normal((total, len(ROLL_MIXER)))
+    total_samples = SETTLING_SAMPLES + samples
+    noise = smooth_noise(rng.standard_normal((total_samples, 2)), smoothness / dt) * NOISE_SD
+    dither = rng.standard_normal((total_samples, len(ROLL_MIXER)))
     dither = DITHER_SD * smooth_noise(dither, DITHER_SAMPLES)
     acceleration_per_command = ROLL_EFFECTIVENESS * ROLL_MIXER
     Phi, Gamma = zero_order_hold_transition(input_matrix(acceleration_per_command), dt)
-    states = np.zeros((total + 1, 2))
-    motors = np.zeros((total, len(ROLL_MIXER)))
-    for t in range(total):
+    states = np.zeros((total_samples + 1, 2))
+    motors = np.zeros((total_samples, len(ROLL_MIXER)))
+    for t in range(total_samples):
         acceleration = -ROLL_STIFFNESS * states[t, 0] - ROLL_DAMPING * states[t, 1]
         # The four motors share the acceleration that the controller demands.
         motors[t] = dither[t] + acceleration / (len(ROLL_MIXER) * acceleration_per_command)
         states[t + 1] = Phi @ states[t] + Gamma @ motors[t] + noise[t]
-    window = slice(SETTLING_SAMPLES, total)
+    window = slice(SETTLING_SAMPLES, total_samples)
     measurement_noise = np.sqrt(MEASUREMENT_VARIANCE) * rng.standard_normal((samples, 1))
     return roll_window(
         f"simulated {seed}",

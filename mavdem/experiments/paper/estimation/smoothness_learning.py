@@ -155,18 +155,18 @@ def learn_smoothness(fit_at: FitAt, candidates: Sequence[float]) -> LearnedSmoot
         that end, and ``is_inside`` is false.
     """
     fits = [fit_at(candidate) for candidate in candidates]
-    best = int(np.argmax([fit.free_energy for fit in fits]))
-    if best in (0, len(candidates) - 1):
-        return LearnedSmoothness(candidates[best], fits[best], is_inside=False)
-    lower, upper = np.log([candidates[best - 1], candidates[best + 1]])
+    best_index = int(np.argmax([fit.free_energy for fit in fits]))
+    if best_index in (0, len(candidates) - 1):
+        return LearnedSmoothness(candidates[best_index], fits[best_index], is_inside=False)
+    lower_bound, upper_bound = np.log([candidates[best_index - 1], candidates[best_index + 1]])
     # Bisection: the gradient is positive below the maximum and negative above it.
-    while upper - lower > LOG_TOLERANCE:
-        middle = (lower + upper) / 2
+    while upper_bound - lower_bound > LOG_TOLERANCE:
+        middle = (lower_bound + upper_bound) / 2
         if smoothness_gradient(fit_at(float(np.exp(middle))).posterior) > 0:
-            lower = middle
+            lower_bound = middle
         else:
-            upper = middle
-    smoothness = float(np.exp((lower + upper) / 2))
+            upper_bound = middle
+    smoothness = float(np.exp((lower_bound + upper_bound) / 2))
     return LearnedSmoothness(smoothness, fit_at(smoothness), is_inside=True)
 
 

@@ -148,8 +148,8 @@ def squared_error(rates: Array, window: RollWindow, delay: int = 0) -> float:
     """
     measured_rates = window.states[TRIM:-TRIM, 1]
     # Delayed estimates are compared with later samples, so that those used begin earlier.
-    first = TRIM - delay
-    delayed_rates = rates[first : first + len(measured_rates)]
+    first_sample = TRIM - delay
+    delayed_rates = rates[first_sample : first_sample + len(measured_rates)]
     errors = delayed_rates - measured_rates
     sse = float(errors @ errors)
     return sse if np.isfinite(sse) else np.inf
@@ -180,12 +180,12 @@ def run(runner: Runner) -> ExperimentResult:
     if not window_errors_by_wind:
         remark = missing_flights_sentence(runner.recorded_flights)
         return ExperimentResult(tuple(checks), numbers, tables, remarks=(remark,))
-    recorded = _recorded_result(window_errors_by_wind)
+    recorded_result = _recorded_result(window_errors_by_wind)
     return ExperimentResult(
-        checks=(*recorded.checks, *checks),
-        numbers=numbers | recorded.numbers,
-        tables=(*recorded.tables, *tables),
-        pictures=recorded.pictures,
+        checks=(*recorded_result.checks, *checks),
+        numbers=numbers | recorded_result.numbers,
+        tables=(*recorded_result.tables, *tables),
+        pictures=recorded_result.pictures,
     )
 
 
