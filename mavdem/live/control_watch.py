@@ -21,6 +21,7 @@ from mavdem.assessment.ending import checked_reports, ending_of
 from mavdem.assessment.flights import RECOVERY_SECONDS
 from mavdem.assessment.ground_contacts import flight_losses, ground_contact
 from mavdem.assessment.invalid_attitudes import MIN_INVALID_SECONDS, invalid_attitudes
+from mavdem.assessment.motor_events import LASTING_SECONDS
 from mavdem.assessment.reported import has_sunk_after, stopped_in_air
 from mavdem.containers import Names
 from mavdem.dataset.attitude import ATTITUDE_MESSAGES
@@ -62,6 +63,9 @@ MIN_IDLE_SECONDS = 0.3
 MIN_PARACHUTE_HEIGHT = 3.0
 """Height, m, below which a parachute cannot open any more, whatever its maker: a choice."""
 
+MAX_IMPACT_WAIT = 1.0
+"""Time, s, for which a loss below ``MIN_PARACHUTE_HEIGHT`` waits for its impact: a fall from there takes 0.8 s."""
+
 MAX_SAMPLES = 8192
 """Messages of one name that are kept, a choice: it bounds the memory for hostile stamps."""
 
@@ -78,6 +82,9 @@ class FlightEnd(NamedTuple):
     loss: Fact | None
     """How the vehicle was lost that fell, from there or before; None before it has met the ground."""
 
+    contact: Fact | None = None
+    """The contact with the ground, as an event of the motion; None before it."""
+
 
 class ControlWatch:
     """Watches one boot of a vehicle for a loss of control: that it no longer follows its setpoint, or tips over."""
@@ -85,12 +92,14 @@ class ControlWatch:
     def __init__(self, recent: RecentMessages) -> None:
         """Begins without a sample; ``recent`` has the slow messages of the boot, among them heights and speeds."""
         self._recent = recent
-        # Attitudes and setpoints of the last seconds, by the name of their message.
+        # Attitudes, setpoints and specific forces of the last seconds, by the name of their message.
         self._samples: dict[str, deque[TimedValues]] = {}
         # The event that the attitudes are NaN; None while they are numbers.
         self._invalid_attitude: Fact | None = None
-        # When the attitude last had an error from its setpoint with which control may be lost, s of the boot clock.
+        # When the attitude last had an error from its setpoint with which control may be lost, and since when it has
+        # such errors without a break, s of the boot clock.
         self._large_error_time = -inf
+        self._large_error_start = inf
         # Times of the latest attitude and of the latest one that was a number, s of the boot clock.
         self._attitude_time = -inf
         self._valid_attitude_time = -inf
@@ -98,10 +107,10 @@ class ControlWatch:
         self._attitude_loss: Fact | None = None
 
     def add_message(self, message: Message, time: float) -> None:
-        """Keeps an attitude or a setpoint of the attitude.
+        """Keeps an attitude, a setpoint of the attitude, or a specific force.
 
         Args:
-            message: ATTITUDE, ATTITUDE_QUATERNION or ATTITUDE_TARGET.
+            message: ATTITUDE, ATTITUDE_QUATERNION, ATTITUDE_TARGET, or one of the ``IMU_MESSAGES``.
             time: time on the boot clock, s.
         """
         if message.name in ATTITUDE_MESSAGES:
@@ -153,6 +162,14 @@ class ControlWatch:
             error = hypot(roll_error, pitch - pose.setpoint.pitch)
         if error > LOST_ANGLE:
             self._large_error_time = pose.time
+            self._large_error_start = min(self._large_error_start, pose.time)
+        else:
+            self._large_error_start = inf
+
+    @property
+    def may_be_lost(self) -> bool:
+        """Whether the attitude has been far from its setpoint for so long that control may be lost."""
+        return self._large_error_time - self._large_error_start >= LASTING_SECONDS
 
     def loss(self, moment: FlightMoment) -> Fact | None:
         """Judges whether control of the flight has been lost, as the review of its recording would.
@@ -226,7 +243,21 @@ class ControlWatch:
             cause=cause,
         )
 
-    def crash_after_loss(self, moment: FlightMoment) -> Fact | None:
+    @staticmethod
+    def awaits_impact(loss: Fact, moment: FlightMoment) -> bool:
+        """Returns whether a loss of control is so low and so new that its impact is awaited before it is reported.
+
+        Nobody can act in that time, and the impact then tells what happened: the vehicle hit the ground.
+
+        Args:
+            loss: the loss, as :meth:`loss` returns it.
+            moment: present time.
+        """
+        is_new = moment.time - loss.start_time < MAX_IMPACT_WAIT
+        height = loss.figures.get("height")
+        return is_new and height is not None and height < MIN_PARACHUTE_HEIGHT
+
+    def crash_after_loss(self, moment: FlightMoment) -> FlightEnd | None:
         """Judges whether a vehicle that lost control has met the ground, while the autopilot reports it as flying.
 
         Autopilots report the landing of a crashed vehicle, and disarm, seconds late.
@@ -242,7 +273,8 @@ class ControlWatch:
         height = sensors.height_at(moment.time)
         if height is None or height > MAX_GROUND_HEIGHT:
             return None
-        return self.flight_end(moment, moment.time, reports=()).loss
+        end = self.flight_end(moment, moment.time, reports=())
+        return None if end.loss is None else end
 
     def flight_end(
         self, moment: FlightMoment, end_time: float, reports: Sequence[Fact]
@@ -285,7 +317,8 @@ class ControlWatch:
             # The vehicle has not met the ground yet.
             return FlightEnd(is_in_air, is_falling, loss=None)
         events = [event for event in losses if event is not None]
-        return FlightEnd(is_in_air, is_falling, ending_of(signals, [*reports, *events]))
+        ending = ending_of(signals, [*reports, *events])
+        return FlightEnd(is_in_air, is_falling, ending, losses.contact)
 
     def _toppling(
         self, sensors: BootSensors, error: AttitudeError, flight_interval: TimeInterval

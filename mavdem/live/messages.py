@@ -48,6 +48,10 @@ STATUS_MESSAGES = (
 )
 """Slow messages about the autopilot itself. They get the time of the message before them: some have another clock."""
 
+IMU_MESSAGES = ("HIGHRES_IMU", "RAW_IMU", "SCALED_IMU")
+"""Messages of the first accelerometer, which shows the knock of an impact. They get the time of the message before
+them, too: some count from another moment than the boot."""
+
 STICK_MESSAGES = ("RC_CHANNELS", "RC_CHANNELS_RAW", "MANUAL_CONTROL")
 """Messages with the pilot's throttle stick: whether the pilot stopped all motors in the air, or something failed.
 

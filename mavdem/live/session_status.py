@@ -187,6 +187,9 @@ class SessionStatus(ImmutableResult):
     loss: Fact | None = None
     """How the flight was lost, until the next take-off; None if it was not."""
 
+    ground_contact: Fact | None = None
+    """How the lost vehicle met the ground, which the autopilot may not have noticed; None before, or without a loss."""
+
     active_alarms: Facts = ()
     """What is bad now. An alarm about a weak motor stays after the landing."""
 
@@ -211,7 +214,9 @@ class SessionStatus(ImmutableResult):
     @property
     def from_takeoff(self) -> Displacement | None:
         """How far the vehicle is from the place of its take-off; None on the ground, or where one is not known."""
-        if not self.is_flying or self.position is None or self.takeoff_position is None:
+        if not self.is_flying or self.ground_contact is not None:
+            return None
+        if self.position is None or self.takeoff_position is None:
             return None
         north, east, down = np.subtract(self.position, self.takeoff_position).tolist()
         return Displacement(distance=hypot(north, east), height=-down)

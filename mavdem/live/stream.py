@@ -26,6 +26,7 @@ from mavdem.live.boot_clock import BootClock, TimedMessage
 from mavdem.live.flight_phase import PHASE_MESSAGES, FlightPhase
 from mavdem.live.height_watch import BAROMETER_MESSAGE
 from mavdem.live.messages import (
+    IMU_MESSAGES,
     STATUS_MESSAGES,
     STICK_MESSAGES,
     Message,
@@ -320,6 +321,7 @@ class LiveStream:
             motor_alarms=tuple(self.motor_alarms.latest),
             has_landed=watchdog.has_landed,
             loss=watchdog.loss,
+            ground_contact=watchdog.ground_contact,
             active_alarms=(*watchdog.active_alarms, *self.motor_alarms.active),
             position=None if self.pose is None else self.pose.position,
             takeoff_position=self._pose.takeoff_position if is_takeoff_seen else None,
@@ -391,7 +393,7 @@ class LiveStream:
         Returns:
             The message and when it was received, UNIX s; before it, once, the earlier messages of the vehicle. Empty
             for a damaged frame, a copy of an earlier one, a message that nothing needs, or another sender. The
-            ``STATUS_MESSAGES`` are without their stamp.
+            ``STATUS_MESSAGES`` and ``IMU_MESSAGES`` are without their stamp.
         """
         sender = self._vehicles.sender(frame)
         is_intact = frame.checksum == CHECKSUM_MATCHES
@@ -401,7 +403,7 @@ class LiveStream:
             return []
         if message is not None:
             sender.add_message(message)
-            if message.name in STATUS_MESSAGES:
+            if message.name in STATUS_MESSAGES or message.name in IMU_MESSAGES:
                 # Some of them have the stamp of another clock.
                 message = message._replace(stamp=0.0)
         self._vehicles.update(sender)
@@ -442,6 +444,8 @@ class LiveStream:
             # Each port gets a stream, so that a hostile sender could fill the memory with ever new port numbers.
             if port < MAX_PORTS:
                 yield from self._add_sample(name, port, time, outputs)
+        elif name in IMU_MESSAGES:
+            self._review.watchdog.control.add_message(message, time)
         elif name in ESTIMATOR_FLAG_MESSAGES:
             self.wind.estimator_flags = message.values[0]
         elif name in VELOCITY_MESSAGES:

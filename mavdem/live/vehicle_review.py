@@ -10,7 +10,7 @@ from mavdem.facts.session import RowsFact
 from mavdem.ingest.motors import POSSIBLE_MULTIROTORS
 from mavdem.ingest.telemetry import Fields, Parameters, Telemetry
 from mavdem.live.flight_phase import FlightPhase
-from mavdem.live.live_signals import RecentMotion
+from mavdem.live.live_signals import FlightMoment, RecentMotion
 from mavdem.live.motor_alarms import MotorAlarms
 from mavdem.live.rate_check import RateCheck
 from mavdem.live.recent_messages import RecentMessages, TimedValues
@@ -26,6 +26,9 @@ REVIEW_PERIOD = 0.5
 
 STEP_PERIOD = REVIEW_PERIOD / 10
 """Time between two steps of a review, s of the boot clock: a choice that leaves some time after the last step."""
+
+CONTROL_PERIOD = 2 * STEP_PERIOD
+"""Time between two judgements of the control while the attitude is far from its setpoint, s: a choice."""
 
 
 class VehicleReview:
@@ -109,6 +112,8 @@ class VehicleReview:
         self._message_time = -inf
         self._review_time = -inf
         self._step_time = -inf
+        # When the control was judged last between two reviews, s of the boot clock.
+        self._control_time = -inf
         self._connection_start = inf
         # Results of a step that later steps use.
         self._candidate_messages: dict[str, Fields] = {}
@@ -146,6 +151,25 @@ class VehicleReview:
             self._step_time = now
             if self._pending_steps:
                 self._perform_next_step()
+        self._review_control(now)
+
+    def _review_control(self, now: float) -> None:
+        """Judges whether control is being lost while the attitude is far from its setpoint, between the reviews too.
+
+        Args:
+            now: present time on the boot clock, s.
+        """
+        watchdog = self.watchdog
+        is_lost = watchdog.loss is not None
+        if is_lost or not self.phase.is_flying or not watchdog.control.may_be_lost:
+            return
+        if self.telemetry is None or abs(now - self._control_time) < CONTROL_PERIOD:
+            return
+        self._control_time = now
+        motion = self._rows.recent_motion()
+        moment = FlightMoment(now, self.telemetry, self.phase.takeoff_time, motion)
+        for fact in watchdog.review_control(moment):
+            self._report(fact)
 
     def _perform_next_step(self) -> None:
         """Performs the next step of the review, which may add further steps."""

@@ -36,7 +36,7 @@ from mavdem.facts.watch import WatchedQuantity, WatchFact
 from mavdem.ingest.telemetry import Telemetry
 from mavdem.ingest.vocabulary import IN_AIR, ON_GROUND
 from mavdem.live.active_alarms import CALM_SECONDS, ActiveAlarms
-from mavdem.live.control_watch import ControlWatch, carries_vehicle
+from mavdem.live.control_watch import ControlWatch, FlightEnd, carries_vehicle
 from mavdem.live.flight_lights import FlightLights
 from mavdem.live.height_watch import HeightWatch
 from mavdem.live.landed_states import LandedStates
@@ -177,6 +177,8 @@ class Watchdog:
         control: judges whether control of the flight was lost.
         drift: looks for wind that carries the vehicle away in the present flight.
         loss: how the flight was lost, by its motion or a report of the autopilot; it stays until the next take-off.
+        ground_contact: how the lost vehicle met the ground, even while the autopilot reports it as flying; it is the
+            loss itself where the ground ended the flight. None before, and where nothing was lost.
         has_landed: whether the latest flight ended on the ground; not in flight, nor while a vehicle whose motors were
             stopped may still be in the air. True before any flight.
     """
@@ -204,6 +206,9 @@ class Watchdog:
         self._are_heights_judged = False
         self._tracking = TrackingWatch(recent)
         self.loss: Fact | None = None if former is None else former.loss
+        self.ground_contact: Fact | None = None if former is None else former.ground_contact
+        # A contact with the ground after a loss in the air, until it is reported.
+        self._unreported_contact: Fact | None = None
         self.has_landed = True
         self._recent = recent
         self._landed_states = LandedStates()
@@ -386,7 +391,7 @@ class Watchdog:
                 states.is_first_phase or now - states.phase_start >= RECOVERY_SECONDS
             )
             if was_long_on_ground:
-                self.loss = None
+                self.loss = self.ground_contact = None
                 self.alarms.discard(WatchedQuantity.CONTROL)
             has_restarted_in_flight = states.is_first_phase and self._was_flying
             if was_long_on_ground and not has_restarted_in_flight:
@@ -498,8 +503,44 @@ class Watchdog:
         reasons = self._reasons_not_watched(review.now, review.vehicle, motion)
         self.watched.update(review.now, reasons, is_flying=review.is_flying)
         reported_facts += self._update_alarms(review)
+        reported_facts += self._take_contact_report(review.now)
         self._review_time = review.now
         return reported_facts
+
+    def review_control(self, moment: FlightMoment) -> list[Fact]:
+        """Judges between two reviews whether control of a flying vehicle is being lost, which cannot wait for the next.
+
+        A vehicle that loses control 4 m up hits the ground a second later, and a review takes up to that long.
+
+        Args:
+            moment: present time, and the motion.
+
+        Returns:
+            The alarm of a loss that is new, and a contact with the ground.
+        """
+        review = _Review(
+            moment.time,
+            moment.vehicle,
+            is_flying=True,
+            has_settled=False,
+            phase_start=self._landed_states.phase_start,
+            recent_signals=None,
+        )
+        reported_facts = self._judge_control(review, moment)
+        for quantity, fact in review.facts.items():
+            self.lights.add(LIGHTS[quantity], fact)
+        reported_facts += self._raise_alarms(review)
+        return [*reported_facts, *self._take_contact_report(moment.time)]
+
+    def _take_contact_report(self, now: float) -> list[Fact]:
+        """Returns the report of a contact with the ground that followed a loss in the air, once; otherwise nothing.
+
+        Args:
+            now: present time on the boot clock, s.
+        """
+        contact = self._unreported_contact
+        self._unreported_contact = None
+        return [] if contact is None else [event_or_alarm(contact, now)]
 
     def _judge_flight(self, review: _Review, moment: FlightMoment) -> list[Fact]:
         """Judges in flight control, height, drift in wind, oscillation, and motors at their limits.
@@ -556,12 +597,17 @@ class Watchdog:
         """
         loss = self.control.loss(moment)
         if loss is not None:
+            known_loss = self.alarms.facts.get(WatchedQuantity.CONTROL)
             # The loss stays as it was found first, until the vehicle meets the ground.
-            self.loss = self.alarms.facts.get(WatchedQuantity.CONTROL, loss)
-            if self.loss.code in LOSSES_IN_AIR:
-                self.loss = self.control.crash_after_loss(moment) or self.loss
-            review.facts[WatchedQuantity.CONTROL] = self.loss
-            self._judge_motors_after_loss(self.loss)
+            loss = known_loss or loss
+            flight_end = None
+            if self.ground_contact is None:
+                # The contact tells more exactly when the vehicle hit, and how fast, than the attitude does.
+                flight_end = self.control.crash_after_loss(moment)
+                may_wait = loss.code in LOSSES_IN_AIR and flight_end is None and known_loss is None
+                if may_wait and self.control.awaits_impact(loss, moment):
+                    return []
+            self._take_loss(loss, flight_end, review)
         if self.loss is not None:
             self._fall = None
             return []
@@ -576,6 +622,30 @@ class Watchdog:
         end = Fact(WatchFact.ALARM_OVER, time=review.now, reason=self._fall)
         self._fall = None
         return [end]
+
+    def _take_loss(self, loss: Fact, end: FlightEnd | None, review: _Review) -> None:
+        """Notes how the flight was lost, and the contact with the ground that ended it, for the alarms of a review.
+
+        Args:
+            loss: the loss so far.
+            end: how the flight ended; None before the vehicle has met the ground.
+            review: the review, whose ``facts`` get the loss.
+        """
+        if end is not None and end.loss is not None:
+            loss = end.loss
+        is_contact = loss.code not in LOSSES_IN_AIR
+        if end is not None and end.contact is not None and not is_contact:
+            # The loss in the air came first, and stays what the flight is judged by.
+            if self.ground_contact is None:
+                self.ground_contact = end.contact.replace(Level.BAD)
+                self._unreported_contact = self.ground_contact
+            # On the ground no parachute helps.
+            loss = loss.replace(is_low=True)
+        elif is_contact:
+            self.ground_contact = loss
+        self.loss = loss
+        review.facts[WatchedQuantity.CONTROL] = loss
+        self._judge_motors_after_loss(loss)
 
     def _judge_attitude_estimate(self, review: _Review) -> None:
         """Judges whether the estimated attitude is NaN, by which the estimator has failed for certain.
@@ -680,10 +750,8 @@ class Watchdog:
         # A loss in the air is replaced once it is known how the vehicle met the ground. Any other loss stays.
         is_earlier_loss_final = self.loss is not None and self.loss.code not in LOSSES_IN_AIR
         if loss is not None and not is_earlier_loss_final:
-            review.facts[WatchedQuantity.CONTROL] = loss
-            self.loss = loss
+            self._take_loss(loss, end, review)
             self._fall = None
-            self._judge_motors_after_loss(loss)
 
     def _judge_motors_after_loss(self, loss: Fact) -> None:
         """Makes a loss of the flight a fault of the motors too, if a motor failed first.
@@ -838,7 +906,7 @@ class Watchdog:
             is_end_reported = self._is_end_reported(quantity, review)
             alarm = self.alarms.end(quantity)
             if quantity is WatchedQuantity.CONTROL:
-                self.loss = None
+                self.loss = self.ground_contact = None
             if not is_end_reported:
                 continue
             end = Fact(WatchFact.ALARM_OVER, time=last_found, reason=alarm)
