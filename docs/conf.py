@@ -3,7 +3,7 @@
 import io
 import json
 from collections.abc import Iterator
-from importlib.metadata import version as version_of
+from importlib.metadata import version as remote_version
 from typing import Any
 
 import matplotlib
@@ -14,7 +14,7 @@ from myst_parser.parsers.sphinx_ import MystParser
 
 project = "mavdem"
 author = copyright = "The mavdem developers"
-release = version = version_of("mavdem")
+release = version = remote_version("mavdem")
 
 extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.napoleon"]
 html_theme = "furo"

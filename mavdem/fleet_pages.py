@@ -8,10 +8,10 @@ from functools import partial
 from pathlib import Path
 
 from mavdem.files import write_text_atomically
-from mavdem.fleet.flights import flights_of, worst_row
+from mavdem.fleet.flights import group_into_flights, worst_row
 from mavdem.fleet.judgement import mark_pages_updated, outdated_vehicles
 from mavdem.fleet.names import GivenNames, read_names
-from mavdem.fleet.page_parts import kept_charts, kept_summaries
+from mavdem.fleet.page_parts import cached_charts, cached_summaries
 from mavdem.fleet.row import FlightRows
 from mavdem.fleet.store import Store
 from mavdem.fleet.stored_rows import read_brief_rows, read_rows
@@ -71,7 +71,7 @@ def write_fleet_pages(store: Store, changes: Mapping[str, Sequence[Block]]) -> F
     outdated_names = outdated_vehicles(store)
     for vehicle in outdated_names:
         _update_flight_pages(folder, read_brief_rows(folder, vehicle))
-    summaries = _kept_summaries(store, outdated_names)
+    summaries = _cached_summaries(store, outdated_names)
     names = read_names(store.db)
     index = folder / INDEX_FILE
     charts = partial(_charts_html, store)
@@ -80,7 +80,7 @@ def write_fleet_pages(store: Store, changes: Mapping[str, Sequence[Block]]) -> F
     return FleetPages(index, summaries, names)
 
 
-def _kept_summaries(store: Store, outdated_names: Collection[str]) -> list[VehicleSummary]:
+def _cached_summaries(store: Store, outdated_names: Collection[str]) -> list[VehicleSummary]:
     """Returns the summary of each vehicle, from the store if it is kept there and up to date.
 
     Args:
@@ -88,13 +88,13 @@ def _kept_summaries(store: Store, outdated_names: Collection[str]) -> list[Vehic
         outdated_names: Names of the vehicles with new results, whose summaries are made again.
     """
     summary_json = partial(_summary_json, store.folder)
-    texts = kept_summaries(store, SUMMARY_VERSION, outdated_names, summary_json)
+    texts = cached_summaries(store, SUMMARY_VERSION, outdated_names, summary_json)
     try:
         return _read_summaries(texts)
     except ValueError:
         # A stored summary is damaged. All summaries are made from the rows again.
         all_names = [name for (name,) in store.db.execute("select vehicle from vehicle_parts")]
-        return _read_summaries(kept_summaries(store, SUMMARY_VERSION, all_names, summary_json))
+        return _read_summaries(cached_summaries(store, SUMMARY_VERSION, all_names, summary_json))
 
 
 def _summary_json(folder: Path, vehicle: str) -> str:
@@ -120,7 +120,7 @@ def _charts_html(store: Store, vehicle: str) -> str:
         """Draws the charts anew, from the rows of all flights."""
         return vehicle_charts(read_rows(store.folder, name))
 
-    return kept_charts(store, vehicle, draw_charts)
+    return cached_charts(store, vehicle, draw_charts)
 
 
 def _read_summaries(texts: Iterable[str]) -> list[VehicleSummary]:
@@ -142,7 +142,7 @@ def _update_flight_pages(folder: Path, rows: FlightRows) -> None:
     Raises:
         Unreadable: A page cannot be written.
     """
-    for flight_rows in flights_of(row for row in rows if row.page):
+    for flight_rows in group_into_flights(row for row in rows if row.page):
         path = folder / PAGES / Path(flight_rows[0].page or "").name
         if path.is_file():
             _update_flight_page(path, motor_trouble(worst_row(flight_rows)))

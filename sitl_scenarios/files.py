@@ -84,7 +84,7 @@ def load(name_or_path: str | Path) -> Scenario:
     label, content = _scenario_source(name_or_path)
     try:
         # TOML is UTF-8 by its specification; some editors put a byte order mark before it.
-        return scenario_of(tomllib.loads(content.decode("utf-8-sig")))
+        return scenario_from_table(tomllib.loads(content.decode("utf-8-sig")))
     except UnicodeError:
         raise ValueError(
             f"{label} is no scenario or vehicle file: these are text, in TOML"
@@ -138,7 +138,7 @@ def _file_content(path: Path) -> bytes:
         raise ValueError(f"{path} cannot be read: {error.strerror or error}") from None
 
 
-def scenario_of(table: dict[str, Any]) -> Scenario:
+def scenario_from_table(table: dict[str, Any]) -> Scenario:
     """Makes a scenario from a table of plain values, as a TOML file contains them.
 
     Args:
@@ -194,7 +194,7 @@ def with_vehicle(scenario: Scenario, vehicle_scenario: Scenario) -> Scenario:
     table = scenario.model_dump(mode="json")
     table |= vehicle_scenario.model_dump(mode="json", include={"vehicle", "sensors"})
     table["stream"] |= {"autopilot": vehicle_scenario.stream.autopilot}
-    return scenario_of(table)
+    return scenario_from_table(table)
 
 
 def with_parameters(scenario: Scenario, assignments: Iterable[str]) -> Scenario:
@@ -224,7 +224,7 @@ def with_parameters(scenario: Scenario, assignments: Iterable[str]) -> Scenario:
             table["vehicle"]["parameters"][name] = float(value)
         except ValueError:
             raise ValueError(f"{name} needs a number: write {name}=VALUE") from None
-    return scenario_of(table)
+    return scenario_from_table(table)
 
 
 def scenario_toml(scenario: Scenario) -> str:

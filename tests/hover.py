@@ -4,7 +4,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from mavdem.assessment.condition import condition_of
+from mavdem.assessment.condition import measure_condition
 from mavdem.assessment.evidence import Evidence
 from mavdem.dataset.learnability import learnability_of
 from mavdem.ingest.telemetry import Log, Telemetry, selected_rows
@@ -204,7 +204,7 @@ def log_of(telemetry):
 def evidence_of(signals, **known):
     """What a log of these ``signals`` alone shows, of which something else may be ``known``."""
     found = Evidence(
-        log_of(signals.telemetry), signals, learnability_of(signals), condition_of(signals)
+        log_of(signals.telemetry), signals, learnability_of(signals), measure_condition(signals)
     )
     return replace(found, **known)
 

@@ -15,13 +15,13 @@ from mavdem.assessment.axis.analysis import analyse_without_model
 from mavdem.assessment.axis.figures import ALL_AXES, AxisEstimates
 from mavdem.assessment.axis.loops import AxisResults, loops_of_axes, results_of_axis
 from mavdem.assessment.axis.options import ShowStep, show_nothing
-from mavdem.assessment.ending import checked_reports, ending_of
+from mavdem.assessment.ending import find_ending, lower_unconfirmed_crash_reports
 from mavdem.assessment.evidence import Evidence
 from mavdem.assessment.flights import loss_onset
 from mavdem.assessment.judgement import judge, lights_without_loops, unjudged
 from mavdem.assessment.lights.power import with_batteries_on_ground
 from mavdem.assessment.motion import motion_events
-from mavdem.assessment.motor_witnesses import with_motor_witnesses
+from mavdem.assessment.motor_witnesses import with_sensor_evidence
 from mavdem.assessment.record import Assessment
 from mavdem.assessment.reported import reported_events
 from mavdem.assessment.saturated_motor import (
@@ -274,12 +274,12 @@ def _evidence_without_loops(
     reports = reported_events(signals)
     events = _events_without_motors(signals, reports)
     # 2. The event with which the flight was lost, if it was (the ending).
-    ending = ending_of(signals, events, analysis.condition.collective)
+    ending = find_ending(signals, events, analysis.condition.collective)
     # 3. Losses of motor thrust until then.
     changes = _motor_changes(analysis, _first_loss(events, ending))
-    events += with_motor_witnesses(signals, changes, reports)
+    events += with_sensor_evidence(signals, changes, reports)
     saturation = saturation_losses(signals, events, ending)
-    saturation = with_motor_witnesses(signals, saturation, reports)
+    saturation = with_sensor_evidence(signals, saturation, reports)
     events += saturation
     # 4. The motor whose loss of thrust caused the ending, or the motors that were at their limit before it.
     ending = with_saturated_motor(ending, saturation, events)
@@ -304,7 +304,7 @@ def _evidence_without_loops(
 
 def _events_without_motors(signals: Signals, reports: Facts) -> list[Fact]:
     """Returns the reports of the autopilot that sensors do not contradict, and events in the motion."""
-    return checked_reports(signals, [*reports, *motion_events(signals, reports)])
+    return lower_unconfirmed_crash_reports(signals, [*reports, *motion_events(signals, reports)])
 
 
 @np.errstate(all="ignore")
@@ -319,7 +319,7 @@ def loss_of_flight(signals: Signals) -> Fact | None:
         ``word`` (what the autopilot reported of a motor) and the subject. None if no flight was lost.
     """
     reports = reported_events(signals)
-    ending = ending_of(signals, _events_without_motors(signals, reports))
+    ending = find_ending(signals, _events_without_motors(signals, reports))
     if ending is None or ending.code is Ending.LOSS_REPORTED:
         # A loss that only the autopilot reports has no cause in the motion.
         return ending

@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from mavdem.assessment.attitude_error import AttitudeError, LargestError, largest_error
-from mavdem.assessment.flights import RECOVERY_SECONDS, merge_close
+from mavdem.assessment.flights import RECOVERY_SECONDS, merge_close_intervals
 from mavdem.assessment.motor_events import lasting_runs
 from mavdem.dataset.grounded import MAX_GROUND_HEIGHT, MAX_SETPOINT_DELAY
 from mavdem.dataset.intervals import Intervals, TimeInterval, in_intervals, union
@@ -122,7 +122,9 @@ def _loss_intervals(
     latest_start = _time_of_landing_report(sensors, flight_end) + MAX_SETPOINT_DELAY
     return [
         (start, end)
-        for start, end in merge_close(union(lost_intervals, toppled_intervals), RECOVERY_SECONDS)
+        for start, end in merge_close_intervals(
+            union(lost_intervals, toppled_intervals), RECOVERY_SECONDS
+        )
         if flight_start < start <= latest_start
     ]
 
@@ -275,7 +277,7 @@ class _AttitudeLoss(NamedTuple):
         Returns:
             ``TIPPED``, ``HIT`` or ``ATTITUDE_LOST``.
         """
-        if not had_risen_before(self.sensors, self.flight_interval, onset):
+        if not was_above_ground_before(self.sensors, self.flight_interval, onset):
             return MotionEvent.TIPPED
         has_hit = knock_time is not None and knock_is_contact(self.sensors, knock_time)
         if has_hit or (height is not None and height < MAX_GROUND_HEIGHT):
@@ -442,7 +444,9 @@ def knock_is_contact(sensors: BootSensors, time: float) -> bool:
     return stopped_at(sensors.signals, sensors.boot, time) is not False
 
 
-def had_risen_before(sensors: BootSensors, flight_interval: TimeInterval, time: float) -> bool:
+def was_above_ground_before(
+    sensors: BootSensors, flight_interval: TimeInterval, time: float
+) -> bool:
     """Returns whether the vehicle was more than ``MAX_GROUND_HEIGHT`` above its take-off before some time of a flight.
 
     If no height was recorded, a vehicle that has flown for ``RECOVERY_SECONDS`` counts as risen.

@@ -106,7 +106,7 @@ class Condition(ImmutableResult):
         return float(np.mean(self.hover.trim_of_range))
 
 
-def condition_of(signals: Signals, *, with_oscillation: bool = True) -> Condition:
+def measure_condition(signals: Signals, *, with_oscillation: bool = True) -> Condition:
     """Measures the condition of a vehicle: motors, lean, vibration, battery and oscillation, mostly in settled flight.
 
     Args:

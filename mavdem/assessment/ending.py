@@ -38,7 +38,7 @@ REPORTS_OF_LOSS = (ReportedEvent.CRASH_DETECTED, ReportedEvent.PARACHUTE_RELEASE
 """Reports of the autopilot that a flight was lost. They are used if the motion does not show it."""
 
 
-def ending_of(
+def find_ending(
     signals: Signals, events: Sequence[Fact], collective: float | None = None
 ) -> Fact | None:
     """Returns the fact about how the last lost flight was lost, with what failed first; None if no flight was lost.
@@ -117,7 +117,7 @@ def _throttle_closed(loss: Fact) -> Fact | None:
     return None
 
 
-def checked_reports(signals: Signals, events: Sequence[Fact]) -> list[Fact]:
+def lower_unconfirmed_crash_reports(signals: Signals, events: Sequence[Fact]) -> list[Fact]:
     """Lowers the level of each report of a crash to "watch" unless sensors confirm it.
 
     ArduPilot's crash check also reports vehicles that never moved. So the report alone is not enough: a sensor must

@@ -12,7 +12,11 @@ from math import inf
 import numpy as np
 
 from mavdem.arrays import Array, Integers
-from mavdem.assessment.axis.margins import AxisMargins, axes_with_doubtful_loop, margins_of
+from mavdem.assessment.axis.margins import (
+    AxisMargins,
+    axes_with_doubtful_loop,
+    stability_margins_by_axis,
+)
 from mavdem.assessment.axis.overrides import flight_overrides
 from mavdem.assessment.axis.tracking import MODES_WITHOUT_ANGLE_SETPOINT, tracking_of_axes
 from mavdem.assessment.condition import Condition
@@ -115,7 +119,9 @@ class Evidence:
     @cached_property
     def margins(self) -> tuple[AxisMargins, ...]:
         """The stability margins of roll, pitch and yaw, without flight in the modes that excite the vehicle."""
-        return margins_of(self.signals, self.settled_segments(EXCITATION_MODES), self.loops)
+        return stability_margins_by_axis(
+            self.signals, self.settled_segments(EXCITATION_MODES), self.loops
+        )
 
     @property
     def axes_with_doubtful_loop(self) -> frozenset[str]:

@@ -118,7 +118,7 @@ def failure_by_commands(signals: Signals, boot: int, loss_context: LossContext) 
     commands = _commands_around(signals, boot, loss_context.interval)
     if commands is None:
         return None
-    cause_of_all = _all_off(commands) or _thrust_spent(commands, loss_context)
+    cause_of_all = _motors_off_fact(commands) or _thrust_limit_fact(commands, loss_context)
     if cause_of_all is not None:
         return cause_of_all
     is_attitude_lost = loss_context.fall_direction is not None
@@ -178,7 +178,7 @@ def _commands_around(signals: Signals, boot: int, interval: TimeInterval) -> _Lo
     )
 
 
-def _all_off(commands: _LossCommands) -> Fact | None:
+def _motors_off_fact(commands: _LossCommands) -> Fact | None:
     """Returns the fact that all motors were switched off before the vehicle was lost, with the time; None if not.
 
     A motor is off below ``OFF_RATIO`` of its usual command. The time is when all are off at one sample first.
@@ -195,7 +195,7 @@ def _all_off(commands: _LossCommands) -> Fact | None:
     return Fact(FailedFirst.ALL_OFF_FIRST, time=time)
 
 
-def _thrust_spent(commands: _LossCommands, loss_context: LossContext) -> Fact | None:
+def _thrust_limit_fact(commands: _LossCommands, loss_context: LossContext) -> Fact | None:
     """Returns the fact that all thrust was in use, so that none was left to keep the height.
 
     All thrust is in use if the mean command of all motors exceeds ``SPENT_THRUST_SHARE`` of the highest one. Once the

@@ -108,13 +108,13 @@ def first_failure(
     else:
         loss_context = _context_of_attitude_loss(error, onset)
     cause = failure_by_commands(signals, boot, loss_context)
-    divergence = _diverged_height(events, boot, onset)
+    divergence = _height_divergence_event(events, boot, onset)
     if divergence is not None:
         return Fact(
             FailedFirst.HEIGHT_DIVERGED_FIRST,
             time=divergence.time,
             cause=divergence,
-            later_cause=_closed_throttle(signals, boot, divergence, onset),
+            later_cause=_throttle_closed_fact(signals, boot, divergence, onset),
         )
     if cause is None and loss.code is MotionEvent.HIT:
         return lowered_throttle(signals, boot, onset)
@@ -122,7 +122,7 @@ def first_failure(
         return cause
     # An autopilot that wrongly assumes a landing switches all motors off in the air.
     if loss_context.fall_direction is not None and _assumed_landing(signals, boot, onset):
-        return _landing_assumed(signals, cause, collective)
+        return _assumed_landing_fact(signals, cause, collective)
     return reason_of_stop(signals, events, boot, cause)
 
 
@@ -191,7 +191,9 @@ def _standing_motor(events: Sequence[Fact], boot: int, onset: float) -> Fact | N
     return None
 
 
-def _closed_throttle(signals: Signals, boot: int, divergence: Fact, onset: float) -> Fact | None:
+def _throttle_closed_fact(
+    signals: Signals, boot: int, divergence: Fact, onset: float
+) -> Fact | None:
     """Returns the fact that the pilot closed the throttle between a diverged height and the loss.
 
     The flight mode must be one in which the stick sets the thrust: only then does a closed throttle let the vehicle
@@ -214,7 +216,7 @@ def _closed_throttle(signals: Signals, boot: int, divergence: Fact, onset: float
     return Fact(FailedFirst.THROTTLE_CLOSED_FIRST, time=throttle_fact.time)
 
 
-def _diverged_height(events: Sequence[Fact], boot: int, onset: float) -> Fact | None:
+def _height_divergence_event(events: Sequence[Fact], boot: int, onset: float) -> Fact | None:
     """Returns the last height estimate that diverged shortly before a loss.
 
     Args:
@@ -270,7 +272,7 @@ def _assumed_landing(signals: Signals, boot: int, onset: float) -> bool:
     return bool((landed_state.values[is_recent] == ON_GROUND).any())
 
 
-def _landing_assumed(signals: Signals, cause: Fact, collective: float | None) -> Fact:
+def _assumed_landing_fact(signals: Signals, cause: Fact, collective: float | None) -> Fact:
     """Returns the fact that the autopilot switched all motors off in the air because it took the vehicle for landed.
 
     The autopilot compares the thrust with some parameters to detect a landing. The fact has their values and the thrust

@@ -75,10 +75,10 @@ def flights_in_boot(signals: Signals, boot: int) -> Intervals:
     Returns:
         Start and end of each flight, s since boot; infinite if the record begins or ends in the air.
     """
-    return merge_close(airborne_intervals(signals, boot), RECOVERY_SECONDS)
+    return merge_close_intervals(airborne_intervals(signals, boot), RECOVERY_SECONDS)
 
 
-def merge_close(intervals: Intervals, gap: float) -> Intervals:
+def merge_close_intervals(intervals: Intervals, gap: float) -> Intervals:
     """Merges intervals that begin less than ``gap`` seconds after the end of the one before.
 
     Args:

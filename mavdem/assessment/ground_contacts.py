@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from mavdem.assessment.attitude_error import AttitudeError, largest_error
-from mavdem.assessment.attitude_losses import had_risen_before
+from mavdem.assessment.attitude_losses import was_above_ground_before
 from mavdem.assessment.contact_time import MIN_FALL_SECONDS, TOPPLE_HEIGHT_CLOSED, ContactSearch
 from mavdem.assessment.flights import RECOVERY_SECONDS, loss_onset
 from mavdem.dataset.grounded import MAX_SETPOINT_DELAY
@@ -427,7 +427,7 @@ class _Contact:
         Returns:
             TIPPED (over, at take-off) if it never rose, TOPPLED if it was about to land, otherwise HIT (the ground).
         """
-        if not had_risen_before(self.sensors, self.flight_interval, onset):
+        if not was_above_ground_before(self.sensors, self.flight_interval, onset):
             return MotionEvent.TIPPED
         if self._was_landing(onset, rest, fall_speed, throttle_closing):
             return MotionEvent.TOPPLED

@@ -95,7 +95,7 @@ class _NameWithBasis(NamedTuple):
     basis: Basis
 
 
-def identity_of(signals: Signals, receive_time: float = float("nan")) -> Identity:
+def identify_vehicle(signals: Signals, receive_time: float = float("nan")) -> Identity:
     """Identifies a log's vehicle: name, type, autopilot, firmware and board, and when and where it flew.
 
     Args:

@@ -121,7 +121,7 @@ def innovation_ratios(telemetry: Telemetry) -> TimeSeries | None:
     return None
 
 
-def failsafe_limit_of(telemetry: Telemetry) -> float:
+def failsafe_innovation_limit(telemetry: Telemetry) -> float:
     """Looks up the innovation ratio from which on the autopilot's failsafe counts an innovation.
 
     It is the limit of the filter's own test for PX4, and the parameter FS_EKF_THRESH for ArduPilot. If that was not
@@ -138,7 +138,7 @@ def failsafe_limit_of(telemetry: Telemetry) -> float:
     return telemetry.parameters.get("FS_EKF_THRESH", 0.0) or ARDUPILOT_FAILSAFE_LIMIT
 
 
-def rejection_in(time: Array, ratios: Array, failsafe_limit: float) -> Rejection:
+def longest_rejection(time: Array, ratios: Array, failsafe_limit: float) -> Rejection:
     """Finds the innovation that exceeded its limit longest, or the largest one if none did.
 
     An innovation is a measurement minus its prediction by the filter, here divided by the limit of the filter's test.
@@ -148,7 +148,8 @@ def rejection_in(time: Array, ratios: Array, failsafe_limit: float) -> Rejection
     Args:
         time: (N,) times of the samples, s since boot.
         ratios: (N, 4) innovations over the limit of the filter's own test, one column for each of the ``INNOVATIONS``.
-        failsafe_limit: ratio from which on ArduCopter's failsafe counts an innovation (:func:`failsafe_limit_of`).
+        failsafe_limit: ratio from which on ArduCopter's failsafe counts an innovation, as by
+            :func:`failsafe_innovation_limit`.
 
     Returns:
         The innovation with its largest ratio, the time of that, s since boot, and how long it exceeded its limit

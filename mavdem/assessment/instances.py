@@ -12,10 +12,10 @@ from mavdem.assessment.evidence import Evidence
 from mavdem.assessment.innovations import (
     INNOVATION_LIMIT,
     INNOVATIONS,
-    failsafe_limit_of,
+    failsafe_innovation_limit,
     innovation_ratios,
     instance_name,
-    rejection_in,
+    longest_rejection,
 )
 from mavdem.assessment.lights.power import POWER_REPORTS, batteries_in_flight, battery_voltage
 from mavdem.assessment.limits import worst_fact
@@ -85,7 +85,7 @@ class Instance(ImmutableResult):
     """Share of the samples in flight in which the autopilot used it, 0 to 1; None if the log does not show it."""
 
 
-def instances_of(evidence: Evidence) -> tuple[Instance, ...]:
+def list_instances(evidence: Evidence) -> tuple[Instance, ...]:
     """Returns all batteries, estimators, sensors and outputs that a log has of a vehicle, an instance for each.
 
     Args:
@@ -261,11 +261,11 @@ def _estimator_state(evidence: Evidence, samples: TimeSeries, used_share: float)
     Returns:
         A fact with the code REJECTED or MEASURED. A rejection is bad only if the instance was used in flight.
     """
-    failsafe_limit = failsafe_limit_of(evidence.signals.telemetry)
+    failsafe_limit = failsafe_innovation_limit(evidence.signals.telemetry)
     rejections = []
     for flight in evidence.in_flight(samples):
         ratios = flight.values[:, : len(INNOVATIONS)]
-        rejections.append(rejection_in(flight.time, ratios, failsafe_limit))
+        rejections.append(longest_rejection(flight.time, ratios, failsafe_limit))
     if not any(rejection.is_rejected_long for rejection in rejections):
         return Fact(InstanceState.MEASURED)
     triggers_failsafe = any(rejection.triggers_failsafe for rejection in rejections)

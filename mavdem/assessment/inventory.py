@@ -7,9 +7,9 @@ from typing import NamedTuple
 import numpy as np
 
 from mavdem.assessment.autopilot_messages import SEVERITIES, merge_repeats, reported_problems
-from mavdem.assessment.condition import Condition, condition_of
-from mavdem.assessment.identity import Identity, identity_of
-from mavdem.assessment.tier import tier_of
+from mavdem.assessment.condition import Condition, measure_condition
+from mavdem.assessment.identity import Identity, identify_vehicle
+from mavdem.assessment.tier import log_tier
 from mavdem.containers import JsonValues
 from mavdem.dataset.learnability import learnability_of
 from mavdem.dataset.segment_learnability import Learnability
@@ -98,8 +98,8 @@ def vehicle_contents(telemetry: Telemetry, log: Log) -> VehicleContents:
     """Returns the contents of a log on one vehicle, that of this ``telemetry``."""
     signals = Signals(telemetry)
     learnability = learnability_of(signals, log.components)
-    identity = identity_of(signals, log.receive_time[0])
-    return VehicleContents(telemetry, learnability, condition_of(signals), identity)
+    identity = identify_vehicle(signals, log.receive_time[0])
+    return VehicleContents(telemetry, learnability, measure_condition(signals), identity)
 
 
 def autopilot_alarms(telemetry: Telemetry) -> list[JsonValues]:
@@ -186,7 +186,7 @@ def _vehicle_values(vehicle: VehicleContents) -> JsonValues:
         "segments": learnability.segments,
         "repairs": telemetry.repairs,
         "verdict": learnability,
-        **tier_of(learnability, condition)._asdict(),
+        **log_tier(learnability, condition)._asdict(),
         "identity": identity,
         "condition": condition,
         "autopilot_alarms": autopilot_alarms(telemetry),

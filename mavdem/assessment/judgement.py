@@ -151,7 +151,7 @@ def judge(evidence: Evidence, purposes: Sequence[Finding] = (), **known_lights: 
         lights = {name: fact.grounded for name, fact in lights.items()}
     headline = headline_of(evidence, lights)
     model_step = next_step_for_model(purposes) if purposes else None
-    next_step = next_step_of(headline, lights, model_step)
+    next_step = choose_next_step(headline, lights, model_step)
     if evidence.other_vehicle is None:
         lights = lights_with_event(lights, headline)
     return Judgement(headline, next_step, lights, ReadOnlyDict(decisions))
@@ -348,7 +348,7 @@ def headline_of(evidence: Evidence, lights: NamedFacts) -> Fact:
         return open_ends[0]
     if not evidence.has_operated:
         return _reason_on_ground(evidence)
-    return _first_to_watch(_facts_to_watch(evidence, vehicle_lights), lights)
+    return _first_fact_to_watch(_facts_to_watch(evidence, vehicle_lights), lights)
 
 
 def _facts_to_watch(evidence: Evidence, vehicle_lights: Sequence[Fact]) -> Facts:
@@ -476,10 +476,10 @@ def headline_by_lights(lights: NamedFacts) -> Fact:
         The first light of the vehicle that is to be watched or, without one, that nothing is wrong with those that were
         checked.
     """
-    return _first_to_watch([lights[name] for name in VEHICLE_LIGHTS], lights)
+    return _first_fact_to_watch([lights[name] for name in VEHICLE_LIGHTS], lights)
 
 
-def _first_to_watch(facts: Iterable[Fact], lights: NamedFacts) -> Fact:
+def _first_fact_to_watch(facts: Iterable[Fact], lights: NamedFacts) -> Fact:
     """Returns the first fact that is to be watched or, without one, that nothing is wrong with what was checked.
 
     Args:
@@ -489,10 +489,10 @@ def _first_to_watch(facts: Iterable[Fact], lights: NamedFacts) -> Fact:
     for fact in facts:
         if fact.level is Level.WATCH:
             return fact
-    return _nothing_wrong(lights)
+    return _nothing_wrong_fact(lights)
 
 
-def _nothing_wrong(lights: NamedFacts) -> Fact:
+def _nothing_wrong_fact(lights: NamedFacts) -> Fact:
     """Returns the fact that nothing is wrong as far as it was checked, or the reason why nothing could be checked.
 
     Args:
@@ -528,7 +528,7 @@ def _nothing_wrong(lights: NamedFacts) -> Fact:
     )
 
 
-def next_step_of(headline: Fact, lights: NamedFacts, model_step: Fact | None) -> Fact:
+def choose_next_step(headline: Fact, lights: NamedFacts, model_step: Fact | None) -> Fact:
     """Returns the next step: repair what is wrong, otherwise log what is missing, otherwise improve the model.
 
     Args:
@@ -542,7 +542,7 @@ def next_step_of(headline: Fact, lights: NamedFacts, model_step: Fact | None) ->
         The fact that advises the step.
     """
     if headline.code is not Headline.NOTHING_WRONG:
-        return _next_step_against(headline, lights)
+        return _step_against_faults(headline, lights)
     is_other_vehicle = False
     is_without_advice = False
     for name in (Light.LOG, *VEHICLE_LIGHTS):
@@ -565,7 +565,7 @@ def next_step_of(headline: Fact, lights: NamedFacts, model_step: Fact | None) ->
     return model_step or Fact(NextStep.KEEP_MODEL)
 
 
-def _next_step_against(headline: Fact, lights: NamedFacts) -> Fact:
+def _step_against_faults(headline: Fact, lights: NamedFacts) -> Fact:
     """Returns the next step: to do what the fault in the headline needs, and what some other bad lights need.
 
     The advice of another light is added only if the fault in the headline does not explain that light. Bad power always

@@ -20,7 +20,7 @@ from mavdem.assessment.flights import (
     RECOVERY_SECONDS,
     flights_in_boot,
     loss_onset,
-    merge_close,
+    merge_close_intervals,
 )
 from mavdem.assessment.ground_contacts import CONTACTS, flight_losses, ground_contact
 from mavdem.assessment.height_disagreements import height_disagreements
@@ -28,7 +28,7 @@ from mavdem.assessment.height_divergence import height_divergences
 from mavdem.assessment.invalid_attitudes import invalid_attitudes
 from mavdem.assessment.motor_events import LASTING_SECONDS, motor_events
 from mavdem.assessment.motor_speeds import standing_motors
-from mavdem.assessment.motor_witnesses import with_motor_witnesses
+from mavdem.assessment.motor_witnesses import with_sensor_evidence
 from mavdem.assessment.position_losses import position_losses
 from mavdem.assessment.wind_drifts import wind_drifts
 from mavdem.dataset.grounded import MAX_GROUND_HEIGHT, MAX_SETPOINT_DELAY
@@ -69,7 +69,7 @@ def motion_events(signals: Signals, reports: Sequence[Fact] = ()) -> Facts:
         if not is_multirotor:
             events += _events_of_other_vehicle(signals, boot, reports)
             continue
-        not_flown = _not_flown(signals, trust)
+        not_flown = _not_flown_event(signals, trust)
         if not_flown is not None:
             events.append(not_flown)
         else:
@@ -160,7 +160,7 @@ def _events_of_other_vehicle(
         yield from position_losses(BootSensors(signals, boot, take_off), flight, reports)
 
 
-def _not_flown(signals: Signals, trust: SensorTrust) -> Fact | None:
+def _not_flown_event(signals: Signals, trust: SensorTrust) -> Fact | None:
     """Returns the event that the vehicle did not fly in a boot although its motors ran.
 
     Args:
@@ -206,7 +206,7 @@ def _events_of_boot(signals: Signals, boot: int, reports: Sequence[Fact]) -> Ite
         out_of_control += _intervals_out_of_control(flight_events, flight)
     for event in motor_events(signals, boot, flights):
         if event.code is MotionEvent.MOTOR_OFF:
-            yield from with_motor_witnesses(signals, [event], reports)
+            yield from with_sensor_evidence(signals, [event], reports)
         elif not in_intervals(event.start_time, out_of_control):
             yield event
     if flights:
@@ -447,6 +447,6 @@ def _clipping_events(signals: Signals, boot: int, flights: Intervals) -> Iterato
     is_of_boot = vibration.levels.boot == boot
     has_clipped = is_of_boot & vibration.clips.any(axis=1) & in_intervals(time, flights)
     moments = [(moment, moment) for moment in time[has_clipped].tolist()]
-    for start, end in merge_close(moments, RECOVERY_SECONDS):
+    for start, end in merge_close_intervals(moments, RECOVERY_SECONDS):
         count = vibration.most_clips(is_of_boot & in_intervals(time, [(start, end)]))
         yield Fact(MotionEvent.CLIPPED, time=start, end_time=end, count=count, boot=boot)

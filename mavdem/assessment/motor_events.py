@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from mavdem.arrays import Array, Flags
-from mavdem.assessment.flights import RECOVERY_SECONDS, merge_close
+from mavdem.assessment.flights import RECOVERY_SECONDS, merge_close_intervals
 from mavdem.dataset.flight_states import MANUAL_THROTTLE_MODES, min_running_command, mode_intervals
 from mavdem.dataset.grounded import MAX_GROUND_HEIGHT, MAX_SETPOINT_DELAY
 from mavdem.dataset.intervals import (
@@ -69,7 +69,7 @@ def lasting_runs(time: Array, is_true: Flags, gap: float) -> Intervals:
         if has_two_samples and time_after_run - start >= LASTING_SECONDS:
             lasting_run_starts.append(start)
     intervals = []
-    for start, end in merge_close(runs, gap):
+    for start, end in merge_close_intervals(runs, gap):
         # The starts are in ascending order: one is in the interval if more of them are before its end than before its
         # start.
         count_before_start = np.searchsorted(lasting_run_starts, start)

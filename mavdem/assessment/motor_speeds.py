@@ -209,7 +209,7 @@ def _standstill(
     )
     sensor_facts = (
         no_rotation,
-        *_counted_errors(controller, sensors.boot, recorded_interval),
+        *_error_count_fact(controller, sensors.boot, recorded_interval),
         *_reaction_of_command(command, recorded_interval),
         *_reaction_of_attitude(error, recorded_interval),
         *reports_on_motor(reports, sensors.boot, name, recorded_interval),
@@ -323,7 +323,7 @@ def _reaction_of_attitude(error: AttitudeError, interval: TimeInterval) -> Facts
     return (held,)
 
 
-def _counted_errors(controller: SpeedController, boot: int, interval: TimeInterval) -> Facts:
+def _error_count_fact(controller: SpeedController, boot: int, interval: TimeInterval) -> Facts:
     """Returns the fact that a motor's controller counted errors in an interval or a second before it.
 
     Args:

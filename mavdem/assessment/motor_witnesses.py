@@ -27,7 +27,7 @@ MIN_MEDIAN_RISE = MIN_COMMAND_RISE / 2
 later, and a rise as small as the trims of sound motors supports nothing."""
 
 
-def with_motor_witnesses(
+def with_sensor_evidence(
     signals: Signals, losses: Sequence[Fact], reports: Sequence[Fact]
 ) -> list[Fact]:
     """Adds to each loss of a motor what sensors and reports show for or against it, as the figure ``witnesses``.

@@ -129,7 +129,7 @@ def _line_fact(line: SpectralLine) -> Fact:
     )
 
 
-def noise_of(evidence: Evidence) -> MeasuredNoise:
+def measure_noise(evidence: Evidence) -> MeasuredNoise:
     """Measures the noise of a flight: spectra of the sensors, their lines, and the notch filter to set.
 
     A notch filter costs phase at the crossover of the control loops, so that the advice depends on the identified

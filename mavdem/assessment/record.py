@@ -14,13 +14,13 @@ import numpy as np
 from mavdem.assessment.axis import LogAnalysis, analyse
 from mavdem.assessment.axis.loop_decision import DecisionsByAxis
 from mavdem.assessment.axis.margins import AxisMargins
-from mavdem.assessment.axis.responses import Responses, responses_of
+from mavdem.assessment.axis.responses import Responses, measure_responses
 from mavdem.assessment.evidence import Evidence
-from mavdem.assessment.instances import Instance, instances_of
+from mavdem.assessment.instances import Instance, list_instances
 from mavdem.assessment.inventory import VehicleContents, inventory
 from mavdem.assessment.judgement import Judgement
 from mavdem.assessment.lights.log import simulation_fact
-from mavdem.assessment.noise_spectra import MeasuredNoise, noise_of
+from mavdem.assessment.noise_spectra import MeasuredNoise, measure_noise
 from mavdem.containers import JsonValues
 from mavdem.dataset.axes import AXES
 from mavdem.dataset.signals import Signals
@@ -145,7 +145,7 @@ class Assessment:
     @cached_property
     def instances(self) -> tuple[Instance, ...]:
         """Every battery, estimator, sensor and output of the vehicle, with its range and state."""
-        return () if self.evidence is None else instances_of(self.evidence)
+        return () if self.evidence is None else list_instances(self.evidence)
 
     @property
     def trust(self) -> tuple[SensorTrust, ...]:
@@ -155,12 +155,14 @@ class Assessment:
     @cached_property
     def responses(self) -> Responses:
         """The measured responses of the "rate" and "attitude" loop of each axis, with the predicted ones."""
-        return {} if self.evidence is None else freeze(responses_of(self.evidence))
+        return {} if self.evidence is None else freeze(measure_responses(self.evidence))
 
     @cached_property
     def noise(self) -> MeasuredNoise:
         """The spectra of gyro and accelerometer, the lines in them, and the notch filter to set."""
-        return freeze(MeasuredNoise({}, {}) if self.evidence is None else noise_of(self.evidence))
+        return freeze(
+            MeasuredNoise({}, {}) if self.evidence is None else measure_noise(self.evidence)
+        )
 
     @cached_property
     def advised_gains(self) -> AdviceByAxis:

@@ -119,7 +119,7 @@ def reported_events(signals: Signals) -> Facts:
         _without_contradicted_claim(problem, fault_states, signals)
         for problem in reported_problems(signals.telemetry)
     ]
-    possible_problems = [problem for problem in problems if _is_possible(problem, signals)]
+    possible_problems = [problem for problem in problems if _is_possible_problem(problem, signals)]
     events = []
     for recorded_span in recorded_spans(signals):
         flights = flights_in_boot(signals, recorded_span.boot)
@@ -138,7 +138,7 @@ def reported_events(signals: Signals) -> Facts:
         )
         for fact in in_time_order([*state_changes, *faults]):
             time = fact.start_time
-            trigger = _trigger_of(fact, faults)
+            trigger = _failsafe_trigger(fact, faults)
             if trigger is not None:
                 fact = fact.replace(cause=trigger)
             # A restart in flight is bad even if the motors are off after it.
@@ -210,7 +210,7 @@ def _is_watchdog_report(fact: Fact) -> bool:
     return fact.code is ReportedEvent.AUTOPILOT_ERROR and fact.subject == "watchdog"
 
 
-def _trigger_of(failsafe: Fact, faults: Sequence[Fact]) -> Fact | None:
+def _failsafe_trigger(failsafe: Fact, faults: Sequence[Fact]) -> Fact | None:
     """Returns the last report of ``FAILSAFE_TRIGGERS`` shortly before a failsafe.
 
     Args:
@@ -230,7 +230,7 @@ def _trigger_of(failsafe: Fact, faults: Sequence[Fact]) -> Fact | None:
     return trigger
 
 
-def _is_possible(problem: Fact, signals: Signals) -> bool:
+def _is_possible_problem(problem: Fact, signals: Signals) -> bool:
     """Returns whether a reported problem is possible: without a position fix, the GPS position cannot have jumped.
 
     Args:
@@ -374,7 +374,7 @@ def _take_offs_and_landings(signals: Signals, recorded_span: Segment) -> Iterato
     vehicle = signals.telemetry.vehicle
     if vehicle in SURFACE_VEHICLES:
         return
-    detected_changes = _detected_changes(signals, recorded_span.boot)
+    detected_changes = _land_detector_times(signals, recorded_span.boot)
     motor_message = DEMAND_MESSAGE if signals.motors is None else signals.motors.message
     for flight in flights_in_boot(signals, recorded_span.boot):
         if not without_grounded([flight], signals, recorded_span.boot):
@@ -402,7 +402,7 @@ def _take_offs_and_landings(signals: Signals, recorded_span: Segment) -> Iterato
                 yield _reported_event(signals, recorded_span, motor_message, code, time)
 
 
-def _detected_changes(signals: Signals, boot: int) -> Array:
+def _land_detector_times(signals: Signals, boot: int) -> Array:
     """Returns the times at which the land detector reports that the vehicle left the ground or touched it.
 
     Args:

@@ -58,7 +58,7 @@ class Tier(NamedTuple):
         return self.tier == "a"
 
 
-def tier_of(learnability: Learnability, condition: Condition) -> Tier:
+def log_tier(learnability: Learnability, condition: Condition) -> Tier:
     """Returns the tier of a log: "a" for a full model, "b" for one of the slow motion, "c" for the condition only.
 
     A log in which a full model can be learned has tier "a". Otherwise the rate of the slower stream decides, of the

@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from mavdem.assessment.flights import RECOVERY_SECONDS, merge_close
+from mavdem.assessment.flights import RECOVERY_SECONDS, merge_close_intervals
 from mavdem.assessment.lights.wind import lean_limit
 from mavdem.containers import Numbers
 from mavdem.dataset.axes import AXES
@@ -248,7 +248,7 @@ def wind_drifts(sensors: BootSensors, flight_interval: TimeInterval) -> Iterator
     moments = [(time, time) for time in velocity.time[is_leaned].tolist()]
     around_lean = [
         (start - DRIFT_SECONDS, end + DRIFT_SECONDS)
-        for start, end in merge_close(moments, 2 * DRIFT_SECONDS)
+        for start, end in merge_close_intervals(moments, 2 * DRIFT_SECONDS)
     ]
     rows = np.flatnonzero(has_recent_attitude & in_intervals(velocity.time, around_lean))
     times = velocity.time[rows].tolist()

@@ -23,7 +23,7 @@ from mavdem.cli.exit_codes import EXIT_DONE, EXIT_UNSUPPORTED
 from mavdem.containers import JsonValues
 from mavdem.dataset.flights import choose_vehicle
 from mavdem.errors import NotLearnable, Unreadable
-from mavdem.export.fields import FieldSamples, message_names, messages_of, samples_of
+from mavdem.export.fields import FieldSamples, field_samples, message_names, numeric_messages
 from mavdem.ingest import Telemetry, read_log
 from mavdem.ingest.all_messages import with_all_messages
 from mavdem.report.numbers import listed
@@ -200,7 +200,7 @@ def messages(log: str, name: str = "", vehicle: str | None = None) -> JsonValues
     message_list: list[JsonValues] = []
     fields = 0
     # A hostile log may have very many messages; they are described one by one, and only until the list is full.
-    for message in messages_of(telemetry, name):
+    for message in numeric_messages(telemetry, name):
         fields += len(message.fields)
         if fields > MAX_LISTED_FIELDS:
             names = message_names(telemetry, name)
@@ -307,7 +307,7 @@ def _samples(
         names = ", ".join(sorted(whole_log.messages))
         raise ToolError(f"The log has no {message}: it has {names}"[:MAX_ERROR_CHARACTERS])
     try:
-        return samples_of(source, message, field, instance, boot)
+        return field_samples(source, message, field, instance, boot)
     except ValueError as error:
         raise ToolError(f"{error}."[:MAX_ERROR_CHARACTERS]) from error
 

@@ -20,7 +20,7 @@ from mavdem.ingest.parameter_file import read_parameters
 from sitl_scenarios.files import (
     load,
     names,
-    scenario_of,
+    scenario_from_table,
     scenario_toml,
     with_parameters,
     with_vehicle,
@@ -241,7 +241,7 @@ def _chosen_scenario(
     for key, value in {"seed": seed, "duration": duration}.items():
         if value is not None:
             with _usage_errors(f"--{key}"):
-                scenario = scenario_of(scenario.model_dump(mode="json") | {key: value})
+                scenario = scenario_from_table(scenario.model_dump(mode="json") | {key: value})
     if vehicle is not None:
         with _usage_errors("--vehicle"):
             scenario = with_vehicle(scenario, load(vehicle))
@@ -320,10 +320,10 @@ def _write_recording(path: Path, name: str, scenario: Scenario, motion: Motion) 
         motion: The true motion of the vehicle.
     """
     # Rerun takes a second to import.
-    from mavdem.view import pose_of, write_pose
+    from mavdem.view import pose_from_motion, write_pose
 
     rotors = rotor_frame(scenario.vehicle.frame, airframe(scenario.vehicle).arm)
-    write_pose(path, name, pose_of(motion, (rotors.forward, rotors.right)))
+    write_pose(path, name, pose_from_motion(motion, (rotors.forward, rotors.right)))
 
 
 def _fly_live(name: str, scenario: Scenario, udp: str, speed: float) -> JsonValues:

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import click
 
-from mavdem.assessment.axis.twin import assessed_twin
+from mavdem.assessment.axis.twin import build_assessed_twin
 from mavdem.cli.options import (
     NumberRange,
     json_option,
@@ -59,7 +59,7 @@ def twin_command(
     for path in out:
         check_output_file(path, "--out", (".toml", *OMITTED_QUANTITIES))
     _, evidence = assess_without_model(source, vehicle, params)
-    twin, loops, missing_loops = assessed_twin(evidence, mass)
+    twin, loops, missing_loops = build_assessed_twin(evidence, mass)
     for path in out:
         ending = path.suffix.lower()
         write_text_atomically(path, vehicle_text(twin, ending, Path(source).name))

@@ -5,7 +5,7 @@ from pathlib import Path
 import click
 
 from mavdem.assessment.assess import with_wind
-from mavdem.assessment.identity import identity_of
+from mavdem.assessment.identity import identify_vehicle
 from mavdem.cli.options import (
     file_option,
     json_option,
@@ -71,7 +71,7 @@ def wind_command(
     assert wind is not None
     signals = evidence.signals
     wind_evidence = evidence.wind
-    identity = identity_of(signals)
+    identity = identify_vehicle(signals)
     cautions: Blocks = []
     if prior is not None:
         # The estimate is made anew with the earlier drag as its prior. A hover in one place does not show the drag that

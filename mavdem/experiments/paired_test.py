@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from mavdem.arrays import Array
-from mavdem.experiments.window import Window, disjoint
+from mavdem.experiments.window import Window, disjoint_windows
 from mavdem.facts.forecasts import TestResult
 
 SIGNIFICANCE = 0.05
@@ -79,7 +79,7 @@ def paired(ours: ArrayLike, theirs: ArrayLike, windows: Sequence[Window] | None 
     # The difference of two infinite logarithms is NaN: both errors are 0, or both infinite.
     log_ratios = np.where(np.isnan(log_ratios), 0.0, log_ratios)
     count = len(our_errors)
-    independent = np.arange(count) if windows is None else disjoint(windows)
+    independent = np.arange(count) if windows is None else disjoint_windows(windows)
     return Paired(
         ratio=_median_ratio(log_ratios),
         less=int((our_errors < their_errors).sum()),

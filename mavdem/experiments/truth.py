@@ -157,7 +157,7 @@ def _require_equal_lengths(truth: Truth) -> None:
     np.stack([truth.effect, truth.weak_effect])
 
 
-def truth_of(flights: Sequence[Flight], path: PathName) -> Truth:
+def read_truth_of_flight(flights: Sequence[Flight], path: PathName) -> Truth:
     """Reads the truth of a simulated flight, and checks that it belongs to this flight.
 
     The truth file contains the rate that the simulated autopilot measured. In its own flight that is the recorded rate,
@@ -206,7 +206,7 @@ def compare_with_truth(
     Args:
         learned: the model of one axis. Physical parameters or wind torque that it lacks are not compared.
         flights: the segments that it was trained on, at whose times the wind torque is compared.
-        truth: truth of these flights, as :func:`truth_of` returns it.
+        truth: truth of these flights, as :func:`read_truth_of_flight` returns it.
 
     Returns:
         Each parameter and the wind torque as learned and in truth, with their errors.

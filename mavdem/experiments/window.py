@@ -216,7 +216,7 @@ def required_windows(
     return fitting_windows
 
 
-def disjoint(windows: Sequence[Window]) -> Indices:
+def disjoint_windows(windows: Sequence[Window]) -> Indices:
     """Returns the indices of windows that share no sample, as many as possible.
 
     A statistical test needs windows that are independent. The greedy rule of interval scheduling finds the largest

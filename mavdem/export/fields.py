@@ -89,7 +89,7 @@ def message_names(telemetry: Telemetry, text: str = "") -> list[str]:
     return sorted(name for name in telemetry.messages if text.lower() in name.lower())
 
 
-def messages_of(telemetry: Telemetry, text: str = "") -> Iterator[MessageFields]:
+def numeric_messages(telemetry: Telemetry, text: str = "") -> Iterator[MessageFields]:
     """Yields the messages of a vehicle that have numeric fields, in the order of their names.
 
     Args:
@@ -122,7 +122,7 @@ def messages_of(telemetry: Telemetry, text: str = "") -> Iterator[MessageFields]
         )
 
 
-def samples_of(
+def field_samples(
     telemetry: Telemetry, message: str, field: str, instance: int | None = None, boot: int = 0
 ) -> FieldSamples:
     """Returns all samples of one field in the order of time.
@@ -133,7 +133,7 @@ def samples_of(
     Args:
         telemetry: Messages of the vehicle.
         message: Name of the message, as MAVLink or as the log calls it.
-        field: One of the message's numeric fields, as ``messages_of`` lists them.
+        field: One of the message's numeric fields, as ``numeric_messages`` lists them.
         instance: Number of one of several equal sensors or outputs; None for all of them.
         boot: Number of the boot of the autopilot, from 0.
 

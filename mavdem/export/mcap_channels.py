@@ -9,7 +9,7 @@ from mavdem.files import PathName, atomic_write
 from mavdem.flight import Flights
 from mavdem.ingest.mcap.series import write_series
 from mavdem.report.numbers import without_remark
-from mavdem.report.series import series_of
+from mavdem.report.series import recording_series
 from mavdem.wind_velocity.estimation import WindVelocity
 
 
@@ -47,7 +47,7 @@ def write_channels(
     if flights[0].time[0] < 0:
         raise ValueError("time must not be negative: MCAP counts from 0")
     channels = {}
-    for name, series in series_of(flights, learned, held_out, wind).items():
+    for name, series in recording_series(flights, learned, held_out, wind).items():
         keys = json_keys(series.names)
         channels[name] = (series.time, dict(zip(keys, series.values.T, strict=True)))
     with atomic_write(path) as file:

@@ -14,7 +14,7 @@ from mavdem.facts import Fact
 from mavdem.facts.fleet import Incomparable, QuantityOutcome
 from mavdem.fleet.comparability import MissingQuantity, incomparability_reason, missing_quantities
 from mavdem.fleet.flight_conditions import Conditions, condition_allowance, mean_conditions
-from mavdem.fleet.flights import Flights, flights_of, log_row, vehicles_of
+from mavdem.fleet.flights import Flights, group_by_vehicle, group_into_flights, log_row
 from mavdem.fleet.parameter_changes import (
     ParameterChange,
     axes_with_other_attitude_gains,
@@ -150,8 +150,8 @@ def vehicle_difference(
         The differences with their outcomes; what could not be compared, with the reason; and how both states were
         flown.
     """
-    flights_before = flights_of(row for row in before if row.is_read)
-    flights_after = flights_of(row for row in after if row.is_read)
+    flights_before = group_into_flights(row for row in before if row.is_read)
+    flights_after = group_into_flights(row for row in after if row.is_read)
     conditions_before = mean_conditions(flights_before)
     conditions_after = mean_conditions(flights_after)
     estimates_before = [flight_estimates(flight) for flight in flights_before]
@@ -226,7 +226,7 @@ def baseline_differences(rows: FlightRows, baseline: FlightRows) -> BaselineDiff
     Returns:
         The differences by the name of the vehicle.
     """
-    baseline_vehicles = vehicles_of(baseline)
+    baseline_vehicles = group_by_vehicle(baseline)
     differences: BaselineDifferences = {}
     for name, latest_flight in latest_flights(rows, baseline).items():
         healthy_rows = [row for flight in baseline_vehicles.get(name, ()) for row in flight]
@@ -248,5 +248,7 @@ def latest_flights(rows: FlightRows, baseline: FlightRows) -> dict[str, FlightRo
     baseline_keys = {row.key for row in baseline if row.key}
     later_rows = [row for row in rows if row.key not in baseline_keys]
     return {
-        name: flights[-1] for name, flights in vehicles_of(later_rows).items() if name != UNKNOWN
+        name: flights[-1]
+        for name, flights in group_by_vehicle(later_rows).items()
+        if name != UNKNOWN
     }

@@ -34,7 +34,7 @@ def log_row(flight: AxisRows) -> FlightRow:
     return flight[0]
 
 
-def flights_of(rows: Iterable[FlightRow]) -> list[FlightRows]:
+def group_into_flights(rows: Iterable[FlightRow]) -> list[FlightRows]:
     """Groups rows by flight.
 
     Args:
@@ -57,15 +57,15 @@ def flights_of(rows: Iterable[FlightRow]) -> list[FlightRows]:
     return sorted(flights.values(), key=date_and_order)
 
 
-def vehicles_of(rows: Iterable[FlightRow]) -> dict[str, list[FlightRows]]:
-    """Returns the flights of each vehicle as :func:`flights_of` does, by the vehicles' names in alphabetical order.
+def group_by_vehicle(rows: Iterable[FlightRow]) -> dict[str, list[FlightRows]]:
+    """Groups rows by vehicle and then by flight, with the vehicles' names in alphabetical order.
 
     Rows without a flight are left out.
 
     Args:
         rows: rows of the table, one for each axis of each flight.
     """
-    flights = flights_of(row for row in rows if row.has_flight)
+    flights = group_into_flights(row for row in rows if row.has_flight)
     flights_by_vehicle = group_by(flights, lambda flight: log_row(flight).vehicle)
     return dict(sorted(flights_by_vehicle.items()))
 

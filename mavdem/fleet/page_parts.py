@@ -11,7 +11,7 @@ MakePart = Callable[[str], str]
 """Makes the part of a vehicle, by its name."""
 
 
-def kept_summaries(
+def cached_summaries(
     store: Store, version: str, outdated_vehicles: Iterable[str], make_summary: MakePart
 ) -> list[str]:
     """Returns the summaries of all vehicles as texts, in the order of their names; missing and outdated ones are made.
@@ -43,7 +43,7 @@ def kept_summaries(
         return [summary for (summary,) in store.db.execute(query)]
 
 
-def kept_charts(store: Store, vehicle: str, make_charts: MakePart) -> str:
+def cached_charts(store: Store, vehicle: str, make_charts: MakePart) -> str:
     """Returns the charts of a vehicle as HTML; they are made and kept at the first call after it was judged.
 
     Args:

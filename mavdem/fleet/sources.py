@@ -111,7 +111,7 @@ def local_logs(name: str, excluded_path: str) -> Iterator[LogSource]:
                     paths.append(path)
     elif os.path.lexists(name):
         # A file that is named itself counts, wherever it is.
-        yield source_of(name)
+        yield local_source(name)
         return
     else:
         # The pattern ``**`` matches folders, too.
@@ -119,10 +119,10 @@ def local_logs(name: str, excluded_path: str) -> Iterator[LogSource]:
     for path in paths:
         is_excluded = os.path.realpath(path).startswith(excluded_path + os.sep)
         if not excluded_path or not is_excluded:
-            yield source_of(path)
+            yield local_source(path)
 
 
-def source_of(path: str) -> LogSource:
+def local_source(path: str) -> LogSource:
     """Returns a file of this machine as a source, whether it exists or not.
 
     Its version is the time of its last change, ns.
@@ -181,11 +181,11 @@ def remote_logs(url: str) -> Iterator[LogSource]:
             yield LogSource(
                 system.unstrip_protocol(name),
                 size=UNKNOWN_SIZE if size is None else int(size),
-                version=version_of(details),
+                version=remote_version(details),
             )
 
 
-def version_of(details: Mapping[str, Any]) -> str:
+def remote_version(details: Mapping[str, Any]) -> str:
     """Returns the version of a remote file, a text that changes with its content; "" where its file system has none.
 
     It is the first known one of ``VERSION_FIELDS``, such as an ETag or the time of the last change.

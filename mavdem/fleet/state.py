@@ -9,7 +9,7 @@ from mavdem.assessment import Assessment
 from mavdem.containers import JsonValues
 from mavdem.errors import NotLearnable
 from mavdem.facts.fleet import Incomparable
-from mavdem.fleet.flights import flights_of
+from mavdem.fleet.flights import group_into_flights
 from mavdem.fleet.row import UNKNOWN, FlightRow, FlightRows
 from mavdem.fleet.rows_of_log import rows_of_log
 from mavdem.fleet.stored_rows import is_fleet, read_brief_rows, read_rows
@@ -47,7 +47,7 @@ class VehicleState(NamedTuple):
     @property
     def headline(self) -> str | None:
         """The headline of the latest flight."""
-        latest_flight = flights_of(self.rows)[-1]
+        latest_flight = group_into_flights(self.rows)[-1]
         return latest_flight[-1].headline
 
     @property

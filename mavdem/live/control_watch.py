@@ -17,7 +17,7 @@ from mavdem.assessment.attitude_error import (
     attitude_error,
 )
 from mavdem.assessment.attitude_losses import LOST_ANGLE, attitude_losses
-from mavdem.assessment.ending import checked_reports, ending_of
+from mavdem.assessment.ending import find_ending, lower_unconfirmed_crash_reports
 from mavdem.assessment.flights import RECOVERY_SECONDS
 from mavdem.assessment.ground_contacts import flight_losses, ground_contact
 from mavdem.assessment.invalid_attitudes import MIN_INVALID_SECONDS, invalid_attitudes
@@ -196,7 +196,7 @@ class ControlWatch:
         losses = [event for event in events if event.code is not MotionEvent.ATTITUDE_CAUGHT]
         if losses:
             self._attitude_loss = losses[-1]
-        ending = ending_of(signals, losses)
+        ending = find_ending(signals, losses)
         height = sensors.height_at(moment.time)
         if ending is not None and height is not None and height < MIN_PARACHUTE_HEIGHT:
             return ending.replace(is_low=True)
@@ -317,7 +317,7 @@ class ControlWatch:
             # The vehicle has not met the ground yet.
             return FlightEnd(is_in_air, is_falling, loss=None)
         events = [event for event in losses if event is not None]
-        ending = ending_of(signals, [*reports, *events])
+        ending = find_ending(signals, [*reports, *events])
         return FlightEnd(is_in_air, is_falling, ending, losses.contact)
 
     def _toppling(
@@ -341,7 +341,9 @@ class ControlWatch:
                 return event
         return None
 
-    def checked_reports(self, vehicle: Telemetry, reports: Sequence[Fact]) -> list[Fact]:
+    def lower_unconfirmed_crash_reports(
+        self, vehicle: Telemetry, reports: Sequence[Fact]
+    ) -> list[Fact]:
         """Lowers the level of a crash that the autopilot reports, if the motion of the last seconds does not show it.
 
         Args:
@@ -351,7 +353,7 @@ class ControlWatch:
         Returns:
             All events, in the same order, as in the review of the recording.
         """
-        return checked_reports(self.signals(vehicle, None), reports)
+        return lower_unconfirmed_crash_reports(self.signals(vehicle, None), reports)
 
     def setpoints(self, vehicle: Telemetry) -> dict[str, TimeSeries]:
         """Returns the setpoints of roll and pitch in the last seconds, rad, by axis; empty where none come.

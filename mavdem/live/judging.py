@@ -4,7 +4,11 @@ from collections.abc import Sequence
 from concurrent.futures import CancelledError, Executor, Future
 from contextlib import suppress
 
-from mavdem.assessment.axis.findings import Findings, findings_of, with_own_torque_marked
+from mavdem.assessment.axis.findings import (
+    Findings,
+    model_findings,
+    with_vehicle_made_torque_marked,
+)
 from mavdem.assessment.judgement import Judgement
 from mavdem.dem import Learned
 from mavdem.facts.assessment import Override
@@ -120,7 +124,7 @@ class ModelJudging:
         """
         try:
             if model is None or row_format is None or not _has_motors_of(row_format, model):
-                self.findings = findings_of(model, alarms=alarms)
+                self.findings = model_findings(model, alarms=alarms)
                 self.judgement = None
                 return model
             self.findings, self.judgement = judge_model(
@@ -130,7 +134,7 @@ class ModelJudging:
                 override.is_bad and override.code in OWN_TORQUE_OVERRIDES
                 for override in self.findings.overrides
             )
-            return with_own_torque_marked(model, vehicle_made_torque=vehicle_made_torque)
+            return with_vehicle_made_torque_marked(model, vehicle_made_torque=vehicle_made_torque)
         except ValueError:
             return model
 

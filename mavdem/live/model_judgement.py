@@ -6,7 +6,11 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from mavdem.assessment.axis import AxisEstimates
-from mavdem.assessment.axis.findings import Findings, findings_of, with_own_torque_marked
+from mavdem.assessment.axis.findings import (
+    Findings,
+    model_findings,
+    with_vehicle_made_torque_marked,
+)
 from mavdem.assessment.axis.loops import loop_of_parameters_or_reason
 from mavdem.assessment.condition import Condition
 from mavdem.assessment.judgement import Judgement, judge
@@ -98,8 +102,8 @@ def judge_model(
     hover = hover_figures(geometry.names, row_format.scale, duration, inputs, mean_lean)
     condition = Condition(duration=duration, settled=duration, hover=hover, oscillation=limit_cycle)
     # The torque of a limit cycle is the vehicle's own, not the wind's.
-    learned = with_own_torque_marked(learned, vehicle_made_torque=limit_cycle is not None)
-    findings = findings_of(learned, None, condition, alarms)
+    learned = with_vehicle_made_torque_marked(learned, vehicle_made_torque=limit_cycle is not None)
+    findings = model_findings(learned, None, condition, alarms)
 
     figures = AxisEstimates((), learned.physical, None, learned.physical_reason)
     loops: dict[str, Loop | Fact] = {

@@ -12,9 +12,9 @@ import numpy as np
 from mavdem.assessment.axis.findings import Findings
 from mavdem.assessment.judgement import (
     Judgement,
+    choose_next_step,
     headline_by_lights,
     lights_with_event,
-    next_step_of,
     unjudged,
 )
 from mavdem.assessment.lights import VEHICLE_LIGHTS
@@ -298,7 +298,7 @@ class SessionStatus(ImmutableResult):
             # The message was requested in vain, so that the light must not advise to request it.
             lights[Light.VIBRATION] = vibration.replace(is_asked=True)
             if next_step.figures.get("reason") == vibration:
-                next_step = next_step_of(headline, lights, None)
+                next_step = choose_next_step(headline, lights, None)
 
         # As in a log, an event comes before what lasts: a height that diverges before the vibration that causes it.
         bad_lights = [fact for fact in lights.values() if fact.is_bad]
@@ -381,7 +381,7 @@ class SessionStatus(ImmutableResult):
         if self.analysis_delay >= MAX_ALARM_DELAY:
             return Fact(NextStep.FLY_BY_SIGHT, delay=self.analysis_delay)
         if headline.warns:
-            advice_after_landing = next_step_of(headline, judgement.lights, None)
+            advice_after_landing = choose_next_step(headline, judgement.lights, None)
             return Fact(NextStep.FLY_ON, reason=advice_after_landing)
         if self.model_judgement is not None or not self._reason_without_model.remedy:
             return Fact(NextStep.FLY_ON, reason=None)
@@ -498,4 +498,4 @@ def _judgement_with_headline(headline: Fact, lights: NamedFacts) -> Judgement:
         headline: the fact that matters most.
         lights: the fact on each part of the vehicle, by the name of the part.
     """
-    return Judgement(headline, next_step_of(headline, lights, None), lights)
+    return Judgement(headline, choose_next_step(headline, lights, None), lights)

@@ -12,7 +12,7 @@ from dataclasses import dataclass, field, replace
 from math import inf
 
 from mavdem.assessment.condition import Condition
-from mavdem.assessment.ending import REPORTS_OF_LOSS, ending_of
+from mavdem.assessment.ending import REPORTS_OF_LOSS, find_ending
 from mavdem.assessment.flights import RECOVERY_SECONDS
 from mavdem.assessment.judgement import light_of_event
 from mavdem.assessment.lights.estimator import estimator_light
@@ -817,10 +817,10 @@ class Watchdog:
         if self._report_search.restart is not None:
             self._update_restart(self._report_search.restart)
         if any(report.code in REPORTS_OF_LOSS for report in reports):
-            reports = self.control.checked_reports(vehicle, reports)
+            reports = self.control.lower_unconfirmed_crash_reports(vehicle, reports)
         reports_of_loss = [report for report in reports if report.code in REPORTS_OF_LOSS]
         if self.loss is None and reports_of_loss:
-            self.loss = ending_of(signals, reports_of_loss)
+            self.loss = find_ending(signals, reports_of_loss)
         return reports
 
     def _update_restart(self, restart: Fact) -> None:

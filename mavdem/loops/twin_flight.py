@@ -246,11 +246,11 @@ def _simulated_motion(
         ValueError: the simulator cannot fly it.
     """
     from mavdem.report.vehicle_files import vehicle_text
-    from sitl_scenarios.files import scenario_of
+    from sitl_scenarios.files import scenario_from_table
     from sitl_scenarios.replay import replay_setpoints
 
     vehicle = tomllib.loads(vehicle_text(twin, ".toml", ""))
-    scenario = scenario_of({**vehicle, "seed": seed})
+    scenario = scenario_from_table({**vehicle, "seed": seed})
     return replay_setpoints(scenario, dt, setpoints, torque, is_estimated=is_estimated)
 
 

@@ -202,14 +202,14 @@ def _select_model(windows: FlightWindows, directions: Array | None) -> _Selected
             refined_fit = fit_gray_box(
                 candidate, selected_windows, initial_theta, STRONG_EVIDENCE_NATS
             )
-            if _is_possible(refined_fit):
+            if _is_possible_problem(refined_fit):
                 best_fit = max(best_fit, refined_fit, key=lambda fit: fit.evidence)
 
     logarithms = [_log_estimates(_plant_values(fit.model, fit.theta, windows.dt)) for fit in fits]
     return _SelectedModel(best_fit, np.ptp(logarithms, axis=0))
 
 
-def _is_possible(fit: GrayBoxFit) -> bool:
+def _is_possible_problem(fit: GrayBoxFit) -> bool:
     """Returns whether the refinements of a fit are possible: jumps come early, by at most ``MAX_JUMP_ADVANCE``."""
     return 0 <= fit.refinements.get(Refinement.JUMPS, 0.0) <= MAX_JUMP_ADVANCE
 

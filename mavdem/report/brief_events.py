@@ -46,6 +46,6 @@ def worst_events(events: Sequence[Fact]) -> list[CountedEvent]:
     return counted_events
 
 
-def first_of(count: int) -> str:
+def first_of_count(count: int) -> str:
     """Returns how many events one stands for, to follow its sentence: " (first of 3)"; empty for a single one."""
     return f" (first of {count})" if count > 1 else ""

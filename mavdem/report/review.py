@@ -18,7 +18,7 @@ from mavdem.facts import Fact, Level, NamedFacts
 from mavdem.facts.lights import Unjudged
 from mavdem.ingest import Log
 from mavdem.report.blocks import SCREEN_LINES, Sentence, shortened
-from mavdem.report.brief_events import first_of, worst_events
+from mavdem.report.brief_events import first_of_count, worst_events
 from mavdem.report.lights import lights_with_reason_once
 from mavdem.report.templates import headline, render_section
 
@@ -220,7 +220,7 @@ def _alarm_lines(assessment: Assessment, columns: int) -> Iterator[list[str]]:
             former_boot = boot
             has_time = event.time is not None and isfinite(event.time)
             label = f"{event.time:.0f} s" if has_time else "event"
-            yield _wrapped_fact(label, event, columns, count_text=first_of(count))
+            yield _wrapped_fact(label, event, columns, count_text=first_of_count(count))
 
 
 def _lines_of_light(name: str, fact: Fact, columns: int) -> list[str]:

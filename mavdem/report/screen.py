@@ -18,7 +18,7 @@ from mavdem.assessment.axis import AxisEstimates, LogAnalysis
 from mavdem.assessment.axis.findings import (
     MAX_RELATIVE_HALF_WIDTHS,
     Findings,
-    findings_of,
+    model_findings,
     next_step_for_model,
 )
 from mavdem.assessment.judgement import Judgement
@@ -71,7 +71,7 @@ UNKNOWN_FIGURE = "-"
 
 def model_screen(learned: Learned) -> Blocks:
     """Returns the report of a model alone, without its log and without windows held out from its training."""
-    findings = findings_of(learned)
+    findings = model_findings(learned)
     next_step = Sentence(str(next_step_for_model(findings.purposes)), "Next:")
     return [*_model_blocks(findings, learned), next_step]
 

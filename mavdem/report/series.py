@@ -66,7 +66,7 @@ class Series(NamedTuple):
     """Values (N, k)."""
 
 
-def series_of(
+def recording_series(
     flights: Flights,
     learned: Learned | None,
     held_out: HeldOut | None = None,

@@ -23,7 +23,7 @@ from mavdem.fleet.flights import (
     Flights,
     best_tier,
     distinct_flights,
-    flights_of,
+    group_into_flights,
     has_shared_name,
     log_row,
     worst_health,
@@ -190,7 +190,7 @@ class VehicleSummary:
     """The rows of logs without a flight."""
 
 
-def summaries_of(rows: Iterable[FlightRow]) -> list[VehicleSummary]:
+def vehicle_summaries(rows: Iterable[FlightRow]) -> list[VehicleSummary]:
     """Returns the summary of each vehicle, by name in alphabetical order.
 
     Args:
@@ -207,8 +207,8 @@ def summary_of_vehicle(name: str, rows: FlightRows) -> VehicleSummary:
         name: name of the vehicle in its logs.
         rows: all rows of the fleet's table under this name, also of logs that have no flight that can be analysed.
     """
-    logs = flights_of(rows)
-    flights = flights_of(row for row in rows if row.has_flight)
+    logs = group_into_flights(rows)
+    flights = group_into_flights(row for row in rows if row.has_flight)
     winds = []
     for flight in logs:
         row = log_row(flight)
@@ -310,7 +310,7 @@ def _light_counts(flights: Sequence[AxisRows]) -> dict[Light, dict[Level, int]]:
 def _unused_rows(rows: FlightRows) -> list[UnusedRow]:
     """Returns the rows without a flight, those of logs with a date first and by date."""
     unused_rows = []
-    for flight in flights_of(row for row in rows if not row.has_flight):
+    for flight in group_into_flights(row for row in rows if not row.has_flight):
         for number, row in enumerate(flight):
             unused_rows.append(UnusedRow(row.file, row.status, row.status_code, number == 0))
     return unused_rows

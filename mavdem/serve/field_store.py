@@ -18,7 +18,7 @@ from typing import NamedTuple, Protocol
 
 from mavdem.containers import JsonValues
 from mavdem.errors import Refusal
-from mavdem.export.fields import FieldSamples, samples_of
+from mavdem.export.fields import FieldSamples, field_samples
 from mavdem.facts.serve import LimitedResource, RefusalReason
 from mavdem.fleet.workers import Job, JobLimits, JobOutcome, LogReader, ReadLog
 from mavdem.serve.stored_columns import StoredLog, open_columns, write_columns
@@ -172,7 +172,7 @@ class FieldStore:
         with self._columns(log, document) as columns:
             telemetry = columns.telemetry(request.vehicle)
             try:
-                return samples_of(
+                return field_samples(
                     telemetry, request.message, request.field, request.instance, request.boot
                 )
             except ValueError as error:

@@ -34,7 +34,7 @@ from mavdem.fleet.names import (
     store_vehicle_name,
 )
 from mavdem.fleet.row import FlightRows, utf8_text
-from mavdem.fleet.sources import UNKNOWN_SIZE, LogSource, source_of
+from mavdem.fleet.sources import UNKNOWN_SIZE, LogSource, local_source
 from mavdem.fleet.store import Store
 from mavdem.fleet.workers import JobLimits, JobOutcome
 from mavdem.results import PAGE_FILE
@@ -492,7 +492,7 @@ class Library:
             Refusal: there is no such flight, or the disk is full.
         """
         entry = self.entry(id)
-        source = source_of(str(self.log_path(entry)))
+        source = local_source(str(self.log_path(entry)))
         with self.transaction() as db:
             db.execute("delete from entries where id = ?", [id])
             store_flight_name(db, entry.content_hash, name="")
@@ -538,7 +538,7 @@ class Library:
         if removes_log:
             # The log has no path any more, but paths in the index must be unique, so the id is stored as one.
             columns |= {"size": 0, "path": entry.id}
-        source = source_of(str(self.log_path(entry)))
+        source = local_source(str(self.log_path(entry)))
         try:
             # The index, the rows and the log on the disk change together, or not at all.
             with self.transaction():

@@ -23,7 +23,7 @@ from mavdem.documents.library import Recordings
 from mavdem.errors import Refusal
 from mavdem.facts.serve import ListingOrder, Permission, RefusalReason, Stage
 from mavdem.fleet.difference import baseline_differences, vehicle_difference
-from mavdem.fleet.flights import has_shared_name, vehicles_of
+from mavdem.fleet.flights import group_by_vehicle, has_shared_name
 from mavdem.fleet.parameter_changes import changed_parameters, states_without_gains
 from mavdem.fleet.row import FlightRows
 from mavdem.fleet.workers import PAGES, POLL_SECONDS
@@ -37,8 +37,8 @@ from mavdem.report.pages.library_page import (
     render_server_page,
     script,
     vehicle_page,
-    with_bar,
-    without_policy,
+    with_server_script,
+    with_toolbar,
 )
 from mavdem.report.pages.motor_trouble import motor_trouble
 from mavdem.report.pages.page import PageLink
@@ -186,7 +186,7 @@ class Pages:
         files = entry.file_names if is_stored else []
         missing_recordings = RecordingRequests(self._library).missing_names(entry)
         return HTMLResponse(
-            with_bar(
+            with_toolbar(
                 html,
                 given_name=values["given"].flights.get(entry.content_hash, ""),
                 trouble=trouble,
@@ -356,7 +356,7 @@ class Pages:
                 # The page itself says that several vehicles may have the name.
                 changes = baseline_blocks(latest_row, difference, has_identity_cautions=False)
         html = vehicle_page(
-            vehicles_of(rows).get(name, []),
+            group_by_vehicle(rows).get(name, []),
             changes,
             name=name,
             entries=entries,
@@ -412,7 +412,9 @@ class Pages:
             back=PageLink("Flights", "/"),
             flights=(self._series(entry_before), self._series(entry_after)),
         )
-        return HTMLResponse(without_policy(html, **self._visible_library.visitor_values(request)))
+        return HTMLResponse(
+            with_server_script(html, **self._visible_library.visitor_values(request))
+        )
 
     def _series(self, entry: LibraryEntry) -> FlightSeries | None:
         """Returns the time series of a flight; None if an earlier version has read it, or its results are lost."""

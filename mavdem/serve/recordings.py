@@ -12,7 +12,7 @@ import shutil
 from pathlib import Path
 
 from mavdem.assessment.assess import assess_signals
-from mavdem.assessment.identity import identity_of
+from mavdem.assessment.identity import identify_vehicle
 from mavdem.dataset.signals import Signals
 from mavdem.errors import Refusal, Unreadable, error_message
 from mavdem.facts import Fact
@@ -208,7 +208,7 @@ def vehicle_of_page(log: Log, document_path: Path) -> Telemetry:
         return log.vehicles[0]
     identity = json.loads(document_path.read_bytes())["identity"]
     for telemetry in log.vehicles:
-        candidate = identity_of(Signals(telemetry))
+        candidate = identify_vehicle(Signals(telemetry))
         if (candidate.system, candidate.name) == (identity["system"], identity["name"]):
             return telemetry
     return log.vehicles[0]

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from mavdem.containers import JsonValues
 from mavdem.errors import Refusal, Unreadable
-from mavdem.export.fields import messages_of
+from mavdem.export.fields import numeric_messages
 from mavdem.facts import Fact
 from mavdem.facts.fleet import ReadingFact
 from mavdem.facts.serve import RefusalReason
@@ -224,7 +224,7 @@ def _written_vehicle(telemetry: Telemetry, file: BinaryIO) -> StoredVehicle:
             file.write(bytes(-file.tell() % ALIGNMENT))
     return StoredVehicle(
         vehicle=f"{telemetry.system}_{telemetry.component}",
-        messages=[message._asdict() for message in messages_of(telemetry)],
+        messages=[message._asdict() for message in numeric_messages(telemetry)],
         source_names=dict(telemetry.source_names),
         columns=stored_columns,
     )

@@ -9,7 +9,7 @@ os.environ.setdefault(
     "warn,re_log_encoding::rrd::file_sink=off,re_grpc_client=off,re_sdk::recording_stream=off",
 )
 
-from mavdem.view.flown import pose_of, write_pose  # noqa: E402
+from mavdem.view.flown import pose_from_motion, write_pose  # noqa: E402
 from mavdem.view.plots import Target, streamed  # noqa: E402
 from mavdem.view.recording import write_recording, write_words  # noqa: E402
 from mavdem.view.sinks import WebServer, show  # noqa: E402
@@ -17,7 +17,7 @@ from mavdem.view.sinks import WebServer, show  # noqa: E402
 __all__ = [
     "Target",
     "WebServer",
-    "pose_of",
+    "pose_from_motion",
     "show",
     "streamed",
     "write_pose",

@@ -108,7 +108,7 @@ class Pose:
         return np.arange(0, count, stride)
 
 
-def pose_of(motion: object, rotors: Sequence[Sequence[float]]) -> Pose:
+def pose_from_motion(motion: object, rotors: Sequence[Sequence[float]]) -> Pose:
     """Collects what the 3D view shows of a simulated flight: its motion, and the positions of the rotors.
 
     The simulator is a separate package, which the view does not import. So its record is read by attributes with the

@@ -21,7 +21,7 @@ from mavdem.report import palette
 from mavdem.report.blocks import Block, Blocks, markdown
 from mavdem.report.charts.chart import Chart, Line, over_time
 from mavdem.report.charts.model_charts import torque_line
-from mavdem.report.charts.timeline import Timeline, timeline_of
+from mavdem.report.charts.timeline import Timeline, assessment_timeline
 from mavdem.report.labels import Labels
 from mavdem.report.loops import decision_sentences, margin_tables
 from mavdem.report.numbers import TORQUE_UNIT, display_unit
@@ -34,7 +34,7 @@ from mavdem.report.series import (
     PROCESS_NOISE,
     Series,
     free_energy_per_sample,
-    series_of,
+    recording_series,
 )
 from mavdem.report.templates import headline
 from mavdem.view.first_tab import PLOTS, SideTexts, events_text, first_tab, plot_titles
@@ -77,14 +77,14 @@ def write_recording(target: Target, assessment: Assessment) -> None:
         OSError: the file cannot be written.
     """
     analysis = assessment.analysis
-    timeline = timeline_of(assessment)
+    timeline = assessment_timeline(assessment)
     assert analysis is not None and timeline is not None
     learned = analysis.learned
     held_out = analysis.held_out
     assert learned is not None and held_out is not None
     with recording_to_file(target, Path(assessment.log.source).name) as recording:
         tabs = RecordingTabs(recording, assessment, timeline)
-        series = series_of(analysis.flights, learned)
+        series = recording_series(analysis.flights, learned)
         title = flight_title(analysis.flights, assessment.simulated)
         report = [title, *analysis_blocks(assessment)]
         views: list[rrb.Container | rrb.View] = [

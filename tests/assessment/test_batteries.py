@@ -10,7 +10,7 @@ from pytest import approx
 
 from mavdem.assessment.autopilot_messages import reported_problems
 from mavdem.assessment.battery_levels import ardupilot_charge_levels
-from mavdem.assessment.condition import condition_of
+from mavdem.assessment.condition import measure_condition
 from mavdem.assessment.lights.power import power_light, with_batteries_on_ground
 from mavdem.assessment.limits import Limits
 from mavdem.assessment.reported import reported_events
@@ -69,7 +69,7 @@ def test_the_emptiest_of_several_batteries_is_judged_and_named_first():
     assert fact.time == approx(20.0, abs=2.0)
     assert "first at 2" in fact.sentence and "battery 2" in fact.remedy
     assert "Battery 2 down to 10.5 V" in str(fact) and "; battery 1 down to 16.4 V" in str(fact)
-    figures = condition_of(Signals(telemetry))
+    figures = measure_condition(Signals(telemetry))
     assert [battery.number for battery in figures.batteries] == [2, 1]
     assert figures.battery.voltage_min == approx(10.5)
 

@@ -9,11 +9,11 @@ from numpy.random import default_rng
 from pytest import approx, mark
 from refusals import refused
 
-from mavdem.assessment.condition import condition_of
-from mavdem.assessment.identity import day_in_file_name, identity_of
+from mavdem.assessment.condition import measure_condition
+from mavdem.assessment.identity import day_in_file_name, identify_vehicle
 from mavdem.assessment.inventory import autopilot_alarms, inventory
 from mavdem.assessment.mean_interval import mean_interval
-from mavdem.assessment.tier import tier_of
+from mavdem.assessment.tier import log_tier
 from mavdem.dataset.learnability import learnability_of
 from mavdem.dataset.signals import Signals
 from mavdem.facts.learnability import NotLearnableReason, UnusableOutputs
@@ -38,7 +38,7 @@ def powered(current):
 
 
 def test_a_vehicle_that_never_armed_has_its_battery_and_how_long_it_stood():
-    found = condition_of(Signals(disarmed(powered(15.0))))
+    found = measure_condition(Signals(disarmed(powered(15.0))))
     assert found.armed == found.settled == 0
     assert not found.hover
     assert not found.lean
@@ -50,13 +50,13 @@ def test_without_motor_outputs_the_lean_is_known_all_the_same():
     telemetry = HOVER.telemetry(4.0, without=("SERVO_OUTPUT_RAW",))
     flown = columns(BEAT, landed_state=1 + (abs(BEAT - 40) < 34))
     leaning = changed(telemetry, "ATTITUDE", roll=0.05)
-    found = condition_of(Signals(changed(leaning, "EXTENDED_SYS_STATE", **flown)))
+    found = measure_condition(Signals(changed(leaning, "EXTENDED_SYS_STATE", **flown)))
     assert found.hover is None and found.settled > 50
     assert found.lean["roll"].mean == approx(0.05)
 
 
 def test_a_current_sensor_that_reads_nothing_in_flight_has_no_figures():
-    found = condition_of(Signals(powered(1.0 * (BEAT < 20)))).battery
+    found = measure_condition(Signals(powered(1.0 * (BEAT < 20)))).battery
     assert found.voltage_mean == approx(15.6, abs=0.2) and found.current_mean is None
 
 
@@ -118,7 +118,7 @@ def with_version(telemetry, **fields):
 
 
 def name_of(telemetry):
-    found = identity_of(Signals(telemetry))
+    found = identify_vehicle(Signals(telemetry))
     return found.name, found.basis
 
 
@@ -151,30 +151,30 @@ def test_the_date_is_when_the_settled_flight_began():
     beat = Hover().stamps(1.0)
     clock = np.where(beat < 3, 0, 1e6 * (unix.timestamp() + beat)).astype(np.uint64)
     dated = changed(flown(), "SYSTEM_TIME", **columns(beat, time_unix_usec=clock))
-    found = identity_of(Signals(dated)).date
+    found = identify_vehicle(Signals(dated)).date
     assert 11 <= (found - unix).total_seconds() <= 13  # level from 11 s on
-    assert identity_of(Signals(flown())).date is None
-    assert identity_of(Signals(flown()), unix.timestamp()).date == unix
-    assert identity_of(Signals(disarmed(dated))).date.second == 3
-    assert identity_of(Signals(dated)).date_basis == "clock of the autopilot"
+    assert identify_vehicle(Signals(flown())).date is None
+    assert identify_vehicle(Signals(flown()), unix.timestamp()).date == unix
+    assert identify_vehicle(Signals(disarmed(dated))).date.second == 3
+    assert identify_vehicle(Signals(dated)).date_basis == "clock of the autopilot"
     damaged_clock = clock.copy()
     damaged_clock[3] ^= np.uint64(1 << 48)
     damaged = changed(flown(), "SYSTEM_TIME", **columns(beat, time_unix_usec=damaged_clock))
-    assert identity_of(Signals(damaged)).date == found
-    of_receiver = identity_of(Signals(flown()), unix.timestamp())
+    assert identify_vehicle(Signals(damaged)).date == found
+    of_receiver = identify_vehicle(Signals(flown()), unix.timestamp())
     assert of_receiver.date_basis == "clock of the receiving computer"
 
 
 def test_a_flight_without_a_clock_has_the_date_by_which_px4_named_its_log():
     text = b"[logger] Opened full log file: /fs/microsd/log/2026-03-09/11_02_35.ulg"
     offset = {"SDLOG_UTC_OFFSET": 60.0}
-    found = identity_of(Signals(with_texts(flown(offset, "PX4"), text)))
+    found = identify_vehicle(Signals(with_texts(flown(offset, "PX4"), text)))
     began = datetime(2026, 3, 9, 10, 2, 35, tzinfo=UTC)
     # The settled flight began ten seconds after the text.
     assert 9 <= (found.date - began).total_seconds() <= 13
     assert found.date_basis == "name that the autopilot gave its log"
     impossible = with_texts(flown(), b"/fs/microsd/log/2026-13-39/11_02_35.ulg")
-    assert identity_of(Signals(impossible)).date is None
+    assert identify_vehicle(Signals(impossible)).date is None
 
 
 @mark.parametrize(
@@ -195,18 +195,18 @@ def test_a_day_in_a_file_name_is_read(name, day):
 
 def test_the_place_is_that_of_the_first_fix():
     places = columns([1.0, 2.0, 3.0], lat=[0, 500000012, 51e7], lon=[0, 80000049, 9e7])
-    found = identity_of(Signals(changed(flown(), "GPS_RAW_INT", fix_type=[0, 3, 3], **places)))
+    found = identify_vehicle(Signals(changed(flown(), "GPS_RAW_INT", fix_type=[0, 3, 3], **places)))
     assert found.place == (50.0, 8.0)
 
 
 def test_firmware_is_what_the_autopilot_says_or_sends():
     said = with_texts(flown(), b"ArduCopter V4.5.7 (2a3dc4b7)")
-    assert identity_of(Signals(said)).firmware == "ArduCopter V4.5.7 (2a3dc4b7)"
+    assert identify_vehicle(Signals(said)).firmware == "ArduCopter V4.5.7 (2a3dc4b7)"
     version = np.array([(1 << 24) + (16 << 16) + 255], dtype=np.uint32)
     sent = with_version(flown(autopilot="PX4"), flight_sw_version=version)
-    assert identity_of(Signals(sent)).firmware == "PX4 v1.16.0"
+    assert identify_vehicle(Signals(sent)).firmware == "PX4 v1.16.0"
     own = replace(sent, firmware="PX4 v1.2.3 (abc)")
-    assert identity_of(Signals(own)).firmware == own.firmware
+    assert identify_vehicle(Signals(own)).firmware == own.firmware
 
 
 def test_what_the_autopilot_warned_of_comes_once_and_the_worst_first():
@@ -228,7 +228,7 @@ LONG = Hover(hovering=100.0)
 
 def tier(telemetry):
     signals = Signals(telemetry)
-    return tier_of(learnability_of(signals), condition_of(signals))
+    return log_tier(learnability_of(signals), measure_condition(signals))
 
 
 @mark.parametrize(

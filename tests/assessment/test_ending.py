@@ -11,7 +11,7 @@ from instrumented import stamps
 from pytest import approx, mark
 
 from mavdem.assessment.assess import loss_of_flight
-from mavdem.assessment.ending import ending_of
+from mavdem.assessment.ending import find_ending
 from mavdem.assessment.failure_by_commands import is_first_at_limit, weak_motor
 from mavdem.assessment.first_failure import first_failure
 from mavdem.assessment.motion import motion_events
@@ -98,7 +98,7 @@ def judged(telemetry, *reported):
     signals = Signals(telemetry, inputs="motors")
     events = *motion_events(signals), *reported
     assert all(event.sentence for event in events)
-    return {event.code: event for event in events}, ending_of(signals, events, 0.14)
+    return {event.code: event for event in events}, find_ending(signals, events, 0.14)
 
 
 @mark.parametrize("rate", [10.0, 50.0])

@@ -10,10 +10,10 @@ from refusals import prose
 
 from mavdem.assessment.axis.findings import (
     Finding,
-    findings_of,
+    model_findings,
     model_warnings,
     next_step_for_model,
-    with_own_torque_marked,
+    with_vehicle_made_torque_marked,
 )
 from mavdem.assessment.axis.residuals import Residuals
 from mavdem.assessment.condition import Condition
@@ -43,7 +43,7 @@ EFFECT, MOTION, WIND, PREDICTION, RESIDUALS = Purpose
 
 def found(purpose, *known, **more):
     """The finding on a purpose."""
-    return next(one for one in findings_of(*known, **more).purposes if one.purpose is purpose)
+    return next(one for one in model_findings(*known, **more).purposes if one.purpose is purpose)
 
 
 def of_vehicle(oscillation=None, **hover):
@@ -186,10 +186,10 @@ TWISTED = Fact(
 )
 def test_what_overrides_leaves_nothing_good_and_decides_what_to_do(known, code, subject):
     free = {"condition": of_vehicle()}
-    sound = findings_of(model(physical()), held_out(), **free)
+    sound = model_findings(model(physical()), held_out(), **free)
     assert {one.grade for one in sound.purposes} == {GOOD}
     assert next_step_for_model(sound.purposes).code is NextStep.KEEP_MODEL
-    doubted = findings_of(model(physical()), held_out(), **(free | known))
+    doubted = model_findings(model(physical()), held_out(), **(free | known))
     (override,) = doubted.overrides  # which explains what else is wrong
     assert (override.code, override.subject) == (code, subject)
     said = str(Fact(InShort.OVERRIDDEN, reason=override))
@@ -204,7 +204,7 @@ def test_the_largest_of_what_a_motor_lost_is_said_with_its_own_time_and_its_end(
     worse = WEAK._replace(time=90.0, onset_time=80.0, size=0.4, loss=(0.3, 0.5))
     sound = WEAK._replace(time=95.0, onset_time=94.0, size=0.0)
     other = WEAK._replace(motor=2, name="motor 2 (rear left)", size=0.3)
-    first, second = findings_of(alarms=(WEAK, worse, other, sound)).overrides
+    first, second = model_findings(alarms=(WEAK, worse, other, sound)).overrides
     assert (first.time, first.end_time, first.figures["loss"]) == (80.0, 94.0, (0.3, 0.5))
     assert (second.subject, second.end_time) == (other.name, None)
 
@@ -219,16 +219,16 @@ def test_the_largest_of_what_a_motor_lost_is_said_with_its_own_time_and_its_end(
 )
 def test_limits_of_saturation_and_trim(hover, overridden):
     if overridden:
-        assert findings_of(condition=of_vehicle(**hover)).overrides
+        assert model_findings(condition=of_vehicle(**hover)).overrides
     else:
-        assert not findings_of(condition=of_vehicle(**hover)).overrides
+        assert not model_findings(condition=of_vehicle(**hover)).overrides
 
 
 def test_residuals_that_are_far_from_white_are_said():
     learned = model(physical())
     slow = np.convolve(learned.record.outputs[:, 1], np.ones(10) / 3, "same")
     learned.record.outputs[:, 1] = slow
-    findings = findings_of(learned, held_out())
+    findings = model_findings(learned, held_out())
     assert findings.grade(RESIDUALS) is LIMITED
     reason = findings.purposes[-1].reason
     assert (
@@ -278,6 +278,6 @@ def test_warnings_are_only_where_they_mean_something():
 
 def test_the_torque_of_a_vehicle_that_oscillates_is_not_the_winds():
     learned = model(physical())
-    assert with_own_torque_marked(learned, vehicle_made_torque=False) is learned
-    marked = with_own_torque_marked(learned, vehicle_made_torque=True)
+    assert with_vehicle_made_torque_marked(learned, vehicle_made_torque=False) is learned
+    marked = with_vehicle_made_torque_marked(learned, vehicle_made_torque=True)
     assert marked.wind_torque.reason == Fact(GradeReason.OWN_TORQUE)

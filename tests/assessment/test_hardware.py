@@ -6,7 +6,7 @@ import numpy as np
 from hover import Hover, changed, columns, evidence_of
 from pytest import approx, mark
 
-from mavdem.assessment.hardware.calibration import calibration_fact, sensors_of
+from mavdem.assessment.hardware.calibration import calibration_fact, sensors_in_parameters
 from mavdem.assessment.hardware.commands import command_facts
 from mavdem.assessment.hardware.compasses import field_fact
 from mavdem.assessment.hardware.controllers import controllers_fact
@@ -162,7 +162,9 @@ def test_ardupilots_compasses_are_numbered_by_priority_and_need_offsets():
     del parameters["COMPASS_OFS3_X"]
     assert calibration_fact(replace(TELEMETRY, parameters=parameters)).level == "good"
     parameters["COMPASS_OFS3_X"] = 5.0
-    buses = [sensor.bus for sensor in sensors_of(replace(TELEMETRY, parameters=parameters))]
+    buses = [
+        sensor.bus for sensor in sensors_in_parameters(replace(TELEMETRY, parameters=parameters))
+    ]
     assert buses == ["SPI 1", "I2C 1", "I2C 0"]
 
 

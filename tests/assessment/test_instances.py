@@ -8,7 +8,7 @@ from hover import Hover, changed, columns, evidence_of, pulses, with_pulses
 from instrumented import instrumented
 from pytest import approx, mark
 
-from mavdem.assessment.instances import instances_of
+from mavdem.assessment.instances import list_instances
 from mavdem.assessment.lights.estimator import estimator_light
 from mavdem.dataset.intervals import in_intervals
 from mavdem.dataset.signals import Signals
@@ -31,7 +31,7 @@ TIME = HOVER.stamps(5.0)
 
 
 def by_name(telemetry):
-    return {instance.name: instance for instance in instances_of(evidence_of(Signals(telemetry)))}
+    return {instance.name: instance for instance in list_instances(evidence_of(Signals(telemetry)))}
 
 
 def with_sensors():
@@ -85,7 +85,7 @@ def test_outputs_in_flight_are_those_that_carry_the_vehicle():
     spun_up = np.where(is_early | (time >= take_off), outputs, 1000.0)
     (output, *_) = [
         instance
-        for instance in instances_of(evidence_of(Signals(with_pulses(telemetry, spun_up))))
+        for instance in list_instances(evidence_of(Signals(with_pulses(telemetry, spun_up))))
         if instance.kind == "output"
     ]
     assert output.low > 1200
@@ -122,7 +122,7 @@ def test_the_share_of_an_estimator_counts_the_flight_alone():
 
 
 def test_the_table_has_a_row_for_each_instance():
-    instances = instances_of(evidence_of(Signals(with_sensors())))
+    instances = list_instances(evidence_of(Signals(with_sensors())))
     table = instance_table(instances, has_flown=True)
     assert [row[0] for row in table.rows] == [instance.name for instance in instances]
     rows = {row[0]: row for row in table.rows}
@@ -132,7 +132,7 @@ def test_the_table_has_a_row_for_each_instance():
 
 
 def test_ranges_of_a_log_without_flight_are_not_called_ranges_in_flight():
-    instances = instances_of(evidence_of(Signals(with_sensors())))
+    instances = list_instances(evidence_of(Signals(with_sensors())))
     assert "range in flight" in instance_table(instances, has_flown=True).header
     assert "range" in instance_table(instances, has_flown=False).header
 

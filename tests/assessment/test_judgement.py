@@ -9,9 +9,9 @@ from mavdem.assessment.condition import Condition
 from mavdem.assessment.evidence import Evidence
 from mavdem.assessment.judgement import (
     LIGHT_OF_EVENT,
+    choose_next_step,
     headline_of,
     lights_with_event,
-    next_step_of,
 )
 from mavdem.dataset.quality import QualityFigures
 from mavdem.dataset.segment_learnability import Learnability
@@ -87,7 +87,7 @@ def test_the_headline_is_the_worst_that_was_found(levels, more, said):
     known = lights(**levels)
     worst = headline(known, **more)
     assert worst.sentence == said
-    following = next_step_of(worst, known, Fact(NextStep.KEEP_MODEL))
+    following = choose_next_step(worst, known, Fact(NextStep.KEEP_MODEL))
     assert following.code is NextStep.DO_AS_ADVISED
     assert following.figures["reason"] == worst
     if known[Light.POWER] in following.figures["also"]:
@@ -98,7 +98,7 @@ def test_the_headline_is_the_worst_that_was_found(levels, more, said):
 
 def test_a_bad_battery_does_not_hide_the_advice_on_bad_vibration():
     known = lights(power="bad", vibration="bad")
-    following = next_step_of(known[Light.POWER], known, None)
+    following = choose_next_step(known[Light.POWER], known, None)
     assert known[Light.VIBRATION] in following.figures["also"]
 
 
@@ -128,7 +128,7 @@ def test_after_a_loss_each_bad_light_is_in_the_next_step_and_a_bad_motor_first(c
     known = lights(vibration="bad")
     known[Light.MOTORS] = Fact(MotorsLight.MOTOR_LIMITED, subject="motor 2 (left)", share=0.1)
     lost = Fact(code, time=9.0, height=2.0, cause=None, word=None)
-    following = next_step_of(lost, known, None)
+    following = choose_next_step(lost, known, None)
     assert known[Light.VIBRATION] in following.figures["also"]
     assert "motor 2 first" in str(following) and str(following).count("motor 2") == 1
 
@@ -152,7 +152,7 @@ def test_the_headline_of_a_crash_has_a_motor_that_was_weak_before(cause_subject,
     clause = "; the flight before shows that motor 2 works 10 ± 4 % harder than the mean"
     assert (clause in str(worst)) is is_added
     if cause is None:
-        assert "motor 2 first" in str(next_step_of(worst, known, None))
+        assert "motor 2 first" in str(choose_next_step(worst, known, None))
 
 
 def test_a_light_that_only_repeats_what_to_do_first_is_not_in_the_next_step():
@@ -160,14 +160,14 @@ def test_a_light_that_only_repeats_what_to_do_first_is_not_in_the_next_step():
     lost = Fact(Ending.CRASHED, time=9.0, height=2.0, cause=None, word=None)
     first = Fact(LoopAction.DO_FIRST, reason=lost)
     known[Light.MARGINS] = prose("Too little margin.").replace(Level.BAD).replace(action=first)
-    following = next_step_of(lost, known, None)
+    following = choose_next_step(lost, known, None)
     assert following.figures["also"] == (known[Light.VIBRATION],)
 
 
 def test_without_a_flight_it_says_why():
     known = lights(motors="watch")
     assert headline(known, airborne=0.0) == GROUNDED
-    assert next_step_of(GROUNDED, known, None).figures["reason"] == GROUNDED
+    assert choose_next_step(GROUNDED, known, None).figures["reason"] == GROUNDED
 
 
 def test_nothing_wrong_is_said_of_what_was_checked_only():
@@ -177,7 +177,7 @@ def test_nothing_wrong_is_said_of_what_was_checked_only():
     assert "found: motors (losses over 36 %), tracking" in sound.sentence
     assert (sound.code, sound.level) == (Headline.NOTHING_WRONG, "good")
     assert sound.figures["missing"] == (Light.MARGINS,)
-    assert next_step_of(sound, known, None).figures["reason"] == known[Light.LOG]
+    assert choose_next_step(sound, known, None).figures["reason"] == known[Light.LOG]
     dark = dict.fromkeys(Light, "unknown")
     little = headline(lights(**dark | {"tracking": "good"}))
     assert (little.code, little.level) == (Headline.NOTHING_WRONG, "unknown")
@@ -202,8 +202,8 @@ def test_a_sound_vehicle_is_told_what_its_model_is_worth():
     known = lights()
     sound = headline(known)
     longer = Fact(NextStep.FLY_LONGER)
-    assert next_step_of(sound, known, longer) is longer
-    assert next_step_of(sound, known, None).code is NextStep.KEEP_MODEL
+    assert choose_next_step(sound, known, longer) is longer
+    assert choose_next_step(sound, known, None).code is NextStep.KEEP_MODEL
 
 
 def event(code, level=Level.WATCH, **figures):

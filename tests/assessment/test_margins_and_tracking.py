@@ -19,7 +19,7 @@ from scipy.signal import lfilter
 from mavdem.assessment.assess import without_flight_advice
 from mavdem.assessment.axis.loops import loops_of_axes
 from mavdem.assessment.axis.margins import AxisMargins
-from mavdem.assessment.axis.responses import responses_of
+from mavdem.assessment.axis.responses import measure_responses
 from mavdem.assessment.axis.tracking import ANGLE_ERROR_LIMITS, MAX_RESPONSE_PEAK, ResponsePeak
 from mavdem.assessment.condition import Condition
 from mavdem.assessment.evidence import Evidence
@@ -296,7 +296,7 @@ def test_overshoot_is_that_of_the_measured_step_response():
     assert (light.code, light.level) == (TrackingLight.OVERSHOOTS_SETPOINT, "watch")
     assert overshoot == approx(np.exp(-np.pi * damping / np.sqrt(1 - damping**2)), abs=0.06)
     assert light.sentence == f"Roll overshoots its setpoint by {100 * overshoot:.0f} % of a step."
-    response = responses_of(found)["roll"]["attitude"].measured
+    response = measure_responses(found)["roll"]["attitude"].measured
     assert response.overshoot.value == overshoot
     assert tracking_light(stepped(Hover(hovering=100.0), 0.45)).level == "good"
 

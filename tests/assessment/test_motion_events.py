@@ -22,7 +22,7 @@ from instrumented import (
 from pytest import approx, mark
 
 from mavdem.assessment.attitude_error import AttitudeError, largest_error
-from mavdem.assessment.ending import checked_reports, ending_of
+from mavdem.assessment.ending import find_ending, lower_unconfirmed_crash_reports
 from mavdem.assessment.motion import motion_events
 from mavdem.assessment.reported import reported_events
 from mavdem.dataset.signals import Signals
@@ -46,9 +46,9 @@ def judged(telemetry):
     """The last event of each code, and the ending."""
     signals = Signals(telemetry, inputs="motors")
     reports = reported_events(signals)
-    events = checked_reports(signals, [*reports, *motion_events(signals, reports)])
+    events = lower_unconfirmed_crash_reports(signals, [*reports, *motion_events(signals, reports)])
     assert all(event.sentence for event in events)
-    return {event.code: event for event in events}, ending_of(signals, events)
+    return {event.code: event for event in events}, find_ending(signals, events)
 
 
 def witnesses(event, side):

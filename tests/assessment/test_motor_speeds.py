@@ -6,11 +6,11 @@ from instrumented import EVENT, instrumented, knocked, moving, rolled
 from pytest import approx, mark
 from scipy.constants import g as GRAVITY  # noqa: N812
 
-from mavdem.assessment.ending import ending_of
-from mavdem.assessment.instances import instances_of
+from mavdem.assessment.ending import find_ending
+from mavdem.assessment.instances import list_instances
 from mavdem.assessment.motion import motion_events
 from mavdem.assessment.motor_speeds import speed_facts
-from mavdem.assessment.motor_witnesses import with_motor_witnesses
+from mavdem.assessment.motor_witnesses import with_sensor_evidence
 from mavdem.dataset.signals import Signals
 from mavdem.facts import Fact
 from mavdem.facts.ending import FailedFirst, MotionEvent
@@ -47,7 +47,7 @@ def judged(telemetry):
     signals = Signals(telemetry, inputs="motors")
     events = motion_events(signals)
     assert all(event.sentence for event in events)
-    return {event.code: event for event in events}, ending_of(signals, events)
+    return {event.code: event for event in events}, find_ending(signals, events)
 
 
 def codes(event, side):
@@ -105,7 +105,7 @@ def test_motors_that_all_turn_are_no_event():
 def test_a_loss_of_thrust_has_the_speed_of_its_motor_for_or_against_it(speed, code, side):
     signals = Signals(with_speeds(instrumented(), speed), inputs="motors")
     loss = Fact(MotorWatchFact.MOTOR_LOST_THRUST, time=EVENT, subject="motor 2 (rear left)", boot=0)
-    (witnessed,) = with_motor_witnesses(signals, [loss], ())
+    (witnessed,) = with_sensor_evidence(signals, [loss], ())
     assert codes(witnessed, side) == {code}
 
 
@@ -124,7 +124,7 @@ def test_a_loss_states_what_else_of_the_flight_agrees_with_it():
     loss = Fact(MotorWatchFact.MOTOR_SATURATED, time=EVENT, subject=subject, excess=0.4, boot=0)
     report = Fact(ReportedEvent.THRUST_LOST, time=EVENT + 1.0, subject="motor 2", boot=0)
     other = Fact(MotorWatchFact.STEADY_TORQUE_CHANGED, time=EVENT, boot=0)
-    witnessed, unnamed = with_motor_witnesses(signals, [loss, other], [report])
+    witnessed, unnamed = with_sensor_evidence(signals, [loss, other], [report])
     assert {
         SensorFact.COMMAND_ABOVE_OTHERS,
         SensorFact.ATTITUDE_LEFT_SETPOINT,
@@ -137,6 +137,6 @@ def test_a_loss_states_what_else_of_the_flight_agrees_with_it():
 def test_the_table_names_the_motor_of_a_controller_and_that_it_stood_still():
     signals = Signals(with_speeds(instrumented()), inputs="motors")
     evidence = evidence_of(signals, events=motion_events(signals))
-    states = {one.name: one.state for one in instances_of(evidence)}
+    states = {one.name: one.state for one in list_instances(evidence)}
     assert "stood still" in states["ESC 2 (motor 2)"].sentence
     assert states["ESC 1 (motor 1)"].level == "good"

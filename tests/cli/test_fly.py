@@ -8,7 +8,7 @@ from unittest.mock import Mock
 from command_line import document_of, refused, run, strict_json
 from pytest import fail, mark
 
-from sitl_scenarios.files import load, names, scenario_of, scenario_toml
+from sitl_scenarios.files import load, names, scenario_from_table, scenario_toml
 
 SHORT = ["--duration", "20"]
 
@@ -30,7 +30,7 @@ def test_the_list_is_one_a_line_name_first(capsys):
 def test_a_description_is_a_file_that_is_the_same_scenario(name, tmp_path):
     scenario = load(name)
     text = scenario_toml(scenario)
-    assert scenario_of(tomllib.loads(text)) == scenario
+    assert scenario_from_table(tomllib.loads(text)) == scenario
     # Every key that is on or off says so.
     assert text.count("; true or false") == len(re.findall(r"(?m)^\w+ = (?:true|false)\b", text))
 

@@ -12,7 +12,7 @@ from mavdem import wind
 from mavdem.fleet.priors import earlier_drag
 from mavdem.fleet.rows_of_log import rows_of_log
 from mavdem.report.pages.fleet_page import fleet_page
-from mavdem.report.vehicle_summary import summaries_of
+from mavdem.report.vehicle_summary import vehicle_summaries
 from mavdem.wind_velocity.compass import compass_text, compass_words
 from sitl_scenarios.files import load, scenario_toml
 
@@ -49,7 +49,7 @@ def test_the_wind_is_shown_as_it_is_estimated(tmp_path, capsys):
     # A list shows no wind that its light does not judge.
     direction = compass_text(found.direction)
     for light, is_shown in (("good", True), ("unknown", False)):
-        page = fleet_page(summaries_of([replace(row, light_wind=light)]))
+        page = fleet_page(vehicle_summaries([replace(row, light_wind=light)]))
         assert (direction in page) is is_shown
     assert run("wind", log, "--out", tmp_path / "wind") == 0
     page = (tmp_path / "wind" / "wind.html").read_text()

@@ -15,7 +15,7 @@ from mavdem.experiments.compared_methods import Method
 from mavdem.experiments.outcomes import evaluate_window
 from mavdem.experiments.paired_test import Paired, paired
 from mavdem.experiments.scores import KNOWN_INPUTS
-from mavdem.experiments.window import Window, disjoint, windows
+from mavdem.experiments.window import Window, disjoint_windows, windows
 from mavdem.facts.forecasts import TestResult
 
 RNG = default_rng(0)
@@ -85,10 +85,10 @@ def overlapping(count, hop=425, flight="a"):
 
 
 def test_windows_that_overlap_are_not_tested_together():
-    assert disjoint(overlapping(4, hop=300)).tolist() == [0, 3]
-    assert disjoint([*overlapping(3), *overlapping(3, flight="b")]).tolist() == [0, 2, 3, 5]
-    assert disjoint(overlapping(5)[::-1]).tolist() == [0, 2, 4]
-    assert disjoint([]).tolist() == []
+    assert disjoint_windows(overlapping(4, hop=300)).tolist() == [0, 3]
+    assert disjoint_windows([*overlapping(3), *overlapping(3, flight="b")]).tolist() == [0, 2, 3, 5]
+    assert disjoint_windows(overlapping(5)[::-1]).tolist() == [0, 2, 4]
+    assert disjoint_windows([]).tolist() == []
 
 
 def test_the_test_is_wilcoxons_on_log_ratios():

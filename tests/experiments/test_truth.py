@@ -10,7 +10,7 @@ from refusals import unreadable
 from mavdem.dem import Learned
 from mavdem.dem.record import Record
 from mavdem.experiments.paper.flights import settled_hover
-from mavdem.experiments.truth import compare_with_truth, read_truth, truth_of
+from mavdem.experiments.truth import compare_with_truth, read_truth, read_truth_of_flight
 from mavdem.facts import Fact
 from mavdem.facts.forecasts import ForecastFact
 from mavdem.facts.identifiability import Status
@@ -70,7 +70,7 @@ def path(scenario, motion, tmp_path_factory):
 
 
 def compared(learned, path, *flights):
-    return compare_with_truth(learned, flights, truth_of(flights, path))
+    return compare_with_truth(learned, flights, read_truth_of_flight(flights, path))
 
 
 def test_in_segments_it_is_the_same(learned, flight, path):
@@ -128,10 +128,13 @@ def test_while_a_motor_is_weak_its_weaker_effect_is_the_truth(
 def test_the_truth_of_another_flight_is_refused(flight, motion, path, tmp_path):
     other = dict(np.load(path)) | {"known_rates": motion.known_rates / 1.5}
     np.savez(tmp_path / "other.npz", **other)
-    fact = unreadable(truth_of, [flight], tmp_path / "other.npz")
+    fact = unreadable(read_truth_of_flight, [flight], tmp_path / "other.npz")
     assert (fact.code, fact.subject) == (ForecastFact.TRUTH_OF_ANOTHER_FLIGHT, "roll rate")
     assert (fact.time, fact.end_time) == (flight.time[0], flight.time[-1])
-    assert unreadable(truth_of, [replace(flight, time=flight.time + 100.0)], path).code is fact.code
+    assert (
+        unreadable(read_truth_of_flight, [replace(flight, time=flight.time + 100.0)], path).code
+        is fact.code
+    )
 
 
 @mark.parametrize(

@@ -13,8 +13,8 @@ from mavdem.export.fields import (
     UNSET_VALUES,
     FieldSamples,
     extremes_of_intervals,
-    messages_of,
-    samples_of,
+    field_samples,
+    numeric_messages,
 )
 from mavdem.ingest.telemetry import Telemetry
 
@@ -50,7 +50,7 @@ def telemetry():
 
 
 def test_messages_are_listed_with_numeric_fields_and_instances(telemetry):
-    attitude, escs = messages_of(telemetry)
+    attitude, escs = numeric_messages(telemetry)
     assert attitude.fields == ("q[0]", "q[1]", "q[2]", "q[3]")
     assert attitude.instances == () and attitude.name_in_source == "ATT/AHR2"
     assert escs.fields == ("Instance", "RPM") and escs.instances == (0, 1)
@@ -58,10 +58,10 @@ def test_messages_are_listed_with_numeric_fields_and_instances(telemetry):
 
 
 def test_samples_are_those_of_one_instance_and_boot(telemetry):
-    first_esc = samples_of(telemetry, "ESC", "RPM", instance=0)
+    first_esc = field_samples(telemetry, "ESC", "RPM", instance=0)
     np.testing.assert_array_equal(first_esc.time, [1, 1.5])
     np.testing.assert_array_equal(first_esc.values, [100, 110])
-    after_reboot = samples_of(telemetry, "AHR2", "q[1]", boot=1)
+    after_reboot = field_samples(telemetry, "AHR2", "q[1]", boot=1)
     assert (after_reboot.time.tolist(), after_reboot.values.tolist()) == ([0.2], [1.0])
 
 
@@ -69,7 +69,7 @@ def test_samples_ascend_in_time_where_messages_came_late(telemetry):
     late = dict(telemetry.messages["ESC"])
     late["time"] = np.array([1.0, 3.0, 2.0, 2.0])
     late["RPM"] = np.array([100, 200, 110, 120])
-    samples = samples_of(replace(telemetry, messages={"ESC": late}), "ESC", "RPM")
+    samples = field_samples(replace(telemetry, messages={"ESC": late}), "ESC", "RPM")
     assert samples.time.tolist() == [1, 2, 2, 3]
     assert samples.values.tolist() == [100, 110, 120, 200]
     thinned = extremes_of_intervals(samples, 1)
@@ -96,19 +96,19 @@ def test_no_other_message_is_read_for_one_by_its_name_in_the_log(telemetry):
             return len(telemetry.messages)
 
     counted = replace(telemetry, messages=CountedMessages())
-    samples_of(counted, "AHR2", "q[0]")
+    field_samples(counted, "AHR2", "q[0]")
     with raises(ValueError, match="the log has no NONE"):
-        samples_of(counted, "NONE", "q[0]")
+        field_samples(counted, "NONE", "q[0]")
     assert CountedMessages.names_of_read == ["ATTITUDE_QUATERNION"]
 
 
 def test_what_the_log_lacks_is_refused_with_what_it_has(telemetry):
     with raises(ValueError, match="the log has no GPS: it has ATTITUDE_QUATERNION, ESC"):
-        samples_of(telemetry, "GPS", "Alt")
+        field_samples(telemetry, "GPS", "Alt")
     with raises(ValueError, match="ESC has no field rpm: it has Instance, RPM"):
-        samples_of(telemetry, "ESC", "rpm")
+        field_samples(telemetry, "ESC", "rpm")
     with raises(ValueError, match="ESC has no instance 7: there is 0, 1"):
-        samples_of(telemetry, "ESC", "RPM", instance=7)
+        field_samples(telemetry, "ESC", "RPM", instance=7)
 
 
 def test_unset_values_are_gaps(telemetry):
@@ -120,9 +120,9 @@ def test_unset_values_are_gaps(telemetry):
         "current_battery": np.array([-1, 200], np.int16),
     }
     telemetry = replace(telemetry, messages={"BATTERY_STATUS": columns})
-    assert samples_of(telemetry, "BATTERY_STATUS", "voltages[0]").values.tolist() == [3700, 3600]
-    assert np.isnan(samples_of(telemetry, "BATTERY_STATUS", "voltages[1]").values).all()
-    current = samples_of(telemetry, "BATTERY_STATUS", "current_battery").values
+    assert field_samples(telemetry, "BATTERY_STATUS", "voltages[0]").values.tolist() == [3700, 3600]
+    assert np.isnan(field_samples(telemetry, "BATTERY_STATUS", "voltages[1]").values).all()
+    current = field_samples(telemetry, "BATTERY_STATUS", "current_battery").values
     assert np.isnan(current[0]) and current[1] == 200
 
 

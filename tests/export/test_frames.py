@@ -25,7 +25,7 @@ from mavdem.facts.identifiability import Status
 from mavdem.facts.model import NoPlant
 from mavdem.flight import Flight
 from mavdem.plant import Physical
-from mavdem.report.series import series_of
+from mavdem.report.series import recording_series
 
 
 @fixture(scope="module")
@@ -160,7 +160,7 @@ def test_what_was_learned_stands_beside_it(tmp_path, result):
     series = read(tmp_path / "flight.mcap")
     assert list(series["flight/outputs"][1]) == ["roll", "roll_rate"]
     assert list(series["flight/inputs"][1]) == ["motor_1", "motor_2", "motor_3", "motor_4"]
-    for topic, (time, _, values) in series_of([train], learned, held_out).items():
+    for topic, (time, _, values) in recording_series([train], learned, held_out).items():
         assert np.allclose(series[topic][0], time, atol=1e-9), topic
         assert np.array_equal(np.column_stack(list(series[topic][1].values())), values), topic
     assert_array_equal(series["held_out/measured"][0], test.time)

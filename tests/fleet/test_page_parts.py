@@ -6,11 +6,11 @@ from standin_logs import fleet_of
 
 from mavdem.facts.lights import Light
 from mavdem.fleet.judgement import mark_pages_updated, outdated_vehicles
-from mavdem.fleet.page_parts import kept_charts, kept_summaries
+from mavdem.fleet.page_parts import cached_charts, cached_summaries
 from mavdem.fleet.store import open_store
 from mavdem.fleet_pages import write_fleet_pages
 from mavdem.report.fleet import light_level
-from mavdem.report.vehicle_summary import summaries_of, summary_adapter
+from mavdem.report.vehicle_summary import summary_adapter, vehicle_summaries
 
 
 def index_of(folder, *steps):
@@ -41,7 +41,7 @@ def test_the_light_of_the_motors_is_as_bad_as_their_health_in_a_fleet():
 
 
 def test_a_summary_is_the_same_after_it_was_kept():
-    for summary in summaries_of(fleet_rows(20)):
+    for summary in vehicle_summaries(fleet_rows(20)):
         adapter = summary_adapter()
         assert adapter.validate_json(adapter.dump_json(summary)) == summary
 
@@ -56,7 +56,7 @@ def test_only_vehicles_that_were_judged_anew_are_summed_up_again(tmp_path):
 
     def summaries(store, version="1"):
         outdated = outdated_vehicles(store)
-        found = kept_summaries(store, version, outdated, make)
+        found = cached_summaries(store, version, outdated, make)
         mark_pages_updated(store, outdated)
         return found
 
@@ -64,11 +64,11 @@ def test_only_vehicles_that_were_judged_anew_are_summed_up_again(tmp_path):
     fleet_of(tmp_path, rows)
     with open_store(tmp_path) as store:
         assert summaries(store) == ["a 1", "b 2", "c 3"]
-        assert kept_charts(store, "b", make) == kept_charts(store, "b", make) == "b 4"
+        assert cached_charts(store, "b", make) == cached_charts(store, "b", make) == "b 4"
     fleet_of(tmp_path, [flight_row("b", 1, key="new-1")])
     with open_store(tmp_path) as store:
         assert summaries(store) == ["a 1", "b 5", "c 3"]
-        assert kept_charts(store, "b", make) == "b 6"
+        assert cached_charts(store, "b", make) == "b 6"
         # What was made by another version is made again.
         assert summaries(store, "2") == ["a 7", "b 8", "c 9"]
 

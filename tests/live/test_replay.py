@@ -112,7 +112,7 @@ def recorded(path):
 
 
 @lru_cache(1)
-def vehicles_of(path):
+def group_by_vehicle(path):
     return read_log(path).vehicles
 
 
@@ -129,7 +129,7 @@ def first_seconds(path, folder, seconds):
 
 
 def hold_against_offline(path):
-    telemetry = choose_vehicle(vehicles_of(path), None)
+    telemetry = choose_vehicle(group_by_vehicle(path), None)
     made = replay(recorded(path))
     found = settled_segments(Signals(telemetry))
     fast = [segment for segment in found if segment.duration > 10]
@@ -184,7 +184,7 @@ def hold_against_offline(path):
 def test_a_recorded_flight_gives_what_it_gives_offline(path, tmp_path):
     if path.stem != TO_THE_GROUND:
         path = first_seconds(path, tmp_path, SECONDS.get(path.stem, 45.0))
-    if "SUBMARINE" in {vehicle.vehicle for vehicle in vehicles_of(path)}:
+    if "SUBMARINE" in {vehicle.vehicle for vehicle in group_by_vehicle(path)}:
         assert not replay(recorded(path)).rows
     else:
         hold_against_offline(path)

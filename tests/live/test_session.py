@@ -49,7 +49,7 @@ from mavdem.live.wind import WindEstimate
 from mavdem.report.charts.timeline import live_timeline
 from mavdem.report.numbers import plus_minus
 from mavdem.report.pages.flight_page import live_page
-from sitl_scenarios.files import load, scenario_of
+from sitl_scenarios.files import load, scenario_from_table
 
 pytestmark = mark.usefixtures("without_wind_fits")
 COMPLETE = Settings(order=3, d=2, window=9, parameter_precision=10.0)
@@ -619,7 +619,7 @@ def test_a_session_with_all_faults_ends_with_a_good_model(
     long = load("ardupilot_faults").model_dump(mode="json")
     slower = {"SCHED_LOOP_RATE": 200.0}
     weak = {**long["vehicle"], "weak_from": 37.0, "parameters": slower}  # all of the second flight
-    scenario = scenario_of({**long, **SHORT, "faults": FAULTS, "vehicle": weak})
+    scenario = scenario_from_table({**long, **SHORT, "faults": FAULTS, "vehicle": weak})
     session, account = run_session(scenario)
     said = {event.fact.code for event in session.history.events}
     happened = {

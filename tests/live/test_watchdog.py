@@ -15,7 +15,7 @@ from pytest import approx, fixture, mark
 from rich.console import Console
 from rich.live import Live
 
-from mavdem.assessment.judgement import Judgement, headline_by_lights, next_step_of
+from mavdem.assessment.judgement import Judgement, choose_next_step, headline_by_lights
 from mavdem.cli.live_status import StatusLines
 from mavdem.dataset.segment_learnability import slow_streams
 from mavdem.facts import Fact, Level
@@ -509,7 +509,7 @@ def test_the_headline_counts_lights_that_need_no_model():
     lights = {str(light): unknown for light in Light}
     lights["margins"] = Fact(LogLight.RECORDED_FAST, Level.GOOD)
     headline = headline_by_lights(lights)
-    judged = Judgement(headline, next_step_of(headline, lights, None), lights)
+    judged = Judgement(headline, choose_next_step(headline, lights, None), lights)
     motors = {Light.MOTORS: Fact(MotorsLight.MOTORS_EVEN, Level.GOOD)}
     status = SessionStatus(model_judgement=judged, worst_lights=motors)
     headline = status.overall_judgement.headline
@@ -665,7 +665,7 @@ def test_what_was_asked_for_in_vain_is_not_advised():
     lights = {str(light): Fact(LogLight.RECORDED_FAST, Level.GOOD) for light in Light}
     unknown = lights["vibration"] = Fact(VibrationLight.VIBRATION_UNKNOWN, recorder="")
     headline = Fact(Headline.NOTHING_WRONG, Level.GOOD)
-    judged = Judgement(headline, next_step_of(headline, lights, None), lights)
+    judged = Judgement(headline, choose_next_step(headline, lights, None), lights)
     status = SessionStatus(model_judgement=judged)
     assert "Ask for VIBRATION" in str(status.overall_judgement.next_step)
     asked = replace(status, absent_messages=frozenset({"VIBRATION"})).overall_judgement

@@ -61,7 +61,7 @@ from mavdem.report.charts.flight_charts import loop_charts
 from mavdem.report.vehicle_files import vehicle_text
 from mavdem.wind_velocity.estimation import WindVelocity
 from mavdem.wind_velocity.vehicle_drag import Drag
-from sitl_scenarios.files import scenario_of
+from sitl_scenarios.files import scenario_from_table
 from sitl_scenarios.scenario import SteadyWind
 from sitl_scenarios.simulation import fly
 from sitl_scenarios.truth import truth
@@ -459,7 +459,9 @@ def test_a_twin_has_the_margins_of_its_loop_and_its_cycle_in_the_delay(delay):
     body = twin(loop)
     assert body.lag + body.delay == approx(0.02 + delay - 0.5 / 250)
     if delay:
-        scenario = scenario_of(tomllib.loads(vehicle_text(body, ".toml", "")) | {"duration": 15.0})
+        scenario = scenario_from_table(
+            tomllib.loads(vehicle_text(body, ".toml", "")) | {"duration": 15.0}
+        )
         found = truth(scenario, fly(scenario))["roll_rate_margins"]
         known = [loop.crossover, loop.phase_margin, loop.gain_margin, loop.ms]
         assert found == approx(known, rel=0.02)
@@ -493,7 +495,7 @@ def test_a_twin_has_the_mean_wind_of_the_flight_where_it_is_known(known):
         WindVelocity, speed=3.0, speed_interval=(2.0, 4.0), direction=80.0, status=status
     )
     body = twin(made_up(), wind=wind)
-    scenario = scenario_of(tomllib.loads(vehicle_text(body, ".toml", "a.tlog")))
+    scenario = scenario_from_table(tomllib.loads(vehicle_text(body, ".toml", "a.tlog")))
     assert scenario.wind == (SteadyWind(kind="steady", speed=3.0, direction=80.0),) * known
     assert str(body.notes["drag_linear"]).endswith(", typical: not identified from this flight")
     assert scenario.vehicle.drag_linear == approx(OF_ALL.linear, rel=1e-4), "the wind pushes it"

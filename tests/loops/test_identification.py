@@ -31,12 +31,12 @@ from mavdem.loops.identified_plant import physical_plant
 from mavdem.loops.loop_construction import loop_from_plant
 from mavdem.plant import physical
 from mavdem.plant.closed_loop.parameters import PARAMETER_NAMES
-from sitl_scenarios.files import scenario_of
+from sitl_scenarios.files import scenario_from_table
 from sitl_scenarios.simulation import fly
 from sitl_scenarios.truth import truth
 
 pytestmark = mark.slow
-SCENARIO = scenario_of(
+SCENARIO = scenario_from_table(
     {
         "seed": 12,
         "duration": 46,
@@ -273,7 +273,7 @@ def test_with_motors_at_their_limits_the_margins_are_true():
     hard["vehicle"]["parameters"] = {"IMU_GYRO_RATEMAX": 200}
     hard["stream"] = {"rate": 100, "rates": {"ATTITUDE_TARGET": 100}}
     hard["excitation"] |= {"amplitude": 25.0, "width": 0.1}
-    known, log = logged(scenario_of(hard))
+    known, log = logged(scenario_from_table(hard))
     signals, flights = flown(log)
     loop = loop_from_plant(identify_plant_in_loop(signals, flights), Record.from_flights(flights))
     fit, *_ = (found.fit for found in signals.cache.values() if hasattr(found, "fit"))
@@ -337,7 +337,7 @@ def test_a_simulated_flight_has_the_margins_of_its_linearised_loop():
     vehicle = {"model": "iris", "rate_gain": 1.4, "parameters": parameters}
     stream = {"autopilot": "ardupilot", "rates": {"ATTITUDE_TARGET": 100}}
     scenario = {"excitation": steered, "stream": stream, "seed": 5, "duration": 45}
-    known, log = logged(scenario_of(scenario | {"vehicle": vehicle}))
+    known, log = logged(scenario_from_table(scenario | {"vehicle": vehicle}))
     record = Record.from_flights(flown(log)[1])
     plant = physical(record)
     loop = loop_from_plant(plant, record)

@@ -6,7 +6,7 @@ from numpy.random import default_rng
 from pytest import approx, mark
 from scipy.signal import cont2discrete, lfilter
 
-from mavdem.assessment.condition import condition_of
+from mavdem.assessment.condition import measure_condition
 from mavdem.dataset.signals import Signals
 from mavdem.dataset.time_series import TimeSeries
 from mavdem.loops.limit_cycles import MIN_DURATION, detect_starting_limit_cycle
@@ -16,7 +16,7 @@ HOVER = Hover(hovering=40.0)
 
 def found(rate, command, hertz=100.0, offset=0.0, pitch=0.0):
     """Of a hover with a roll rate (N,), deg/s, and a roll command (N,), µs, that are functions of time, s."""
-    return condition_of(hover_signals(rate, command, hertz, offset, pitch)).oscillation
+    return measure_condition(hover_signals(rate, command, hertz, offset, pitch)).oscillation
 
 
 def hover_signals(rate, command, hertz=100.0, offset=0.0, pitch=0.0):
@@ -79,7 +79,7 @@ def test_yaw_oscillates_like_the_other_axes():
     yaw_rate = np.radians(swinging(6.0, 60.0)(time))
     limited = with_limited_outputs(HOVER.telemetry(), YAW_QUAD, swinging(6.0, 900.0)(time))
     turning = changed(limited, "ATTITUDE", yawspeed=yaw_rate)
-    condition = condition_of(Signals(turning))
+    condition = measure_condition(Signals(turning))
     assert condition.oscillation.axis == "yaw" and not condition.oscillation.other_axes
     assert condition.oscillation.frequency == approx(6.0, abs=0.25)
     assert condition.oscillation.at_limit > 0.5
@@ -90,7 +90,7 @@ def test_a_yaw_that_a_rolling_vehicle_shakes_does_not_oscillate_by_itself():
     roll_rate = np.radians(swinging(7.0, 85.0)(time))
     limited = with_limited_outputs(HOVER.telemetry(), X_QUAD, swinging(7.0, 900.0)(time))
     turning = changed(limited, "ATTITUDE", rollspeed=roll_rate, yawspeed=0.2 * roll_rate)
-    condition = condition_of(Signals(turning))
+    condition = measure_condition(Signals(turning))
     assert (condition.oscillation.axis, condition.oscillation.other_axes) == ("roll", ())
 
 

@@ -8,7 +8,7 @@ from fleet_rows import WEAK, flight_row
 from pytest import mark
 
 from mavdem.fleet.difference import baseline_differences, vehicle_difference
-from mavdem.fleet.flights import flights_of
+from mavdem.fleet.flights import group_into_flights
 from mavdem.fleet.names import GivenNames
 from mavdem.fleet.parameter_changes import ParameterChange
 from mavdem.report import fleet_summary
@@ -21,17 +21,17 @@ from mavdem.report.difference import (
 )
 from mavdem.report.fleet import vehicle_health, vehicle_texts
 from mavdem.report.flight_lines import COLUMNS, flight_line
-from mavdem.report.vehicle_summary import summaries_of
+from mavdem.report.vehicle_summary import vehicle_summaries
 
 
 def fleet_blocks(rows, **options):
     """The summary of a fleet with these rows."""
-    return fleet_summary.fleet_blocks(summaries_of(rows), **options)
+    return fleet_summary.fleet_blocks(vehicle_summaries(rows), **options)
 
 
 def fleet_counts(rows):
     """The counts of a fleet with these rows."""
-    return fleet_summary.fleet_counts(summaries_of(rows))
+    return fleet_summary.fleet_counts(vehicle_summaries(rows))
 
 
 def test_vehicles_in_trouble_come_first_and_the_worst_before_others():
@@ -243,7 +243,7 @@ def test_the_latest_flight_of_each_vehicle_is_compared_with_the_baseline():
 
 def test_a_flight_without_a_date_comes_last():
     rows = [flight_row("quad", 0, date=None), flight_row("quad", 1)]
-    assert sum(flights_of(rows), []) == rows[::-1]
+    assert sum(group_into_flights(rows), []) == rows[::-1]
 
 
 @mark.parametrize("level, text", [("good", "5.7 W (270°) →"), ("unknown", "")])

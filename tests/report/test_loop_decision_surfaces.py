@@ -45,7 +45,7 @@ from mavdem.loops.margins import OpenLoop
 from mavdem.loops.resonance import Resonance
 from mavdem.plant import Physical
 from mavdem.report.blocks import Sentence
-from mavdem.report.charts.timeline import timeline_of
+from mavdem.report.charts.timeline import assessment_timeline
 from mavdem.report.loops import (
     is_about_loops,
     margin_overview,
@@ -280,7 +280,7 @@ def texts(blocks):
 
 def rerun_texts(assessment, path):
     """The documents of the tabs of flight and loops in a Rerun recording."""
-    timeline = timeline_of(assessment)
+    timeline = assessment_timeline(assessment)
     with recording_to_file(path, "flight") as recording:
         tabs = RecordingTabs(recording, assessment, timeline)
         tabs.summary()

@@ -9,7 +9,7 @@ from pytest import approx, mark
 
 from mavdem.ingest.vocabulary import CONTROL_PARAMETERS
 from sitl_scenarios.dynamics import State
-from sitl_scenarios.files import scenario_of
+from sitl_scenarios.files import scenario_from_table
 from sitl_scenarios.gains import control_parameters
 from sitl_scenarios.mixers import px4_thrusts
 from sitl_scenarios.plan import LANDING_SPEED, FlightPlan
@@ -163,7 +163,7 @@ def test_the_parameters_that_are_sent_fly_as_the_own_controller_does(autopilot):
         "excitation": {"kind": "doublets"},
         "stream": {"autopilot": autopilot},
     }
-    own = scenario_of(table)
+    own = scenario_from_table(table)
     given = {
         name: value
         for name, value in control_parameters(own).items()
@@ -173,7 +173,7 @@ def test_the_parameters_that_are_sent_fly_as_the_own_controller_does(autopilot):
         next(name for name in given if name in ("MC_ROLLRATE_P", "ATC_RAT_RLL_P")): 0.05
     }
     flown = [
-        fly(scenario_of(table | {"vehicle": vehicle | {"parameters": one}})).rates
+        fly(scenario_from_table(table | {"vehicle": vehicle | {"parameters": one}})).rates
         for one in ({}, given, other)
     ]
     moved = flown[0]
@@ -192,7 +192,7 @@ def test_a_parameter_set_in_flight_is_flown_from_then_on(instruments):
         "stream": {"instruments": instruments},
     }
     spec["excitation"] = {"kind": "doublets", "axis": "roll"}
-    changed, unchanged = (simulation_of(scenario_of(spec)) for _ in range(2))
+    changed, unchanged = (simulation_of(scenario_from_table(spec)) for _ in range(2))
     changed.advance(800)
     unchanged.advance(800)
     assert not changed.set_parameter("MC_ROLLRATE_P", -1.0)

@@ -6,7 +6,7 @@ from pytest import approx, mark
 
 from mavdem.loops.filters import gyro_response
 from sitl_scenarios import mixers
-from sitl_scenarios.files import scenario_of
+from sitl_scenarios.files import scenario_from_table
 from sitl_scenarios.gyro import Gyro
 from sitl_scenarios.parameter_controller import ParameterController
 from sitl_scenarios.rotors import rotor_frame
@@ -36,7 +36,7 @@ def sensed(gyro, *rates):
 
 def of(autopilot, **parameters):
     table = {"stream": {"autopilot": autopilot}, "vehicle": {"parameters": parameters}}
-    return scenario_of(table)
+    return scenario_from_table(table)
 
 
 @mark.parametrize("autopilot", GYROS)

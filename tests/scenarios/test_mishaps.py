@@ -8,7 +8,7 @@ from pytest import approx, mark, raises
 from mavdem.errors import Unreadable
 from mavdem.ingest.mavlink.vehicles import assemble
 from sitl_scenarios.damage import damage_history
-from sitl_scenarios.files import SECTION_KINDS, load, names, scenario_of
+from sitl_scenarios.files import SECTION_KINDS, load, names, scenario_from_table
 from sitl_scenarios.mavlink.transmitter import recorded_stream
 from sitl_scenarios.rotors import CIRCLES, rotor_count, rotor_frame
 from sitl_scenarios.simulation import fly
@@ -25,7 +25,7 @@ class Flight:
     """A short flight with a mishap: its motion and the messages that its autopilot sent."""
 
     def __init__(self, kind, autopilot="ardupilot", duration=15.0, **mishap):
-        self.scenario = scenario_of(
+        self.scenario = scenario_from_table(
             {
                 "duration": duration,
                 "height": 3.0,
@@ -71,7 +71,9 @@ def test_rotors_of_a_frame_balance(frame):
 
 
 def test_a_fading_motor_loses_its_thrust_step_by_step():
-    scenario = scenario_of({"mishap": {"kind": "motor_fade", "start": 10.0, "thrust": 0.25}})
+    scenario = scenario_from_table(
+        {"mishap": {"kind": "motor_fade", "start": 10.0, "thrust": 0.25}}
+    )
     times, conditions = zip(*damage_history(scenario), strict=True)
     assert (times[0], times[-1]) == approx((10.1, 30.0))
     assert conditions[-1].speed == approx((0.5, 1.0, 1.0, 1.0))
@@ -79,7 +81,7 @@ def test_a_fading_motor_loses_its_thrust_step_by_step():
 
 def test_a_frame_of_six_is_no_quadrotor_to_its_autopilot():
     with raises(ValueError, match="quadrotors only"):
-        scenario_of({"vehicle": {"frame": "hexa_x", "mixer": "plus"}})
+        scenario_from_table({"vehicle": {"frame": "hexa_x", "mixer": "plus"}})
 
 
 @mark.slow
@@ -224,7 +226,7 @@ def test_a_dive_is_caught_without_a_knock():
 
 @mark.slow
 def test_a_flip_rolls_once_around():
-    scenario = scenario_of(
+    scenario = scenario_from_table(
         load("flip").model_dump(mode="json")
         | {"duration": 45.0, "vehicle": {"parameters": {"SCHED_LOOP_RATE": 100.0}}}
     )

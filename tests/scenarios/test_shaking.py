@@ -13,7 +13,7 @@ from mavdem.loops.controllers import controller_from_parameters
 from mavdem.vibration.notch_filters import notch_advice
 from mavdem.vibration.spectra import vibration_spectra
 from mavdem.vibration.spectral_lines import LineCause, find_spectral_lines
-from sitl_scenarios.files import scenario_of
+from sitl_scenarios.files import scenario_from_table
 from sitl_scenarios.sensors import GyroVibration
 from sitl_scenarios.simulation import simulation_of
 from sitl_scenarios.truth import truth
@@ -28,7 +28,7 @@ SHAKING = {"gyro": 0.05, "frame": 75.0, "frame_gyro": 0.02}
 
 
 def flight(shaking, **parameters):
-    return scenario_of(
+    return scenario_from_table(
         {
             "seed": 3,
             "duration": 24.5,

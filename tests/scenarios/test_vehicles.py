@@ -6,7 +6,7 @@ import numpy as np
 from pytest import approx, mark
 
 from sitl_scenarios.dynamics import AirState, vehicle_dynamics
-from sitl_scenarios.files import scenario_of
+from sitl_scenarios.files import scenario_from_table
 from sitl_scenarios.mavlink.autopilots import ARDUPILOT, PX4
 from sitl_scenarios.mavlink.messages import parameters
 from sitl_scenarios.parameter_controller import controller_for
@@ -63,7 +63,7 @@ def test_an_autopilot_may_take_the_frame_for_another():
     mixed = []
     for kind in (taken, {"frame": "plus"}):
         vehicle = {**kind, "parameters": {"ATC_RAT_RLL_P": 0.1}}
-        flown = controller_for(scenario_of({"vehicle": vehicle, "stream": stream}))
+        flown = controller_for(scenario_from_table({"vehicle": vehicle, "stream": stream}))
         mixed.append(flown.motor_commands(ROLL))
     assert mixed[0] == mixed[1]
 

@@ -39,7 +39,7 @@ from mavdem.fleet_pages import INDEX_FILE, write_fleet_pages
 from mavdem.machine import free_port
 from mavdem.report.blocks import Table, markdown
 from mavdem.report.fleet_summary import fleet_counts
-from mavdem.report.vehicle_summary import summaries_of
+from mavdem.report.vehicle_summary import vehicle_summaries
 
 # What processes have used is measured by the means of POSIX.
 assert sys.platform != "win32"
@@ -564,7 +564,7 @@ def _cluster_seconds(
         cost = run_mavdem("track", *logs, "--out", folder, "--scheduler", running.address)
         if kill_timer is not None:
             kill_timer.join()
-        flights = fleet_counts(summaries_of(read_brief_rows(Path(folder))))["flights"]
+        flights = fleet_counts(vehicle_summaries(read_brief_rows(Path(folder))))["flights"]
     return cost.seconds, flights
 
 

@@ -183,7 +183,7 @@ class LogExtent(NamedTuple):
     """Longest time from the first message to the last in a boot, s."""
 
 
-def extent_of(log: Log) -> LogExtent:
+def log_extent(log: Log) -> LogExtent:
     """Returns the number of boots of a log, and the longest time that messages of one name span in one boot.
 
     Args:
@@ -239,7 +239,7 @@ def attempt(path: Path, command: str) -> Attempt:
     ):
         try:
             if command == "read":
-                extent = extent_of(read_log(path))
+                extent = log_extent(read_log(path))
             elif command == "convert":
                 mavdem_main(["convert", str(path), str(path.with_name("converted.csv"))])
             elif command == "review":

@@ -35,7 +35,7 @@ from mavdem.fleet.parameter_changes import changed_parameters
 from mavdem.fleet.row import FlightRows
 from mavdem.fleet.rows_of_log import rows_of_assessment
 from mavdem.loops.advice import GAIN_REDUCTION
-from sitl_scenarios.files import scenario_of
+from sitl_scenarios.files import scenario_from_table
 from sitl_scenarios.scenario import Scenario
 
 RATE_GAINS = {
@@ -110,7 +110,7 @@ def changed_flights(scenario: Scenario, weak_motor: int) -> dict[str, FlownChang
     }
     values = scenario.model_dump(mode="json")
     values["vehicle"] |= {"weak_motor": weak_motor, "weak_thrust": REMAINING_THRUST}
-    scenario_with_weak_motor = scenario_of(values)
+    scenario_with_weak_motor = scenario_from_table(values)
     return {
         "first": FlownChange(scenario, {}),
         "second": FlownChange(scenario, {}),

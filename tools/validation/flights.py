@@ -16,7 +16,7 @@ from mavdem.files import load_adjacent_toml
 from mavdem.ingest.mavlink.vehicles import assemble
 from mavdem.ingest.telemetry import Telemetry
 from mavdem.report.blocks import Blocks, Sentence, Table, markdown
-from sitl_scenarios.files import scenario_of
+from sitl_scenarios.files import scenario_from_table
 from sitl_scenarios.mavlink.transmitter import recorded_stream
 from sitl_scenarios.motion import Motion
 from sitl_scenarios.scenario import Scenario
@@ -121,7 +121,7 @@ def scenario_from_values(values: Values, *full_rate_messages: str) -> Scenario:
         stream = table["stream"]
         rates = dict.fromkeys(full_rate_messages, stream["rate"])
         table["stream"] = stream | {"rates": rates}
-    return scenario_of(table)
+    return scenario_from_table(table)
 
 
 def simulated_telemetry(scenario: Scenario, motion: Motion) -> Telemetry:

@@ -41,7 +41,7 @@ from mavdem.ingest import Log
 from mavdem.ingest.telemetry import Parameters
 from mavdem.loops.advice import advise
 from mavdem.loops.axis_loops import MARGIN_TARGETS, Loop
-from sitl_scenarios.files import scenario_of
+from sitl_scenarios.files import scenario_from_table
 from sitl_scenarios.scenario import Scenario
 from sitl_scenarios.simulation import fly
 
@@ -83,7 +83,7 @@ def thinned_log_of_flight(scenario: Scenario, gains: Parameters, number: int, ra
     values = scenario.model_dump(mode="json")
     values["seed"] += FLIGHT_SEED_STEP * number
     values["vehicle"]["parameters"] |= gains
-    later_scenario = scenario_of(values)
+    later_scenario = scenario_from_table(values)
     with TemporaryDirectory() as folder:
         path = Path(folder) / "flight.tlog"
         write_log(path, later_scenario, fly(later_scenario))

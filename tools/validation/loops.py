@@ -52,7 +52,7 @@ from mavdem.loops.identified_plant import UNEXPLAINED_GAIN_DEVIATION
 from mavdem.loops.loop_construction import loop_from_plant
 from mavdem.loops.margins import OpenLoop, attitude_loop, plant_response, rate_loop
 from mavdem.plant.parameters import DRAWS, EFFECTS, ESTIMATE
-from sitl_scenarios.files import scenario_of
+from sitl_scenarios.files import scenario_from_table
 from sitl_scenarios.gains import control_parameters
 from sitl_scenarios.motion import Motion
 from sitl_scenarios.rotors import IDLE_COMMAND, MAX_PULSE, MIN_PULSE, pulse_width, rotor_frame
@@ -151,10 +151,10 @@ def random_scenario(seed: int, rng: Generator) -> Scenario:
     """
     while True:
         values = _scenario_with_default_gains(seed, rng)
-        gains = _random_gains(scenario_of(values), rng)
+        gains = _random_gains(scenario_from_table(values), rng)
         if gains.phase_margin > MIN_PHASE_MARGIN:
             values["vehicle"]["parameters"] |= gains.parameters
-            return scenario_of(values)
+            return scenario_from_table(values)
 
 
 def _scenario_with_default_gains(seed: int, rng: Generator) -> Values:
@@ -168,7 +168,7 @@ def _scenario_with_default_gains(seed: int, rng: Generator) -> Values:
         rng: source of the random numbers.
 
     Returns:
-        Values of the scenario by key, as in its TOML file, for :func:`scenario_of`.
+        Values of the scenario by key, as in its TOML file, for :func:`scenario_from_table`.
     """
     tables = TABLES["strong"] if seed >= STRONG_SEED else TABLES
     autopilot = ("ardupilot", "px4")[seed % 2]

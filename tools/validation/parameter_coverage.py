@@ -30,7 +30,7 @@ from mavdem.experiments.paper.flights import write_log
 from mavdem.facts.identifiability import Status
 from mavdem.plant import NotIdentifiable, Physical, physical
 from sitl_scenarios.files import load as load_scenario
-from sitl_scenarios.files import scenario_of
+from sitl_scenarios.files import scenario_from_table
 from sitl_scenarios.scenario import Scenario
 from sitl_scenarios.simulation import fly
 
@@ -91,7 +91,9 @@ class Case(NamedTuple):
         if self.scenario in HARD_DOUBLETS:
             vehicle = {"model": HARD_DOUBLETS[self.scenario]}
             values = load_scenario("iris_doublets").model_dump(mode="json")
-            return scenario_of(values | changes | {"vehicle": vehicle, "excitation": DOUBLETS})
+            return scenario_from_table(
+                values | changes | {"vehicle": vehicle, "excitation": DOUBLETS}
+            )
         scenario = load_scenario(self.scenario)
         vehicle_with_gain = scenario.vehicle.model_copy(update={"rate_gain": self.gain})
         return scenario.model_copy(update={**changes, "vehicle": vehicle_with_gain})

@@ -13,7 +13,7 @@ import click
 import numpy as np
 from flights import Values, print_table
 
-from mavdem.assessment.condition import condition_of
+from mavdem.assessment.condition import measure_condition
 from mavdem.dataset.signals import Signals
 from mavdem.ingest import read_log
 from mavdem.motors.balance import balance_of_steady_flight
@@ -29,7 +29,7 @@ def health_figures(path: Path) -> HealthFigures:
         path: a log that has motor outputs and the battery's voltage.
     """
     signals = Signals(read_log(path).vehicles[0], inputs="motors")
-    condition = condition_of(signals)
+    condition = measure_condition(signals)
     assert signals.motors is not None, "the log has no motor outputs"
     assert condition.battery is not None, "the log has no battery voltage"
     layout = signals.motors.geometry

@@ -31,7 +31,7 @@ from mavdem.arrays import Array
 from mavdem.experiments.paper.flights import write_log
 from mavdem.facts.identifiability import Status
 from mavdem.wind_velocity.compass import meteorological_direction
-from sitl_scenarios.files import load, scenario_of
+from sitl_scenarios.files import load, scenario_from_table
 from sitl_scenarios.scenario import Scenario
 from sitl_scenarios.simulation import fly
 
@@ -88,7 +88,7 @@ def draw_scenario(kind: str, vehicle: Values, rng: Generator) -> Scenario:
     # flights.toml has the rate of the position's message among the values of the stream.
     stream["rates"] = {"LOCAL_POSITION_NED": stream.pop("position")}
     values["stream"] |= stream
-    return scenario_of(values | {"seed": int(rng.integers(1_000_000))})
+    return scenario_from_table(values | {"seed": int(rng.integers(1_000_000))})
 
 
 def evaluate_scenario(

@@ -18,12 +18,12 @@ from mavdem.assessment.axis.figures import (
     motor_changes,
     physical_parameters,
 )
-from mavdem.assessment.axis.findings import with_own_torque_marked
+from mavdem.assessment.axis.findings import with_vehicle_made_torque_marked
 from mavdem.assessment.axis.options import Options, ShowStep, show_nothing
 from mavdem.assessment.axis.training import train_and_test
-from mavdem.assessment.condition import condition_of
-from mavdem.assessment.identity import identity_of
-from mavdem.assessment.tier import tier_of
+from mavdem.assessment.condition import measure_condition
+from mavdem.assessment.identity import identify_vehicle
+from mavdem.assessment.tier import log_tier
 from mavdem.dataset.axes import AXES, TILT_AXES
 from mavdem.dataset.flights import usable_segments
 from mavdem.dataset.intervals import Intervals, in_intervals, intersection
@@ -40,7 +40,7 @@ from mavdem.dataset.steady_flight import tracked_headings
 from mavdem.dataset.time_series import TimeSeries
 from mavdem.dem import Learned
 from mavdem.errors import NotLearnable
-from mavdem.experiments.truth import compare_with_truth, truth_of
+from mavdem.experiments.truth import compare_with_truth, read_truth_of_flight
 from mavdem.experiments.window import TooFewSamples
 from mavdem.facts import Fact
 from mavdem.facts.assessment import Caveat, NoModel
@@ -131,13 +131,13 @@ def analyse(
     learned = _with_physical_parameters(
         learned, signals, flights, analysis, axis_estimates, is_slow=is_slow
     )
-    learned = with_own_torque_marked(
+    learned = with_vehicle_made_torque_marked(
         learned, vehicle_made_torque=analysis.condition.oscillation is not None
     )
     held_out = replace(trained_model.held_out, model=learned.forecast_model)
     analysis = replace(analysis, flights=flights, learned=learned, held_out=held_out)
     if options.truth is not None:
-        truth = truth_of(flights, options.truth)
+        truth = read_truth_of_flight(flights, options.truth)
         analysis = replace(analysis, truth=compare_with_truth(learned, flights, truth))
     if axis == ALL_AXES:
         analysis = _with_other_axes(analysis, log, signals, progress, estimates_of_other_axes)
@@ -201,14 +201,14 @@ def _analysis_without_model(
         trim = other_axis.trim
         motors_are_watched = other_axis.motors_are_watched
     else:
-        condition = condition_of(signals, with_oscillation=with_motors)
-        identity = identity_of(signals, log.receive_time[0])
+        condition = measure_condition(signals, with_oscillation=with_motors)
+        identity = identify_vehicle(signals, log.receive_time[0])
         if with_motors:
             alarms = motor_alarms(signals)
             trim = trim_of_signals(signals)
         motors_are_watched = _motors_are_watched(signals)
     # The tier says what the rates of the log allow: "a" a full model, "b" one of the slow motion, "c" no model.
-    tier = tier_of(learnability, condition)
+    tier = log_tier(learnability, condition)
     reason = None if tier.allows_full_model else tier.tier_reason
     quality = learnability.figures
     if tier.tier is None and quality.airborne and not quality.segments:

@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from mavdem.arrays import Array, Flags
-from mavdem.assessment.axis.findings import Findings, findings_of
+from mavdem.assessment.axis.findings import Findings, model_findings
 from mavdem.assessment.axis.gains import sections_with_one_gain_set
 from mavdem.assessment.condition import Condition
 from mavdem.assessment.identity import Identity
@@ -198,7 +198,7 @@ class LogAnalysis:
         rate_consistency = None
         if self.learnability.learnable:
             rate_consistency = self.learnability.figures.consistency
-        return findings_of(
+        return model_findings(
             self.learned,
             self.held_out,
             self.condition,

@@ -89,7 +89,7 @@ class Findings(NamedTuple):
         return None
 
 
-def findings_of(
+def model_findings(
     learned: Learned | None = None,
     held_out: HeldOut | None = None,
     condition: Condition | None = None,
@@ -119,11 +119,11 @@ def findings_of(
     overrides = flight_overrides(condition, alarms, consistency, trim)
     purposes = _purpose_findings(learned, held_out)
     if overrides:
-        purposes = [_overridden(finding, overrides[0]) for finding in purposes]
+        purposes = [_finding_lowered_by_override(finding, overrides[0]) for finding in purposes]
     return Findings(overrides, tuple(purposes), tuple(model_warnings(learned, held_out)))
 
 
-def with_own_torque_marked(learned: Learned, *, vehicle_made_torque: bool) -> Learned:
+def with_vehicle_made_torque_marked(learned: Learned, *, vehicle_made_torque: bool) -> Learned:
     """Marks the wind torque of a model as not caused by the wind, if the vehicle itself caused it.
 
     The wind torque is the torque that the motors' commands do not explain. In a limit cycle, or with a weak motor, the
@@ -143,7 +143,7 @@ def with_own_torque_marked(learned: Learned, *, vehicle_made_torque: bool) -> Le
     return learned.with_wind_torque(replace(wind_torque, reason=Fact(GradeReason.OWN_TORQUE)))
 
 
-def _overridden(finding: Finding, override: Fact) -> Finding:
+def _finding_lowered_by_override(finding: Finding, override: Fact) -> Finding:
     """Lowers a finding about a model of a doubtful flight: its grade is at most LIMITED, and its reason says why.
 
     A grade of GOOD is lowered to LIMITED, any other grade is kept. There are two cases for the reason:

@@ -107,7 +107,7 @@ class AxisMargins:
         return fact
 
 
-def margins_of(
+def stability_margins_by_axis(
     signals: Signals, segments: Segments, loops: Mapping[str, Loop | Fact]
 ) -> tuple[AxisMargins, ...]:
     """Returns the stability margins of roll, pitch and yaw, as far as they are known.

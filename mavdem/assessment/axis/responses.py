@@ -60,7 +60,7 @@ NO_STEPS: StepsByLoop = MappingProxyType({})
 """The step responses with advised gains of a flight for which no gains are advised."""
 
 
-def responses_of(evidence: Evidence) -> Responses:
+def measure_responses(evidence: Evidence) -> Responses:
     """Measures the closed-loop responses of rate and attitude of roll, pitch and yaw, and predicts them by the loops.
 
     Only settled flight counts, without the flight modes that inject an excitation themselves, such as AutoTune: there

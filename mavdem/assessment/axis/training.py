@@ -65,7 +65,7 @@ def train_and_test(
     settings = options.settings
     if options.train is not None:
         longest_segment = max(segments, key=len)
-        training, test_flight = training_and_test(
+        training, test_flight = split_training_and_test(
             longest_segment, options.start, options.train, options.test
         )
         with _learning_step(progress):
@@ -183,7 +183,7 @@ class TrainingAndTest(NamedTuple):
     """Data after these, which nothing was learned from."""
 
 
-def training_and_test(
+def split_training_and_test(
     flight: Flight, start: float, train: Length, test: Length | None
 ) -> TrainingAndTest:
     """Splits a flight into training data from ``start`` s on and the test data after it.

@@ -48,7 +48,7 @@ class AssessedTwin(NamedTuple):
     """Why the loops of other axes are not known, by axis."""
 
 
-def assessed_twin(evidence: Evidence, mass: float | None = None) -> AssessedTwin:
+def build_assessed_twin(evidence: Evidence, mass: float | None = None) -> AssessedTwin:
     """Builds the twin of a vehicle: a simulation with its identified loops, hover thrust, drag and wind.
 
     Roll and the hover are needed. Axes without an identified loop are reported as missing. The drag is the one with
@@ -147,7 +147,7 @@ def try_gains(evidence: Evidence, gains: Parameters, *, in_wind: bool = True) ->
         replayed[axis] = ReplaySegment(outputs[replayed_samples], setpoints[replayed_samples])
         hover[axis] = ReplaySegment(outputs[hover_samples], np.zeros_like(setpoints[hover_samples]))
     try:
-        present_twin = assessed_twin(evidence).twin
+        present_twin = build_assessed_twin(evidence).twin
         advised_twin = replace(present_twin, parameters={**present_twin.parameters, **gains})
         twins = (present_twin, advised_twin)
         tracking = _compared_motions(twins, loops, replayed)

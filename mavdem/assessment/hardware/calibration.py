@@ -80,7 +80,7 @@ def calibration_fact(telemetry: Telemetry) -> Fact | None:
         A fact with the ``names`` of the calibrated sensors in use, and of those ``missing`` a calibration; None if no
         sensor is used.
     """
-    used_sensors = [sensor for sensor in sensors_of(telemetry) if sensor.is_used]
+    used_sensors = [sensor for sensor in sensors_in_parameters(telemetry) if sensor.is_used]
     if not used_sensors:
         return None
     uncalibrated_names = [sensor.name for sensor in used_sensors if not sensor.is_calibrated]
@@ -92,7 +92,7 @@ def calibration_fact(telemetry: Telemetry) -> Fact | None:
     )
 
 
-def sensors_of(telemetry: Telemetry) -> Iterator[CalibratedSensor]:
+def sensors_in_parameters(telemetry: Telemetry) -> Iterator[CalibratedSensor]:
     """Yields the sensors that the autopilot's parameters name: accelerometers, then gyros and compasses.
 
     Args:

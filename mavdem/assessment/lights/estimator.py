@@ -11,11 +11,11 @@ from mavdem.assessment.innovations import (
     FAILSAFE_SECONDS,
     GLITCH_COLUMN,
     INNOVATIONS,
-    failsafe_limit_of,
+    failsafe_innovation_limit,
     innovation_ratios,
     instance_name,
     is_low_passed,
-    rejection_in,
+    longest_rejection,
 )
 from mavdem.assessment.limits import worst_fact
 from mavdem.assessment.magnetic_field import field_change
@@ -172,8 +172,8 @@ def _innovation_fact(telemetry: Telemetry, flight: TimeSeries) -> Fact:
         - ``is_spare``: the instance in use was not logged, so that another one is judged, which is never bad.
         - ``is_filtered``: the ratios are low-passed, so that single samples may have been larger.
     """
-    failsafe_limit = failsafe_limit_of(telemetry)
-    rejection = rejection_in(flight.time, flight.values[:, : len(INNOVATIONS)], failsafe_limit)
+    failsafe_limit = failsafe_innovation_limit(telemetry)
+    rejection = longest_rejection(flight.time, flight.values[:, : len(INNOVATIONS)], failsafe_limit)
     instances = telemetry.messages.get(INSTANCES_MESSAGE, {})
     # A log without the primary instance has the innovations of another one, which does not fly the vehicle.
     is_spare = bool(instances) and not instances["is_primary"].any()
@@ -245,12 +245,12 @@ def _spare_instances(evidence: Evidence) -> Iterator[Fact]:
     columns = telemetry.messages.get(INSTANCES_MESSAGE, {})
     if not columns or not columns["is_primary"].any():
         return
-    failsafe_limit = failsafe_limit_of(telemetry)
+    failsafe_limit = failsafe_innovation_limit(telemetry)
     for number in np.unique(columns["instance"]).tolist():
         is_spare = (columns["instance"] == number) & (columns["is_primary"] == 0)
         ratios = np.nan_to_num(float_columns(columns, INNOVATIONS))
         for flight in evidence.in_flight(clean_series(columns, ratios, is_spare)):
-            rejection = rejection_in(flight.time, flight.values, failsafe_limit)
+            rejection = longest_rejection(flight.time, flight.values, failsafe_limit)
             if rejection.is_rejected_long:
                 yield Fact(
                     EstimatorLight.SPARE_DOUBTED,

@@ -10,7 +10,7 @@ from mavdem.experiments.paper import figures
 from mavdem.experiments.paper.checks import Check, ExperimentResult
 from mavdem.experiments.paper.noise_tests import NoiseAnalysis, analyse_noise
 from mavdem.experiments.paper.runner import PAPER_SETTINGS, Runner
-from mavdem.experiments.window import Window, disjoint
+from mavdem.experiments.window import Window, disjoint_windows
 from mavdem.report.figures.style import Picture
 
 SIGNIFICANCE_LEVEL = 0.01
@@ -35,7 +35,7 @@ def run(runner: Runner) -> ExperimentResult:
     names = [f"experiment {number}" for number in runner.experiment_windows]
     # Successive windows overlap by half, and only disjoint ones are independent.
     independent_windows = [
-        runner.recorded_windows[index] for index in disjoint(runner.recorded_windows)
+        runner.recorded_windows[index] for index in disjoint_windows(runner.recorded_windows)
     ]
     windows = [*runner.experiment_windows.values(), *independent_windows]
     noises = runner.map_jobs(analyse_process_noise, windows)

@@ -10,7 +10,7 @@ from mavdem.facts.fleet import QuantityOutcome
 from mavdem.fleet.difference import VehicleDifference
 from mavdem.fleet.random_effects import EQUIVALENCE_LIMITS, QuantityChange
 from mavdem.report.charts.chart import Plan
-from mavdem.report.charts.plans import svg_of
+from mavdem.report.charts.plans import figure_as_svg
 from mavdem.report.difference import change_text
 from mavdem.report.numbers import listed
 from mavdem.report.templates import capitalize_first
@@ -106,7 +106,7 @@ def change_plan(difference: VehicleDifference) -> Plan | None:
                 beyond=beyond,
             )
         )
-    svg = svg_of("changes", rows=rows, limit=percent_per_limit)
+    svg = figure_as_svg("changes", rows=rows, limit=percent_per_limit)
     texts = listed(drawn.text for drawn in rows)
     return Plan("", f"Changes with their 90 % intervals: {texts}", svg)
 

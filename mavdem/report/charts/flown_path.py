@@ -9,7 +9,7 @@ import numpy as np
 from mavdem.arrays import Array
 from mavdem.containers import JsonValues
 from mavdem.report.charts.chart import Plan, Span, packed
-from mavdem.report.charts.plans import MAX_PATH_POINTS, MIN_PATH_SIZE, RADIUS, svg_of
+from mavdem.report.charts.plans import MAX_PATH_POINTS, MIN_PATH_SIZE, RADIUS, figure_as_svg
 from mavdem.report.charts.timeline import Timeline
 from mavdem.report.numbers import rounded
 from mavdem.report.palette import (
@@ -173,7 +173,7 @@ def flown_path(timeline: Timeline | None, wind: MapWind | None = None) -> Plan |
     mode_numbers = _mode_numbers(time, timeline.modes, mode_names)
     # The bar is about a third of the path, rounded to one digit.
     bar_length = float(f"{size / 3:.0e}")
-    svg = svg_of(
+    svg = figure_as_svg(
         "path",
         pieces=[*_pieces(x, y, height_classes, mode_numbers)],
         start=start,

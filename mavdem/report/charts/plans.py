@@ -98,7 +98,7 @@ def frame_plan(
         f"motor {motor['name']} {motor['command']}, {motor['headroom']}" for motor in drawn_motors
     ]
     # The radius of the discs, in the units of the drawing: those of eight motors on a circle still do not overlap.
-    svg = svg_of("frame", motors=drawn_motors, size=150.0 / count**0.9)
+    svg = figure_as_svg("frame", motors=drawn_motors, size=150.0 / count**0.9)
     return Plan(
         "From above", f"Mean command, of its range, and headroom: {listed(motor_texts)}.", svg
     )
@@ -166,7 +166,9 @@ def dots_of_flights(winds: Array) -> Plan:
         dots.append((round(angle, 1), round(radius, 1)))
     flights = "The dot shows" if len(winds) == 1 else "Each dot shows"
     description = f"{flights} where the wind of a flight came from, and how strong it was."
-    return Plan("Wind", description, svg_of("rose", petals=(), rings=rings, arrow=None, dots=dots))
+    return Plan(
+        "Wind", description, figure_as_svg("rose", petals=(), rings=rings, arrow=None, dots=dots)
+    )
 
 
 class _Petal(NamedTuple):
@@ -226,11 +228,11 @@ def _wind_rose(
     # If the outer ring is at more than 1, the labels are whole numbers.
     decimals = 0 if scale < RADIUS else 1
     rings = [(radius, f"{radius / scale:.{decimals}f}{unit}") for radius in (RADIUS / 2, RADIUS)]
-    svg = svg_of("rose", petals=petals, rings=rings, arrow=mean_direction)
+    svg = figure_as_svg("rose", petals=petals, rings=rings, arrow=mean_direction)
     return Plan("Wind rose", description, svg)
 
 
-def svg_of(macro: str, **values: Any) -> Markup:
+def figure_as_svg(macro: str, **values: Any) -> Markup:
     """Returns the ``<svg>`` that a macro of ``plans.html`` makes of values."""
     macros = environment().get_template("plans.html").module
     return Markup(getattr(macros, macro)(**values))

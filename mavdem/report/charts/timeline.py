@@ -169,7 +169,7 @@ class Timeline(NamedTuple):
         return chart._replace(x=self._time_axis, marks=tuple(event_marks), spans=training_spans)
 
 
-def timeline_of(assessment: Assessment) -> Timeline | None:
+def assessment_timeline(assessment: Assessment) -> Timeline | None:
     """Returns the charts and events of the boot that was analysed, all over one axis of time.
 
     Args:
@@ -182,7 +182,7 @@ def timeline_of(assessment: Assessment) -> Timeline | None:
     evidence = assessment.evidence
     if analysis is None or evidence is None or evidence.time_history is None:
         return None
-    timeline = timeline_of_history(evidence.time_history)
+    timeline = history_timeline(evidence.time_history)
     if assessment.drawn_wind is None:
         timeline = timeline._replace(wind_charts=())
     torque_chart = _wind_torque_chart(assessment.analyses)
@@ -193,7 +193,7 @@ def timeline_of(assessment: Assessment) -> Timeline | None:
     )
 
 
-def timeline_of_history(history: TimeHistory) -> Timeline:
+def history_timeline(history: TimeHistory) -> Timeline:
     """Returns the charts and events that need no model.
 
     Args:

@@ -90,7 +90,7 @@ class Picture(NamedTuple):
     @property
     def group(self) -> Group:
         """The drawn figure as a group of a page."""
-        plan = Plan(self.title, self.caption, svg_of(self.draw(), self.title))
+        plan = Plan(self.title, self.caption, figure_as_svg(self.draw(), self.title))
         return Group.side_by_side([plan], self.caption)
 
 
@@ -102,7 +102,7 @@ def new_figure(height: float = 3.2) -> Iterator[BareFigure]:
         yield BareFigure(figsize=(FIGURE_WIDTH, height), layout=layout, facecolor="none")
 
 
-def svg_of(figure: Figure, name: str) -> Markup:
+def figure_as_svg(figure: Figure, name: str) -> Markup:
     """Returns a figure as an ``<svg>`` element; the same figure gives the same bytes.
 
     Args:

@@ -12,7 +12,7 @@ from markupsafe import Markup
 
 from mavdem.facts import Level
 from mavdem.facts.lights import Light
-from mavdem.fleet.flights import flights_of
+from mavdem.fleet.flights import group_into_flights
 from mavdem.fleet.names import NO_NAMES, GivenNames
 from mavdem.fleet.row import FlightRows
 from mavdem.report.blocks import Block, Rated, Table
@@ -148,7 +148,7 @@ def vehicle_charts(rows: FlightRows) -> str:
     Returns:
         HTML; empty if there is nothing to draw.
     """
-    flights = flights_of(row for row in rows if row.has_flight)
+    flights = group_into_flights(row for row in rows if row.has_flight)
     group = vehicle_group(flights)
     if group is None:
         return ""

@@ -14,7 +14,7 @@ import numpy as np
 
 from mavdem.assessment import Assessment
 from mavdem.assessment.axis import LogAnalysis
-from mavdem.assessment.axis.findings import findings_of
+from mavdem.assessment.axis.findings import model_findings
 from mavdem.assessment.axis.responses import advised_steps
 from mavdem.assessment.evidence import Evidence
 from mavdem.assessment.flights import loss_onset
@@ -36,7 +36,7 @@ from mavdem.report.charts import model_charts
 from mavdem.report.charts.chart import MAX_POINTS, MAX_POINTS_OF_SMALL_PAGE, Group
 from mavdem.report.charts.flown_path import MapWind, flown_path
 from mavdem.report.charts.plans import frame_plan, rose_of_wind
-from mavdem.report.charts.timeline import Timeline, live_timeline, timeline_of
+from mavdem.report.charts.timeline import Timeline, assessment_timeline, live_timeline
 from mavdem.report.condition import air_blocks, log_blocks
 from mavdem.report.gain_changes import gain_changes
 from mavdem.report.instances import instance_table
@@ -164,7 +164,7 @@ def log_page(
         vehicle = assessment.evidence.signals.telemetry
         changes = gain_changes(name, vehicle, advice, assessment.next_step)
     with sentences_for(Medium(has_terminal=False, has_gain_table=changes is not None)):
-        timeline = timeline_of(assessment)
+        timeline = assessment_timeline(assessment)
         texts_above = (str(assessment.next_step), why_text(assessment.headline))
         events = _numbered_events(assessment.events, timeline, *texts_above)
         if timeline is not None:
@@ -656,7 +656,7 @@ def live_page(
     title = f"Prediction of {axis} in flight, and the link"
     chapters.append(Chapter(title, report, folded=True))
     if learned is not None:
-        findings = status.findings or findings_of(learned, alarms=status.motor_alarms)
+        findings = status.findings or model_findings(learned, alarms=status.motor_alarms)
         blocks = [*purpose_tables(findings), *torque_blocks(learned)]
         chapters.append(Chapter(f"Model of {axis}", blocks))
     page_events = [PageEvent(event, moment=moment_text(event)) for event in events]

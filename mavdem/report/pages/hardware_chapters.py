@@ -2,7 +2,7 @@
 
 from mavdem.assessment.evidence import Evidence
 from mavdem.assessment.hardware import hardware_facts
-from mavdem.assessment.hardware.calibration import sensors_of
+from mavdem.assessment.hardware.calibration import sensors_in_parameters
 from mavdem.assessment.hardware.commands import command_facts
 from mavdem.facts import Level, NamedFacts
 from mavdem.facts.hardware import HardwarePart
@@ -73,7 +73,7 @@ def _sensor_table(evidence: Evidence) -> Table:
         evidence: signals, events and measurements of the vehicle.
     """
     rows = []
-    for sensor in sensors_of(evidence.signals.telemetry):
+    for sensor in sensors_in_parameters(evidence.signals.telemetry):
         rows.append(
             [
                 sensor.name,

@@ -28,7 +28,7 @@ from mavdem.fleet.row import FlightRow
 from mavdem.ingest.vocabulary import AUTOPILOT_SET_PARAMETERS
 from mavdem.report.blocks import Block
 from mavdem.report.charts.chart import MAX_POINTS_OF_SMALL_PAGE, Group
-from mavdem.report.charts.timeline import timeline_of_history
+from mavdem.report.charts.timeline import history_timeline
 from mavdem.report.charts.vehicle_charts import vehicle_group
 from mavdem.report.fleet import HEALTH_LEVELS, motors_level, vehicle_label, vehicle_texts
 from mavdem.report.pages.environment import environment, render_page
@@ -75,7 +75,7 @@ def _environment() -> Environment:
     All templates are compiled at once, so that the first visitor does not wait for that.
     """
     jinja = environment().overlay()
-    jinja.filters["brief"] = _brief_name
+    jinja.filters["brief"] = _short_vehicle_name
     jinja.filters["utc"] = _utc_text
     values = {
         "lights": [str(light) for light in Light],
@@ -111,7 +111,7 @@ def _lights_beside_fleet(lights: Mapping[str, str], row: FlightRow | None) -> di
     return levels
 
 
-def _brief_name(name: str, frames: Mapping[str, str]) -> str:
+def _short_vehicle_name(name: str, frames: Mapping[str, str]) -> str:
     """Returns the short name of a vehicle to which the owner gave none.
 
     It is the name in the logs. Where that is a serial number, it is the type of the frame and the end of the number.
@@ -150,7 +150,7 @@ def first_plots(history: TimeHistory) -> str:
     Returns:
         Part of a page as HTML.
     """
-    timeline = timeline_of_history(history)
+    timeline = history_timeline(history)
     charts_by_axis = {}
     for axis, charts in timeline.axis_charts.items():
         if charts:
@@ -166,13 +166,13 @@ def first_plots(history: TimeHistory) -> str:
     )
 
 
-def with_bar(
+def with_toolbar(
     page: str, given_name: str = "", trouble: MotorTrouble | None = None, **values: Any
 ) -> str:
     """Returns the page of a flight as the server sends it: with a bar of downloads and settings at its top.
 
     The file of the page is never changed: each visitor gets a copy with these replacements. The page's own content
-    security policy, which forbids the server's script, is removed (:func:`without_policy`).
+    security policy, which forbids the server's script, is removed (:func:`with_server_script`).
 
     Args:
         page: HTML of the flight's page, as it was written to its file.
@@ -200,10 +200,10 @@ def with_bar(
             page,
             count=1,
         )
-    return with_motor_trouble(without_policy(page, **values), bar, trouble)
+    return with_motor_trouble(with_server_script(page, **values), bar, trouble)
 
 
-def without_policy(page: str, **values: Any) -> str:
+def with_server_script(page: str, **values: Any) -> str:
     """Replaces a page's own content security policy by the elements that load the server's script.
 
     The policy in the page is for one that is opened as a file, and forbids all scripts from elsewhere. The server sends

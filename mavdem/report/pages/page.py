@@ -17,7 +17,7 @@ from mavdem.facts import Fact, Level, NamedFacts
 from mavdem.facts.event import Event
 from mavdem.flight import Flight
 from mavdem.report.blocks import Block, Sentence, Table
-from mavdem.report.brief_events import first_of, worst_events
+from mavdem.report.brief_events import first_of_count, worst_events
 from mavdem.report.charts.chart import MAX_POINTS, Group, Plan
 from mavdem.report.charts.timeline import Timeline
 from mavdem.report.gain_changes import GainChanges
@@ -148,7 +148,7 @@ class PageEvent(NamedTuple):
         sentence = str(self.event.fact)
         if self.total == 1:
             return sentence
-        return f"{without_full_stop(sentence)}{first_of(self.total)}."
+        return f"{without_full_stop(sentence)}{first_of_count(self.total)}."
 
     @property
     def sentence(self) -> str:

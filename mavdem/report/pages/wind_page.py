@@ -10,7 +10,7 @@ from mavdem.report.blocks import Block, Blocks, Sentence, headline_sentence
 from mavdem.report.charts.chart import Chart, Group, Line, over_time
 from mavdem.report.charts.flown_path import MapWind, flown_path
 from mavdem.report.charts.plans import rose_of_wind
-from mavdem.report.charts.timeline import Timeline, timeline_of_history
+from mavdem.report.charts.timeline import Timeline, history_timeline
 from mavdem.report.condition import WIND_LIGHTS, drag_table, wind_blocks, wind_tables
 from mavdem.report.pages.page import Chapter, Head, render_document
 from mavdem.report.palette import MEASURED, PREDICTED
@@ -93,7 +93,7 @@ def _wind_timeline(wind_evidence: WindEvidence, assessment: Assessment) -> Timel
     wind = wind_history(wind_evidence, history.segment)
     if wind is None:
         return None
-    timeline = timeline_of_history(replace(history, wind=wind))
+    timeline = history_timeline(replace(history, wind=wind))
     height_charts = tuple(chart for chart in timeline.flight_charts if chart.title == "Height")
     wind_charts = timeline.wind_charts
     if wind.estimate.speed_identifiable:

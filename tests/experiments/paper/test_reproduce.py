@@ -186,15 +186,15 @@ def test_all_items_make_one_report(tmp_path, monkeypatch, request):
     short_flight = load("paper_2").model_copy(update={"duration": 20.0})
     monkeypatch.setattr(model_order, "load", lambda name: short_flight)
     # To write a picture takes three times as long as to draw it: all are drawn, and one is written.
-    svg_of = style.svg_of
+    figure_as_svg = style.figure_as_svg
     written = []
 
     def svg_of_first(figure, name):
         if not written:
-            written.append(svg_of(figure, name))
+            written.append(figure_as_svg(figure, name))
         return written[0]
 
-    monkeypatch.setattr(style, "svg_of", svg_of_first)
+    monkeypatch.setattr(style, "figure_as_svg", svg_of_first)
     runner = Runner(experiment_numbers=(2,), uses_authors_results=False, prior_count=2)
     chosen = [claim for claim in ITEMS if claim.name not in tested_elsewhere]
     reports = [ItemReport(claim, ITEMS[claim](runner)) for claim in chosen]

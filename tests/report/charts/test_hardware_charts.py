@@ -5,7 +5,7 @@ from hover import Hover, changed, columns, evidence_of
 
 from mavdem.dataset.signals import Signals
 from mavdem.report.charts.hardware_charts import hardware_groups
-from mavdem.report.charts.timeline import timeline_of_history
+from mavdem.report.charts.timeline import history_timeline
 
 HOVER = Hover()
 TIME = HOVER.stamps(5.0)
@@ -14,7 +14,7 @@ TIME = HOVER.stamps(5.0)
 def charts_by_title(telemetry):
     """The charts of the hardware of a vehicle by their titles, the parts that have charts, and the timeline."""
     evidence = evidence_of(Signals(telemetry))
-    timeline = timeline_of_history(evidence.time_history)
+    timeline = history_timeline(evidence.time_history)
     charts = {}
     parts = hardware_groups(evidence, timeline)
     for groups in parts.values():

@@ -11,13 +11,13 @@ from fleet_rows import fleet_rows, flight_row
 from numpy.testing import assert_allclose
 from pytest import approx, mark
 
-from mavdem.fleet.flights import flights_of
+from mavdem.fleet.flights import group_into_flights
 from mavdem.fleet.row import FlightRow
 from mavdem.report.blocks import Sentence
 from mavdem.report.charts.vehicle_charts import vehicle_group
 from mavdem.report.pages import fleet_page as page_of_fleet
 from mavdem.report.palette import BAD
-from mavdem.report.vehicle_summary import summaries_of
+from mavdem.report.vehicle_summary import vehicle_summaries
 
 
 def fleet_page(rows, changes=None):
@@ -26,7 +26,7 @@ def fleet_page(rows, changes=None):
     def charts(name):
         return page_of_fleet.vehicle_charts([row for row in rows if row.vehicle == name])
 
-    return page_of_fleet.fleet_page(summaries_of(rows), changes, charts)
+    return page_of_fleet.fleet_page(vehicle_summaries(rows), changes, charts)
 
 
 def parts(text):
@@ -118,7 +118,7 @@ def test_what_changed_since_the_baseline_stands_with_its_vehicle():
 
 def panels(rows):
     """The charts of a vehicle, by title."""
-    columns = vehicle_group(flights_of(rows)).columns
+    columns = vehicle_group(group_into_flights(rows)).columns
     return {chart.title: chart for column in columns for chart in column}
 
 
@@ -236,7 +236,7 @@ def test_a_browser_sorts_searches_and_prints_ten_thousand_flights(tmp_path, brow
     many = json.dumps(few | {"rows": few["rows"] * 10})
     _, found = browser.shown(text.replace(json.dumps(few), many), SORTED, tmp_path)
     assert found["dates"] == sorted(found["dates"], reverse=True)
-    flown = [flight[0].duration for flight in flights_of(rows)]
+    flown = [flight[0].duration for flight in group_into_flights(rows)]
     seconds = [one for one in flown if one is not None]
     numbers = [float(cell) for cell in found["rising"]]
     assert numbers == sorted(numbers) and numbers[0] == approx(min(seconds), rel=0.01)

@@ -28,7 +28,7 @@ from mavdem.facts.vibration import VibrationLight
 from mavdem.ingest import read_log
 from mavdem.live.history import LiveHistory
 from mavdem.report.blocks import headline_sentence
-from mavdem.report.charts.timeline import live_timeline, timeline_of
+from mavdem.report.charts.timeline import assessment_timeline, live_timeline
 from mavdem.report.pages.flight_page import flight_page, log_page, opened_where_not_good
 from mavdem.report.pages.page import Chapter, Head, PageEvent, Section, render_document
 from mavdem.report.screen import analysis_blocks
@@ -118,7 +118,7 @@ def test_a_line_divides_the_events_of_two_boots():
 @mark.slow
 def test_a_timeline_goes_on_for_seconds_after_the_vehicle_was_disarmed(analysed):
     evidence = replace(analysed.evidence, signals=Signals(Hover().telemetry()))
-    assert timeline_of(replace(analysed, evidence=evidence)).span[1] > 75.0
+    assert assessment_timeline(replace(analysed, evidence=evidence)).span[1] > 75.0
 
 
 @fixture(scope="module")
