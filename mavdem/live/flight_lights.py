@@ -26,15 +26,16 @@ class FlightLights:
         """
         self.latest: dict[str, Fact] = {}
         self.earlier: dict[str, Fact] = {}
-        if former is not None:
+        if former is not None and has_flight_gone_on:
+            self.earlier.update(former.earlier)
+            self.latest.update(former.latest)
+        elif former is not None:
             self.earlier = former.of_session
-            if has_flight_gone_on:
-                self.latest.update(former.latest)
 
     @property
     def of_session(self) -> dict[str, Fact]:
-        """Lights of all flights of the session so far."""
-        return worse_lights(self.earlier, self.latest)
+        """Lights of all flights of the session so far; of two that are equally bad, that of the latest flight."""
+        return worse_lights(self.latest, self.earlier)
 
     def begin_flight(self) -> None:
         """Makes the latest flight an earlier one, and begins another without lights."""

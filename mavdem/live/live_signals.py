@@ -116,6 +116,9 @@ class LiveFindings:
     loops: Mapping[str, Loop | Fact] = field(default_factory=dict)
     """The control loops by axis, or why they are not known."""
 
+    ending: Fact | None = None
+    """How the flight was lost, after which nothing is measured any more; None if it was not lost."""
+
 
 def live_evidence(
     signals: Signals, condition: Condition, findings: LiveFindings | None = None
@@ -146,5 +149,6 @@ def live_evidence(
         learnability,
         condition,
         events=findings.events,
+        ending=findings.ending,
         loops=findings.loops,
     )

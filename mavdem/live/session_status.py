@@ -34,6 +34,7 @@ from mavdem.facts.watch import WatchFact
 from mavdem.immutable import ImmutableResult
 from mavdem.live.history import REPORTED_HORIZON
 from mavdem.live.live_lights import fastest_rates, lights_before_model
+from mavdem.live.takeoff_place import Displacement
 from mavdem.live.vehicle_state import VehicleState
 from mavdem.live.wind import WindEstimate
 from mavdem.motors.motor_changes import MotorAlarm
@@ -94,16 +95,6 @@ class UsefulHorizon(NamedTuple):
     """Squared error there, over the smaller one of two baselines: the last sample held, and the mean so far."""
 
 
-class Displacement(NamedTuple):
-    """How far a vehicle is from the place of its take-off."""
-
-    distance: float
-    """Horizontal distance, m."""
-
-    height: float
-    """Height above that place, m."""
-
-
 @dataclass(frozen=True)
 class SessionStatus(ImmutableResult):
     """The status of a live session at one moment.
@@ -132,6 +123,10 @@ class SessionStatus(ImmutableResult):
 
     takeoff_position: Numbers | None = None
     """That of its latest take-off, m; None where that was not seen."""
+
+    displacement: Displacement | None = None
+    """How far it is from its latest take-off by satellites and barometer, where the autopilot has rebooted in flight:
+    its origin is another one then. None elsewhere, or where they do not come."""
 
     message_age: float | None = None
     """Time since the last message of the followed vehicle, s; None before any."""
@@ -217,7 +212,7 @@ class SessionStatus(ImmutableResult):
         if not self.is_flying or self.ground_contact is not None:
             return None
         if self.position is None or self.takeoff_position is None:
-            return None
+            return self.displacement
         north, east, down = np.subtract(self.position, self.takeoff_position).tolist()
         return Displacement(distance=hypot(north, east), height=-down)
 

@@ -24,7 +24,7 @@ from mavdem.ingest.motors import MOTOR_MESSAGES, POSSIBLE_MULTIROTORS
 from mavdem.ingest.telemetry import Parameters
 from mavdem.live.boot_clock import BootClock, TimedMessage
 from mavdem.live.flight_phase import PHASE_MESSAGES, FlightPhase
-from mavdem.live.height_watch import BAROMETER_MESSAGE
+from mavdem.live.height_watch import BAROMETER_MESSAGE, RECEIVER_MESSAGE
 from mavdem.live.messages import (
     IMU_MESSAGES,
     STATUS_MESSAGES,
@@ -43,6 +43,7 @@ from mavdem.live.recent_messages import MAX_EVENTS
 from mavdem.live.row_builder import RowBuilder
 from mavdem.live.rows import AlignedRow, FormattedRow, RowFormat
 from mavdem.live.session_status import SessionStatus
+from mavdem.live.takeoff_place import TakeoffPlace
 from mavdem.live.vehicle_review import VehicleReview
 from mavdem.live.vehicle_selection import Component, VehicleSelector
 from mavdem.live.vehicle_state import VehicleState, vehicle_state
@@ -131,6 +132,7 @@ class LiveStream:
         self._early_messages: deque[_EarlyMessage] = deque(maxlen=MAX_EARLY_MESSAGES)
         self._clock = BootClock(self._report)
         self._pose = PoseTracker()
+        self._takeoff_place = TakeoffPlace()
         self._rate_check = RateCheck(axis, can_request=not rates_requested, report=self._report)
         self._review = VehicleReview(
             self._vehicles, self._rate_check, self.motor_alarms, self.wind, self._report
@@ -325,6 +327,7 @@ class LiveStream:
             active_alarms=(*watchdog.active_alarms, *self.motor_alarms.active),
             position=None if self.pose is None else self.pose.position,
             takeoff_position=self._pose.takeoff_position if is_takeoff_seen else None,
+            displacement=None if is_takeoff_seen else self._takeoff_place.displacement,
             watch_facts=self.watch_facts,
             worst_lights=(watchdog.lights.latest if self.is_flying else watchdog.lights.of_session),
             wind=self.wind.latest,
@@ -450,10 +453,26 @@ class LiveStream:
             self.wind.estimator_flags = message.values[0]
         elif name in VELOCITY_MESSAGES:
             self._process_velocity(message, time)
+        if name in (BAROMETER_MESSAGE, RECEIVER_MESSAGE):
+            self._process_place(message)
         if name in KEPT_MESSAGES:
             self._review.recent_messages.add(name, time, message.values)
         self._review.proceed(self._clock.now, self._rows)
         self._rows.end_segment_unless_free()
+
+    def _process_place(self, message: Message) -> None:
+        """Takes a pressure or a position by satellites, which show how far the vehicle is from its take-off.
+
+        Args:
+            message: a SCALED_PRESSURE or a GPS_RAW_INT.
+        """
+        if message.name == BAROMETER_MESSAGE:
+            self._takeoff_place.add_pressure(message.values[0])
+        else:
+            self._takeoff_place.add_fix(message.values)
+        self._takeoff_place.update(
+            is_flying=self.is_flying, is_takeoff_seen=isfinite(self.takeoff_time)
+        )
 
     def _process_velocity(self, message: Message, time: float) -> None:
         """Takes a velocity, and perhaps a position: for the wind, for the latest pose, and to find drift in wind.
@@ -577,6 +596,7 @@ class LiveStream:
         self.boot = boot
         self.wind.restart()
         self._pose.restart()
+        self._takeoff_place.restart(was_flying=self.is_flying)
         self.motor_alarms.restart()
         self._review.restart(boot)
         self._rows.restart(boot, self._review.phase)

@@ -450,7 +450,10 @@ class Watchdog:
             condition: figures of the vehicle, with the duration of the flight so far.
         """
         all_signals = self._signals(review.vehicle, review.now, -inf)
-        findings = LiveFindings(events=tuple(self._warnings))
+        # What a vehicle draws that lies on the ground is no fault of its battery.
+        is_ending = self.loss is not None and self.loss.code in Ending
+        ending = self.loss if is_ending else None
+        findings = LiveFindings(events=tuple(self._warnings), ending=ending)
         power = power_light(live_evidence(all_signals, condition, findings))
         review.facts[WatchedQuantity.BATTERY] = power
         # Just after the take-off too few voltages have come to say that none is measured.

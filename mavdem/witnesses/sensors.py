@@ -122,7 +122,7 @@ def _altitude_in(columns: Columns) -> TimeSeries | None:
         pressure = float_column(columns, "press_abs")
         lowest, highest = POSSIBLE_PRESSURE
         is_possible = (pressure > lowest) & (pressure < highest)
-        altitude = clean_series(columns, _standard_altitude(pressure), is_possible)
+        altitude = clean_series(columns, standard_altitude(pressure), is_possible)
     else:
         return None
     # A sensor that always measures the same does not work.
@@ -155,7 +155,7 @@ def is_compass_used(telemetry: Telemetry, number: int) -> bool | None:
     return None if value is None else value > 0
 
 
-def _standard_altitude(pressure: Array) -> Array:
+def standard_altitude(pressure: Array) -> Array:
     """Returns the altitude, m, at which the International Standard Atmosphere has a pressure (N,), hPa."""
     ratio = pressure / SEA_LEVEL_PRESSURE
     return ATMOSPHERE_SCALE * (1 - ratio**ATMOSPHERE_EXPONENT)

@@ -1,0 +1,112 @@
+"""Where a live vehicle took off, by satellites and barometer, which a reboot of the autopilot does not move."""
+
+from math import cos, hypot, radians
+from typing import NamedTuple
+
+import numpy as np
+
+from mavdem.containers import Numbers
+from mavdem.dataset.signals import EARTH_RADIUS
+from mavdem.witnesses.sensors import POSSIBLE_PRESSURE, standard_altitude
+
+MIN_FIX_TYPE = 3
+"""GPS_FIX_TYPE from which on a position is three-dimensional."""
+
+DEGREES_PER_UNIT = 1e-7
+"""Unit of latitude and longitude in MAVLink, degrees."""
+
+
+class Displacement(NamedTuple):
+    """How far a vehicle is from the place of its take-off."""
+
+    distance: float
+    """Horizontal distance, m."""
+
+    height: float
+    """Height above that place, m."""
+
+
+class Place(NamedTuple):
+    """A place as sensors measure it; None where they have not."""
+
+    position: tuple[float, float] | None = None
+    """Latitude and longitude by satellites, degrees."""
+
+    altitude: float | None = None
+    """Altitude by the barometer, m above an arbitrary level."""
+
+    def displacement_from(self, start: "Place") -> Displacement | None:
+        """Returns how far this place is from another one; None if one of them was not measured completely.
+
+        Args:
+            start: the other place, at most some kilometres away.
+        """
+        if self.position is None or start.position is None:
+            return None
+        if self.altitude is None or start.altitude is None:
+            return None
+        latitude, longitude = self.position
+        start_latitude, start_longitude = start.position
+        north = EARTH_RADIUS * radians(latitude - start_latitude)
+        east = EARTH_RADIUS * radians(longitude - start_longitude) * cos(radians(latitude))
+        return Displacement(hypot(north, east), self.altitude - start.altitude)
+
+
+class TakeoffPlace:
+    """Keeps the place of a vehicle's take-off by its sensors, over reboots of the autopilot in flight.
+
+    The autopilot's own position is more exact, but its origin is another one after a reboot.
+    """
+
+    def __init__(self) -> None:
+        """Begins without a place."""
+        self._latest = Place()
+        # Where the vehicle stood last in this boot, and where it stood before its latest take-off.
+        self._ground: Place | None = None
+        self._takeoff: Place | None = None
+
+    def restart(self, *, was_flying: bool) -> None:
+        """Forgets what was measured before a reboot, except the place of the take-off of a flight that goes on.
+
+        Args:
+            was_flying: whether the vehicle flew when the former boot ended.
+        """
+        self._latest = Place()
+        self._ground = None
+        if not was_flying:
+            self._takeoff = None
+
+    @property
+    def displacement(self) -> Displacement | None:
+        """How far the vehicle is from where it took off; None where one of the two places is not known."""
+        return None if self._takeoff is None else self._latest.displacement_from(self._takeoff)
+
+    def add_fix(self, values: Numbers) -> None:
+        """Takes a position by satellites; one without a fix is ignored.
+
+        Args:
+            values: fields of a GPS_RAW_INT.
+        """
+        fix_type, _, _, latitude, longitude, _ = values
+        if fix_type >= MIN_FIX_TYPE:
+            position = (DEGREES_PER_UNIT * latitude, DEGREES_PER_UNIT * longitude)
+            self._latest = self._latest._replace(position=position)
+
+    def add_pressure(self, pressure: float) -> None:
+        """Takes a pressure of the barometer, hPa; an impossible one is ignored."""
+        lowest, highest = POSSIBLE_PRESSURE
+        if lowest <= pressure <= highest:
+            [altitude] = standard_altitude(np.array([pressure])).tolist()
+            self._latest = self._latest._replace(altitude=altitude)
+
+    def update(self, *, is_flying: bool, is_takeoff_seen: bool) -> None:
+        """Takes the latest place for the ground before the take-off, or the ground for that of a take-off.
+
+        Args:
+            is_flying: whether the vehicle is in the air.
+            is_takeoff_seen: whether its take-off was seen in this boot.
+        """
+        if not is_flying:
+            self._ground = self._latest
+        elif self._ground is not None and is_takeoff_seen:
+            self._takeoff = self._ground
