@@ -99,6 +99,12 @@ They are the momentum drag coefficient, 1/s at sea level, and the ballistic coef
 name), kg/m²: half of the air density over the quadratic drag.
 """
 
+MAX_BALLISTIC_COEFFICIENTS = {"ARDUPILOTMEGA": 1000.0, "PX4": 200.0}
+"""Largest ballistic coefficient, kg/m², that each autopilot's documentation of its parameters allows.
+
+A vehicle with more has so little quadratic drag that this part of the drag model is to be left switched off.
+"""
+
 FACTORY_VALUES = {
     "EKF2_MCOEF": (0.15,),
     "EKF2_BCOEF_X": (25.0, 100.0),
@@ -314,7 +320,8 @@ class Drag(ImmutableResult):
             autopilot: name of the autopilot, a key of ``DRAG_PARAMETER_NAMES``.
 
         Returns:
-            Value with its 90 % interval by name of the parameter; empty for an autopilot without such a model.
+            Value with its 90 % interval by name of the parameter; empty for an autopilot without such a model. A
+            ballistic coefficient beyond ``MAX_BALLISTIC_COEFFICIENTS`` is left out: the autopilot does not take it.
         """
         if autopilot not in DRAG_PARAMETER_NAMES:
             return {}
@@ -327,7 +334,9 @@ class Drag(ImmutableResult):
         quadratic_low, quadratic_high = self.interval("quadratic")
         ballistic = HALF_AIR_DENSITY / np.array([self.quadratic, quadratic_high, quadratic_low])
         for axis, coefficients in zip("XY", ballistic.T.tolist(), strict=True):
-            values[f"{ballistic_prefix}{axis}"] = ParameterValue(*coefficients)
+            parameter = ParameterValue(*coefficients)
+            if parameter.value <= MAX_BALLISTIC_COEFFICIENTS[autopilot]:
+                values[f"{ballistic_prefix}{axis}"] = parameter
         return values
 
     def for_next_flight(self) -> Drag:

@@ -69,6 +69,8 @@ def test_what_somebody_set_in_the_autopilot_takes_the_place_of_the_populations_d
     assert simulated.source == "parameters"
     assert_allclose(simulated.linear, 0.5)
     assert simulated.interval("linear")[1].max() < 0.62
+    # Without quadratic drag there is no ballistic coefficient that the autopilot would take.
+    assert list(simulated.autopilot_parameters("PX4")) == ["EKF2_MCOEF"]
     assert Drag.from_parameters("PX4", simulator | {"SYS_AUTOSTART": 4001.0}).source == "population"
     names = ("EK3_DRAG_MCOEF", "EK3_DRAG_BCOEF_X", "EK3_DRAG_BCOEF_Y")
     named = dict(zip(names, (0.5, 20.0, 80.0), strict=True))
