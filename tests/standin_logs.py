@@ -105,7 +105,7 @@ def table_of(out):
 
 def fleet_of(out, rows):
     """Makes a fleet of these rows, none of them judged."""
-    from mavdem.fleet.judgement import publish
+    from mavdem.fleet.judgement import publish_judgements
     from mavdem.fleet.sources import LogSource
     from mavdem.fleet.store import open_store
 
@@ -116,7 +116,7 @@ def fleet_of(out, rows):
                 LogSource(file, 1, "now"), JobOutcome(file, "read", of_log, of_log[0].key), LIMITS
             )
         fleet.track([LogSource(row.file, 1, "now") for row in rows])
-        publish(fleet, lambda rows, _: rows)
+        publish_judgements(fleet, lambda rows, _: rows)
 
 
 def statuses(out):

@@ -33,7 +33,7 @@ DIVE_COLLECTIVE_RATIO = 0.5
 recorded."""
 
 
-def falls(sensors: BootSensors, interval: TimeInterval) -> Iterator[Fact]:
+def fall_events(sensors: BootSensors, interval: TimeInterval) -> Iterator[Fact]:
     """Yields an event if the vehicle fell faster than ``FALL_SPEED`` and all height sensors confirm that.
 
     A diverging estimate of the vertical speed looks like a fall. So the height, if it was recorded, must decrease by at
@@ -99,7 +99,7 @@ def _height_contradicts_fall(
     return bool(end_height - start_height > expected_change)
 
 
-def dives(sensors: BootSensors, flight_interval: TimeInterval) -> Iterator[Fact]:
+def dive_events(sensors: BootSensors, flight_interval: TimeInterval) -> Iterator[Fact]:
     """Yields the dives of a flight: the throttle was closed, the vehicle sank fast, and it flew on afterwards.
 
     A dive is intended and therefore good, but it explains high speeds and full throttle at its end. It must last for

@@ -15,7 +15,7 @@ from mavdem.assessment.attitude_losses import attitude_losses
 from mavdem.assessment.attitude_swings import attitude_swings
 from mavdem.assessment.autopilot_messages import in_time_order
 from mavdem.assessment.barometer_drifts import barometer_drifts
-from mavdem.assessment.descents import dives, falls
+from mavdem.assessment.descents import dive_events, fall_events
 from mavdem.assessment.flights import (
     RECOVERY_SECONDS,
     flights_in_boot,
@@ -269,7 +269,7 @@ def _events_of_flight(
             yield event
     yield from _standing_motors(sensors, error, flight_interval, loss, contact, reports)
     yield from _falls_of_flight(sensors, flight_interval, loss, contact)
-    yield from dives(sensors, flight_interval)
+    yield from dive_events(sensors, flight_interval)
     controlled_interval = _interval_before(flight_interval, loss, contact)
     yield from attitude_swings(sensors.signals, sensors.boot, controlled_interval)
     yield from height_divergences(sensors, controlled_interval)
@@ -371,7 +371,7 @@ def _falls_of_flight(
     elif np.isfinite(landing_time):
         # The flight ended in an ordinary landing, after which the estimate may diverge.
         return
-    yield from falls(sensors, (max(flight_start, start), end))
+    yield from fall_events(sensors, (max(flight_start, start), end))
 
 
 def _end_in_air(

@@ -25,7 +25,7 @@ from mavdem.fleet.workers import (
     LogReader,
     ReadLog,
     failed,
-    side_by_side,
+    read_in_parallel,
 )
 
 CONNECTION_TIMEOUT = 10.0
@@ -83,7 +83,7 @@ class Cluster:
         """
         threads = sum(self._connected_client().nthreads().values())
         read = partial(self.read, limits=self.limits, read=self._read)
-        yield from side_by_side([read] * (JOBS_PER_THREAD * threads), jobs, self.stop)
+        yield from read_in_parallel([read] * (JOBS_PER_THREAD * threads), jobs, self.stop)
 
     def read(self, job: Job, limits: JobLimits, read: ReadLog) -> JobOutcome:
         """Has a log read on a worker of the cluster, and returns the outcome.

@@ -28,7 +28,7 @@ AssessRows = Callable[[FlightRows, FlightRows], FlightRows]
 """A function of all rows of one vehicle, and the rows of its baseline; it returns the same rows with their health."""
 
 
-def publish(store: Store, assess: AssessRows) -> None:
+def publish_judgements(store: Store, assess: AssessRows) -> None:
     """Judges the vehicles that have new flights or a new baseline, and writes the changes to the fleet's table.
 
     Rows are marked with the hash of the baseline by which they were judged; those with another mark, or none, are

@@ -199,7 +199,7 @@ def remote_version(details: Mapping[str, Any]) -> str:
     return ""
 
 
-def fetch(url: str, copy: Path) -> None:
+def copy_remote_file(url: str, copy: Path) -> None:
     """Copies the file behind a URL to this machine.
 
     Args:

@@ -19,7 +19,7 @@ from mavdem.facts import Fact, Facts
 from mavdem.facts.fleet import FleetFolderFact, ReadingFact
 from mavdem.facts.motors import HealthUnknown
 from mavdem.fleet.cluster import Cluster
-from mavdem.fleet.judgement import AssessRows, publish
+from mavdem.fleet.judgement import AssessRows, publish_judgements
 from mavdem.fleet.row import UNKNOWN, FlightRow, FlightRows
 from mavdem.fleet.sources import LogSource, find_logs
 from mavdem.fleet.store import Store, open_store
@@ -269,7 +269,7 @@ def track(
             store.healthy = _checked_baseline(store.rows_of(healthy_logs))
         read_count, unread_logs = _read_new_logs(store, logs, reader, page, progress)
         store.track(logs)
-        publish(store, assess)
+        publish_judgements(store, assess)
         return TrackedLogs(len(logs), read_count, (*problems, *unread_logs), store.healthy)
 
 

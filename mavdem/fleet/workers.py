@@ -37,7 +37,7 @@ from mavdem.extras import MissingExtra
 from mavdem.facts import Fact
 from mavdem.facts.fleet import ReadingFact
 from mavdem.fleet.row import FlightRow
-from mavdem.fleet.sources import fetch, is_url
+from mavdem.fleet.sources import copy_remote_file, is_url
 from mavdem.processes import (
     TERMINATION_SIGNALS,
     limit_memory,
@@ -254,7 +254,7 @@ class LogReader:
             supervision = Supervision(process.pid or 0, limits)
             outcome = None
             try:
-                future = self._executor.submit(perform, job, limits, read)
+                future = self._executor.submit(read_within_limits, job, limits, read)
                 outcome = self._result(future, supervision.is_beyond_limits)
                 ending = supervision.ending
             except BrokenExecutor:
@@ -376,14 +376,14 @@ class WorkerPool:
             partial(reader.read, limits=self.limits, read=self._read) for reader in readers
         ]
         try:
-            yield from side_by_side(read_functions, jobs, cancellation.set)
+            yield from read_in_parallel(read_functions, jobs, cancellation.set)
         finally:
             with blocked_signals(*TERMINATION_SIGNALS):
                 for reader in readers:
                     reader.stop()
 
 
-def side_by_side(
+def read_in_parallel(
     read_functions: Iterable[Callable[[Job], JobOutcome | None]],
     jobs: Iterator[Job],
     cancel: Callable[[], None],
@@ -449,7 +449,7 @@ def _receive(read: ReadLog) -> None:
     """Does nothing, in the process of a ``LogReader``, which has then imported the modules of ``read``."""
 
 
-def perform(job: Job, limits: JobLimits, read: ReadLog) -> JobOutcome:
+def read_within_limits(job: Job, limits: JobLimits, read: ReadLog) -> JobOutcome:
     """Reads one log within limits, in the process of a ``LogReader``.
 
     Linux limits the memory of the process; ``Supervision`` checks memory and processor time from outside, on every
@@ -563,5 +563,5 @@ def _local_file(path: str) -> Iterator[Path]:
     with tempfile.TemporaryDirectory(prefix=f"mavdem-{os.getpid()}-") as folder, chdir(folder):
         name = urlsplit(path).path.rpartition("/")[2]
         copy = Path(name[-MAX_COPY_NAME_LETTERS:] or "log")
-        fetch(path, copy)
+        copy_remote_file(path, copy)
         yield copy

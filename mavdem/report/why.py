@@ -5,7 +5,7 @@ from mavdem.report.blocks import Sentence
 from mavdem.report.templates import render_section
 
 
-def why(fact: Fact) -> list[Sentence]:
+def evidence_sentences(fact: Fact) -> list[Sentence]:
     """Returns the sentence with the evidence for an event: the measurements that confirm it, then those that do not.
 
     An event is checked against measurements that are independent of each other. For a collision, for example, the
@@ -34,6 +34,6 @@ def why(fact: Fact) -> list[Sentence]:
     )
 
 
-def why_text(fact: Fact) -> str:
+def evidence_text(fact: Fact) -> str:
     """Returns the evidence for an event as text with its lead, for a table; empty if the event was not checked."""
-    return " ".join(f"{sentence.lead} {sentence.text}" for sentence in why(fact))
+    return " ".join(f"{sentence.lead} {sentence.text}" for sentence in evidence_sentences(fact))

@@ -30,7 +30,7 @@ from mavdem.facts.events import ReportedEvent
 from mavdem.facts.fleet import ReadingFact
 from mavdem.facts.serve import Stage
 from mavdem.files import atomic_write
-from mavdem.fleet.judgement import publish
+from mavdem.fleet.judgement import publish_judgements
 from mavdem.fleet.row import FlightRows
 from mavdem.fleet.rows_of_log import rows_of_assessment
 from mavdem.fleet.store import open_store
@@ -190,7 +190,7 @@ def publish_table(path: Path, key: str, page: object) -> LogRows:
     """
     library_folder = path.parents[1]
     with open_store(library_folder) as store:
-        publish(store, assess_rows)
+        publish_judgements(store, assess_rows)
     return LogRows(rows=[], pages={})
 
 

@@ -162,7 +162,7 @@ def live_plot(title: str, origin: str) -> rrb.View:
     )
 
 
-def figures(
+def figure_texts(
     status: SessionStatus, row: DisplayRow, channels: Channels, training_end_time: float | None
 ) -> Names:
     """Returns the texts with the latest figures of a live flight, which are shown next to the plots of the first tab.

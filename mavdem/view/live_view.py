@@ -25,7 +25,7 @@ from mavdem.live.link import RETRY_SECONDS
 from mavdem.live.samples import MAX_SAMPLES
 from mavdem.live.session_status import STATUS_PERIOD
 from mavdem.view.first_tab import events_text
-from mavdem.view.live_content import Channels, figures, status_document
+from mavdem.view.live_content import Channels, figure_texts, status_document
 from mavdem.view.live_scene import LiveScene
 from mavdem.view.live_writer import LiveWriter
 from mavdem.view.plots import BOOT_CLOCK, log_event
@@ -266,7 +266,7 @@ class SinkThread(threading.Thread):
             sentence = f"{new_drops} rows are not shown here: this view is too slow"
             log_event(recording, row.timeline_time, sentence, Level.WATCH)
             self._reported_drops += new_drops
-        summaries = figures(self.status, row, channels, self._training_end_time)
+        summaries = figure_texts(self.status, row, channels, self._training_end_time)
         documents = {
             "figures": "\n\n".join(summaries),
             "status": status_document(self.status, row, channels, self._training_end_time),

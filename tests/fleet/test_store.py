@@ -27,7 +27,7 @@ from mavdem.fleet.judgement import (
     judgement_lock,
     mark_pages_updated,
     outdated_vehicles,
-    publish,
+    publish_judgements,
 )
 from mavdem.fleet.row import FlightRow
 from mavdem.fleet.store import open_store
@@ -240,7 +240,7 @@ def test_a_run_that_waits_judges_by_the_baseline_that_was_set_meanwhile(tmp_path
 
     def judge():
         with open_store(tmp_path) as second_run:
-            publish(second_run, assess)
+            publish_judgements(second_run, assess)
 
     with open_store(tmp_path) as first_run, ThreadPoolExecutor(1) as thread:
         with judgement_lock(tmp_path):
@@ -260,7 +260,7 @@ def test_a_changed_vehicle_takes_the_place_of_its_rows_in_the_table(tmp_path):
     spliced = parquet.read_table(table_path(tmp_path))
     table_path(tmp_path).unlink()
     with open_store(tmp_path) as whole_store:
-        publish(whole_store, assess_rows)
+        publish_judgements(whole_store, assess_rows)
     assert spliced.equals(parquet.read_table(table_path(tmp_path)))
     assert spliced["vehicle"].to_pylist() == ["a", "b", "b"]
     assert spliced["tier"].to_pylist() == ["a", None, None]

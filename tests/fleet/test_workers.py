@@ -34,7 +34,7 @@ from mavdem.facts.sources import SourceFact
 from mavdem.fleet import cluster, workers
 from mavdem.fleet.cluster import Cluster
 from mavdem.fleet.row import FlightRow
-from mavdem.fleet.sources import fetch, find_logs
+from mavdem.fleet.sources import copy_remote_file, find_logs
 from mavdem.fleet.stored_rows import STORE, read_rows
 from mavdem.fleet.workers import (
     FunctionByName,
@@ -45,7 +45,7 @@ from mavdem.fleet.workers import (
     WorkerPool,
     exit_code_of_ended,
     outcome_of,
-    perform,
+    read_within_limits,
 )
 from mavdem.processes import lower_priority, peak_mebibytes
 
@@ -288,7 +288,7 @@ def test_an_outcome_has_the_time_and_the_largest_memory_of_its_reading(monkeypat
     for name in ("forbid_child_processes", "limit_memory"):
         monkeypatch.setattr(workers, name, lambda *_: None)
     largest = peak_mebibytes()
-    outcome = perform(Job(str(tmp_path / "none")), JobLimits(300.0, 600), None)
+    outcome = read_within_limits(Job(str(tmp_path / "none")), JobLimits(300.0, 600), None)
     assert 0 < outcome.seconds < 60 and largest <= outcome.megabytes < 1e4
 
 
@@ -382,7 +382,9 @@ def test_what_a_file_system_lacks_is_said(tmp_path):
     for url in ("s3://bucket/flight.bin", "nonsense://x/flight.bin"):
         (problem,) = find_logs([url])[1]
         assert problem.code is FleetFolderFact.URL_UNREADABLE and problem.figures["path"] == url
-    assert unreadable(fetch, "http://127.0.0.1:9/x.bin", tmp_path / "x.bin").figures["fetched"]
+    assert unreadable(copy_remote_file, "http://127.0.0.1:9/x.bin", tmp_path / "x.bin").figures[
+        "fetched"
+    ]
 
 
 def test_a_process_of_low_priority_keeps_it(monkeypatch):

@@ -4,7 +4,7 @@ from mavdem.facts import Fact
 from mavdem.facts.ending import MotionEvent
 from mavdem.facts.events import ReportedEvent
 from mavdem.facts.witnesses import SensorFact
-from mavdem.report.why import why, why_text
+from mavdem.report.why import evidence_sentences, evidence_text
 from mavdem.witnesses.sensor_facts import (
     checked_event,
     contradicting_fact,
@@ -22,7 +22,7 @@ def hit(*witnesses):
 
 
 def test_witnesses_for_an_event_come_first_and_those_against_it_last():
-    (sentence,) = why(hit(UPRIGHT, SANK, KNOCKED))
+    (sentence,) = evidence_sentences(hit(UPRIGHT, SANK, KNOCKED))
     assert sentence.lead == "Why:"
     assert sentence.text == (
         "the barometer sank at 4.0 m/s at 2.5 s and the accelerometer measured 80 m/s² at 3.0 s; "
@@ -38,15 +38,15 @@ def test_what_stands_askew_is_not_called_upright():
 def test_a_report_does_not_prove_itself():
     crash = Fact(ReportedEvent.CRASH_DETECTED, time=5.0, boot=0)
     reported = supporting_fact(SensorFact.AUTOPILOT_REPORTED, cause=crash)
-    assert why_text(crash.replace(witnesses=(reported, SANK))) == (
+    assert evidence_text(crash.replace(witnesses=(reported, SANK))) == (
         "Why: the barometer sank at 4.0 m/s at 2.5 s."
     )
-    assert "the autopilot reports a crash (5.0 s)" in why_text(hit(reported, SANK))
+    assert "the autopilot reports a crash (5.0 s)" in evidence_text(hit(reported, SANK))
 
 
 def test_an_event_without_witnesses_has_no_why():
-    assert why(Fact(MotionEvent.HIT, time=3.0)) == []
-    assert why_text(Fact(MotionEvent.HIT, time=3.0)) == ""
+    assert evidence_sentences(Fact(MotionEvent.HIT, time=3.0)) == []
+    assert evidence_text(Fact(MotionEvent.HIT, time=3.0)) == ""
 
 
 def test_one_witness_is_not_enough_for_a_bad_event():

@@ -36,7 +36,7 @@ from mavdem.motors.motor_changes import MotorAlarm
 from mavdem.plant import Physical
 from mavdem.plant.online_wind_torque import is_torque_resolved
 from mavdem.plant.sampled_plant import GAUSSIAN_KERNEL, WindComponent
-from mavdem.view.live_content import Channels, figures, status_document
+from mavdem.view.live_content import Channels, figure_texts, status_document
 from mavdem.view.live_view import LiveView, SinkThread
 from mavdem.view.sinks import RecordingFile, Viewer, WebServer, sinks_for
 
@@ -213,7 +213,7 @@ def test_a_wind_torque_smaller_than_its_error_is_not_identifiable():
     row = ROW._replace(estimate=estimate(60, 60.0)._replace(wind_torque_band=12.0))
     assert (
         "not identifiable\nsmaller than its error of ± 688 °/s²"
-        in figures(SessionStatus(), row, CHANNELS, 59.0)[3]
+        in figure_texts(SessionStatus(), row, CHANNELS, 59.0)[3]
     )
 
 
@@ -330,7 +330,7 @@ def test_a_stalled_sink_holds_up_nobody_and_loses_the_oldest_rows_only(tmp_path,
 def test_figures_and_status_show_what_is_known_and_a_model_outlives_the_flight():
     row = ROW._replace(time=60.0)
     status = SessionStatus(no_model_reason=prose("The vehicle is on the ground."))
-    assert all("### –" in figure for figure in figures(status, row, CHANNELS, None)[1:6])
+    assert all("### –" in figure for figure in figure_texts(status, row, CHANNELS, None)[1:6])
     assert "No model yet. The vehicle is on the ground." in status_document(
         status, row, CHANNELS, None
     )
@@ -342,7 +342,7 @@ def test_figures_and_status_show_what_is_known_and_a_model_outlives_the_flight()
         useful_horizon=UsefulHorizon(0.5, 0.41),
     )
     now = estimate(60, 60.0)
-    shown = "\n".join(figures(status, row._replace(estimate=now), CHANNELS, 59.0))
+    shown = "\n".join(figure_texts(status, row._replace(estimate=now), CHANNELS, 59.0))
     for words in (
         "42 s learned",
         "± 2.0°\n0.25 s ahead",

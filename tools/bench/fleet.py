@@ -28,7 +28,7 @@ from typing import Any, NamedTuple
 import click
 
 from mavdem.containers import group_by
-from mavdem.fleet.judgement import publish
+from mavdem.fleet.judgement import publish_judgements
 from mavdem.fleet.row import FlightRow, FlightRows
 from mavdem.fleet.sources import LogSource, find_logs
 from mavdem.fleet.store import Store, open_store
@@ -211,7 +211,7 @@ def fill_store(store: Store, rows: FlightRows, count: int) -> None:
             store.add(log.source, log.outcome, limits)
             sources.append(log.source)
         store.track(sources)
-    publish(store, assess_rows)
+    publish_judgements(store, assess_rows)
 
 
 def write_stand_in_pages(folder: Path) -> None:

@@ -136,9 +136,9 @@ def flight_figures(window: Window) -> FlightFigures:
     error_ratios = {}
     scored: dict[str, Forecaster] = {"closed loop": closed_loop, "DEM's joint model": learned}
     for kind, steps in STEPS.items():
-        reference_errors = _errors(reference[kind], kind, window)
+        reference_errors = _relative_errors(reference[kind], kind, window)
         for name, model in scored.items():
-            errors = _errors(model, kind, window)
+            errors = _relative_errors(model, kind, window)
             for step in steps:
                 error_ratios[name, kind, step] = errors[step] / reference_errors[step]
     return FlightFigures(
@@ -151,7 +151,7 @@ def flight_figures(window: Window) -> FlightFigures:
     )
 
 
-def _errors(model: Forecaster, kind: ForecastKind, window: Window) -> dict[int, float]:
+def _relative_errors(model: Forecaster, kind: ForecastKind, window: Window) -> dict[int, float]:
     """Returns the relative errors of a trained model's forecasts of the held-out samples, by how far they look ahead.
 
     Args:

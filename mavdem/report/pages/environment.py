@@ -13,7 +13,7 @@ from mavdem.report.blocks import Table
 from mavdem.report.charts.chart import Chart
 from mavdem.report.palette import DISTURBANCE, INK_ON_LIGHT, PREDICTED
 from mavdem.report.template_cache import CompiledTemplates
-from mavdem.report.why import why_text
+from mavdem.report.why import evidence_text
 
 _UNSAFE_CHARACTERS = re.compile(
     r"[\x00-\x08\x0b-\x1f\x7f-\x9f\u061c\u200e\u200f\u202a-\u202e\u2066-\u2069]"
@@ -36,9 +36,9 @@ def render_page(template: Template, **values: Any) -> str:
 def environment() -> Environment:
     """Returns Jinja's environment for the templates of ``mavdem/report``; it escapes all text.
 
-    Beside Jinja's own, templates have the filters ``prose`` and ``why_text``, the tests ``is table`` and ``is chart``
-    by which they choose how to draw a block, and as globals the version of the program and the colours of charts. The
-    environment is cached and shared: a filter that one page adds is there for all pages.
+    Beside Jinja's own, templates have the filters ``prose`` and ``evidence_text``, the tests ``is table`` and
+    ``is chart`` by which they choose how to draw a block, and as globals the version of the program and the colours of
+    charts. The environment is cached and shared: a filter that one page adds is there for all pages.
     """
     jinja = Environment(
         loader=PackageLoader("mavdem.report", ""),
@@ -56,7 +56,7 @@ def environment() -> Environment:
     jinja.tests["table"] = lambda block: isinstance(block, Table)
     jinja.tests["chart"] = lambda panel: isinstance(panel, Chart)
     jinja.filters["prose"] = _prose
-    jinja.filters["why_text"] = why_text
+    jinja.filters["evidence_text"] = evidence_text
     return jinja
 
 

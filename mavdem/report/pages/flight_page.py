@@ -78,7 +78,7 @@ from mavdem.report.templates import (
 )
 from mavdem.report.trust import trust_table
 from mavdem.report.truth import truth_blocks
-from mavdem.report.why import why, why_text
+from mavdem.report.why import evidence_sentences, evidence_text
 from mavdem.witnesses import SensorTrust
 
 if TYPE_CHECKING:
@@ -165,7 +165,7 @@ def log_page(
         changes = gain_changes(name, vehicle, advice, assessment.next_step)
     with sentences_for(Medium(has_terminal=False, has_gain_table=changes is not None)):
         timeline = assessment_timeline(assessment)
-        texts_above = (str(assessment.next_step), why_text(assessment.headline))
+        texts_above = (str(assessment.next_step), evidence_text(assessment.headline))
         events = _numbered_events(assessment.events, timeline, *texts_above)
         if timeline is not None:
             timeline = timeline._replace(event_labels=_labels_in_charts(events, timeline))
@@ -191,7 +191,7 @@ def log_page(
         # The witnesses of the headline and the next step follow it; the lights stand in a grid below them.
         summary = [
             sentences.headline,
-            *why(assessment.headline),
+            *evidence_sentences(assessment.headline),
             sentences.next_step,
         ]
         return render_document(name, subtitle, summary, chapters, back, head, max_points)
@@ -292,7 +292,7 @@ def _numbered_events(
         if fact.remedy in next_step:
             texts_above.add(fact.remedy)
         texts_above_event = frozenset(texts_above)
-        texts_above |= {fact.remedy, why_text(fact)}
+        texts_above |= {fact.remedy, evidence_text(fact)}
         if fact.time is None:
             page_events.append(PageEvent(Event(nan, fact), repeated=texts_above_event))
             continue

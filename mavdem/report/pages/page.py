@@ -26,7 +26,7 @@ from mavdem.report.numbers import display_unit, name_with_unit, rounded
 from mavdem.report.pages.environment import environment, render_page
 from mavdem.report.screen import flight_title, model_screen
 from mavdem.report.templates import without_full_stop
-from mavdem.report.why import why_text
+from mavdem.report.why import evidence_text
 
 MAX_BRIEF_EVENTS = 4
 """Events that a page shows at first: a choice, so that the list takes less room than the charts."""
@@ -159,7 +159,7 @@ class PageEvent(NamedTuple):
     @property
     def why(self) -> str:
         """What shows it; empty if nothing does, or if the page has that already."""
-        text = why_text(self.event.fact)
+        text = evidence_text(self.event.fact)
         return "" if text in self.repeated else text
 
     @property
@@ -252,7 +252,7 @@ class Head(NamedTuple):
         if len(self.brief_events) < len(self.events):
             return True
         facts = [page_event.event.fact for page_event in self.events]
-        return any(fact.remedy or why_text(fact) for fact in facts)
+        return any(fact.remedy or evidence_text(fact) for fact in facts)
 
 
 def render_document(

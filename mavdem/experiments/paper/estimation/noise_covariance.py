@@ -121,15 +121,19 @@ def record_errors(record: NoisyRecord) -> dict[str, RecordErrors]:
             errors[name] = RecordErrors(np.inf, np.inf)
             continue
         states = kalman_states_with_variances(record, variances)
-        errors[name] = _errors(record, variances, states)
+        errors[name] = _record_errors(record, variances, states)
     for name, estimate_recursively in {**RECURSIVE_ESTIMATORS, DEM: dem_variances}.items():
         estimates: RecursiveEstimates = estimate_recursively(record)
-        errors[name] = _errors(record, final_variances(estimates.variances), estimates.states)
+        errors[name] = _record_errors(
+            record, final_variances(estimates.variances), estimates.states
+        )
     # DEM as an online estimator gives variances only. With NaN as states, the error of its states is NaN too.
     no_states = np.full_like(record.states, np.nan)
-    errors[ONLINE_DEM] = _errors(record, final_variances(online_dem_variances(record)), no_states)
+    errors[ONLINE_DEM] = _record_errors(
+        record, final_variances(online_dem_variances(record)), no_states
+    )
     true_states = kalman_states_with_variances(record, record.noise_variances)
-    errors[TRUE_VARIANCES] = _errors(record, record.noise_variances, true_states)
+    errors[TRUE_VARIANCES] = _record_errors(record, record.noise_variances, true_states)
     return errors
 
 
@@ -139,7 +143,7 @@ def final_variances(history: Array) -> Array:
     return np.asarray(np.exp(np.log(last_part).mean(axis=0)), float)
 
 
-def _errors(record: NoisyRecord, variances: Array, states: Array) -> RecordErrors:
+def _record_errors(record: NoisyRecord, variances: Array, states: Array) -> RecordErrors:
     """Returns the errors of estimated variances and states.
 
     Args:
@@ -181,7 +185,7 @@ def online_errors(record: NoisyRecord) -> dict[str, float]:
     }
     histories[ONLINE_DEM] = online_dem_variances(record)
     return {
-        name: _errors(record, final_variances(history), no_states).log_variance_error
+        name: _record_errors(record, final_variances(history), no_states).log_variance_error
         for name, history in histories.items()
     }
 
