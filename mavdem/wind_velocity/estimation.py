@@ -100,7 +100,7 @@ class WindVelocity(ImmutableResult):
         direction: that the wind comes from, degrees clockwise from the yaw's north, 0 to 360.
         direction_interval: half width of its 90 % interval, degrees.
         gust: largest mean speed over ``gust_seconds``, m/s.
-        gust_interval: ends of its 90 % interval, m/s.
+        gust_interval: ends of its 90 % interval, m/s; the lower one is 0 if still air is likely as well.
         gust_seconds: 3 s, or one step where steps are longer.
         turbulence_intensity: standard deviation of the wind along its mean direction, over its speed.
         time: (T,) s, on the clock that was given.
@@ -327,17 +327,19 @@ def estimate_wind(
 
     gust_steps = max(round(GUST_SECONDS / fine.step), 1)
     gust = float(_largest_running_mean(np.hypot(*wind_velocity.T)[:, np.newaxis], gust_steps)[0])
+    lowest_speed = lower_speed_bound(whole_flight.low, whole_flight.high)
+    gust_low, gust_high = _gust_interval(winds, variances, gust_steps, gust)
+    if not lowest_speed:
+        # Still air has no gusts. The samples have, since the speed of a scattered velocity is above 0.
+        gust_low = 0.0
     mean_speed_square = max(mean_wind_velocity @ mean_wind_velocity, MIN_SPEED)
     return WindVelocity(
         speed=whole_flight.speed,
-        speed_interval=(
-            lower_speed_bound(whole_flight.low, whole_flight.high),
-            whole_flight.high,
-        ),
+        speed_interval=(lowest_speed, whole_flight.high),
         direction=whole_flight.direction,
         direction_interval=whole_flight.direction_half_width,
         gust=gust,
-        gust_interval=_gust_interval(winds, variances, gust_steps, gust),
+        gust_interval=(gust_low, gust_high),
         gust_seconds=gust_steps * fine.step,
         turbulence_intensity=(wind_velocity @ mean_wind_velocity).std() / mean_speed_square,
         time=fine.time,

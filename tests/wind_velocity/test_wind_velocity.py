@@ -210,6 +210,8 @@ def test_hover_takes_the_drag_of_another_flight():
 def test_calm_air_is_below_a_speed():
     wind = mavdem.estimate_wind(*flight(wind=(0, 0), gusts=0.05)[:3])
     assert wind.calm and wind.speed < 0.7 and wind.speed_interval[0] == 0
+    # Still air has no gusts either.
+    assert wind.gust_interval[0] == 0 < wind.gust
     assert lower_speed_bound(0.6, 6.0)
     own = TimeSeries(wind.time, np.zeros(len(wind.time), int), np.ones((len(wind.time), 2)))
     shown = wind_blocks(WindEvidence(wind, own, None))
