@@ -58,7 +58,7 @@ def write_fleet_pages(store: Store, changes: Mapping[str, Sequence[Block]]) -> F
     last written, their parts of the index are taken from the store.
 
     Args:
-        store: The open store of the fleet.
+        store: The open SQLite store of the fleet, with the rows of all logs.
         changes: Changes of each vehicle since a baseline, as blocks of text, by the vehicle's name.
 
     Returns:
@@ -84,7 +84,7 @@ def _cached_summaries(store: Store, outdated_names: Collection[str]) -> list[Veh
     """Returns the summary of each vehicle, from the store if it is kept there and up to date.
 
     Args:
-        store: The open store of the fleet.
+        store: The open SQLite store of the fleet, with the rows of all logs.
         outdated_names: Names of the vehicles with new results, whose summaries are made again.
     """
     summary_json = partial(_summary_json, store.folder)
@@ -112,7 +112,7 @@ def _charts_html(store: Store, vehicle: str) -> str:
     """Returns the charts of a vehicle as HTML, from the store if they are kept there.
 
     Args:
-        store: The open store of the fleet.
+        store: The open SQLite store of the fleet, with the rows of all logs.
         vehicle: Name of the vehicle.
     """
 

@@ -48,7 +48,7 @@ def result_files(assessment: Assessment, recordings: Names = ()) -> Names:
     Without a model there are only the document and the page.
 
     Args:
-        assessment: The assessment.
+        assessment: All results on a vehicle of a log: events, status lights, model, loops and wind.
         recordings: The requested ones of ``RECORDINGS``.
     """
     if assessment.model is None:
@@ -90,7 +90,7 @@ def write_recordings(paths: Mapping[str, Path], assessment: Assessment) -> None:
 
     Args:
         paths: Path to write to, for each of the ``RECORDINGS`` that is wanted.
-        assessment: The assessment.
+        assessment: All results on a vehicle of a log: events, status lights, model, loops and wind.
     """
     analysis = assessment.analysis
     if analysis is None or analysis.learned is None or analysis.held_out is None:
@@ -162,7 +162,7 @@ def write_dashboard(target: Target, assessment: Assessment) -> None:
 
     Args:
         target: Path of an .rrd file, or a recording that is streamed to a viewer.
-        assessment: The assessment.
+        assessment: All results on a vehicle of a log: events, status lights, model, loops and wind.
     """
     # Rerun takes a second to import, and is not needed where nothing can be learned from a flight.
     from mavdem.view import write_recording

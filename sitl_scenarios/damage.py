@@ -51,7 +51,7 @@ def damage_history(scenario: Scenario) -> list[DamageStep]:
     damage of the scenario does not act.
 
     Args:
-        scenario: The scenario.
+        scenario: Scenario of a simulated flight: vehicle, wind, excitation, sensors and faults.
 
     Returns:
         The steps in ascending order of time; empty for a sound vehicle.

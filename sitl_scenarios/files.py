@@ -231,7 +231,7 @@ def scenario_toml(scenario: Scenario) -> str:
     """Writes a scenario as TOML, with every value, and its meaning and range as a comment.
 
     Args:
-        scenario: The scenario.
+        scenario: Scenario of a simulated flight: vehicle, wind, excitation, sensors and faults.
 
     Returns:
         Text of a .toml file, which gives the same scenario when it is read.

@@ -47,7 +47,7 @@ def check_parameters(scenario: Scenario) -> None:
     """Checks a scenario's ``vehicle.parameters``: each name, each value, and that together they describe a controller.
 
     Args:
-        scenario: The scenario.
+        scenario: Scenario of a simulated flight: vehicle, wind, excitation, sensors and faults.
 
     Raises:
         ValueError: The simulated controller does not use a parameter, or its value is out of range.
@@ -83,7 +83,7 @@ def controller_for(scenario: Scenario) -> FlightController:
     rotors.
 
     Args:
-        scenario: The scenario.
+        scenario: Scenario of a simulated flight: vehicle, wind, excitation, sensors and faults.
 
     Returns:
         A new controller.

@@ -249,7 +249,7 @@ def mishap_truth(scenario: Scenario) -> Arrays:
     """Returns what goes wrong in a flight, and when.
 
     Args:
-        scenario: The scenario.
+        scenario: Scenario of a simulated flight: vehicle, wind, excitation, sensors and faults.
 
     Returns:
         Arrays of one value: ``mishap``, its kind; ``mishap_time``, s since boot, NaN for one that lasts the whole
@@ -586,7 +586,7 @@ def write_truth(path: str | os.PathLike[str], scenario: Scenario, motion: Motion
 
     Args:
         path: Path of the file.
-        scenario: The scenario.
+        scenario: Scenario of a simulated flight: vehicle, wind, excitation, sensors and faults.
         motion: Motion of its flight.
 
     Raises:

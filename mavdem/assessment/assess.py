@@ -98,7 +98,7 @@ def assess(
     """Returns the assessment of a vehicle of a log, as :func:`mavdem.review` does.
 
     Args:
-        log: the log.
+        log: the log of a flight, with the messages of each vehicle.
         vehicle: "system" or "system:component". Without it, a log with several vehicles is not judged.
         axis: axis to model, or ``ALL_AXES``.
         options: choices of the user; None for the defaults.
@@ -131,8 +131,8 @@ def assess_signals(
     """Returns the assessment of one vehicle, part by part in the order in which they depend on each other.
 
     Args:
-        log: the log.
-        signals: signals of the vehicle.
+        log: the log of a flight, with the messages of each vehicle.
+        signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.
         axis, options, progress: as for :func:`mavdem.assessment.axis.analyse`, which raises the same errors.
         show_findings: is called with what is known before models and loops are computed.
 
@@ -222,8 +222,8 @@ def _results_of_other_axes(
     analysed with models, and there is a second core.
 
     Args:
-        log: the log.
-        signals: signals of the vehicle, with the inputs to use.
+        log: the log of a flight, with the messages of each vehicle.
+        signals: logged time series of the vehicle, and which of them are the inputs of the model.
         axis: name of the axis that is analysed, or ``ALL_AXES``.
         options: what is analysed.
         analysis: the analysis without a model, with the changes of the motors.
@@ -261,8 +261,8 @@ def _evidence_without_loops(
     """Collects what happened to a vehicle, and the measurements of its flights, except its control loops.
 
     Args:
-        log: the log.
-        signals: signals of the vehicle.
+        log: the log of a flight, with the messages of each vehicle.
+        signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.
         analysis: analysis of the vehicle, without a model.
         wind: the wind in m/s, or the reason why it is not known.
 
@@ -312,7 +312,7 @@ def loss_of_flight(signals: Signals) -> Fact | None:
     """Returns the event with which a flight was lost, without its cause: only an assessment shows what failed first.
 
     Args:
-        signals: signals of the vehicle.
+        signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.
 
     Returns:
         The same event as that of the assessment, but without the figures that name what failed first: ``cause``,

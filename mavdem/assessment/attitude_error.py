@@ -89,8 +89,8 @@ def attitude_error(signals: Signals, boot: int) -> AttitudeError | None:
     instead of angles, as in Acro mode, every angle counts as intended.
 
     Args:
-        signals: signals of the vehicle.
-        boot: number of the boot.
+        signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.
+        boot: number of the boot; a boot lasts from one start of the autopilot to the next.
 
     Returns:
         The error (N,), rad, at the samples of the attitude; None if fewer than two were recorded.

@@ -71,7 +71,7 @@ def attitude_losses(
     one without recovery.
 
     Args:
-        sensors: sensors of the boot.
+        sensors: sensors of the vehicle in one boot, which lasts from one start of the autopilot to the next.
         error: error of roll and pitch in this boot.
         flight_interval: start and end of the flight, s since boot.
         is_ongoing: whether the flight may continue after the last sample, as in a live session. A loss that lasts
@@ -102,7 +102,7 @@ def _loss_intervals(
     fast and was tilted by more than ``MAX_TILT`` until the flight ended.
 
     Args:
-        sensors: sensors of the boot.
+        sensors: sensors of the vehicle in one boot, which lasts from one start of the autopilot to the next.
         error: error of the attitude in the boot.
         flight_interval: start and end of the flight, s since boot.
 
@@ -135,7 +135,7 @@ def _time_of_landing_report(sensors: BootSensors, flight_end: float) -> float:
     Landed states often come once a second: the vehicle landed somewhere between the two reports.
 
     Args:
-        sensors: sensors of the boot.
+        sensors: sensors of the vehicle in one boot, which lasts from one start of the autopilot to the next.
         flight_end: end of the flight by the last report in flight, s since boot.
 
     Returns:
@@ -435,7 +435,7 @@ def knock_is_contact(sensors: BootSensors, time: float) -> bool:
     knock may be a contact.
 
     Args:
-        sensors: sensors of the boot.
+        sensors: sensors of the vehicle in one boot, which lasts from one start of the autopilot to the next.
         time: time of the knock, s since boot.
     """
     height = sensors.height_at(time)
@@ -452,7 +452,7 @@ def was_above_ground_before(
     If no height was recorded, a vehicle that has flown for ``RECOVERY_SECONDS`` counts as risen.
 
     Args:
-        sensors: sensors of the boot.
+        sensors: sensors of the vehicle in one boot, which lasts from one start of the autopilot to the next.
         flight_interval: start and end of the flight, s since boot.
         time: until when the heights of the flight are looked at, s since boot.
     """

@@ -38,8 +38,8 @@ def attitude_swings(signals: Signals, boot: int, flight_interval: TimeInterval) 
     """Yields an event for each time in which roll or pitch swung to and fro in an autonomous mode.
 
     Args:
-        signals: signals of the vehicle.
-        boot: number of the boot.
+        signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.
+        boot: number of the boot; a boot lasts from one start of the autopilot to the next.
         flight_interval: start and end of the flight, s since boot.
 
     Yields:

@@ -42,7 +42,7 @@ def barometer_drifts(
     weather explain, the altitude by satellites did not change with it, and both are the same place.
 
     Args:
-        sensors: sensors of the boot.
+        sensors: sensors of the vehicle in one boot, which lasts from one start of the autopilot to the next.
         flight_interval: start and end of the flight, s since boot.
         rests: when the vehicle rested before and after the flight, s since boot; None to find that in the signals.
 
@@ -90,7 +90,7 @@ def is_barometer_steady(
     """Returns whether a barometer reads the same at rest after a flight as before it: it has not drifted in between.
 
     Args:
-        sensors: sensors of the boot.
+        sensors: sensors of the vehicle in one boot, which lasts from one start of the autopilot to the next.
         flight_interval: start and end of the flight, s since boot.
         rests: when the vehicle rested before and after the flight, s since boot; None to find that in the signals.
 

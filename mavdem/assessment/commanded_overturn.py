@@ -29,8 +29,8 @@ def commanded_overturn(signals: Signals, boot: int, loss_time: float) -> Fact | 
     ``LOST_ANGLE``: then the command came first.
 
     Args:
-        signals: signals of the vehicle.
-        boot: number of the boot.
+        signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.
+        boot: number of the boot; a boot lasts from one start of the autopilot to the next.
         loss_time: time when the vehicle was lost, s since boot.
 
     Returns:

@@ -161,8 +161,8 @@ def _oscillation(signals: Signals, settled_segments: Segments) -> Oscillation | 
     All flight is searched too because a vehicle may swing so much that its flight does not count as settled.
 
     Args:
-        signals: signals of the vehicle.
-        settled_segments: segments of settled flight.
+        signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.
+        settled_segments: segments of settled flight: armed, off the ground, without climbs.
 
     Returns:
         The limit cycle, in settled flight if there is one; None if the vehicle does not oscillate, or is no multirotor.
@@ -188,7 +188,7 @@ def _share_intervals(motors: MotorOutputs, settled_segments: Segments) -> tuple[
 
     Args:
         motors: outputs of k motors.
-        settled_segments: segments of settled flight.
+        settled_segments: segments of settled flight: armed, off the ground, without climbs.
 
     Returns:
         Half width for each motor (k,); None if the flight is too short for one.
@@ -212,7 +212,7 @@ def _mean_commands(motors: MotorOutputs, settled_segments: Segments) -> dict[str
 
     Args:
         motors: outputs of k motors, with the geometry of the frame.
-        settled_segments: segments of settled flight.
+        settled_segments: segments of settled flight: armed, off the ground, without climbs.
 
     Returns:
         Figures by axis, as shares of the motors' range; axes whose row of the mixer is not known are left out.
@@ -254,8 +254,8 @@ def _tilt(signals: Signals, settled_segments: Segments) -> Array:
     It follows from cos(tilt) = cos(roll) cos(pitch).
 
     Args:
-        signals: signals of the vehicle.
-        settled_segments: segments of settled flight.
+        signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.
+        settled_segments: segments of settled flight: armed, off the ground, without climbs.
 
     Returns:
         Tilt at each sample of settled flight (N,), rad; empty if roll or pitch is not known.
@@ -273,8 +273,8 @@ def _vibration_figures(signals: Signals, settled_segments: Segments) -> Vibratio
     """Returns the vibration of the vehicle in settled flight, by the autopilot's own message.
 
     Args:
-        signals: signals of the vehicle.
-        settled_segments: segments of settled flight.
+        signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.
+        settled_segments: segments of settled flight: armed, off the ground, without climbs.
 
     Returns:
         Mean level of the first IMU, m/s², and number of clips of the IMU that clipped most: times that it
@@ -296,7 +296,7 @@ def _figures_of_batteries(signals: Signals, segments: Segments) -> tuple[Battery
     """Returns voltage and current of each battery in some segments, the emptiest battery first.
 
     Args:
-        signals: signals of the vehicle.
+        signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.
         segments: segments of the flight that are evaluated.
 
     Returns:

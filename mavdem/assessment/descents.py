@@ -41,7 +41,7 @@ def fall_events(sensors: BootSensors, interval: TimeInterval) -> Iterator[Fact]:
     estimate, it too must sink faster than ``FALL_SPEED``.
 
     Args:
-        sensors: sensors of the boot.
+        sensors: sensors of the vehicle in one boot, which lasts from one start of the autopilot to the next.
         interval: start and end of the time to examine, s since boot.
 
     Yields:
@@ -85,7 +85,7 @@ def _height_contradicts_fall(
     """Returns whether the vehicle lost less height than in a real fall; false if no height was recorded.
 
     Args:
-        sensors: sensors of the boot.
+        sensors: sensors of the vehicle in one boot, which lasts from one start of the autopilot to the next.
         fall: start and end of the fall, s since boot.
         mean_climb_rate: mean of the estimated climb in it, m/s, which is negative.
     """
@@ -107,7 +107,7 @@ def dive_events(sensors: BootSensors, flight_interval: TimeInterval) -> Iterator
     opened again.
 
     Args:
-        sensors: sensors of the boot.
+        sensors: sensors of the vehicle in one boot, which lasts from one start of the autopilot to the next.
         flight_interval: start and end of the flight, s since boot.
     """
     is_throttle_closed = _throttle_closed(sensors, flight_interval)
@@ -150,7 +150,7 @@ def _throttle_closed(sensors: BootSensors, flight_interval: TimeInterval) -> Tim
     closed stick.
 
     Args:
-        sensors: sensors of the boot.
+        sensors: sensors of the vehicle in one boot, which lasts from one start of the autopilot to the next.
         flight_interval: start and end of the flight, s since boot.
 
     Returns:
@@ -178,7 +178,7 @@ def _flies_on(sensors: BootSensors, flight_interval: TimeInterval, time: float) 
     known.
 
     Args:
-        sensors: sensors of the boot.
+        sensors: sensors of the vehicle in one boot, which lasts from one start of the autopilot to the next.
         flight_interval: start and end of the flight, s since boot.
         time: s since boot.
     """

@@ -48,7 +48,7 @@ def find_ending(
     (:func:`mavdem.assessment.first_failure.first_failure`), and a report of the autopilot on one motor is added to it.
 
     Args:
-        signals: signals of the vehicle.
+        signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.
         events: events of ``motion_events`` and ``reported_events``.
         collective: mean output of all motors in the hover, as a share of their range; None if it is not known.
 
@@ -125,7 +125,7 @@ def lower_unconfirmed_crash_reports(signals: Signals, events: Sequence[Fact]) ->
     the side near the report. If no sensor was recorded that could show any of these, the report keeps its level.
 
     Args:
-        signals: signals of the vehicle.
+        signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.
         events: events that the motion shows, and events that the autopilot reports.
 
     Returns:
@@ -162,7 +162,7 @@ def _has_measurements(signals: Signals, report: Fact) -> bool:
     """Returns whether gyro, accelerometer or a height were recorded around a report of a crash, and can confirm it.
 
     Args:
-        signals: signals of the vehicle.
+        signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.
         report: the report.
     """
     interval = _interval_of_crash(report)
@@ -186,7 +186,7 @@ def _signs_of_crash(signals: Signals, report: Fact, losses: Sequence[Fact]) -> F
     tumble, the height sensors a fast descent, and whether the vehicle came to rest on its side.
 
     Args:
-        signals: signals of the vehicle.
+        signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.
         report: the autopilot's report of the crash.
         losses: events in which the vehicle was lost, as its motion shows.
 
@@ -221,7 +221,7 @@ def _motor_report(signals: Signals, bad_events: Sequence[Fact], boot: int) -> Fa
     Args:
         signals: signals of the vehicle, with the names of its motors.
         bad_events: bad events of the log in the order of time.
-        boot: number of the boot.
+        boot: number of the boot; a boot lasts from one start of the autopilot to the next.
 
     Returns:
         A fact with the full name of the motor, such as "motor 2 (rear left)", if the autopilot only says "motor 2";

@@ -204,7 +204,7 @@ class Evidence:
         Of a vehicle that is no multirotor they are those in which it operates (``flight_states.airborne_intervals``).
 
         Args:
-            boot: number of the boot.
+            boot: number of the boot; a boot lasts from one start of the autopilot to the next.
 
         Returns:
             The intervals, s since boot; none if the vehicle did not fly in this boot.

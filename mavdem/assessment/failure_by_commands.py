@@ -111,8 +111,8 @@ def failure_by_commands(signals: Signals, boot: int, loss_context: LossContext) 
     5. One motor was too weak (:func:`weak_motor`).
 
     Args:
-        signals: signals of the vehicle.
-        boot: number of the boot.
+        signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.
+        boot: number of the boot; a boot lasts from one start of the autopilot to the next.
         loss_context: the time in which the attitude left its setpoint, or before an impact.
     """
     commands = _commands_around(signals, boot, loss_context.interval)
@@ -148,8 +148,8 @@ def _commands_around(signals: Signals, boot: int, interval: TimeInterval) -> _Lo
     """Selects the commands of the motors in the time in which a vehicle was lost, just before it, and some time before.
 
     Args:
-        signals: signals of the vehicle.
-        boot: number of the boot.
+        signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.
+        boot: number of the boot; a boot lasts from one start of the autopilot to the next.
         interval: start and end of the time before the loss, s since boot: in it something went wrong, so that the
             vehicle was lost at its end.
 
@@ -306,8 +306,8 @@ def _sinking_at_full_throttle(
     Then all thrust is in use, however low the mean command is: a mixer lowers the other motors to keep the attitude.
 
     Args:
-        signals: signals of the vehicle.
-        boot: number of the boot.
+        signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.
+        boot: number of the boot; a boot lasts from one start of the autopilot to the next.
         motors: its motors.
         time: time of the impact, s since boot; the ``SINKING_SECONDS`` before it are examined.
 
@@ -358,7 +358,7 @@ def _frozen_output(signals: Signals, commands: _LossCommands) -> Fact | None:
     mixer may hold an output at its lower limit, which is not always known.
 
     Args:
-        signals: signals of the vehicle.
+        signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.
         commands: commands of the motors in the time in which the vehicle was lost, and before it.
 
     Returns:

@@ -136,7 +136,7 @@ def _lost_fix(signals: Signals) -> Iterator[FaultSignal]:
     A fix can be lost only after there was one in the same boot: a receiver needs time after a restart.
 
     Args:
-        signals: signals of the vehicle.
+        signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.
     """
     receiver = receiver_message(signals.telemetry)
     fix = position_fix(signals)
@@ -190,7 +190,7 @@ def _battery_faults(signals: Signals) -> Iterator[FaultSignal]:
     used, since they repeat the state of one of these batteries.
 
     Args:
-        signals: signals of the vehicle.
+        signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.
     """
     batteries = []
     for battery in battery_columns(signals.telemetry):

@@ -72,7 +72,7 @@ def first_failure(
     :func:`_context_of_attitude_loss`). If the height estimate diverged before, that is the cause instead.
 
     Args:
-        signals: signals of the vehicle.
+        signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.
         events: events of the flight.
         loss: the motion event by which the vehicle was lost.
         collective: mean output of all motors in the hover, as a share of their range; None if it is not known.
@@ -134,7 +134,7 @@ def _context_of_impact(events: Sequence[Fact], boot: int, impact: float) -> Loss
 
     Args:
         events: events of the flight.
-        boot: number of the boot.
+        boot: number of the boot; a boot lasts from one start of the autopilot to the next.
         impact: time of the impact or, if the attitude was lost just before, of that, s since boot.
 
     Returns:
@@ -179,7 +179,7 @@ def _standing_motor(events: Sequence[Fact], boot: int, onset: float) -> Fact | N
 
     Args:
         events: events of the flight.
-        boot: number of the boot.
+        boot: number of the boot; a boot lasts from one start of the autopilot to the next.
         onset: time when the loss began, s since boot.
 
     Returns:
@@ -200,8 +200,8 @@ def _throttle_closed_fact(
     fall.
 
     Args:
-        signals: signals of the vehicle.
-        boot: number of the boot.
+        signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.
+        boot: number of the boot; a boot lasts from one start of the autopilot to the next.
         divergence: event that the height estimate diverged before.
         onset: time when the loss began, s since boot.
 
@@ -221,7 +221,7 @@ def _height_divergence_event(events: Sequence[Fact], boot: int, onset: float) ->
 
     Args:
         events: events of the flight.
-        boot: number of the boot.
+        boot: number of the boot; a boot lasts from one start of the autopilot to the next.
         onset: time when the loss began, s since boot.
 
     Returns:
@@ -245,7 +245,7 @@ def _events_at(
     Args:
         events: events of the log.
         code: code of the events to return.
-        boot: number of the boot.
+        boot: number of the boot; a boot lasts from one start of the autopilot to the next.
         time: time on the boot clock, s.
         delay: events that begin up to this much later, s, are selected too. The default is the time for which most
             states must last to be an event.
@@ -279,7 +279,7 @@ def _assumed_landing_fact(signals: Signals, cause: Fact, collective: float | Non
     in the hover as figures, and as ``least_collective`` a lowest thrust that would suit the vehicle.
 
     Args:
-        signals: signals of the vehicle.
+        signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.
         cause: the fact that all motors were off, with its time.
         collective: mean output of all motors in the hover, as a share of their range; None if it is not known. It
             equals the thrust that the parameters mean only if PX4's THR_MDL_FAC is 0, since that makes the relation

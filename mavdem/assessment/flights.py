@@ -23,7 +23,7 @@ def settled_flight(signals: Signals) -> Segments:
     The attitude is recorded in all of them, and the motor outputs too, unless the log has none.
 
     Args:
-        signals: signals of the vehicle.
+        signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.
 
     Returns:
         Segments in the order of boot and time; none for a vehicle that is no multirotor.
@@ -41,7 +41,7 @@ def segments_of_boots(
     """Collects the intervals of every boot as segments, as far as anything was recorded.
 
     Args:
-        signals: signals of the vehicle.
+        signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.
         intervals_of_boot: a function that takes the signals and the number of a boot, and returns intervals of it, s,
             such as :func:`flights_in_boot`.
 
@@ -69,7 +69,7 @@ def flights_in_boot(signals: Signals, boot: int) -> Intervals:
     A pause of less than ``RECOVERY_SECONDS`` is no landing: a land detector may be mistaken in the air.
 
     Args:
-        signals: signals of the vehicle.
+        signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.
         boot: number of the boot, from 0.
 
     Returns:

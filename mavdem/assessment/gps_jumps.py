@@ -52,7 +52,7 @@ class PositionJumps:
         """Returns the largest jump in an interval of a boot or up to ``FLAG_DELAY`` before it.
 
         Args:
-            boot: number of the boot.
+            boot: number of the boot; a boot lasts from one start of the autopilot to the next.
             interval: start and end, s since boot.
 
         Returns:
@@ -118,7 +118,7 @@ def _jumps_in_boot(positions: TimeSeries, boot: int) -> Array:
 
     Args:
         positions: (N, 2) north and east, m.
-        boot: number of the boot.
+        boot: number of the boot; a boot lasts from one start of the autopilot to the next.
 
     Returns:
         Jumps (M, 3): time after the jump, s, number of the boot, and distance, m.

@@ -124,7 +124,7 @@ def ground_contact(
     """Returns the event of a flight that met the ground, if it was not an ordinary landing; None otherwise.
 
     Args:
-        sensors: sensors of the boot.
+        sensors: sensors of the vehicle in one boot, which lasts from one start of the autopilot to the next.
         error: error of the attitude in this boot.
         flight_interval: start and end of the flight, s since boot.
         loss: the loss of attitude that the flight did not recover from; None if there was none.
@@ -281,7 +281,7 @@ class _Contact:
 
         Args:
             time: time when the vehicle touched the ground, s since boot.
-            rest: rest of the vehicle afterwards; None if the log ended before.
+            rest: when and how the vehicle came to lie still afterwards; None if the log ended before.
 
         Returns:
             A fact each, as far as they were recorded: a knock of the accelerometer or none, a tumble, a fast descent,
@@ -344,7 +344,7 @@ class _Contact:
         Args:
             time: time at which the vehicle touched the ground, s since boot; that of the largest knock, if there was
                 one.
-            rest: rest of the vehicle afterwards; None if the log ended before.
+            rest: when and how the vehicle came to lie still afterwards; None if the log ended before.
             sensor_facts: what sensors show for or against the contact.
 
         Returns:
@@ -420,7 +420,7 @@ class _Contact:
 
         Args:
             onset: time when the contact began, s since boot.
-            rest: rest of the vehicle afterwards; None if the log ended before.
+            rest: when and how the vehicle came to lie still afterwards; None if the log ended before.
             fall_speed: largest speed downward just before, m/s; None if it is not known.
             throttle_closing: fact that the pilot closed the throttle around the contact; None if nothing shows it.
 
@@ -482,7 +482,7 @@ class _Contact:
 
         Args:
             height: height of the contact above the take-off, m; None if it is not known.
-            rest: rest of the vehicle afterwards; None if the log ended before.
+            rest: when and how the vehicle came to lie still afterwards; None if the log ended before.
         """
         resting_height = None if rest is None else self.sensors.height_at(rest.time)
         if height is None or resting_height is None:
@@ -504,7 +504,7 @@ class _Contact:
 
         Args:
             time: time when it touched the ground, s since boot.
-            rest: rest of the vehicle afterwards; None if the log ended before.
+            rest: when and how the vehicle came to lie still afterwards; None if the log ended before.
             fall_speed: largest speed downward just before, m/s; None if it is not known.
             throttle_closing: fact that the pilot closed the throttle around the contact; None if nothing shows it.
         """

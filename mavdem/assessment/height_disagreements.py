@@ -48,7 +48,7 @@ def height_disagreements(sensors: BootSensors, flight_interval: TimeInterval) ->
     that the level of the event is good.
 
     Args:
-        sensors: sensors of the boot.
+        sensors: sensors of the vehicle in one boot, which lasts from one start of the autopilot to the next.
         flight_interval: start and end of the flight, s since boot.
 
     Yields:
@@ -74,8 +74,8 @@ def height_difference(signals: Signals, boot: int) -> TimeSeries | None:
     """Returns how much higher the barometer reads than satellites, m, by an arbitrary level of both.
 
     Args:
-        signals: signals of the vehicle.
-        boot: number of the boot.
+        signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.
+        boot: number of the boot; a boot lasts from one start of the autopilot to the next.
 
     Returns:
         The difference (N,) at the receiver's fixes, both averaged over ``MEAN_SECONDS``; None if the barometer is

@@ -86,7 +86,7 @@ def _divergence(sensors: BootSensors, interval: TimeInterval) -> Fact | None:
     there is none, vibration.
 
     Args:
-        sensors: sensors of the boot.
+        sensors: sensors of the vehicle in one boot, which lasts from one start of the autopilot to the next.
         interval: start and end, s since boot.
 
     Returns:
@@ -151,7 +151,7 @@ def _opposite_climb_rates(sensors: BootSensors, interval: TimeInterval) -> _Clim
     """Returns the mean climb rates of an interval if barometer and estimate clearly move in opposite directions.
 
     Args:
-        sensors: sensors of the boot.
+        sensors: sensors of the vehicle in one boot, which lasts from one start of the autopilot to the next.
         interval: start and end, s since boot.
 
     Returns:
@@ -189,7 +189,7 @@ def _accelerometer_error(sensors: BootSensors, interval: TimeInterval) -> Fact |
     may cause.
 
     Args:
-        sensors: sensors of the boot.
+        sensors: sensors of the vehicle in one boot, which lasts from one start of the autopilot to the next.
         interval: interval of the divergence, s since boot.
 
     Returns:
@@ -233,7 +233,7 @@ def _force_error(
     rates at both ends.
 
     Args:
-        sensors: sensors of the boot.
+        sensors: sensors of the vehicle in one boot, which lasts from one start of the autopilot to the next.
         accelerometer: accelerometer of the boot.
         interval: interval of the divergence, s since boot.
 
@@ -268,7 +268,7 @@ def _vibration_fact(sensors: BootSensors, interval: TimeInterval) -> Fact | None
     accelerometer, surely makes its mean wrong. So it is preferred to vibration above the limit, which may do so.
 
     Args:
-        sensors: sensors of the boot.
+        sensors: sensors of the vehicle in one boot, which lasts from one start of the autopilot to the next.
         interval: interval of the divergence, s since boot.
 
     Returns:
@@ -298,7 +298,7 @@ def _full_throttle(sensors: BootSensors, interval: TimeInterval) -> Fact | None:
     """Returns the fact that a motor worked near its upper limit in an interval.
 
     Args:
-        sensors: sensors of the boot.
+        sensors: sensors of the vehicle in one boot, which lasts from one start of the autopilot to the next.
         interval: interval of the divergence, s since boot.
 
     Returns:

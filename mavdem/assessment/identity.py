@@ -99,7 +99,7 @@ def identify_vehicle(signals: Signals, receive_time: float = float("nan")) -> Id
     """Identifies a log's vehicle: name, type, autopilot, firmware and board, and when and where it flew.
 
     Args:
-        signals: signals of the vehicle.
+        signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.
         receive_time: time when the first message of the log was received, UNIX time in s; NaN if it is not known.
 
     Returns:
@@ -271,7 +271,7 @@ def _date(signals: Signals, receive_time: float) -> _DateWithBasis:
     3. The name that PX4 gave its log, by a clock that was set by an earlier fix.
 
     Args:
-        signals: signals of the vehicle.
+        signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.
         receive_time: time when the first message was received, UNIX time in s; NaN if it is not known.
 
     Returns:

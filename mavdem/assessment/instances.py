@@ -133,7 +133,7 @@ def _carried_intervals(evidence: Evidence, boot: int) -> Intervals:
 
     Args:
         evidence: what the log shows of the vehicle.
-        boot: number of the boot.
+        boot: number of the boot; a boot lasts from one start of the autopilot to the next.
 
     Returns:
         Intervals, s since boot. They are the flights themselves if motors are not known, or were never above idle.
@@ -226,7 +226,7 @@ def _estimator_samples(telemetry: Telemetry) -> dict[str, TimeSeries]:
     """Returns the innovation ratios of each instance of the estimator, by its name.
 
     Args:
-        telemetry: telemetry of the vehicle.
+        telemetry: messages of the vehicle as columns, and its parameters.
 
     Returns:
         Samples (N, 5) of each instance: the ratios in the order of ``INNOVATIONS``, and in ``USED_COLUMN`` 1 while the

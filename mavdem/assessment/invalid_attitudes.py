@@ -30,8 +30,8 @@ def invalid_attitudes(signals: Signals, boot: int, flight_interval: TimeInterval
     """Yields an event for each time in a flight in which no message had an attitude of numbers.
 
     Args:
-        signals: signals of the vehicle.
-        boot: number of the boot.
+        signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.
+        boot: number of the boot; a boot lasts from one start of the autopilot to the next.
         flight_interval: start and end of the flight, s since boot.
 
     Yields:
@@ -73,7 +73,7 @@ def _some_are_invalid(signals: Signals) -> bool:
     """Returns whether any angle of a vehicle's attitudes is not a number: most logs have none, in any flight.
 
     Args:
-        signals: signals of the vehicle.
+        signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.
     """
     for name in ATTITUDE_MESSAGES:
         columns = signals.telemetry.messages.get(name, {})

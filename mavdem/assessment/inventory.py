@@ -57,7 +57,7 @@ def inventory(log: Log, vehicles: Sequence[VehicleContents] | None = None) -> Js
     A link loses messages of all kinds equally, which increases both. So a loss is certain only if both are high.
 
     Args:
-        log: the log.
+        log: the log of a flight, with the messages of each vehicle.
         vehicles: contents of the vehicles to report; None for all vehicles of the log.
 
     Returns:

@@ -33,8 +33,8 @@ def lowered_throttle(signals: Signals, boot: int, onset: float) -> Fact | None:
     pilot may have opened the throttle again, but too late.
 
     Args:
-        signals: signals of the vehicle.
-        boot: number of the boot.
+        signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.
+        boot: number of the boot; a boot lasts from one start of the autopilot to the next.
         onset: time when the vehicle hit the ground, or lost its attitude just before, s since boot.
 
     Returns:

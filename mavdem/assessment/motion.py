@@ -54,7 +54,7 @@ def motion_events(signals: Signals, reports: Sequence[Fact] = ()) -> Facts:
     only clipping and losses of the position are events, since a plane banks and dives on purpose.
 
     Args:
-        signals: signals of the vehicle.
+        signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.
         reports: events that the autopilot reports, which support or contradict the events of the motion.
 
     Returns:
@@ -149,8 +149,8 @@ def _events_of_other_vehicle(
     of motors are no events of such a vehicle, since a plane banks and dives on purpose.
 
     Args:
-        signals: signals of the vehicle.
-        boot: number of the boot.
+        signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.
+        boot: number of the boot; a boot lasts from one start of the autopilot to the next.
         reports: events that the autopilot reports.
     """
     flights = flights_in_boot(signals, boot)
@@ -164,7 +164,7 @@ def _not_flown_event(signals: Signals, trust: SensorTrust) -> Fact | None:
     """Returns the event that the vehicle did not fly in a boot although its motors ran.
 
     Args:
-        signals: signals of the vehicle.
+        signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.
         trust: checks of the sensors in the boot.
 
     Returns:
@@ -187,8 +187,8 @@ def _events_of_boot(signals: Signals, boot: int, reports: Sequence[Fact]) -> Ite
     out of control. Whether the log ends in the air follows from the events of the last flight.
 
     Args:
-        signals: signals of the vehicle.
-        boot: number of the boot.
+        signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.
+        boot: number of the boot; a boot lasts from one start of the autopilot to the next.
         reports: events that the autopilot reports.
     """
     error = attitude_error(signals, boot)
@@ -346,7 +346,7 @@ def _falls_of_flight(
     - Without both: around the end of a record that has no landing.
 
     Args:
-        sensors: sensors of the boot.
+        sensors: sensors of the vehicle in one boot, which lasts from one start of the autopilot to the next.
         flight_interval: start and end of the flight, s since boot.
         loss: the loss of attitude in the air with which the flight ended; None if there was none.
         contact: event of the contact with the ground; None for an ordinary landing.
@@ -391,7 +391,7 @@ def _end_in_air(
     the ground.
 
     Args:
-        signals: signals of the vehicle.
+        signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.
         boot: number of the boot: the time from one start of the autopilot to the next.
         flight_interval: start and end of the boot's last flight, s since boot; the end is infinite without a recorded
             landing.
@@ -436,8 +436,8 @@ def _clipping_events(signals: Signals, boot: int, flights: Intervals) -> Iterato
     event.
 
     Args:
-        signals: signals of the vehicle.
-        boot: number of the boot.
+        signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.
+        boot: number of the boot; a boot lasts from one start of the autopilot to the next.
         flights: start and end of each flight, s since boot.
     """
     vibration = reported_vibration(signals)

@@ -98,8 +98,8 @@ def motor_events(signals: Signals, boot: int, flights: Intervals) -> Iterator[Fa
     since a mixer may stop one for a moment.
 
     Args:
-        signals: signals of the vehicle.
-        boot: number of the boot.
+        signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.
+        boot: number of the boot; a boot lasts from one start of the autopilot to the next.
         flights: start and end of each flight of the boot, s.
 
     Yields:
@@ -132,10 +132,10 @@ def _lasting_events(
     """Yields an event for each interval in which a condition holds for a motor, as :func:`motor_events` describes.
 
     Args:
-        signals: signals of the vehicle.
+        signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.
         names: names of the k motors.
         time: times of the samples of the condition (N,), s since boot.
-        boot: number of the boot.
+        boot: number of the boot; a boot lasts from one start of the autopilot to the next.
         condition: the condition, for all motors.
     """
     for motor, name in enumerate(names):
@@ -172,7 +172,7 @@ def _frozen_outputs(
 
     Args:
         motors: outputs of the k motors, with their scale.
-        boot: number of the boot.
+        boot: number of the boot; a boot lasts from one start of the autopilot to the next.
         commands: outputs of the motors in this boot (N, k), as shares of their range.
         flights: start and end of each flight of the boot, s.
 
@@ -249,8 +249,8 @@ def _with_full_throttle_marked(
     so that the event is good if the vehicle climbs.
 
     Args:
-        signals: signals of the vehicle.
-        boot: number of the boot.
+        signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.
+        boot: number of the boot; a boot lasts from one start of the autopilot to the next.
         interval: start and end of the event, s since boot.
         limit: the event.
 
@@ -283,8 +283,8 @@ def _has_left_ground(signals: Signals, boot: int, flights: Intervals, time: Arra
     recorded, or the flight began before the record, it counts as off the ground throughout the flight.
 
     Args:
-        signals: signals of the vehicle.
-        boot: number of the boot.
+        signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.
+        boot: number of the boot; a boot lasts from one start of the autopilot to the next.
         flights: start and end of each flight of the boot, s.
         time: (N,) times, s.
 
@@ -311,9 +311,9 @@ def _is_off(signals: Signals, motors: MotorOutputs, boot: int, commands: Array) 
     PX4's outputs begins at the idle, so that a motor is off only if its output is lower by ``STOP_MARGIN``.
 
     Args:
-        signals: signals of the vehicle.
+        signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.
         motors: outputs of the k motors, with their scale.
-        boot: number of the boot.
+        boot: number of the boot; a boot lasts from one start of the autopilot to the next.
         commands: (N, k) outputs of the motors in this boot, as shares of their range.
 
     Returns:

@@ -118,7 +118,7 @@ def _commands_at(motors: MotorOutputs, boot: int, motor: int, time: Array) -> Ti
 
     Args:
         motors: all motors.
-        boot: number of the boot.
+        boot: number of the boot; a boot lasts from one start of the autopilot to the next.
         motor: index of the motor.
         time: (N,) s since boot.
 
@@ -139,7 +139,7 @@ def _standstills(
     still if its speed is far below the usual one of that time.
 
     Args:
-        signals: signals of the vehicle.
+        signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.
         speed: speed of the motor in flight (N,), 1/min.
         command: command of the motor at the same times (N,), as shares of its range.
     """
@@ -183,7 +183,7 @@ def _standstill(
     """Returns the event that a motor stood still, which is bad if a second sensor confirms it.
 
     Args:
-        sensors: sensors of the boot.
+        sensors: sensors of the vehicle in one boot, which lasts from one start of the autopilot to the next.
         error: error of the attitude in this boot.
         reports: events that the autopilot reports.
         controller: controller of the motor.
@@ -328,7 +328,7 @@ def _error_count_fact(controller: SpeedController, boot: int, interval: TimeInte
 
     Args:
         controller: the speed controller of the motor, which may count its errors.
-        boot: number of the boot.
+        boot: number of the boot; a boot lasts from one start of the autopilot to the next.
         interval: start and end, s since boot.
 
     Returns:
@@ -361,7 +361,7 @@ def reports_on_motor(
 
     Args:
         reports: events that the autopilot reports.
-        boot: number of the boot.
+        boot: number of the boot; a boot lasts from one start of the autopilot to the next.
         name: name of the motor, which may have its place in brackets: "motor 2 (rear left)".
         interval: start and end, s since boot.
 
@@ -388,7 +388,7 @@ def speed_facts(signals: Signals, loss: Fact) -> Facts:
     before or faster, the propeller is.
 
     Args:
-        signals: signals of the vehicle.
+        signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.
         loss: the loss of thrust, with the motor as subject.
 
     Returns:
@@ -478,7 +478,7 @@ def _command_fell(motors: MotorOutputs, boot: int, motor: int, interval: TimeInt
 
     Args:
         motors: all motors.
-        boot: number of the boot.
+        boot: number of the boot; a boot lasts from one start of the autopilot to the next.
         motor: index of the motor.
         interval: start and end of the loss, s since boot.
     """

@@ -33,7 +33,7 @@ def with_sensor_evidence(
     """Adds to each loss of a motor what sensors and reports show for or against it, as the figure ``witnesses``.
 
     Args:
-        signals: signals of the vehicle.
+        signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.
         losses: facts with the name of a motor as subject, and their ``boot``.
         reports: events that the autopilot reports.
 
@@ -53,7 +53,7 @@ def _sensor_facts_on_loss(signals: Signals, loss: Fact, reports: Sequence[Fact])
     """Collects what sensors and reports show for or against a loss, up to twice ``RECOVERY_SECONDS`` after its start.
 
     Args:
-        signals: signals of the vehicle.
+        signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.
         loss: event that a motor was lost; its subject is the motor.
         reports: events that the autopilot reports.
 
@@ -81,7 +81,7 @@ def _rise_of_command(signals: Signals, loss: Fact, interval: TimeInterval) -> Fa
     command over the other motors' commands, the fact has that excess instead.
 
     Args:
-        signals: signals of the vehicle.
+        signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.
         loss: event in which a motor lost thrust.
         interval: start and end of the loss, s since boot.
 
@@ -115,8 +115,8 @@ def _loss_of_attitude(signals: Signals, boot: int, interval: TimeInterval) -> Fa
     has the whole lean.
 
     Args:
-        signals: signals of the vehicle.
-        boot: number of the boot.
+        signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.
+        boot: number of the boot; a boot lasts from one start of the autopilot to the next.
         interval: start and end of the loss, s since boot.
 
     Returns:
@@ -136,8 +136,8 @@ def _fast_descent_facts(signals: Signals, boot: int, interval: TimeInterval) -> 
     """Returns the facts of height sensors that the vehicle sank fast, which support that a motor was lost.
 
     Args:
-        signals: signals of the vehicle.
-        boot: number of the boot.
+        signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.
+        boot: number of the boot; a boot lasts from one start of the autopilot to the next.
         interval: start and end of the loss, s since boot.
 
     Returns:

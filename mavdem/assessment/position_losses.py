@@ -41,7 +41,7 @@ def position_losses(
     loss is bad if the autopilot reacted, by a failsafe or a mode without position; otherwise it is to be watched.
 
     Args:
-        sensors: sensors of the boot.
+        sensors: sensors of the vehicle in one boot, which lasts from one start of the autopilot to the next.
         flight_interval: start and end of the flight, s since boot.
         reports: events that the autopilot reports.
 

@@ -54,7 +54,7 @@ def analysed_contents(signals: Signals, analysis: LogAnalysis) -> VehicleContent
     """Returns what a log contains of one vehicle, as the inventory of a log lists it, from an analysis made before.
 
     Args:
-        signals: signals of the vehicle.
+        signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.
         analysis: analysis of one of its axes.
 
     Returns:

@@ -107,7 +107,7 @@ def reported_events(signals: Signals) -> Facts:
     No fault is bad while the vehicle is disarmed, since it may be carried around, or its parts may be unplugged.
 
     Args:
-        signals: signals of the vehicle.
+        signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.
 
     Returns:
         Facts with the figures ``boot``, ``basis`` (names of the messages that they were made from) and ``height``, m
@@ -162,7 +162,7 @@ def _faults_of_boot(
     They are restarts, changes of the estimator, faults with a start and an end, and problems in texts and error codes.
 
     Args:
-        signals: signals of the vehicle.
+        signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.
         recorded_span: recorded time of the boot.
         problems: facts about what texts and error codes report, of all boots.
         fault_states: messages that report a fault for as long as it lasts, of all boots.
@@ -190,8 +190,8 @@ def _height_at(signals: Signals, boot: int, flights: Intervals, time: float) -> 
     """Returns the height above the start of the latest flight, by a source that can be trusted.
 
     Args:
-        signals: signals of the vehicle.
-        boot: number of the boot.
+        signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.
+        boot: number of the boot; a boot lasts from one start of the autopilot to the next.
         flights: flights of the boot.
         time: s since boot. Before all flights the vehicle is on the ground, at 0 m.
 
@@ -235,7 +235,7 @@ def _is_possible_problem(problem: Fact, signals: Signals) -> bool:
 
     Args:
         problem: fact that the autopilot reports.
-        signals: signals of the vehicle.
+        signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.
     """
     if problem.code is not ReportedEvent.GPS_JUMPED:
         return True
@@ -255,7 +255,7 @@ def _without_contradicted_claim(
     Args:
         problem: fact that was made from the text.
         faults: the recorded states, of all boots.
-        signals: signals of the vehicle.
+        signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.
 
     Returns:
         The same fact, or one with the code ``AUTOPILOT_SAID`` and the figure ``is_contradicted``.
@@ -294,7 +294,7 @@ def _state_near_text(fault: FaultSignal, text: Fact, signals: Signals) -> _State
     Args:
         fault: the recorded state, of all boots.
         text: fact that was made from the text.
-        signals: signals of the vehicle.
+        signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.
 
     Returns:
         The state near the text; None if it was not recorded in this boot.
@@ -326,7 +326,7 @@ def _reported_event(
     """Returns one event that a message of the autopilot reports, as a fact with its boot and this message.
 
     Args:
-        signals: signals of the vehicle.
+        signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.
         recorded_span: recorded time of the boot.
         message: name of the message; the fact has its name in the log's own format, as the figure ``basis``.
         code: what happened.
@@ -345,7 +345,7 @@ def _arming_events(signals: Signals, recorded_span: Segment) -> Iterator[Fact]:
     true.
 
     Args:
-        signals: signals of the vehicle.
+        signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.
         recorded_span: recorded time of one boot.
     """
     state = series_of_boot(signals.armed, recorded_span.boot)
@@ -368,7 +368,7 @@ def _take_offs_and_landings(signals: Signals, recorded_span: Segment) -> Iterato
     reports of the land detector are used for them. Vehicles that stay on the ground or water have no such events.
 
     Args:
-        signals: signals of the vehicle.
+        signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.
         recorded_span: recorded time of one boot.
     """
     vehicle = signals.telemetry.vehicle
@@ -406,8 +406,8 @@ def _land_detector_times(signals: Signals, boot: int) -> Array:
     """Returns the times at which the land detector reports that the vehicle left the ground or touched it.
 
     Args:
-        signals: signals of the vehicle.
-        boot: number of the boot.
+        signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.
+        boot: number of the boot; a boot lasts from one start of the autopilot to the next.
 
     Returns:
         (K,) s since boot; empty without messages of the land detector.
@@ -462,7 +462,7 @@ def _mode_changes(signals: Signals, recorded_span: Segment) -> Iterator[Fact]:
     watched. Reasons are in the field ``Rsn`` of DataFlash's messages MODE, which are translated to CURRENT_MODE.
 
     Args:
-        signals: signals of the vehicle.
+        signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.
         recorded_span: recorded time of one boot.
     """
     columns = signals.telemetry.messages.get("CURRENT_MODE", {})
@@ -488,7 +488,7 @@ def _estimator_changes(signals: Signals, recorded_span: Segment) -> Iterator[Fac
     event. Its subject may contain the new value, such as "lane 1".
 
     Args:
-        signals: signals of the vehicle.
+        signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.
         recorded_span: recorded time of one boot.
     """
     for counting_field in COUNTING_FIELDS:
@@ -518,7 +518,7 @@ def _lasting_faults(
     Before arming, faults mean nothing, since sensors are starting and radios may be off.
 
     Args:
-        signals: signals of the vehicle.
+        signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.
         recorded_span: recorded time of one boot.
         fault_states: for each fault, the samples of its message and whether each reports the fault, of all boots.
 

@@ -73,7 +73,7 @@ def restarts(signals: Signals, recorded_span: Segment) -> Iterator[Fact]:
     """Yields an event if the autopilot restarted before one boot of a log.
 
     Args:
-        signals: signals of the vehicle.
+        signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.
         recorded_span: recorded time of the boot.
 
     Yields:
@@ -123,7 +123,7 @@ def _reports_watchdog(signals: Signals, recorded_span: Segment) -> bool:
     """Returns whether the autopilot reports, in the first ``MAX_BOOT_CLOCK`` of a boot, that its watchdog reset it.
 
     Args:
-        signals: signals of the vehicle.
+        signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.
         recorded_span: recorded time of the boot.
     """
     latest_time = recorded_span.start + MAX_BOOT_CLOCK
@@ -138,7 +138,7 @@ def _watchdog_texts(signals: Signals) -> tuple[StatusText, ...]:
     """Returns the texts of all boots that report a watchdog reset; a log may have hundreds of boots.
 
     Args:
-        signals: signals of the vehicle.
+        signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.
     """
     texts = status_texts(signals.telemetry)
     return tuple(text for text in texts if _is_watchdog_text(text))
@@ -167,7 +167,7 @@ def _begins_in_flight(signals: Signals, recorded_span: Segment) -> bool:
     Both must begin within ``MAX_LATE_TAKE_OFF``: nobody arms and takes off so soon after a start on the ground.
 
     Args:
-        signals: signals of the vehicle.
+        signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.
         recorded_span: recorded time of the boot.
     """
     armed_spans = armed_intervals(signals, recorded_span.boot)
@@ -196,7 +196,7 @@ def _fall_at_start(signals: Signals, recorded_span: Segment) -> FallAtStart | No
     before the end of the fall, and the height is constant from then on.
 
     Args:
-        signals: signals of the vehicle.
+        signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.
         recorded_span: recorded time of the boot.
 
     Returns:
@@ -231,7 +231,7 @@ def _tilts_far_at_start(signals: Signals, recorded_span: Segment) -> bool:
     """Returns whether roll or pitch exceeds ``MIN_FALL_TILT`` in the first ``FALL_SECONDS`` of a boot, as in a tumble.
 
     Args:
-        signals: signals of the vehicle.
+        signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.
         recorded_span: recorded time of the boot.
     """
     for tilt in signals.tilts:

@@ -59,7 +59,7 @@ def saturation_losses(signals: Signals, events: Sequence[Fact], ending: Fact | N
     A motor is saturated while its command is at its upper limit.
 
     Args:
-        signals: signals of the vehicle.
+        signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.
         events: events of the log, among them the events of motors at their limit.
         ending: event with which the flight was lost; None if it was not.
 
@@ -220,7 +220,7 @@ def _saturation_loss(
     - The vehicle leans towards the motor, or sinks.
 
     Args:
-        signals: signals of the vehicle.
+        signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.
         motors: its k motors.
         event: event that one of them was at its limit.
         is_lost: whether the vehicle was lost after that.
@@ -264,7 +264,7 @@ def _conspicuous_excess(
     and in the flight before the event its excess was at most ``MAX_FORMER_EXCESS``.
 
     Args:
-        signals: signals of the vehicle.
+        signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.
         motors: its k motors.
         event: event that one of them was at its limit.
         interval: start and end of the event, s since boot; the end may be infinite.
@@ -294,8 +294,8 @@ def _sensors_in_flight(signals: Signals, boot: int, time: float) -> BootSensors:
     """Returns the sensors of a boot, with heights above the take-off of the flight that a given time is in.
 
     Args:
-        signals: signals of the vehicle.
-        boot: number of the boot.
+        signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.
+        boot: number of the boot; a boot lasts from one start of the autopilot to the next.
         time: s on the boot clock.
 
     Returns:
@@ -329,10 +329,10 @@ def _leans_towards(
     Only the first second of the lean is examined, since an uncontrolled vehicle may later turn over to any side.
 
     Args:
-        signals: signals of the vehicle.
+        signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.
         motors: motors of the vehicle, with their positions.
         motor: index of the motor.
-        boot: number of the boot.
+        boot: number of the boot; a boot lasts from one start of the autopilot to the next.
         interval: start and end of the time in which the lean may begin, s.
 
     Returns:

@@ -49,9 +49,9 @@ def reason_of_stop(signals: Signals, events: Sequence[Fact], boot: int, stop: Fa
     within ``STOP_REASON_SECONDS`` of the stop is examined.
 
     Args:
-        signals: signals of the vehicle.
+        signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.
         events: events of the flight, with those that the autopilot reports.
-        boot: number of the boot.
+        boot: number of the boot; a boot lasts from one start of the autopilot to the next.
         stop: the fact that all motors went to idle, with its time.
 
     Returns:
@@ -90,8 +90,8 @@ def _is_confirmed_report(signals: Signals, boot: int, stop_time: float, report: 
     stop: a battery that breaks loose in a crash raises an alarm too. Any other report can.
 
     Args:
-        signals: signals of the vehicle.
-        boot: number of the boot.
+        signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.
+        boot: number of the boot; a boot lasts from one start of the autopilot to the next.
         stop_time: time when the motors stopped, s since boot.
         report: the report.
     """
@@ -122,8 +122,8 @@ def _battery_was_low(signals: Signals, boot: int, time: float) -> bool:
     it, and it may be anywhere below.
 
     Args:
-        signals: signals of the vehicle.
-        boot: number of the boot.
+        signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.
+        boot: number of the boot; a boot lasts from one start of the autopilot to the next.
         time: time when the motors stopped, s since boot.
 
     Returns:

@@ -121,7 +121,7 @@ def time_history(
     """Returns the signals of the boot that was analysed, over time.
 
     Args:
-        signals: signals of the vehicle.
+        signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.
         settled_segments: segments of settled flight. The boot is the first one's or, without any segment, the boot
             with the most samples of the attitude.
         wind: evidence of the wind.
@@ -154,7 +154,7 @@ def _segment_of_flight(signals: Signals, settled_segments: Segments) -> Segment 
     """Returns the part of one boot from shortly before arming to shortly after disarming.
 
     Args:
-        signals: signals of the vehicle.
+        signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.
         settled_segments: segments of settled flight. The boot is the first one's or, without any segment, the boot
             with the most samples of the attitude.
 
@@ -204,7 +204,7 @@ def _motor_history(signals: Signals, segment: Segment) -> MotorHistory | None:
     The deviations from the mean of all motors show the commands about the axes, without the common thrust.
 
     Args:
-        signals: signals of the vehicle.
+        signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.
         segment: boot and time that are shown.
 
     Returns:
@@ -225,7 +225,7 @@ def _voltages(signals: Signals, segment: Segment) -> dict[str, TimeSeries | None
     """Collects the voltages of the batteries within a segment.
 
     Args:
-        signals: signals of the vehicle.
+        signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.
         segment: boot, start and end.
 
     Returns:
@@ -321,7 +321,7 @@ def _mode_intervals(signals: Signals, segment: Segment) -> tuple[ModeInterval, .
     The mode in which the segment begins may have been set before it, so that intervals are cut at the segment's ends.
 
     Args:
-        signals: signals of the vehicle.
+        signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.
         segment: boot and time that are shown.
 
     Returns:

@@ -219,7 +219,7 @@ def wind_drifts(sensors: BootSensors, flight_interval: TimeInterval) -> Iterator
     """Yields an event for each time in a flight in which wind carried the vehicle away.
 
     Args:
-        sensors: sensors of the boot.
+        sensors: sensors of the vehicle in one boot, which lasts from one start of the autopilot to the next.
         flight_interval: start and end of the flight, s since boot.
 
     Yields:

@@ -262,7 +262,7 @@ def _fly_into_files(
 
     Args:
         name: Name of the scenario, for progress and for the recording.
-        scenario: The scenario.
+        scenario: Scenario of a simulated flight: vehicle, wind, excitation, sensors and faults.
         out: Log to write, with the true states in a file next to it; None for none.
         rrd: Recording for Rerun to write; None for none.
 
@@ -331,7 +331,7 @@ def _fly_live(name: str, scenario: Scenario, udp: str, speed: float) -> JsonValu
 
     Args:
         name: Name of the scenario, for messages.
-        scenario: The scenario.
+        scenario: Scenario of a simulated flight: vehicle, wind, excitation, sensors and faults.
         udp: HOST:PORT of the ground station.
         speed: Speed of the simulation, as a multiple of real time.
 

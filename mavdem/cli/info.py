@@ -99,7 +99,7 @@ def _print_analyses(
 
     Args:
         document: JSON document of the command, with the contents of the log in its ``vehicles`` and ``speakers``.
-        log: the log.
+        log: the log of a flight, with the messages of each vehicle.
         all_signals: signals of each vehicle, in the document's order.
         analyses: analysis of each vehicle, in the same order.
     """

@@ -111,7 +111,7 @@ def write_results(
     Args:
         folder: Folder of the files.
         document: Document of the results, which receives the files' paths under its key "files".
-        assessment: The assessment.
+        assessment: All results on a vehicle of a log: events, status lights, model, loops and wind.
         recordings: Names of the requested recordings.
 
     Raises:

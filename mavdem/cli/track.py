@@ -331,7 +331,7 @@ def _store_names(store: Store, given_names: Names) -> str | None:
     """Gives names to vehicles and flights of a fleet, or takes them away: all of them, or none if one is unknown.
 
     Args:
-        store: The open store of the fleet.
+        store: The open SQLite store of the fleet, with the rows of all logs.
         given_names: Arguments of --name, see :func:`_store_name`.
 
     Returns:

@@ -107,7 +107,7 @@ def _source_provenance(signals: Signals, segment: Segment) -> JsonValues:
     """Returns the source of a flight, for its provenance: all that is needed to make the flight from the log again.
 
     Args:
-        signals: signals of the vehicle, for one axis.
+        signals: logged time series of the vehicle, with angle, rate and setpoints of one axis.
         segment: part of the log from which the flight is made.
 
     Returns:
@@ -132,7 +132,7 @@ def _vehicle_provenance(signals: Signals, segment: Segment) -> JsonValues:
     """Describes the vehicle and how its data were treated, for the provenance of a flight: where it comes from.
 
     Args:
-        signals: signals of the vehicle, for one axis.
+        signals: logged time series of the vehicle, with angle, rate and setpoints of one axis.
         segment: part of the log from which the flight is made.
 
     Returns:
@@ -178,7 +178,7 @@ def _earlier_parameters(signals: Signals, segment: Segment) -> Parameters:
     Parameters that the autopilot itself changes in flight are left out.
 
     Args:
-        signals: signals of the vehicle.
+        signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.
         segment: boot, start and end.
 
     Returns:

@@ -65,8 +65,8 @@ def airborne_intervals(signals: Signals, boot: int) -> Intervals:
     For a vehicle that is not a multirotor they are the intervals in which it operates.
 
     Args:
-        signals: Signals of the vehicle.
-        boot: Number of the boot.
+        signals: Logged time series of the vehicle, such as attitude, setpoints and motor outputs.
+        boot: Number of the boot; a boot lasts from one start of the autopilot to the next.
 
     Returns:
         Start and end of each interval, s since boot.
@@ -85,8 +85,8 @@ def _operating_intervals(signals: Signals, boot: int) -> Intervals:
     decide. A surface vehicle, or one whose landed state is not reported, operates while it is armed.
 
     Args:
-        signals: Signals of the vehicle.
-        boot: Number of the boot.
+        signals: Logged time series of the vehicle, such as attitude, setpoints and motor outputs.
+        boot: Number of the boot; a boot lasts from one start of the autopilot to the next.
 
     Returns:
         The intervals, s; none if the log does not show when the vehicle was armed.
@@ -127,8 +127,8 @@ def landed_state_intervals(signals: Signals, boot: int, states: tuple[int, ...])
     state holds, since a missing message is no landing.
 
     Args:
-        signals: Signals of the vehicle.
-        boot: Number of the boot.
+        signals: Logged time series of the vehicle, such as attitude, setpoints and motor outputs.
+        boot: Number of the boot; a boot lasts from one start of the autopilot to the next.
         states: Numbers of MAV_LANDED_STATE, all of them states in the air.
 
     Returns:
@@ -221,7 +221,7 @@ def max_collective(signals: Signals) -> float:
     It is the maximum of the moving average over ``AVERAGING_SECONDS``, since a short peak lifts no vehicle.
 
     Args:
-        signals: signals of the vehicle.
+        signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.
 
     Returns:
         The highest average of all boots, as a fraction of the range; 0 where the collective was not recorded.

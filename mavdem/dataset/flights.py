@@ -143,7 +143,7 @@ def usable_segments(
     """Returns all usable segments of a vehicle's settled flight, aligned with one sampling step.
 
     Args:
-        signals: Signals of the vehicle for an axis.
+        signals: Logged time series of the vehicle, with angle, rate and setpoints of an axis.
         components: All components in the log, for the advice on rates.
         min_rate: Rate, Hz, that attitude and model inputs need.
 

@@ -79,7 +79,7 @@ def without_grounded(flights: Intervals, signals: Signals, boot: int) -> Interva
 
     Args:
         flights: Intervals of flight by the reports of the autopilot, s.
-        signals: Signals of the vehicle.
+        signals: Logged time series of the vehicle, such as attitude, setpoints and motor outputs.
         boot: Number of the boot that the intervals belong to.
 
     Returns:
@@ -103,8 +103,8 @@ def mean_climb_rate(signals: Signals, boot: int) -> TimeSeries | None:
     """Returns the vertical speed in a boot, m/s upwards, averaged over ``AVERAGING_SECONDS``.
 
     Args:
-        signals: Signals of the vehicle.
-        boot: Number of the boot.
+        signals: Logged time series of the vehicle, such as attitude, setpoints and motor outputs.
+        boot: Number of the boot; a boot lasts from one start of the autopilot to the next.
 
     Returns:
         The mean around each stamp (N,), m/s; None if the vertical speed was not recorded.
@@ -133,8 +133,8 @@ def has_risen(signals: Signals, boot: int, flight_interval: TimeInterval) -> boo
     """Returns whether the vehicle was more than ``MAX_GROUND_HEIGHT`` above its take-off in a flight.
 
     Args:
-        signals: Signals of the vehicle.
-        boot: Number of the boot.
+        signals: Logged time series of the vehicle, such as attitude, setpoints and motor outputs.
+        boot: Number of the boot; a boot lasts from one start of the autopilot to the next.
         flight_interval: Start and end of the flight, s.
 
     Returns:
@@ -154,8 +154,8 @@ def height_above_take_off(
     If the flight began before the record, the first recorded height is the reference.
 
     Args:
-        signals: Signals of the vehicle.
-        boot: Number of the boot.
+        signals: Logged time series of the vehicle, such as attitude, setpoints and motor outputs.
+        boot: Number of the boot; a boot lasts from one start of the autopilot to the next.
         flight_interval: Start and end of the flight, s.
 
     Returns:
@@ -174,8 +174,8 @@ def _ignored_tilt_setpoints(signals: Signals, boot: int, flight_interval: TimeIn
     Such a vehicle is on a test stand, or in somebody's hand. If the height was not recorded, it counts as free.
 
     Args:
-        signals: signals of the vehicle.
-        boot: number of the boot.
+        signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.
+        boot: number of the boot; a boot lasts from one start of the autopilot to the next.
         flight_interval: start and end of the flight, s since boot.
 
     Returns:
@@ -200,7 +200,7 @@ def _is_not_followed(setpoint: Setpoint, boot: int, time: Array, angle: Array) -
 
     Args:
         setpoint: Setpoint of the angle, rad.
-        boot: Number of the boot.
+        boot: Number of the boot; a boot lasts from one start of the autopilot to the next.
         time: (N,) times of the angle, s since boot.
         angle: (N,) roll or pitch at these times, rad.
 
@@ -227,8 +227,8 @@ def grounded_intervals(signals: Signals, boot: int) -> Intervals:
     autopilot's reports decide only which part of the boot is taken for flight.
 
     Args:
-        signals: Signals of the vehicle.
-        boot: Number of the boot.
+        signals: Logged time series of the vehicle, such as attitude, setpoints and motor outputs.
+        boot: Number of the boot; a boot lasts from one start of the autopilot to the next.
 
     Returns:
         The intervals, s; none if no motor outputs were recorded, or the vehicle did not fly.
@@ -266,8 +266,8 @@ def _motor_deviations(
     rotates freely.
 
     Args:
-        signals: signals of the vehicle.
-        boot: number of the boot.
+        signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.
+        boot: number of the boot; a boot lasts from one start of the autopilot to the next.
         collective: (N,) mean of the outputs of all motors in a boot, as a share of their range.
         is_rotating: (N,) whether the vehicle flies and rotates.
 
@@ -291,8 +291,8 @@ def _mean_square_tilt_rates(signals: Signals, boot: int, time: Array) -> Array:
     """Returns how fast roll and pitch change around each time: the sum of the mean squares of their rates.
 
     Args:
-        signals: signals of the vehicle.
-        boot: number of the boot.
+        signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.
+        boot: number of the boot; a boot lasts from one start of the autopilot to the next.
         time: times in that boot (N,), s.
 
     Returns:

@@ -150,7 +150,7 @@ def recorded_quantity(signals: Signals, quantity: HardwareQuantity) -> TimeSerie
     quantity can be 0 throughout a log.
 
     Args:
-        signals: signals of the vehicle.
+        signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.
         quantity: the quantity, with its sources in the order of preference.
 
     Returns:

@@ -39,7 +39,7 @@ def learnability_of(signals: Signals, components: Sequence[Component] = ()) -> L
     """Returns the learnability of the longest settled segment that can be learned from, or of the longest if none can.
 
     Args:
-        signals: Signals of the vehicle for an axis.
+        signals: Logged time series of the vehicle, with angle, rate and setpoints of an axis.
         components: All components in the log, for the advice on rates: one of them may request other rates.
 
     Returns:
@@ -64,7 +64,7 @@ def segment_learnabilities(
     It is a generator, so that a caller who needs only the best segment does not pay for the others.
 
     Args:
-        signals: Signals of the vehicle for an axis.
+        signals: Logged time series of the vehicle, with angle, rate and setpoints of an axis.
         components: All components in the log, for the advice on rates.
         min_rate: Rate, Hz, that attitude and model inputs need.
 
@@ -116,7 +116,7 @@ def _unusable_log(signals: Signals, components: Sequence[Component]) -> Fact | N
     of the attitude must be finite and mostly possible.
 
     Args:
-        signals: Signals of the vehicle for an axis.
+        signals: Logged time series of the vehicle, with angle, rate and setpoints of an axis.
         components: All components in the log, of which another one may be a multirotor.
 
     Returns:
@@ -206,7 +206,7 @@ def _without_inputs(signals: Signals) -> Fact:
     outputs the reason advises how to record them.
 
     Args:
-        signals: signals of the vehicle, for one axis.
+        signals: logged time series of the vehicle, with angle, rate and setpoints of one axis.
     """
     telemetry = signals.telemetry
     if signals.inputs == "demand":
@@ -232,7 +232,7 @@ def _never_airborne(signals: Signals, figures: QualityFigures) -> Fact:
     low; without a collective nothing shows a flight.
 
     Args:
-        signals: signals of the vehicle.
+        signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.
         figures: figures of the log, with the time for which the vehicle was armed, s.
     """
     telemetry = signals.telemetry

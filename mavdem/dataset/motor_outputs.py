@@ -108,7 +108,7 @@ class MotorOutputs:
         """Returns the outputs (N,) of one motor in one boot as fractions of the range.
 
         Args:
-            boot: Number of the boot.
+            boot: Number of the boot; a boot lasts from one start of the autopilot to the next.
             motor: Index of the motor.
         """
         rows = rows_of_boot(self.boot, boot)

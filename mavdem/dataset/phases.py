@@ -52,8 +52,8 @@ def settled_intervals(signals: Signals, boot: int) -> Intervals:
     climbs and descents are left out.
 
     Args:
-        signals: Signals of the vehicle.
-        boot: Number of the boot.
+        signals: Logged time series of the vehicle, such as attitude, setpoints and motor outputs.
+        boot: Number of the boot; a boot lasts from one start of the autopilot to the next.
 
     Returns:
         The intervals; none if no attitude was recorded.
@@ -86,8 +86,8 @@ def _flights_in_air(signals: Signals, boot: int) -> Intervals:
     If neither the landed state nor the vertical speed was recorded, the times in a flight mode that lands are left out.
 
     Args:
-        signals: signals of the vehicle.
-        boot: number of the boot.
+        signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.
+        boot: number of the boot; a boot lasts from one start of the autopilot to the next.
 
     Returns:
         Intervals, s since boot.
@@ -169,8 +169,8 @@ def free_flight_intervals(signals: Signals, boot: int) -> Intervals:
     For a vehicle that is not a multirotor they are the intervals in which it operates.
 
     Args:
-        signals: Signals of the vehicle.
-        boot: Number of the boot.
+        signals: Logged time series of the vehicle, such as attitude, setpoints and motor outputs.
+        boot: Number of the boot; a boot lasts from one start of the autopilot to the next.
 
     Returns:
         Start and end of each interval, s since boot.

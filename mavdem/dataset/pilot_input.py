@@ -51,7 +51,7 @@ def pilot_input(signals: Signals) -> PilotInput:
     parameters assign to them, in µs. All other channels count as switches.
 
     Args:
-        signals: signals of the vehicle.
+        signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.
 
     Returns:
         The sticks and switches; empty if none was recorded.
@@ -92,7 +92,7 @@ def _channels(signals: Signals) -> dict[int, TimeSeries]:
     """Returns the pulse width of each radio channel that was received.
 
     Args:
-        signals: signals of the vehicle.
+        signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.
 
     Returns:
         Pulse widths (N,), µs, by the number of the channel, from 1; from the first of ``CHANNEL_FIELDS`` that has any.

@@ -80,7 +80,7 @@ def has_position_fix(telemetry: Telemetry, boot: int, time: Array) -> Flags:
 
     Args:
         telemetry: Messages of the vehicle.
-        boot: Number of the boot.
+        boot: Number of the boot; a boot lasts from one start of the autopilot to the next.
         time: Times (T,) in that boot, s.
 
     Returns:
@@ -127,7 +127,7 @@ def measures_velocity(telemetry: Telemetry, boot: int, time: Array) -> Flags:
 
     Args:
         telemetry: Messages of the vehicle.
-        boot: Number of the boot.
+        boot: Number of the boot; a boot lasts from one start of the autopilot to the next.
         time: Times (T,) in that boot, s.
 
     Returns:

@@ -258,7 +258,7 @@ def _torque_command(signals: Signals, flight: Flight) -> _TorqueCommand:
     each multiplied by the square of its weight.
 
     Args:
-        signals: signals of the vehicle, for one axis.
+        signals: logged time series of the vehicle, with angle, rate and setpoints of one axis.
         flight: T samples of the r inputs.
 
     Returns:

@@ -105,7 +105,7 @@ def segment_cautions(signals: Signals, quality: QualityFigures) -> Iterator[Fact
     """Yields cautions: facts about what makes a model of a segment less reliable.
 
     Args:
-        signals: Signals of the vehicle for an axis.
+        signals: Logged time series of the vehicle, with angle, rate and setpoints of an axis.
         quality: Quality of the segment.
 
     Yields:

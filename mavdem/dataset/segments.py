@@ -100,7 +100,7 @@ def settled_segments(signals: Signals) -> Segments:
     to three times the usual step; whether such a segment can be used is decided later (``learnability``).
 
     Args:
-        signals: signals of the vehicle.
+        signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.
 
     Returns:
         Segments of one boot each, the longest first.
@@ -122,7 +122,7 @@ def longest_recorded_segment(signals: Signals) -> Segment | None:
     It is used where a log has no settled segment: neither the rates nor the phase of flight are considered.
 
     Args:
-        signals: signals of the vehicle, for one axis.
+        signals: logged time series of the vehicle, with angle, rate and setpoints of one axis.
 
     Returns:
         The segment; None if the two were never recorded together.
@@ -137,7 +137,7 @@ def segments_without_modes(signals: Signals, segments: Segments, modes: Containe
     """Returns the parts of segments in which the vehicle is in none of some flight modes.
 
     Args:
-        signals: signals of the vehicle.
+        signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.
         segments: parts of the log.
         modes: names of the flight modes.
 
@@ -216,7 +216,7 @@ def _sampled_segments(
 
     Args:
         signals: Signals of the vehicle, with attitude and model inputs.
-        boot: Number of the boot.
+        boot: Number of the boot; a boot lasts from one start of the autopilot to the next.
         allowed_intervals: The intervals of the boot in which segments may lie, s.
         intervals_without_gaps: Function that returns the intervals between the gaps of a stream, from its stamps (N,).
 

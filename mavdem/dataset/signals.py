@@ -228,7 +228,7 @@ class VehicleSignals:
         """Returns the changes of the flight mode, from CURRENT_MODE or otherwise from HEARTBEAT.
 
         Args:
-            boot: Number of the boot.
+            boot: Number of the boot; a boot lasts from one start of the autopilot to the next.
 
         Returns:
             Time, s, and name of each mode that was entered, with the first mode of the boot.

@@ -86,7 +86,7 @@ def speed_controllers(signals: Signals) -> tuple[SpeedController, ...]:
     The first message type with any speed is used: DataFlash's ESC, ESC_STATUS, or ESC_TELEMETRY.
 
     Args:
-        signals: signals of the vehicle.
+        signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.
 
     Returns:
         Speed controllers in the order of their numbers; empty if none reports a speed.

@@ -78,8 +78,8 @@ def attitude_tracking(signals: Signals, boot: int) -> AttitudeTracking | None:
     """Returns the attitude of a boot and its setpoint, at the stamps of the heading.
 
     Args:
-        signals: Signals of the vehicle.
-        boot: Number of the boot.
+        signals: Logged time series of the vehicle, such as attitude, setpoints and motor outputs.
+        boot: Number of the boot; a boot lasts from one start of the autopilot to the next.
 
     Returns:
         Angles (N, 3) and setpoints of roll and pitch (N, 2), rad; None if the attitude was not recorded.
@@ -114,8 +114,8 @@ def steady_intervals(signals: Signals, boot: int) -> Intervals:
     heading. Without a recorded attitude all settled flight counts as steady.
 
     Args:
-        signals: signals of the vehicle.
-        boot: number of the boot.
+        signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.
+        boot: number of the boot; a boot lasts from one start of the autopilot to the next.
 
     Returns:
         Intervals, s since boot.
@@ -134,8 +134,8 @@ def tracked_headings(signals: Signals, boot: int, time: Array) -> Array:
     when the vehicle is far from its setpoint: then no time is excluded, and the heading is 0.
 
     Args:
-        signals: Signals of the vehicle.
-        boot: Number of the boot.
+        signals: Logged time series of the vehicle, such as attitude, setpoints and motor outputs.
+        boot: Number of the boot; a boot lasts from one start of the autopilot to the next.
         time: (N,) seconds on the clock of that boot.
 
     Returns:

@@ -74,7 +74,7 @@ def rows_of_boot(boots: Integers, boot: int) -> slice:
 
     Args:
         boots: Number of the boot of each sample (N,), ascending.
-        boot: Number of the boot.
+        boot: Number of the boot; a boot lasts from one start of the autopilot to the next.
 
     Returns:
         The slice of its rows; an empty one if there are none.

@@ -63,7 +63,7 @@ def fit(record: Record, settings: CompleteSettings) -> Fit:
     """Fits a model to training data by DEM, starting from the prior means.
 
     Args:
-        record: training data.
+        record: the training data: T samples of r inputs and m outputs, in one or several segments.
         settings: settings of the fit.
 
     Returns:
@@ -109,7 +109,7 @@ def generative_model(
     Args:
         settings: settings of the fit.
         scaling: the engine's units.
-        record: training data.
+        record: the training data: T samples of r inputs and m outputs, in one or several segments.
 
     Returns:
         The model, with the priors of its parameters and noise precisions.
@@ -249,7 +249,7 @@ def generalized_data(
     Args:
         settings: settings of the fit, with the embedding orders and the window.
         scaling: the engine's units.
-        record: training data.
+        record: the training data: T samples of r inputs and m outputs, in one or several segments.
 
     Returns:
         Generalized data [ỹ; η̃] (T', (p + 1)m + (d + 1)r) of each segment that is long enough, one row for each sample.

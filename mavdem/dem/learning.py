@@ -155,7 +155,7 @@ def complete_settings(settings: Settings, record: Record) -> CompleteSettings:
 
     Args:
         settings: Settings, some of which may be ``None``.
-        record: The training data.
+        record: The training data: T samples of r inputs and m outputs, in one or several segments.
 
     Returns:
         The settings, with a value for each of the four.
@@ -221,7 +221,7 @@ def _refined_by_simulation(dem_fit: Fit, record: Record) -> Fit:
 
     Args:
         dem_fit: The fit by DEM.
-        record: The training data.
+        record: The training data: T samples of r inputs and m outputs, in one or several segments.
 
     Returns:
         The fit with the refined θ, the posterior of all other quantities given θ, and its predictor. It is ``dem_fit``
@@ -262,7 +262,7 @@ def _learned_from_fit(fit: Fit, record: Record, data: Array) -> Learned:
 
     Args:
         fit: The fit.
-        record: The training data.
+        record: The training data: T samples of r inputs and m outputs, in one or several segments.
         data: (T′, q) generalized data of the samples with a whole window: derivatives of outputs and inputs.
 
     Returns:
@@ -315,7 +315,7 @@ def _cautions(fit: Fit, record: Record) -> Iterator[Fact]:
 
     Args:
         fit: The fit.
-        record: The training data.
+        record: The training data: T samples of r inputs and m outputs, in one or several segments.
 
     Yields:
         One fact for each of these that holds, with the numbers of its sentence.

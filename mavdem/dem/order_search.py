@@ -110,7 +110,7 @@ class BlackBoxData:
         """Filters a record by a Gaussian kernel, embeds it into generalized coordinates, and scales it.
 
         Args:
-            record: training data.
+            record: the training data: T samples of r inputs and m outputs, in one or several segments.
             max_order: largest number of states that the data are to be fitted with.
             known_inputs: whether the recorded inputs are used; if not, as many unknown ones are estimated.
 
@@ -284,7 +284,7 @@ def kernel_width(record: Record) -> float:
     sampling steps, since a narrower kernel would be undersampled.
 
     Args:
-        record: training data.
+        record: the training data: T samples of r inputs and m outputs, in one or several segments.
 
     Returns:
         The width σ, s.

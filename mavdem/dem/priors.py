@@ -47,7 +47,7 @@ def derivative_pairs(record: Record) -> DerivativePairs:
     The span is ``RATE_INTEGRATION_SPAN``, long enough to average noise and short compared with the motion.
 
     Args:
-        record: training data.
+        record: the training data: T samples of r inputs and m outputs, in one or several segments.
 
     Returns:
         Pairs (i, j) of columns, where output j is the derivative of output i; empty if all segments are too short.

@@ -269,7 +269,7 @@ def _changed_defaults(assessment: Assessment) -> list[JsonValues]:
     """Returns the values of the documents ``ChangedDefault`` of the vehicle that was assessed, by name.
 
     Args:
-        assessment: assessment of the vehicle.
+        assessment: all results on the vehicle: events, status lights, model, loops and wind.
     """
     if assessment.evidence is None:
         return []
@@ -287,7 +287,7 @@ def _axis_values(assessment: Assessment) -> JsonValues:
     ``refusal``. Responses are measured directly from setpoints and motion, and need no model.
 
     Args:
-        assessment: assessment of the vehicle.
+        assessment: all results on the vehicle: events, status lights, model, loops and wind.
 
     Returns:
         Values by the name of the axis and by key.

@@ -70,7 +70,7 @@ def too_short(flight: Flight, start: float, train: int, test: int, min_train: in
     to the remaining flight, and the longest training part that then fits.
 
     Args:
-        flight: the flight.
+        flight: uniformly sampled inputs and outputs of one segment of flight.
         start: intended start of the training part after the beginning of the flight, s.
         train: number of samples of the training part.
         test: number of samples of the test part.
@@ -160,7 +160,7 @@ def windows(
 
     Args:
         name: name of the flight.
-        flight: the flight.
+        flight: uniformly sampled inputs and outputs of one segment of flight.
         train: number of samples of each training part; 7 s unless given.
         test: number of samples of each test part; 1.5 s unless given.
         hop: number of samples from the start of a window to the start of the next; half a window unless given.
@@ -198,7 +198,7 @@ def required_windows(
 
     Args:
         name: name of the flight.
-        flight: the flight.
+        flight: uniformly sampled inputs and outputs of one segment of flight.
         train: length of each training part; None for 7 s.
         test: length of each test part; None for 1.5 s.
         hop: samples from the start of a window to the start of the next; None for half a window.

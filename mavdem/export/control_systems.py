@@ -46,7 +46,7 @@ def to_control(learned: Learned, model: str = "physical") -> control.StateSpace:
     The ``model`` "dem" is DEM's own ẋ = A x + B u, y = C x of the flight in closed loop, without noise and offset.
 
     Args:
-        learned: the learned model.
+        learned: the linear model that was learned from a flight, with its training data.
         model: "physical" or "dem".
 
     Returns:
@@ -88,7 +88,7 @@ def identified_parameters(learned: Learned) -> Physical:
     """Returns the physical parameters of a model, and warns of those that are biased or poorly known.
 
     Args:
-        learned: the learned model.
+        learned: the linear model that was learned from a flight, with its training data.
 
     Raises:
         NotLearnable: the parameters are not identifiable, or the model has other outputs than an angle and its rate.

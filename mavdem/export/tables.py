@@ -166,7 +166,7 @@ def to_pandas(flight: Flight) -> pandas.DataFrame:
     """Returns a flight as a data frame.
 
     Args:
-        flight: the flight.
+        flight: uniformly sampled inputs and outputs of one segment of flight.
 
     Returns:
         One row for each sample, by its time on the boot clock, s. The columns are as :func:`columns` returns them; the
@@ -186,7 +186,7 @@ def to_xarray(flight: Flight) -> xarray.Dataset:
     """Returns a flight as a data set.
 
     Args:
-        flight: the flight.
+        flight: uniformly sampled inputs and outputs of one segment of flight.
 
     Returns:
         Variables ``inputs (time, input)``, ``outputs (time, output)``, and where the flight has them ``setpoints

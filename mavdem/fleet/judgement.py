@@ -36,7 +36,7 @@ def publish_judgements(store: Store, assess: AssessRows) -> None:
     the run is killed before it writes the Parquet files, the next run writes them.
 
     Args:
-        store: the open store of the fleet.
+        store: the open SQLite store of the fleet, with the rows of all logs.
         assess: function that judges all rows of a vehicle.
     """
     with judgement_lock(store.folder), store.transaction():
@@ -61,7 +61,7 @@ def _judge_vehicle(
     All flights are judged together: a motor is compared with itself in the flights before.
 
     Args:
-        store: the open store of the fleet.
+        store: the open SQLite store of the fleet, with the rows of all logs.
         vehicle: name of the vehicle; it has at least one row that is not judged yet.
         assess: function that judges all rows of a vehicle.
         healthy_rows: rows of the vehicle in the baseline; empty if it has none.

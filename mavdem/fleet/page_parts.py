@@ -17,7 +17,7 @@ def cached_summaries(
     """Returns the summaries of all vehicles as texts, in the order of their names; missing and outdated ones are made.
 
     Args:
-        store: the open store of the fleet.
+        store: the open SQLite store of the fleet, with the rows of all logs.
         version: version of the summaries: those of another version, or another version of mavdem, are outdated.
         outdated_vehicles: names of the vehicles that were judged since their summaries were made.
         make_summary: function that makes the summary of a vehicle, given its name. The store keeps what it returns.

@@ -165,7 +165,7 @@ def _balance_columns(signals: Signals) -> JsonValues:
     """Returns the columns of the motors' balance in steady flight: which steady commands keep the vehicle level.
 
     Args:
-        signals: signals of the vehicle.
+        signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.
 
     Returns:
         By name of the column, with standard errors in columns ``…_error``; empty if the balance is not known:

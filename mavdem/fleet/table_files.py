@@ -58,7 +58,7 @@ def update_table(store: Store) -> None:
     are removed, since they are out of date.
 
     Args:
-        store: the open store of the fleet.
+        store: the open SQLite store of the fleet, with the rows of all logs.
 
     Raises:
         OSError: a file cannot be written.
@@ -94,7 +94,7 @@ def _needs_whole_table(store: Store, changed_vehicles: set[str | None]) -> bool:
     """Returns whether all files are to be written: there are none, or they have the columns of another version.
 
     Args:
-        store: the open store of the fleet.
+        store: the open SQLite store of the fleet, with the rows of all logs.
         changed_vehicles: names of the vehicles whose rows have changed since the files were written. None among them
             stands for all vehicles: the store was made by another version, or a run did not write the whole table.
     """

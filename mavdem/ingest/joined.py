@@ -115,7 +115,7 @@ def _recording(log: Log) -> Recording:
     """Describes a log of one vehicle by its first and last boot.
 
     Args:
-        log: The log.
+        log: The log of a flight, with the messages of each vehicle.
 
     Returns:
         The vehicle, with the boots, their times and dates.
@@ -163,7 +163,7 @@ def _densest_time(messages: Tables, boot: int) -> Array:
 
     Args:
         messages: Columns by message, with ``time`` and ``boot``.
-        boot: Number of the boot.
+        boot: Number of the boot; a boot lasts from one start of the autopilot to the next.
 
     Returns:
         The stamps (N,), s.

@@ -17,7 +17,7 @@ def utc_at_boot(messages: Tables, boot: int) -> float | None:
 
     Args:
         messages: Columns by message, with ``time`` and ``boot``.
-        boot: Number of the boot.
+        boot: Number of the boot; a boot lasts from one start of the autopilot to the next.
 
     Returns:
         The UNIX time, s; None if the autopilot had no UTC.

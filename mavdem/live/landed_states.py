@@ -74,7 +74,7 @@ class LandedStates:
 
         Args:
             now: time until which the latest state lasts, s of the boot clock.
-            boot: number of the boot.
+            boot: number of the boot; a boot lasts from one start of the autopilot to the next.
             was_flying: whether the vehicle flew when the former boot ended, of which nothing else is known.
 
         Returns:

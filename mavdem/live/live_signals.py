@@ -83,7 +83,7 @@ def attitude_from_samples(
     Args:
         message: name of the MAVLink message of the samples.
         time: (N,) times on the boot clock, s.
-        boot: number of the boot.
+        boot: number of the boot; a boot lasts from one start of the autopilot to the next.
         angle: (N,) angle, rad.
         body_rate: (N,) body rate, rad/s; it also serves as the derivative of the angle, which is the same near level
             flight.
@@ -129,7 +129,7 @@ def live_evidence(
     log can fill in, such as whether a model can be learned from it; these get neutral values.
 
     Args:
-        signals: signals of the vehicle.
+        signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.
         condition: duration of the flight so far, s, which counts as armed and airborne time, and figures of the
             vehicle.
         findings: events and control loops; None for none.

@@ -85,7 +85,7 @@ class MotorAlarms:
 
         Args:
             time: time of the sample, s of the boot clock.
-            boot: number of the boot.
+            boot: number of the boot; a boot lasts from one start of the autopilot to the next.
             motors: geometry and range of the motors.
             commands: (k,) outputs of the k motors, as shares of the range.
             heading: yaw, rad; NaN where the attitude does not follow its setpoint.

@@ -57,7 +57,7 @@ class RowBuilder:
         stays. The constructor calls this too, so that the attributes are created here.
 
         Args:
-            boot: number of the boot.
+            boot: number of the boot; a boot lasts from one start of the autopilot to the next.
             phase: whether the vehicle flies in this boot.
         """
         self.inputs: MotorInputs | None = None

@@ -84,7 +84,7 @@ def identify_plant_in_loop(signals: Signals, flights: Sequence[Flight]) -> Physi
     delay of the gyro's filters. Only the boot with the longest flight is used, because messages must share a clock.
 
     Args:
-        signals: signals of the vehicle, for the axis.
+        signals: logged time series of the vehicle, with angle, rate and setpoints of the axis.
         flights: settled flight of the vehicle.
 
     Returns:
@@ -132,7 +132,7 @@ def _identified_loop(signals: Signals, flights: tuple[Flight, ...]) -> _Identifi
     fitted model too little motion followed setpoints, or the controller has another gain than its parameters.
 
     Args:
-        signals: signals of the vehicle, for the axis.
+        signals: logged time series of the vehicle, with angle, rate and setpoints of the axis.
         flights: flights of one boot, whose clock all messages share.
 
     Returns:
@@ -210,7 +210,7 @@ def _loop_messages(
     :func:`_with_best_setpoint` chooses between them.
 
     Args:
-        signals: signals of the vehicle, for the axis.
+        signals: logged time series of the vehicle, with angle, rate and setpoints of the axis.
         boot: number of the boot whose messages are used.
         controller: controller of the axis.
         mixer_gains: change of each input per unit of demand (r,).
@@ -293,7 +293,7 @@ def _messages_of_boot(stream: Attitude | TimeSeries, values: Array, boot: int) -
     Args:
         stream: times and boots of N samples.
         values: value of each sample (N,).
-        boot: number of the boot.
+        boot: number of the boot; a boot lasts from one start of the autopilot to the next.
 
     Returns:
         Times and values of these samples.

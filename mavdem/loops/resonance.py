@@ -77,7 +77,7 @@ def controller_if_known(signals: Signals) -> Controller | None:
     """Returns the controller of an axis by the parameters in the log, without the mixer.
 
     Args:
-        signals: signals of the vehicle, for the axis.
+        signals: logged time series of the vehicle, with angle, rate and setpoints of the axis.
 
     Returns:
         The controller, whose output is the demand; None if the log lacks its parameters, or no known autopilot has
@@ -99,7 +99,7 @@ def setpoint_resonance(signals: Signals, segments: Segments) -> Resonance | None
     complementary sensitivity.
 
     Args:
-        signals: signals of the vehicle, for the axis.
+        signals: logged time series of the vehicle, with angle, rate and setpoints of the axis.
         segments: segments of the flight to use.
 
     Returns:
@@ -207,7 +207,7 @@ def spectral_resonance(signals: Signals, segments: Segments) -> Resonance | None
     short steering does not change.
 
     Args:
-        signals: signals of the vehicle, for the axis.
+        signals: logged time series of the vehicle, with angle, rate and setpoints of the axis.
         segments: segments of the flight to use.
 
     Returns:

@@ -223,7 +223,7 @@ def rate_step_response(
     it is added, which needs the angle and its setpoint. The rate setpoints of other autopilots contain it.
 
     Args:
-        signals: signals of the vehicle, for the axis.
+        signals: logged time series of the vehicle, with angle, rate and setpoints of the axis.
         segments: segments of the flight to use.
         loop: the identified loop of the axis, whose response is returned if the rate rises too fast for its messages;
             None without one.
@@ -251,7 +251,7 @@ def attitude_step_response(signals: Signals, segments: Segments) -> StepResponse
     Slower messages suffice than for the rate, since angles change more slowly.
 
     Args:
-        signals: signals of the vehicle, for the axis.
+        signals: logged time series of the vehicle, with angle, rate and setpoints of the axis.
         segments: segments of the flight to use.
 
     Returns:
@@ -284,7 +284,7 @@ def _measured_step_response(
     long.
 
     Args:
-        signals: signals of the vehicle, for the axis.
+        signals: logged time series of the vehicle, with angle, rate and setpoints of the axis.
         loop: "rate" or "attitude".
         series: setpoint, response and, for the rate loop, the angle and its setpoint as far as they were recorded.
         segments: segments of the flight to use.

@@ -160,7 +160,7 @@ def compare_twin_with_flight(twin: Twin, loops: LoopsByAxis) -> dict[str, dict[s
     compared instead of time series.
 
     Args:
-        twin: the twin of the vehicle.
+        twin: simulated vehicle with the identified loops, hover thrust, drag and wind.
         loops: identified loops by axis, with the records of the flight.
 
     Returns:
@@ -194,7 +194,7 @@ def fly_twin(
     Axes without a segment have a setpoint of 0 and no wind torque.
 
     Args:
-        twin: the twin of the vehicle.
+        twin: simulated vehicle with the identified loops, hover thrust, drag and wind.
         loops: identified loops by axis, with the spectra of the wind torque.
         segments: setpoints by axis, "roll" among them, at T samples each.
         seed: seed of the wind and of the sensors' noise.
@@ -232,7 +232,7 @@ def _simulated_motion(
     simulate.
 
     Args:
-        twin: the twin of the vehicle.
+        twin: simulated vehicle with the identified loops, hover thrust, drag and wind.
         dt: time between samples, s.
         setpoints: setpoints of angle, rad, and rate, rad/s, of roll, pitch and yaw (T, 3, 2).
         torque: wind torque per moment of inertia about the three axes (T, 3), rad/s².

@@ -56,7 +56,7 @@ def balance_of_steady_flight(signals: Signals) -> BalanceFigures | None:
     Each segment of settled flight gives one run: the samples of its steady intervals, concatenated.
 
     Args:
-        signals: Signals of the vehicle.
+        signals: Logged time series of the vehicle, such as attitude, setpoints and motor outputs.
 
     Returns:
         The figures; None if there are no motor outputs, or too little steady flight.
@@ -87,7 +87,7 @@ def _lean(signals: Signals, segment: Segment, time: Array) -> Array:
     """Returns roll and pitch at the times of other samples, linearly interpolated.
 
     Args:
-        signals: Signals of the vehicle.
+        signals: Logged time series of the vehicle, such as attitude, setpoints and motor outputs.
         segment: Segment of flight, with the boot whose clock the times are on.
         time: (N,) times in the segment, s.
 

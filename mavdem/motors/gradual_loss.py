@@ -93,7 +93,7 @@ def gradual_loss(
         time: (N,) s on the boot clock, ascending, of one run of settled flight without a landing.
         commands: (N, k) motor outputs as fractions of the range.
         geometry: positions and spins of the k motors.
-        boot: number of the boot.
+        boot: number of the boot; a boot lasts from one start of the autopilot to the next.
 
     Returns:
         The loss, with the beginning of the ramp as ``onset_time`` and the end of the run as ``time``; None if no motor

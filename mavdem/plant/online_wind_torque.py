@@ -178,7 +178,7 @@ def is_torque_resolved(physical: Physical, half_width_of_band: float) -> bool:
     error.
 
     Args:
-        physical: physical parameters of the axis.
+        physical: control effectiveness, damping, motor time constant and delay of the axis.
         half_width_of_band: half width of the 90 % band of the torque, rad/s².
     """
     error_variance = (half_width_of_band / coverage_factor(CONFIDENCE_LEVEL)) ** 2

@@ -28,7 +28,7 @@ def simulate_response(physical: Physical, record: Record, inputs: ArrayLike) -> 
     mean disturbance of the training data is assumed to persist, because it balances the mean inputs.
 
     Args:
-        physical: physical parameters of the axis.
+        physical: control effectiveness, damping, motor time constant and delay of the axis.
         record: the training data, with two outputs: an angle and its rate.
         inputs: commanded inputs (H, r) after it.
 
@@ -82,7 +82,7 @@ def _simulated_mean(
     Args:
         theta: effect of each input, damping and lag (r + 2,).
         delay: delay of the commands, s.
-        record: the training data.
+        record: the training data: T samples of r inputs and m outputs, in one or several segments.
         angle_and_rate: columns of the angle and of its rate in the record's outputs.
         inputs: commanded inputs (H, r).
 

@@ -153,7 +153,7 @@ def estimate_wind_torque(
     a shifted load, separates two sections like such a change, so that it does not appear as strong wind.
 
     Args:
-        physical: physical parameters of the axis.
+        physical: control effectiveness, damping, motor time constant and delay of the axis.
         record: inputs and outputs.
         changes: samples of the record at which the vehicle changed, for example by a motor's loss of thrust.
         has_weak_motor: whether a motor had lost thrust at each sample (T,); such samples have no wind torque, and no

@@ -31,7 +31,7 @@ class Labels(NamedTuple):
         """Returns the labels of a model's training data; numbered names where these have none.
 
         Args:
-            learned: the learned model.
+            learned: the linear model that was learned from a flight, with its training data.
         """
         record = learned.record
         input_count = record.inputs.shape[1]
@@ -94,7 +94,7 @@ class AxisCommand(NamedTuple):
         command of these inputs, w · m, is 1.
 
         Args:
-            learned: the learned model.
+            learned: the linear model that was learned from a flight, with its training data.
 
         Returns:
             The command, with its weights w and inputs m (r,).

@@ -43,7 +43,7 @@ def review_screen(assessment: Assessment, columns: int = SCREEN_COLUMNS) -> str:
     shown as fit. The headline and the next step come last, where the user looks after everything has scrolled by.
 
     Args:
-        assessment: assessment of the log.
+        assessment: all results on a vehicle of the log: events, status lights, model, loops and wind.
         columns: number of characters in a line.
     """
     title_lines = _title_lines(review_title(assessment), columns)
@@ -158,8 +158,8 @@ def vehicle_title(log: Log, signals: Signals, analysis: LogAnalysis) -> Sentence
     """Returns the title of a report on a vehicle: name of the log, vehicle, number of flights, duration and date.
 
     Args:
-        log: the log.
-        signals: signals of the vehicle.
+        log: the log of a flight, with the messages of each vehicle.
+        signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.
         analysis: analysis of the vehicle, with its identity and the time that it was armed.
 
     Returns:
@@ -206,7 +206,7 @@ def _alarm_lines(assessment: Assessment, columns: int) -> Iterator[list[str]]:
     autopilot restarted between two alarms, its clock began again, and a line says so: the times are not in order then.
 
     Args:
-        assessment: assessment of the log.
+        assessment: all results on a vehicle of the log: events, status lights, model, loops and wind.
         columns: number of characters of a line of the terminal.
     """
     former_boot = None

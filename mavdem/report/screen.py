@@ -86,7 +86,7 @@ def analysis_blocks(assessment: Assessment) -> Blocks:
     """Returns the report of a log: headline, what was found, and next step.
 
     Args:
-        assessment: assessment of the log.
+        assessment: all results on a vehicle of the log: events, status lights, model, loops and wind.
 
     Returns:
         The report, with the headline first and the next step last.
@@ -107,7 +107,7 @@ def analysis_body(analysis: LogAnalysis, assessment: Assessment) -> Blocks:
 
     Args:
         analysis: the analysis of one axis of the vehicle, with the model if one was learned.
-        assessment: assessment of the log.
+        assessment: all results on a vehicle of the log: events, status lights, model, loops and wind.
 
     Returns:
         The report without its headline and next step.
@@ -132,7 +132,7 @@ def instance_blocks(assessment: Assessment) -> Blocks:
     """Returns the tables of what can be trusted, and of every instance, as far as a vehicle was judged.
 
     Args:
-        assessment: assessment of the log.
+        assessment: all results on a vehicle of the log: events, status lights, model, loops and wind.
     """
     blocks: Blocks = []
     evidence = assessment.evidence
@@ -169,7 +169,7 @@ def _model_blocks(
 
     Args:
         findings: grades of the model by purpose, and warnings.
-        learned: the learned model.
+        learned: the linear model that was learned from a flight, with its training data.
         held_out: forecasts of windows that no model was trained on; None without.
         hover: command and headroom of each motor in hover; None if they are not known.
     """
@@ -355,7 +355,7 @@ def _effectiveness_column(physical: Physical, labels: Labels) -> dict[str, list[
     interval.
 
     Args:
-        physical: physical parameters of the axis.
+        physical: control effectiveness, damping, motor time constant and delay of the axis.
         labels: names and units of the motors.
     """
     half_widths = physical.interval().effect
@@ -381,7 +381,7 @@ def torque_blocks(learned: Learned) -> Blocks:
     effectiveness, so that it is called uncertain if that has a wide interval.
 
     Args:
-        learned: the learned model.
+        learned: the linear model that was learned from a flight, with its training data.
 
     Returns:
         The sentence; empty if the effectiveness is not identifiable, or the wind torque is not larger than its error.
@@ -571,7 +571,7 @@ def detail_blocks(learned: Learned) -> Blocks:
     one, of the fit by simulation that followed.
 
     Args:
-        learned: the learned model.
+        learned: the linear model that was learned from a flight, with its training data.
     """
     energy = learned.free_energy
     fit = learned.simulation_fit

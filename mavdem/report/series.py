@@ -115,7 +115,7 @@ def _model_series(
     Args:
         outputs: names of the m outputs.
         time: times of the T training samples (T,), s.
-        learned: the learned model.
+        learned: the linear model that was learned from a flight, with its training data.
     """
     # (T, m): the prediction of each sample from those before it.
     yield ONE_STEP, Series(time, outputs, learned.one_step())

@@ -203,7 +203,7 @@ def _write_first_plots(log: Log, path: Path) -> None:
     without one, no file is written.
 
     Args:
-        log: the log.
+        log: the log of a flight, with the messages of each vehicle.
         path: path of the file with the HTML of the plots.
     """
     for telemetry in log.vehicles:
@@ -270,7 +270,7 @@ def _assessment_columns(assessment: Assessment) -> dict[str, str]:
     A light is the level (good, watch, bad or unknown) of one part of the vehicle or the flight, such as "motors".
 
     Args:
-        assessment: assessment of the log.
+        assessment: all results on a vehicle of the log: events, status lights, model, loops and wind.
 
     Returns:
         Values by the names of the columns; each light's column has the light's name.

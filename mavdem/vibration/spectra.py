@@ -219,7 +219,7 @@ def vibration_spectra(signals: Signals, segments: Segments) -> dict[str, Spectru
     Several messages may have the same quantity, at different rates. The one that shows the highest frequency is used.
 
     Args:
-        signals: signals of the vehicle.
+        signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.
         segments: segments of the flight to use.
 
     Returns:
@@ -255,7 +255,7 @@ def _recorded_samples(signals: Signals) -> Iterator[_Samples]:
     the messages of the attitude, and are used if all three axes have the same number of samples.
 
     Args:
-        signals: signals of the vehicle.
+        signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.
 
     Yields:
         The samples of each message, of all boots.
@@ -399,7 +399,7 @@ def _motor_speed(signals: Signals) -> TimeSeries | None:
     motors that stand still are left out.
 
     Args:
-        signals: signals of the vehicle.
+        signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.
 
     Returns:
         Speeds in the order of time, revolutions per second; None if the log has no messages of ESCs.

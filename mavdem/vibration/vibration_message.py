@@ -49,7 +49,7 @@ def reported_vibration(signals: Signals) -> ReportedVibration | None:
     Clipping is reported as counters since boot, of which the differences are returned.
 
     Args:
-        signals: signals of the vehicle.
+        signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.
 
     Returns:
         Vibration and clipping; ``None`` if they were not recorded, or all levels are 0.

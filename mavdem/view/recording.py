@@ -154,7 +154,7 @@ class RecordingTabs:
         """Draws the first tab: the plots of a live session over the whole flight, with headline, lights and events.
 
         Args:
-            learned: the learned model.
+            learned: the linear model that was learned from a flight, with its training data.
             held_out: forecasts in windows that the model was not trained on.
             series: outputs and free energy (T, k) by name.
 
@@ -265,7 +265,7 @@ class RecordingTabs:
         """Draws the wind, m/s, and the torque that it exerts on the vehicle, rad/s², with marks where gusts begin.
 
         Args:
-            learned: the learned model.
+            learned: the linear model that was learned from a flight, with its training data.
             sample_times: (T,) times of the samples that it was trained on, s.
 
         Returns:
@@ -362,7 +362,7 @@ class RecordingTabs:
         """Draws outputs with their forecasts in held-out windows, and the process noise of DEM by sample.
 
         Args:
-            learned: the learned model.
+            learned: the linear model that was learned from a flight, with its training data.
             held_out: forecasts in windows that the model was not trained on.
             series: times (T,) and values (T, k) by name: outputs, and process noise of the states.
 
@@ -387,7 +387,7 @@ class RecordingTabs:
         F̄ is the free energy action that learning maximises, in nats.
 
         Args:
-            learned: the learned model.
+            learned: the linear model that was learned from a flight, with its training data.
 
         Returns:
             The tab "Learning".
@@ -511,7 +511,7 @@ def free_energy_chart(learned: Learned, free_energy: Series) -> Chart:
     """Returns a chart of F(t) of each sample, and of F̄ divided by the number of samples.
 
     Args:
-        learned: the learned model.
+        learned: the linear model that was learned from a flight, with its training data.
         free_energy: F(t), (T, 1), nats.
     """
     time = free_energy.time

@@ -193,7 +193,7 @@ def wind_evidence(signals: Signals) -> WindEvidence:
     Only a multirotor leans against the wind; for another vehicle there is only the autopilot's own estimate.
 
     Args:
-        signals: signals of the vehicle.
+        signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.
 
     Returns:
         The estimates of this library and of the autopilot, and the reason if this library has none.
@@ -212,7 +212,7 @@ def wind_of_signals(signals: Signals, drag: Drag | None = None) -> WindVelocity:
     """Estimates the wind from the messages of a vehicle, in the boot that has the longest free flight.
 
     Args:
-        signals: signals of the vehicle.
+        signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.
         drag: drag of the vehicle, as for :func:`wind`.
 
     Returns:
@@ -269,7 +269,7 @@ def _settled_seconds(signals: Signals, ground_motion: TimeSeries) -> float:
     """Returns the duration of settled flight in all boots, including parts in which velocity or yaw is not known.
 
     Args:
-        signals: signals of the vehicle.
+        signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.
         ground_motion: velocity and height, as :func:`_ground_motion` returns them.
 
     Returns:
@@ -347,7 +347,7 @@ def horizontal_velocity(signals: Signals) -> TimeSeries | None:
     """Returns the velocity over ground (N, 2), north and east, m/s; None if it was not recorded.
 
     Args:
-        signals: signals of the vehicle.
+        signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.
     """
     motion = _ground_motion(signals.telemetry)
     if motion is None:
@@ -397,10 +397,10 @@ def _free_flight(
     flight, and times at which the estimator's flags mark the velocity as invalid.
 
     Args:
-        signals: signals of the vehicle.
+        signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.
         angles: roll, pitch and yaw.
         ground_motion: velocity and height, as :func:`_ground_motion` returns them.
-        boot: number of the boot.
+        boot: number of the boot; a boot lasts from one start of the autopilot to the next.
 
     Returns:
         The motion; ``None`` if the boot has no attitude or velocity.
@@ -474,7 +474,7 @@ def _has_valid_velocity(telemetry: Telemetry, boot: int, time: Array) -> Flags:
 
     Args:
         telemetry: messages of the vehicle.
-        boot: number of the boot.
+        boot: number of the boot; a boot lasts from one start of the autopilot to the next.
         time: (N,) times in that boot, s.
 
     Returns:
@@ -508,7 +508,7 @@ def _longest_stuck(position: TimeSeries | None, boot: int, motion: _FlightMotion
 
     Args:
         position: (N, k) position of the vehicle, m; None if it is not known, and then 0 is returned.
-        boot: number of the boot.
+        boot: number of the boot; a boot lasts from one start of the autopilot to the next.
         motion: motion in the flight of that boot.
 
     Returns:
@@ -537,8 +537,8 @@ def _flights(signals: Signals, boot: int, time: Array, height: Array) -> interva
     ``MIN_FLIGHT_HEIGHT`` above its lowest height.
 
     Args:
-        signals: signals of the vehicle.
-        boot: number of the boot.
+        signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.
+        boot: number of the boot; a boot lasts from one start of the autopilot to the next.
         time: stamps of the heights (N,), s.
         height: (N,) m.
 

@@ -48,9 +48,9 @@ def with_lean_on_ground(
 
     Args:
         drag: prior of the drag, with the prior of the lean.
-        signals: signals of the vehicle.
+        signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.
         angles: its roll and pitch.
-        boot: number of the boot.
+        boot: number of the boot; a boot lasts from one start of the autopilot to the next.
         flight: first and last time of the motion in the flight, s since boot.
 
     Returns:
@@ -75,9 +75,9 @@ def lean_on_ground(
     """Converts the lean on the ground to the specific force that wind would need to cause the same lean in flight.
 
     Args:
-        signals: signals of the vehicle.
+        signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.
         angles: its roll and pitch.
-        boot: number of the boot.
+        boot: number of the boot; a boot lasts from one start of the autopilot to the next.
         flight: first and last time of the motion in the flight, s since boot.
 
     Returns:
@@ -104,7 +104,7 @@ def _lean_of_stand(angles: Sequence[Attitude], boot: int, stand: TimeInterval) -
 
     Args:
         angles: roll and pitch.
-        boot: number of the boot.
+        boot: number of the boot; a boot lasts from one start of the autopilot to the next.
         stand: start and end of the time in which it may stand, s since boot.
 
     Returns:

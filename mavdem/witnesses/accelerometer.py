@@ -124,8 +124,8 @@ def accelerometer_records(signals: Signals, boot: int) -> tuple[AccelerometerRec
     """Measures every accelerometer of a boot: its rate, its peaks, and gravity at rest.
 
     Args:
-        signals: signals of the vehicle.
-        boot: number of the boot.
+        signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.
+        boot: number of the boot; a boot lasts from one start of the autopilot to the next.
 
     Returns:
         The accelerometers in the order of their IMUs; empty if none was recorded.
@@ -179,8 +179,8 @@ def _measured_accelerometer(
     """Measures one accelerometer in a boot.
 
     Args:
-        signals: signals of the vehicle.
-        boot: number of the boot.
+        signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.
+        boot: number of the boot; a boot lasts from one start of the autopilot to the next.
         number: number of the IMU.
         is_used: whether the parameters use it; None if they do not say so.
         specific_forces: specific force (N, 3) of all boots, m/s².
@@ -216,8 +216,8 @@ def accelerometer_in_use(signals: Signals, boot: int) -> AccelerometerRecord | N
     not exclude, or the first of all if they exclude each.
 
     Args:
-        signals: signals of the vehicle.
-        boot: number of the boot.
+        signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.
+        boot: number of the boot; a boot lasts from one start of the autopilot to the next.
 
     Returns:
         The accelerometer; None if none was recorded.
@@ -239,7 +239,7 @@ def _imu_of_primary_core(signals: Signals, boot: int) -> int | None:
 
     Args:
         signals: signals of the vehicle, with the log of the core in use and the parameters.
-        boot: number of the boot.
+        boot: number of the boot; a boot lasts from one start of the autopilot to the next.
 
     Returns:
         The number, from 1; None if it is not known, or the autopilot is PX4, which numbers its instances otherwise.
@@ -262,8 +262,8 @@ def rest_intervals(signals: Signals, boot: int) -> Intervals:
     were not recorded, being still is enough. Neighbouring windows are joined to one interval.
 
     Args:
-        signals: signals of the vehicle.
-        boot: number of the boot.
+        signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.
+        boot: number of the boot; a boot lasts from one start of the autopilot to the next.
 
     Returns:
         The intervals, s since boot.
@@ -301,8 +301,8 @@ def still_windows(signals: Signals, boot: int) -> StillWindows | None:
     that measures the same throughout is dead and shows nothing.
 
     Args:
-        signals: signals of the vehicle.
-        boot: number of the boot.
+        signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.
+        boot: number of the boot; a boot lasts from one start of the autopilot to the next.
 
     Returns:
         The windows of ``REST_SECONDS``, with a flag for each; None without body rates.
@@ -361,8 +361,8 @@ def is_powered(signals: Signals, boot: int, time: Array) -> Flags | None:
     """Returns at which times the mean output of the motors is high enough to carry the vehicle.
 
     Args:
-        signals: signals of the vehicle.
-        boot: number of the boot.
+        signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.
+        boot: number of the boot; a boot lasts from one start of the autopilot to the next.
         time: (T,) s since boot.
 
     Returns:

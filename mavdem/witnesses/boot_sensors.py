@@ -538,8 +538,8 @@ def _rest_record(signals: Signals, boot: int) -> _RestRecord | None:
     ``SIDE_ANGLE`` it rests even if the motors run, since no vehicle hovers on its side.
 
     Args:
-        signals: signals of the vehicle.
-        boot: number of the boot.
+        signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.
+        boot: number of the boot; a boot lasts from one start of the autopilot to the next.
 
     Returns:
         Start, rest and angle from upright of each window; None if the body rates were not recorded.
@@ -565,8 +565,8 @@ def _angle_from_upright(signals: Signals, boot: int, time: Array) -> Array:
     cos(angle) = cos(roll) cos(pitch).
 
     Args:
-        signals: signals of the vehicle.
-        boot: number of the boot.
+        signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.
+        boot: number of the boot; a boot lasts from one start of the autopilot to the next.
         time: (W,) s since boot. The angle is meaningful only while the vehicle is still.
 
     Returns:

@@ -68,8 +68,8 @@ def flight_check(signals: Signals, boot: int) -> FlightCheck:
     setpoints, and rotation.
 
     Args:
-        signals: signals of the vehicle.
-        boot: number of the boot.
+        signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.
+        boot: number of the boot; a boot lasts from one start of the autopilot to the next.
 
     Returns:
         Whether the vehicle flew, None if that is not known, with these facts. If the motors were not recorded or never
@@ -148,8 +148,8 @@ def _rotation_facts(signals: Signals, boot: int) -> Facts:
     """Returns the facts of roll, pitch and the body rates for or against a flight.
 
     Args:
-        signals: signals of the vehicle.
-        boot: number of the boot.
+        signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.
+        boot: number of the boot; a boot lasts from one start of the autopilot to the next.
 
     Returns:
         At most one fact on how the attitude follows its setpoint, and one if the vehicle did not rotate at all.
@@ -177,8 +177,8 @@ def powered_intervals(signals: Signals, boot: int) -> Intervals:
     vehicle flies (:func:`min_airborne_collective`).
 
     Args:
-        signals: signals of the vehicle.
-        boot: number of the boot.
+        signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.
+        boot: number of the boot; a boot lasts from one start of the autopilot to the next.
 
     Returns:
         Intervals. Empty if motor outputs were not recorded, or the vehicle is no multirotor, whose motors need not

@@ -62,8 +62,8 @@ def ground_heights(
     """Compares the heights at rest before a flight and after it.
 
     Args:
-        signals: signals of the vehicle.
-        boot: number of the boot.
+        signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.
+        boot: number of the boot; a boot lasts from one start of the autopilot to the next.
         flight_interval: start and end of the flight, s since boot; infinite if the record has no take-off or
             landing.
         rests: when the vehicle rested before and after the flight, s since boot; None to find that in the signals.
@@ -143,7 +143,7 @@ def satellite_position(signals: Signals) -> TimeSeries | None:
     A receiver whose altitude never changes does not measure one, and is passed over.
 
     Args:
-        signals: signals of the vehicle.
+        signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.
 
     Returns:
         (N, 3) latitude and longitude, degrees, and altitude, m; None if no receiver measured all three.

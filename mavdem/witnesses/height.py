@@ -86,8 +86,8 @@ def height_comparison(signals: Signals, boot: int) -> HeightComparison:
     """Compares the climb rates by the barometer and by the autopilot's estimate in a boot.
 
     Args:
-        signals: signals of the vehicle.
-        boot: number of the boot.
+        signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.
+        boot: number of the boot; a boot lasts from one start of the autopilot to the next.
 
     Returns:
         Both climb rates, averaged, with the intervals in which they contradict each other. A barometer that is too
@@ -256,8 +256,8 @@ def trusted_height(signals: Signals, boot: int, take_off: float) -> TrustedHeigh
     any time; then it is the barometer.
 
     Args:
-        signals: signals of the vehicle.
-        boot: number of the boot.
+        signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.
+        boot: number of the boot; a boot lasts from one start of the autopilot to the next.
         take_off: time of the take-off, s since boot; minus infinity if the log begins in the air. Then the height is
             that above the autopilot's home, by the estimate alone.
 
@@ -277,8 +277,8 @@ def trusted_height_at(signals: Signals, boot: int, take_off: float, time: float)
     """Returns :func:`trusted_height` at one time, m; None if neither source was recorded.
 
     Args:
-        signals: signals of the vehicle.
-        boot: number of the boot.
+        signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.
+        boot: number of the boot; a boot lasts from one start of the autopilot to the next.
         take_off: time of the take-off, s since boot; minus infinity if the log begins in the air.
         time: s since boot.
     """
@@ -308,8 +308,8 @@ def _trusted_source(signals: Signals, boot: int, take_off: float) -> HeightSourc
     That is the barometer if the autopilot's estimate is ever further than ``MAX_HEIGHT_DIFFERENCE`` from it.
 
     Args:
-        signals: signals of the vehicle.
-        boot: number of the boot.
+        signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.
+        boot: number of the boot; a boot lasts from one start of the autopilot to the next.
         take_off: time of the take-off, s since boot; minus infinity if the log begins in the air. Both heights are
             compared above the take-off, so that then only the estimate, which is above home, can be used.
 

@@ -37,7 +37,7 @@ def position_validity(signals: Signals) -> TimeSeries | None:
     It is the validity flag of PX4's vehicle_local_position, or the flags of the estimator status.
 
     Args:
-        signals: signals of the vehicle.
+        signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.
 
     Returns:
         (N,) 1 or 0; None if nothing reports it.
@@ -72,7 +72,7 @@ def position_fix(signals: Signals) -> TimeSeries | None:
     The N samples are at the messages of the first receiver that was recorded, in all boots.
 
     Args:
-        signals: signals of the vehicle.
+        signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.
 
     Returns:
         (N,) 1 or 0; None if no receiver was recorded.
@@ -106,8 +106,8 @@ def position_record(signals: Signals, boot: int) -> PositionRecord:
     """Collects what receivers and estimator report on the position during one boot.
 
     Args:
-        signals: signals of the vehicle.
-        boot: number of the boot.
+        signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.
+        boot: number of the boot; a boot lasts from one start of the autopilot to the next.
 
     Returns:
         The fixes, the validity of the position estimate, and the share of the powered time with a fix.
@@ -126,8 +126,8 @@ def _share_under_power(signals: Signals, boot: int, state: TimeSeries) -> float 
     Under power means that the motors could carry the vehicle. Without motor outputs all samples count.
 
     Args:
-        signals: signals of the vehicle.
-        boot: number of the boot.
+        signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.
+        boot: number of the boot; a boot lasts from one start of the autopilot to the next.
         state: samples (N,) of that boot, 0 or 1.
 
     Returns:

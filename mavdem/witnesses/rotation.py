@@ -102,8 +102,8 @@ def rotation_under_power(signals: Signals, boot: int) -> RotationUnderPower | No
     Under power means that the motors were fast enough to carry the vehicle.
 
     Args:
-        signals: signals of the vehicle.
-        boot: number of the boot.
+        signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.
+        boot: number of the boot; a boot lasts from one start of the autopilot to the next.
 
     Returns:
         The figures; None without attitude or motors, or with less than ``MIN_SECONDS`` under power.
@@ -138,8 +138,8 @@ def _fastest_rates(signals: Signals, boot: int, time: Array) -> Array:
     """Returns the largest of the absolute body rates of all axes at some times, without single damaged samples.
 
     Args:
-        signals: signals of the vehicle.
-        boot: number of the boot.
+        signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.
+        boot: number of the boot; a boot lasts from one start of the autopilot to the next.
         time: (N,) s since boot.
 
     Returns:
@@ -276,8 +276,8 @@ def _gyro_agrees(signals: Signals, boot: int, times: Array) -> bool | None:
     agreement is only weak evidence for the gyro, while disagreement shows that one of the two is wrong.
 
     Args:
-        signals: signals of the vehicle.
-        boot: number of the boot.
+        signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.
+        boot: number of the boot; a boot lasts from one start of the autopilot to the next.
         times: (N,) times under power, s since boot, ascending.
 
     Returns:

@@ -85,7 +85,7 @@ def barometer_altitude(signals: Signals) -> TimeSeries | None:
     3. The pressure altitude in HIGHRES_IMU.
 
     Args:
-        signals: signals of the vehicle.
+        signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.
 
     Returns:
         The altitude (N,), m; None if no barometer that works was recorded.
@@ -134,7 +134,7 @@ def compass_fields(signals: Signals) -> dict[int, TimeSeries]:
     """Returns the magnetic field that each compass measured, by the number of the compass from 1.
 
     Args:
-        signals: signals of the vehicle.
+        signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.
 
     Returns:
         Fields (N, 3), mGauss along the axes of the body. Compasses that were not recorded, or report only zeros, are
@@ -168,7 +168,7 @@ def specific_force(signals: Signals) -> TimeSeries | None:
     At rest it is the reaction to the weight: 9.8 m/s² upward, so that z is negative.
 
     Args:
-        signals: signals of the vehicle.
+        signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.
 
     Returns:
         (N, 3) m/s² along body x (forward), y (right) and z (down); None if no message has it.
@@ -197,7 +197,7 @@ def further_specific_forces(signals: Signals) -> dict[int, TimeSeries]:
     PX4 logs all IMUs, so number 1 is among them: its first accelerometer is the one of the selected IMU.
 
     Args:
-        signals: signals of the vehicle.
+        signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.
 
     Returns:
         Specific force (N, 3) along the axes of the body, m/s², by the number of the IMU from 1.
@@ -272,7 +272,7 @@ def throttle_stick(signals: Signals) -> TimeSeries | None:
     manual_control_setpoint, the ThrIn of older DataFlash logs).
 
     Args:
-        signals: signals of the vehicle.
+        signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.
 
     Returns:
         (N,) from 0 (closed) to 1 (open); None if no stick was recorded.

@@ -249,7 +249,7 @@ def sensor_trust(signals: Signals, boot: int) -> SensorTrust:
     """Checks the sensors of a vehicle against each other in one boot: from a start of the autopilot to the next.
 
     Args:
-        signals: signals of the vehicle.
+        signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.
         boot: number of the boot, from 0.
 
     Returns:
@@ -273,7 +273,7 @@ def trust_of_boots(signals: Signals) -> tuple[SensorTrust, ...]:
     """Checks the sensors of a vehicle against each other, in each boot in which the attitude was recorded.
 
     Args:
-        signals: signals of the vehicle.
+        signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.
 
     Returns:
         The results for each of these boots, in order.

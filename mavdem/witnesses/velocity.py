@@ -25,7 +25,7 @@ def velocity(signals: Signals) -> TimeSeries | None:
     """Returns the velocity over ground as the estimator reports it, for all boots.
 
     Args:
-        signals: signals of the vehicle.
+        signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.
 
     Returns:
         (N, 3) m/s north, east and down, of the first message that has it; None if none does.
@@ -41,8 +41,8 @@ def stopped_at(signals: Signals, boot: int, time: float) -> bool | None:
     """Returns whether a vehicle lost most of its speed within ``STOP_SECONDS`` around a moment, as by an impact.
 
     Args:
-        signals: signals of the vehicle.
-        boot: number of the boot.
+        signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.
+        boot: number of the boot; a boot lasts from one start of the autopilot to the next.
         time: time of the moment, s since boot.
 
     Returns:

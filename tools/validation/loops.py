@@ -447,7 +447,7 @@ def identified_loops(log: Log, rate: float) -> Mapping[str, Loop | NoLoop]:
     """Identifies the loops of all axes from a log whose messages are thinned to a rate, as ``mavdem tune`` does.
 
     Args:
-        log: the log.
+        log: the log of a flight, with the messages of each vehicle.
         rate: rate of the messages, Hz; infinite for all messages.
 
     Returns:

@@ -97,7 +97,7 @@ def with_gains(scenario: Scenario, factor: float) -> Scenario:
     """Returns a copy of a scenario in which all gains of the rate controllers of roll and pitch have a common factor.
 
     Args:
-        scenario: the scenario.
+        scenario: scenario of a simulated flight: vehicle, wind, excitation, sensors and faults.
         factor: factor on the gains, more than 0.
     """
     parameters = control_parameters(scenario)

@@ -153,8 +153,8 @@ def analyse_without_model(
     computed twice.
 
     Args:
-        log: the log.
-        signals: signals of the vehicle.
+        log: the log of a flight, with the messages of each vehicle.
+        signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.
         axis: "roll", "pitch", "yaw", or ``ALL_AXES``, which stands for roll here.
         options: choices of the user; None for the defaults.
 
@@ -182,8 +182,8 @@ def _analysis_without_model(
     """Returns the analysis of a vehicle's log without a model, with the reason why it allows no full one.
 
     Args:
-        log: the log.
-        signals: signals of the vehicle, for one axis.
+        log: the log of a flight, with the messages of each vehicle.
+        signals: logged time series of the vehicle, with angle, rate and setpoints of one axis.
         learnability: whether a full model of the axis can be learned.
         other_axis: analysis of another axis of the same vehicle, whose figures of the vehicle itself, which are the
             same for all axes, are not computed again; None for the first axis.
@@ -231,7 +231,7 @@ def _motors_are_watched(signals: Signals) -> bool:
     The detector of lost thrust needs the positions of the motors, and their outputs at ``MIN_SAMPLE_RATE`` or faster.
 
     Args:
-        signals: signals of the vehicle.
+        signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.
     """
     motors = signals.motors
     if motors is None or not motors.geometry.positions:
@@ -271,7 +271,7 @@ def _with_cautions(learned: Learned, flights: Flights, *, is_slow: bool) -> Lear
     missing samples, and last those that learning itself has found.
 
     Args:
-        learned: the learned model.
+        learned: the linear model that was learned from a flight, with its training data.
         flights: training data, at least one flight. All come from one log and axis, so the first one's cautions count.
         is_slow: whether the streams were so slow that the model describes the slow motion only.
 
@@ -306,7 +306,7 @@ def _with_physical_parameters(
        time. Otherwise the changed torque of that motor would be attributed to wind.
 
     Args:
-        learned: the learned model.
+        learned: the linear model that was learned from a flight, with its training data.
         signals: signals of the vehicle, for the axis of the model.
         flights: the flights that the model was trained on.
         analysis: analysis of the vehicle, for the changes of its motors in flight.
@@ -344,8 +344,8 @@ def _with_other_axes(
 
     Args:
         analysis: the analysis of roll.
-        log: the log.
-        signals: signals of the vehicle, with the inputs to use.
+        log: the log of a flight, with the messages of each vehicle.
+        signals: logged time series of the vehicle, and which of them are the inputs of the model.
         progress: shows the share of the axes that are done.
         estimates_of_other_axes: a function that returns estimates by axis which a second process has computed; axes
             that are missing in them are computed here.
@@ -376,7 +376,7 @@ def motor_alarms(signals: Signals) -> tuple[MotorAlarm, ...]:
     amount. Flight in which no motor changed suddenly is also searched as a whole for a motor that lost thrust slowly.
 
     Args:
-        signals: signals of the vehicle.
+        signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.
 
     Returns:
         The alarms; none if the motors were not recorded, or at less than 6 Hz, or if the vehicle is no multirotor.
@@ -420,10 +420,10 @@ def _lasting_losses(
     until shortly before the touch-down: a vehicle that sinks since a motor lost thrust is not in settled flight.
 
     Args:
-        signals: signals of the vehicle.
+        signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.
         motors: the k motors.
         commands: (N, k) their outputs while the attitude follows its setpoint, as shares of the range.
-        boot: number of the boot.
+        boot: number of the boot; a boot lasts from one start of the autopilot to the next.
         changes: changes in this boot that the detector of sudden losses reported.
 
     Returns:
@@ -454,7 +454,7 @@ def _gradual_losses(
     Args:
         motors: the k motors.
         commands: (N, k) their outputs while the attitude follows its setpoint, as shares of the range.
-        boot: number of the boot.
+        boot: number of the boot; a boot lasts from one start of the autopilot to the next.
         intervals: intervals of flight, s since boot.
         changes: changes in this boot that the detector of sudden losses reported.
 

@@ -242,7 +242,7 @@ def model_figures(flights: Flights, learned: Learned, held_out: HeldOut) -> Json
 
     Args:
         flights: segments that the model was trained on.
-        learned: the learned model.
+        learned: the linear model that was learned from a flight, with its training data.
         held_out: forecasts of windows that no model was trained on.
 
     Returns:
@@ -400,7 +400,7 @@ def estimates_of_axis(
     The wind torque is the total torque minus the torque of the motors, so it needs the parameters.
 
     Args:
-        signals: signals of the vehicle and axis.
+        signals: logged time series of the vehicle, with angle, rate and setpoints of the axis.
         components: all components of the log, for the advice on rates if messages are too slow.
         alarms: changes of the motors in flight. The wind torque is estimated again after each, and there is none while
             a motor had lost thrust.

@@ -130,7 +130,7 @@ def with_vehicle_made_torque_marked(learned: Learned, *, vehicle_made_torque: bo
     vehicle itself causes most of it.
 
     Args:
-        learned: the learned model.
+        learned: the linear model that was learned from a flight, with its training data.
         vehicle_made_torque: whether the vehicle was in a limit cycle or had a weak motor.
 
     Returns:
@@ -176,7 +176,7 @@ def _purpose_findings(learned: Learned, held_out: HeldOut | None) -> list[Findin
     physical parameters the first three are not identifiable, for one reason.
 
     Args:
-        learned: the learned model.
+        learned: the linear model that was learned from a flight, with its training data.
         held_out: forecasts of windows that it was not trained on; without them, prediction is not judged.
 
     Returns:
@@ -241,7 +241,7 @@ def _effectiveness_finding(physical: Physical) -> Finding:
     """Judges how well the control effectiveness is known, by its mean over the motors.
 
     Args:
-        physical: physical parameters of the axis.
+        physical: control effectiveness, damping, motor time constant and delay of the axis.
 
     Returns:
         The finding. Its grade follows from the status of the estimate, and from the half width of its 90 % interval
@@ -266,7 +266,7 @@ def _damping_finding(physical: Physical) -> Finding:
     the 90 % intervals divided by the estimates, as far as they are known, and the doubts about each.
 
     Args:
-        physical: physical parameters of the axis.
+        physical: control effectiveness, damping, motor time constant and delay of the axis.
 
     Returns:
         The finding.
@@ -395,7 +395,7 @@ def _residual_finding(learned: Learned) -> Finding:
     Identification, 2nd ed., sec. 16.6). If they fail a test of that, the grade is LIMITED, and otherwise GOOD.
 
     Args:
-        learned: the learned model.
+        learned: the linear model that was learned from a flight, with its training data.
 
     Returns:
         The finding, with the largest correlations and the bounds that they were compared with.
@@ -421,7 +421,7 @@ def model_warnings(learned: Learned, held_out: HeldOut | None) -> Iterator[Fact]
     that the model expects, and a model that is unstable.
 
     Args:
-        learned: the learned model.
+        learned: the linear model that was learned from a flight, with its training data.
         held_out: forecasts of windows that it was not trained on; None without them.
     """
     limits = PREDICTION_LIMITS

@@ -125,7 +125,7 @@ def _sections_by_gains(signals: Signals, flights: Flights) -> dict[GainValues, l
     """Cuts flights at each change of the gains of the axis, and groups the sections by their gains.
 
     Args:
-        signals: signals of the vehicle and axis.
+        signals: logged time series of the vehicle, with angle, rate and setpoints of the axis.
         flights: samples of the axis in settled flight.
 
     Returns:
@@ -204,7 +204,7 @@ def gain_history(signals: Signals) -> list[GainSet]:
     """Returns the sets of gains that the controller of one axis had in a log, one after another.
 
     Args:
-        signals: signals of the vehicle, for the axis.
+        signals: logged time series of the vehicle, with angle, rate and setpoints of the axis.
 
     Returns:
         Sets of gains in the order of the log, each with the boot and time from which on it was valid. The first is from
@@ -261,7 +261,7 @@ def changed_gains_at_end(signals: Signals, controller: Controller) -> Fact | Non
     of the log are those that the vehicle still has.
 
     Args:
-        signals: signals of the vehicle, for the axis.
+        signals: logged time series of the vehicle, with angle, rate and setpoints of the axis.
         controller: controller of the loop, with the parameters that it was identified with.
 
     Returns:
@@ -307,7 +307,7 @@ def autotune_fact(signals: Signals, loop: Loop | Fact) -> Fact | None:
     that AutoTune reported in its texts.
 
     Args:
-        signals: signals of the vehicle and axis.
+        signals: logged time series of the vehicle, with angle, rate and setpoints of the axis.
         loop: the control loop of the axis, with which the margins of both sets of gains are rated; or why it is not
             known.
 
@@ -372,7 +372,7 @@ def _autotune_texts(signals: Signals) -> list[StatusText]:
     or "AutoTune: Yaw(D)".
 
     Args:
-        signals: signals of the vehicle, for the axis.
+        signals: logged time series of the vehicle, with angle, rate and setpoints of the axis.
 
     Returns:
         The messages, in the order of the log.
@@ -388,7 +388,7 @@ def _excitation_moments(signals: Signals) -> list[BootTime]:
     PX4's AutoTune excites the axis by such a signal to identify it. The recorded signal is 0 at all other times.
 
     Args:
-        signals: signals of the vehicle, for the axis.
+        signals: logged time series of the vehicle, with angle, rate and setpoints of the axis.
 
     Returns:
         Boot and time, s since boot, of each sample.

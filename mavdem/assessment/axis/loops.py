@@ -51,8 +51,8 @@ def loops_of_axes(
     """Identifies the control loops of roll, pitch and yaw.
 
     Args:
-        log: the log.
-        signals: signals of the vehicle, with the inputs to use.
+        log: the log of a flight, with the messages of each vehicle.
+        signals: logged time series of the vehicle, and which of them are the inputs of the model.
         start: duration at the beginning of the settled flight that is left out, s.
         estimates: physical parameters by axis, if they were estimated before.
         known_loops: loops by axis, or why they are not known, if they were identified before.
@@ -79,7 +79,7 @@ def _fact_about_autotune(signals: Signals, loop: Loop | Fact) -> Fact | None:
     """Returns the fact that AutoTune changed the gains of an axis; None if it did not.
 
     Args:
-        signals: signals of the vehicle, for the axis.
+        signals: logged time series of the vehicle, with angle, rate and setpoints of the axis.
         loop: the identified loop of the axis, or why it is not known.
     """
     if not isinstance(loop, Loop):
@@ -109,8 +109,8 @@ def results_of_axis(
 
     Args:
         axis: "roll", "pitch" or "yaw".
-        log: the log.
-        signals: signals of the vehicle, with the inputs to use.
+        log: the log of a flight, with the messages of each vehicle.
+        signals: logged time series of the vehicle, and which of them are the inputs of the model.
         alarms: changes of the motors in flight.
         start: duration at the beginning of the settled flight that is left out of the loops, s.
 
@@ -145,8 +145,8 @@ def loop_of_axis(
     """Identifies the control loops of the axis of ``signals``, with cautions on changes of the gains.
 
     Args:
-        signals: signals of the vehicle, for the axis.
-        log: the log.
+        signals: logged time series of the vehicle, with angle, rate and setpoints of the axis.
+        log: the log of a flight, with the messages of each vehicle.
         start: duration at the beginning of the settled flight that is left out, s.
         estimates: physical parameters of the axis, if they were estimated before.
 
@@ -200,7 +200,7 @@ def _plant(signals: Signals, flights: Flights, gray_box_fit: Physical | None) ->
     margins, there is no result: margins by the gray-box fit would be even worse.
 
     Args:
-        signals: signals of the vehicle, for the axis.
+        signals: logged time series of the vehicle, with angle, rate and setpoints of the axis.
         flights: flights to identify the plant from.
         gray_box_fit: result of the gray-box fit; None if it must still be computed.
 

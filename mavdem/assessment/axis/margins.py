@@ -116,7 +116,7 @@ def stability_margins_by_axis(
     spectrum of the rate, and the loop as measured by an injected signal.
 
     Args:
-        signals: signals of the vehicle.
+        signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.
         segments: segments of settled flight in which responses are measured.
         loops: the identified loop of each axis, or why it is not known.
 
@@ -170,7 +170,7 @@ def _contradicting_response(
 
     Args:
         loop: the identified loop of the axis, or why it is not known.
-        signals: signals of the vehicle, for the axis.
+        signals: logged time series of the vehicle, with angle, rate and setpoints of the axis.
         segments: segments of settled flight in which responses are measured.
 
     Returns:

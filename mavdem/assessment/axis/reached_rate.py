@@ -69,7 +69,7 @@ def reached_rate(signals: Signals, segments: Segments) -> ReachedRate | None:
     reaches, and the one in the middle is typical.
 
     Args:
-        signals: signals of the vehicle and axis.
+        signals: logged time series of the vehicle, with angle, rate and setpoints of the axis.
         segments: segments of the flight that are judged.
 
     Returns:

@@ -75,7 +75,7 @@ def residuals(learned: Learned, output: int = -1) -> Residuals:
     commands. Both are tested as in L. Ljung, System Identification, 2nd ed., sec. 16.6.
 
     Args:
-        learned: the learned model.
+        learned: the linear model that was learned from a flight, with its training data.
         output: index of the output; by default the last one, the rate.
 
     Returns:

@@ -132,7 +132,7 @@ def tracking_of_axes(signals: Signals, segments: Segments) -> NamedFacts:
     """Returns the tracking of roll, pitch and yaw, how they follow their setpoints, by axis.
 
     Args:
-        signals: signals of the vehicle.
+        signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.
         segments: segments of the flight that are judged.
     """
     return {axis: _axis_tracking(signals.for_axis(axis), segments) for axis in AXES}
@@ -253,7 +253,7 @@ def _tracking_rating(
     Estimating the step response takes long, so that is done only if the response is large at some frequency.
 
     Args:
-        signals: signals of the vehicle and axis.
+        signals: logged time series of the vehicle, with angle, rate and setpoints of the axis.
         segments: segments of the flight in which the angle is judged.
         error_level: level of the error of the angle.
         turn: the rate that was reached in turns; None if it is not known.
@@ -368,7 +368,7 @@ def _rate_error(signals: Signals, segments: Segments) -> float | None:
     No delay is removed: a rate follows its setpoint within a few samples.
 
     Args:
-        signals: signals of the vehicle, for one axis.
+        signals: logged time series of the vehicle, with angle, rate and setpoints of one axis.
         segments: segments of the flight that are judged.
 
     Returns:

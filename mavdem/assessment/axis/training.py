@@ -51,7 +51,7 @@ def train_and_test(
     comes first, and the model is learned only if it predicts well enough.
 
     Args:
-        segments: segments of settled flight.
+        segments: segments of settled flight: armed, off the ground, without climbs.
         options: choices of the user, with the lengths of training data and test windows.
         progress: shows the steps of the work.
         is_slow: whether it is a model of the slow motion.
@@ -189,7 +189,7 @@ def split_training_and_test(
     """Splits a flight into training data from ``start`` s on and the test data after it.
 
     Args:
-        flight: the flight.
+        flight: uniformly sampled inputs and outputs of one segment of flight.
         start: time from its first sample at which the training data begin, s.
         train: length of the training data, in seconds or samples.
         test: length of the test data; None for the default.

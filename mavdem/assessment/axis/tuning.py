@@ -104,7 +104,7 @@ def tuned(
     that compensate for the phase lag of the filter.
 
     Args:
-        assessment: assessment of the vehicle.
+        assessment: all results on the vehicle: events, status lights, model, loops and wind.
         axes: the requested ones of "roll", "pitch" and "yaw".
         margins: name of the required margins, in ``MARGIN_TARGETS``.
         is_written: whether the gains will be written to a file.
@@ -218,7 +218,7 @@ def _advice_on_axes(
     """Returns the advice on the gains of each axis, or why there is none.
 
     Args:
-        assessment: assessment of the vehicle.
+        assessment: all results on the vehicle: events, status lights, model, loops and wind.
         axes: the requested ones of "roll", "pitch" and "yaw".
         margins: name of the required margins, in ``MARGIN_TARGETS``.
         vehicle_doubts: reasons why no gains of any axis may be raised.
@@ -278,7 +278,7 @@ def _step_with_gains(
     """Returns the fact that advises to load the new gains next, with what is uncertain about them.
 
     Args:
-        judgement: the judgement of the flight.
+        judgement: headline, next step and status lights of the flight, and decisions on its loops.
         advice_on_loops: advice on the loops of the requested axes.
         other_axes: axes that were not requested, but whose gains should change too.
         arguments: arguments of ``mavdem tune`` that repeat this run, without its axes.
@@ -332,7 +332,7 @@ def _unknown_lights_for_higher_gains(
     Higher gains strain the motors and amplify vibration, so that both should be known before.
 
     Args:
-        judgement: the judgement of the flight.
+        judgement: headline, next step and status lights of the flight, and decisions on its loops.
         new_gains: advice on the axes whose gains change.
 
     Returns:

@@ -74,7 +74,7 @@ def calibration_fact(telemetry: Telemetry) -> Fact | None:
     """Returns the fact about the calibration of the sensors; it warns if a used one is not calibrated.
 
     Args:
-        telemetry: telemetry of the vehicle.
+        telemetry: messages of the vehicle as columns, and its parameters.
 
     Returns:
         A fact with the ``names`` of the calibrated sensors in use, and of those ``missing`` a calibration; None if no
@@ -96,7 +96,7 @@ def sensors_in_parameters(telemetry: Telemetry) -> Iterator[CalibratedSensor]:
     """Yields the sensors that the autopilot's parameters name: accelerometers, then gyros and compasses.
 
     Args:
-        telemetry: telemetry of the vehicle.
+        telemetry: messages of the vehicle as columns, and its parameters.
     """
     if telemetry.autopilot == "PX4":
         yield from _px4_sensors(telemetry.parameters)

@@ -58,7 +58,7 @@ def is_attitude_resampled(signals: Signals) -> bool:
     Then its angles were interpolated between the logged ones (PX4), or integrated from rates (ArduPilot's PID_TUNING).
 
     Args:
-        signals: signals of the vehicle.
+        signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.
     """
     attitude = signals.attitude
     if attitude is not None and attitude.message == TUNING_MESSAGE:

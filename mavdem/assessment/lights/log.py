@@ -278,7 +278,7 @@ def simulation_fact(signals: Signals) -> Fact | None:
     the names of a simulator, or by a gyroscope without noise.
 
     Args:
-        signals: signals of the vehicle.
+        signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.
 
     Returns:
         The fact; None if nothing in the log shows it.
@@ -318,7 +318,7 @@ def _is_without_sensor_noise(signals: Signals) -> bool:
     ``RATE_CHANGE_SECONDS`` is compared with ``MAX_SIMULATED_RATE_CHANGE``.
 
     Args:
-        signals: signals of the vehicle.
+        signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.
 
     Returns:
         Whether it has less noise; False if there are too few samples before arming.

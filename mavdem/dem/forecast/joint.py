@@ -112,7 +112,7 @@ def axis_mixer(record: Record) -> Array:
     model", 1978).
 
     Args:
-        record: the training data.
+        record: the training data: T samples of r inputs and m outputs, in one or several segments.
 
     Returns:
         (r, c) combinations of unit length as columns: one for a multirotor, each single input for fewer inputs.
@@ -178,7 +178,7 @@ def _mutual_information(record: Record, mixer_row: Array, prior_precision: Array
     combination that turns the axis from the motion itself, so that it adds little information to the past motion.
 
     Args:
-        record: the training data.
+        record: the training data: T samples of r inputs and m outputs, in one or several segments.
         mixer_row: (r,) the combination.
         prior_precision: (L, L) prior precision of a channel's coefficients by lag.
 
@@ -274,7 +274,7 @@ class JointModel(ImmutableResult):
         """Learns the joint model from training data: first the mixer, then the lags and the ridge of highest F̄.
 
         Args:
-            record: the training data.
+            record: the training data: T samples of r inputs and m outputs, in one or several segments.
 
         Returns:
             The model, with the last samples of the training data, from which its forecasts start.
@@ -382,7 +382,7 @@ def _largest_lags(record: Record) -> int:
     segment.
 
     Args:
-        record: the training data.
+        record: the training data: T samples of r inputs and m outputs, in one or several segments.
 
     Returns:
         The number of lags, at least 1.

@@ -220,7 +220,7 @@ def simulation_horizon(
         model: the generative model; parameters that its prior does not fix are free.
         settings: settings of the fit, with the horizon in seconds.
         scaling: the engine's units, and whether the inputs are known.
-        record: the training data.
+        record: the training data: T samples of r inputs and m outputs, in one or several segments.
 
     Returns:
         The number; 0 if even ``MIN_HORIZON_SECONDS`` is too long for the record; ``None`` if there is to be no
@@ -442,7 +442,7 @@ def fit_simulation_error(
         scaling: the engine's units.
         theta: (k,) parameters to start from.
         gain: (n, m) gain of the filter that provides the states at which simulations start.
-        record: the training data.
+        record: the training data: T samples of r inputs and m outputs, in one or several segments.
 
     Returns:
         The fit; ``None`` if there is no horizon (:func:`simulation_horizon`) or the simulations overflow.
@@ -502,7 +502,7 @@ def _weak_prior_precision(model: GenerativeModel, is_free: Flags, record: Record
     Args:
         model: the generative model, whose prior is used for all other parameters.
         is_free: (k,) which parameters are free.
-        record: the training data.
+        record: the training data: T samples of r inputs and m outputs, in one or several segments.
 
     Returns:
         Prior precision of θ, (k, k).

@@ -100,7 +100,7 @@ class VectorAutoregression(NamedTuple):
         """Learns an autoregression of all outputs and inputs from training data, with the ridge :data:`RIDGE`.
 
         Args:
-            record: training data.
+            record: the training data: T samples of r inputs and m outputs, in one or several segments.
             lags: number L of lags.
 
         Returns:

@@ -117,7 +117,7 @@ def turning_sense(record: Record, mixer: Array) -> float:
     lags, of the coefficients with which the rate follows the combination.
 
     Args:
-        record: training data.
+        record: the training data: T samples of r inputs and m outputs, in one or several segments.
         mixer: (r, 1) weights of the motors in the combination.
 
     Returns:

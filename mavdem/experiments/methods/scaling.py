@@ -41,7 +41,7 @@ class NormalizedUnits(NamedTuple):
         singular value decomposition of the inputs in units of their standard deviations.
 
         Args:
-            record: the training data.
+            record: the training data: T samples of r inputs and m outputs, in one or several segments.
 
         Returns:
             The units.

@@ -38,7 +38,7 @@ def _model_without_inputs(
 
     Args:
         method: name of the method.
-        record: the training data.
+        record: the training data: T samples of r inputs and m outputs, in one or several segments.
         output_trim: (m,) outputs at state 0, which are also the constant forecast.
         holds: whether each output has a state, its last deviation from the trim, which is held. Otherwise there is no
             state.

@@ -220,7 +220,7 @@ def _boot_stamps(tables: Tables, boot: float) -> Array:
 
     Args:
         tables: DataFlash's messages by name, with ``time`` and ``boot``.
-        boot: Number of the boot.
+        boot: Number of the boot; a boot lasts from one start of the autopilot to the next.
 
     Returns:
         The stamps (N,), s.

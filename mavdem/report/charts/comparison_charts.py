@@ -49,7 +49,7 @@ def longest_flight(signals: Signals) -> FlightInterval | None:
     than the record until the last sample.
 
     Args:
-        signals: signals of the vehicle.
+        signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.
 
     Returns:
         The flight; None if the vehicle never flew.
@@ -71,7 +71,7 @@ def flight_series(signals: Signals) -> FlightSeries:
     A quantity that was not recorded, or has no two samples in the flight, is left out.
 
     Args:
-        signals: signals of the vehicle.
+        signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.
 
     Returns:
         Roll and pitch, °; height, m; mean motor output, %; voltage of the first battery, V; and vibration of the worst

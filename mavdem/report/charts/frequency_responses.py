@@ -65,7 +65,7 @@ def identified_plant(learned: Learned) -> Physical | None:
     They must be identifiable, and the outputs no more than angle and rate, which are all that the physical plant has.
 
     Args:
-        learned: the learned model.
+        learned: the linear model that was learned from a flight, with its training data.
 
     Returns:
         The parameters; None if it cannot.

@@ -73,7 +73,7 @@ def bode_charts(learned: Learned, output: int = -1) -> Charts:
     hold the middle 90 % of the responses for draws of the physical parameters from their posterior.
 
     Args:
-        learned: the learned model.
+        learned: the linear model that was learned from a flight, with its training data.
         output: index of the output; the last one, a rate, unless given.
 
     Returns:
@@ -121,7 +121,7 @@ def residual_charts(learned: Learned, output: int = -1) -> Charts:
     Identification, 2nd ed., sec. 16.6).
 
     Args:
-        learned: the learned model.
+        learned: the linear model that was learned from a flight, with its training data.
         output: index of the output; the last one, a rate, unless given.
 
     Returns:
@@ -160,7 +160,7 @@ def wind_torque_charts(learned: Learned) -> Charts:
     smoothed with a model of its spectrum, which is drawn for comparison.
 
     Args:
-        learned: the learned model.
+        learned: the linear model that was learned from a flight, with its training data.
 
     Raises:
         ValueError: the wind torque is not identifiable.
@@ -198,7 +198,7 @@ def torque_line(learned: Learned, name: str, colour: str) -> Line | None:
     """Returns the wind torque of a model over time with its 90 % band.
 
     Args:
-        learned: the learned model.
+        learned: the linear model that was learned from a flight, with its training data.
         name: name of the line in the legend.
         colour: its colour.
 

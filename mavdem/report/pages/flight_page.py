@@ -137,7 +137,7 @@ def flight_page(file: str, assessment: Assessment) -> str:
 
     Args:
         file: name of the log.
-        assessment: assessment of the log.
+        assessment: all results on a vehicle of the log: events, status lights, model, loops and wind.
     """
     return log_page(file, assessment, back=PageLink("Fleet", "../index.html"))
 
@@ -152,7 +152,7 @@ def log_page(
 
     Args:
         name: title of the page.
-        assessment: assessment of the log.
+        assessment: all results on a vehicle of the log: events, status lights, model, loops and wind.
         contents: inventory of the log, from ``mavdem.assessment.inventory``. Without it the page is small, for fleets
             of many flights: with fewer points, and without spectrograms and advice on gains.
         back: the page that leads here, if any.
@@ -356,7 +356,7 @@ def _flight_chapters(
 
     Args:
         name: title of the page.
-        assessment: assessment of the log.
+        assessment: all results on a vehicle of the log: events, status lights, model, loops and wind.
         timeline: charts over time; None if the attitude has too few samples.
         advice: advised gains by axis, or the reason why there are none; empty without advice.
         is_full: whether the page is that of one log, with spectrograms and advice on gains, or a small one of a fleet.
@@ -405,7 +405,7 @@ def _axes_chapter(assessment: Assessment, timeline: Timeline) -> Chapter:
     """Returns the chapter of angles and rates with their setpoints, a column for each axis, and how well they track.
 
     Args:
-        assessment: assessment of the log.
+        assessment: all results on a vehicle of the log: events, status lights, model, loops and wind.
         timeline: timeline of the flight.
     """
     columns = {}
@@ -460,7 +460,7 @@ def _notch_trial(name: str, assessment: Assessment, evidence: Evidence) -> Notch
 
     Args:
         name: name of the log.
-        assessment: assessment of the log.
+        assessment: all results on a vehicle of the log: events, status lights, model, loops and wind.
         evidence: signals, events and measurements of the vehicle.
 
     Returns:
@@ -527,7 +527,7 @@ def _wind_chapter(assessment: Assessment, analysis: LogAnalysis) -> Chapter:
     values of the simulator.
 
     Args:
-        assessment: assessment of the log.
+        assessment: all results on a vehicle of the log: events, status lights, model, loops and wind.
         analysis: analysis of the axis, with the wind torque.
 
     Returns:

@@ -24,7 +24,7 @@ def gyro_chapter(
     The fastest loop is the one with the highest crossover frequency, which the filters' delay concerns most.
 
     Args:
-        assessment: assessment of the log.
+        assessment: all results on a vehicle of the log: events, status lights, model, loops and wind.
         timeline: charts over time, whose events are marked in the spectrogram.
         has_spectrograms: whether there are spectrograms, which take much of a page.
     """

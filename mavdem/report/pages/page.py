@@ -309,7 +309,7 @@ def flight_html(flight: Flight) -> str:
     Each channel has a row with mean, standard deviation, minimum and maximum, angles in degrees.
 
     Args:
-        flight: the flight.
+        flight: uniformly sampled inputs and outputs of one segment of flight.
 
     Returns:
         HTML without scripts.

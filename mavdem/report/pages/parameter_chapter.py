@@ -104,7 +104,7 @@ def _changed_default_rows(telemetry: Telemetry) -> list[list[str]]:
     Parameters without a known meaning, and those that the autopilot sets by itself, such as calibrations, are left out.
 
     Args:
-        telemetry: telemetry of the vehicle.
+        telemetry: messages of the vehicle as columns, and its parameters.
 
     Returns:
         Rows of name, value, default and meaning.

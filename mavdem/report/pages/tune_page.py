@@ -56,7 +56,7 @@ def tune_page(name: str, tuning: Tuning, assessment: Assessment) -> str:
     Args:
         name: name of the log, the title of the page.
         tuning: the advice for each axis.
-        assessment: assessment of the log.
+        assessment: all results on a vehicle of the log: events, status lights, model, loops and wind.
 
     Returns:
         The page as HTML.
@@ -167,7 +167,7 @@ def _twin_chapter(tuning: Tuning, assessment: Assessment) -> Chapter:
 
     Args:
         tuning: the advice for each axis.
-        assessment: assessment of the log.
+        assessment: all results on a vehicle of the log: events, status lights, model, loops and wind.
 
     Returns:
         The chapter; without charts if no gains change, or if the twin could not be made.
@@ -194,7 +194,7 @@ def _open_loops_chapter(tuning: Tuning, assessment: Assessment) -> Chapter:
 
     Args:
         tuning: for each axis its advice, with the loops; or the fact why its loops are not known.
-        assessment: assessment of the log.
+        assessment: all results on a vehicle of the log: events, status lights, model, loops and wind.
     """
     charts = {}
     for axis, advice in tuning.axes.items():

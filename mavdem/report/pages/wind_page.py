@@ -81,7 +81,7 @@ def _wind_timeline(wind_evidence: WindEvidence, assessment: Assessment) -> Timel
 
     Args:
         wind_evidence: the wind that was estimated for this page, and the autopilot's own estimate.
-        assessment: assessment of the log.
+        assessment: all results on a vehicle of the log: events, status lights, model, loops and wind.
 
     Returns:
         The timeline; None if the log has no attitude over time, or the wind is of another boot of the autopilot.
