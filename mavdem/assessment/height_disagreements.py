@@ -10,7 +10,7 @@ from math import inf, isfinite
 
 import numpy as np
 
-from mavdem.arrays import Array
+from mavdem.arrays import Array, Flags
 from mavdem.assessment.barometer_drifts import WEATHER_RATE, is_barometer_steady
 from mavdem.dataset.intervals import TimeInterval, in_intervals, intersection, true_intervals
 from mavdem.dataset.signals import Signals
@@ -125,7 +125,7 @@ def disagreement(
     """Returns the event that both heights disagree in a flight, or in its latest part.
 
     They disagree from a difference of ``MIN_DISAGREEMENT`` for ``MIN_DISAGREEMENT_SECONDS`` on, until it is less than
-    ``MAX_AGREEMENT``.
+    ``MAX_AGREEMENT``. One of them has drifted since earlier, by a line through both differences.
 
     Args:
         difference: how much higher the barometer reads (N,), m.
@@ -134,8 +134,9 @@ def disagreement(
         is_known: whether they disagreed just before these samples, so that ``MAX_AGREEMENT`` alone decides.
 
     Returns:
-        The latest such event, with the largest change of the difference since take-off as ``height``, m, positive
-        where the barometer reads more. It has no end if the heights still disagree. None if they agree.
+        The latest such event, which begins with the drift, with the largest change of the difference since take-off as
+        ``height``, m, positive where the barometer reads more. It has no end if the heights still disagree. None if
+        they agree.
     """
     take_off, _ = flight_interval
     is_in_flight = in_intervals(difference.time, [flight_interval])
@@ -153,14 +154,37 @@ def disagreement(
     if not intervals_apart:
         return None
     start, end = intervals_apart[-1]
-    changes_apart = changes[in_intervals(times, [(start, end)])]
+    is_apart = in_intervals(times, [(start, end)])
+    changes_apart = changes[is_apart]
     return Fact(
         MotionEvent.HEIGHTS_DISAGREE,
-        time=max(start, float(times[0])),
+        time=_drift_start(times, changes, is_apart),
         end_time=None if end == inf else end,
         height=float(changes_apart[abs(changes_apart).argmax()]),
         boot=int(difference.boot[0]),
     )
+
+
+def _drift_start(times: Array, changes: Array, is_apart: Flags) -> float:
+    """Returns when the difference of both heights began to grow, s: it is dated by its growth, as of a steady drift.
+
+    Args:
+        times: (N,) times of the differences, s.
+        changes: (N,) change of the difference since the take-off, m.
+        is_apart: (N,) whether the heights disagree, from ``MAX_AGREEMENT`` on; at least one is true.
+
+    Returns:
+        The time at which the line through the differences ``MAX_AGREEMENT`` and ``MIN_DISAGREEMENT`` begins, but none
+        before the difference last had the other sign, or the first sample.
+    """
+    first_row = int(np.argmax(is_apart))
+    start = float(times[first_row])
+    is_far = is_apart & (abs(changes) >= MIN_DISAGREEMENT)
+    growth_seconds = float(times[np.argmax(is_far)]) - start if is_far.any() else 0.0
+    is_before = times < start
+    has_other_sign = is_before & (np.sign(changes) != np.sign(changes[first_row]))
+    earliest = times[has_other_sign][-1] if has_other_sign.any() else times[0]
+    return max(start - growth_seconds, float(earliest))
 
 
 def _lasts(interval: TimeInterval, times: Array) -> bool:

@@ -98,9 +98,33 @@ class HeightWatch:
         Returns:
             The event, which has no end while they disagree; None if they agreed in the last ``MEMORY_SECONDS``.
         """
-        start = moment.time - MEMORY_SECONDS
-        if self._initial_difference is None:
-            start = moment.takeoff_time - SECONDS_BEFORE_TAKE_OFF
+        whole_flight = moment.takeoff_time - SECONDS_BEFORE_TAKE_OFF
+        is_begun = self._initial_difference is not None
+        start = moment.time - MEMORY_SECONDS if is_begun else whole_flight
+        known = self._disagreement
+        is_known = known is not None and known.end_time is None
+        latest = self._disagreement_since(start, moment, is_known=is_known)
+        if latest is None:
+            return None
+        event = _with_known_start(latest, known)
+        is_new = event is latest
+        if is_new:
+            # A drift that takes minutes began before the last seconds.
+            event = self._disagreement_since(whole_flight, moment) or latest
+        heights = [fact.figures["height"] for fact in (event, latest)]
+        self._disagreement = event.replace(height=max(heights, key=abs))
+        return self._disagreement
+
+    def _disagreement_since(
+        self, start: float, moment: FlightMoment, *, is_known: bool = False
+    ) -> Fact | None:
+        """Returns the latest event that barometer and satellites disagree since a time; None if they agree.
+
+        Args:
+            start: messages before it are left out, s of the boot clock.
+            moment: present time in flight.
+            is_known: whether they disagreed just before these messages.
+        """
         columns = self._recent.columns((BAROMETER_MESSAGE, RECEIVER_MESSAGE), start)
         signals = Signals(replace(moment.vehicle, messages=columns))
         difference = height_difference(signals, self._recent.boot)
@@ -111,19 +135,9 @@ class HeightWatch:
         if self._initial_difference is None:
             return None
         flight_interval = (moment.takeoff_time, moment.time)
-        known = self._disagreement
-        latest = disagreement(
-            difference,
-            self._initial_difference,
-            flight_interval,
-            is_known=known is not None and known.end_time is None,
+        return disagreement(
+            difference, self._initial_difference, flight_interval, is_known=is_known
         )
-        if latest is None:
-            return None
-        event = _with_known_start(latest, known)
-        heights = [fact.figures["height"] for fact in (event, latest)]
-        self._disagreement = event.replace(height=max(heights, key=abs))
-        return self._disagreement
 
     def add_rest(self, vehicle: Telemetry, motion: RecentMotion | None) -> None:
         """Notes when the vehicle on the ground last rested, since heights are compared at rest only.

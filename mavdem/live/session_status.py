@@ -363,21 +363,26 @@ class SessionStatus(ImmutableResult):
 
         1. to land soon, if the battery is getting empty;
         2. to watch the vehicle itself, if alarms come later than ``MAX_ALARM_DELAY``;
-        3. to fly on, and do after the landing what the headline advises, if it warns;
-        4. to fly on, if a model was judged, or if the reason why there is none has no remedy;
-        5. otherwise what has to happen before a model can be learned, which is the next step so far.
+        3. to fly on, or to let it land if it lands by itself, and do then what the headline advises, if it warns;
+        4. to let it land if it lands by itself;
+        5. to fly on, if a model was judged, or if the reason why there is none has no remedy;
+        6. otherwise what has to happen before a model can be learned, which is the next step so far.
 
         Args:
             judgement: judgement of the flight so far.
         """
         headline = judgement.headline
+        is_landing = self.state is not None and self.state.lands_by_itself
+        flight_step = NextStep.LET_LAND if is_landing else NextStep.FLY_ON
         if judgement.lights[Light.POWER].code in EMPTYING_BATTERY:
             return Fact(NextStep.LAND_SOON)
         if self.analysis_delay >= MAX_ALARM_DELAY:
             return Fact(NextStep.FLY_BY_SIGHT, delay=self.analysis_delay)
         if headline.warns:
             advice_after_landing = choose_next_step(headline, judgement.lights, None)
-            return Fact(NextStep.FLY_ON, reason=advice_after_landing)
+            return Fact(flight_step, reason=advice_after_landing)
+        if is_landing:
+            return Fact(NextStep.LET_LAND, reason=None)
         if self.model_judgement is not None or not self._reason_without_model.remedy:
             return Fact(NextStep.FLY_ON, reason=None)
         return judgement.next_step

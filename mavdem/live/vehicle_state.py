@@ -20,6 +20,9 @@ class VehicleState(NamedTuple):
     mode: str = ""
     """Name of the flight mode; empty where it is not known."""
 
+    lands_by_itself: bool = False
+    """Whether it is a mode in which the vehicle lands by itself, sooner or later."""
+
     is_armed: bool | None = None
     """Whether the motors are armed; None before a heartbeat."""
 
@@ -45,6 +48,7 @@ def vehicle_state(recent: RecentMessages, vehicle: Telemetry, now: float) -> Veh
     columns |= recent.columns(["AVAILABLE_MODES"])
     signals = Signals(replace(vehicle, messages=columns))
     armed = signals.armed
+    landing_mode = signals.landing
     # The emptiest battery is shown, or the first one if no charge is known.
     voltage = None
     charge = None
@@ -62,6 +66,7 @@ def vehicle_state(recent: RecentMessages, vehicle: Telemetry, now: float) -> Veh
             charge = battery_charge
     return VehicleState(
         signals.mode_at(recent.boot, now),
+        lands_by_itself=landing_mode is not None and bool(landing_mode.values[-1]),
         is_armed=None if armed is None else bool(armed.values[-1]),
         voltage=voltage,
         charge=charge,

@@ -100,12 +100,12 @@ def event_or_alarm(fact: Fact, time: float) -> Fact:
         time: Time when it was detected, s on the boot clock.
 
     Returns:
-        For a bad fact an alarm (``SessionFact.ALARM``) with the fact as its reason. For any other the fact itself, with
-        the time of its detection and without an end, which is not known yet.
+        For a bad fact an alarm (``SessionFact.ALARM``) with the fact as its reason. For any other the fact itself,
+        without an end, which is not known yet; one without a time gets that of its detection.
     """
     if fact.is_bad:
         return Fact(SessionFact.ALARM, time=time, subject=fact.subject, reason=fact)
-    return fact.replace(time=time, end_time=None)
+    return fact.replace(time=time if fact.time is None else fact.time, end_time=None)
 
 
 def thrust_losses(changes: Sequence[MotorAlarm]) -> list[Fact]:

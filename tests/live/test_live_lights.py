@@ -94,6 +94,10 @@ def test_the_next_step_fits_the_moment(slow):
     weak = Fact(MotorsLight.MOTOR_LIMITED, Level.WATCH, subject="motor 1", share=0.9)
     watched = replace(learning, worst_lights={Light.MOTORS: weak})
     assert str(watched.overall_judgement.next_step).startswith("Fly on. After landing: ")
+    landing = replace(watched, state=VehicleState("Land", lands_by_itself=True))
+    assert str(landing.overall_judgement.next_step).startswith("Let it land. After landing: ")
+    sound = replace(landing, worst_lights={})
+    assert str(sound.overall_judgement.next_step) == "Let it land."
     bad = replace(learning, worst_lights={Light.MOTORS: weak.replace(Level.BAD)})
     assert bad.overall_judgement.next_step.code is NextStep.LAND_NOW
     over = replace(bad, is_over=True)
