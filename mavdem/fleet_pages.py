@@ -101,7 +101,7 @@ def _summary_json(folder: Path, vehicle: str) -> str:
     """Returns the summary of a vehicle as JSON.
 
     Args:
-        folder: Folder of the fleet.
+        folder: Folder of the fleet, with its SQLite store, its table and its pages.
         vehicle: Name of the vehicle.
     """
     summary = summary_of_vehicle(vehicle, read_brief_rows(folder, vehicle))
@@ -136,8 +136,8 @@ def _update_flight_pages(folder: Path, rows: FlightRows) -> None:
     """Updates the pages of a vehicle's flights.
 
     Args:
-        folder: Folder of the fleet.
-        rows: Rows of the vehicle.
+        folder: Folder of the fleet, with its SQLite store, its table and its pages.
+        rows: Rows of the vehicle, one for each axis of each flight.
 
     Raises:
         Unreadable: A page cannot be written.

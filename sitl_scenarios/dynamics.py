@@ -115,7 +115,7 @@ def _rotor_effects(vehicle: VehicleSpec, damage: Damage) -> list[RotorEffect]:
     """Returns position, thrust factor and torque factor of each rotor of a vehicle.
 
     Args:
-        vehicle: Vehicle of a scenario.
+        vehicle: Airframe of a scenario's vehicle, with its drag, rotor lag and inertia.
         damage: Damage of the vehicle: fractions of thrust and torque, and position of the centre of mass, which is
             the origin of the rotors' positions.
 
@@ -142,7 +142,7 @@ def vehicle_dynamics(vehicle: VehicleSpec, damage: Damage | None = None) -> Dyna
     The simulation integrates this function, and the truth files linearise it: there is no second model.
 
     Args:
-        vehicle: Vehicle of a scenario.
+        vehicle: Airframe of a scenario's vehicle, with its drag, rotor lag and inertia.
         damage: Damage that acts on it; None for a sound vehicle.
 
     Returns:
@@ -185,8 +185,8 @@ def disturbance_of_states(
     ``tests/scenarios/test_body.py`` compares the result with a computation of one state after another.
 
     Args:
-        vehicle: Vehicle of a scenario.
-        damage: Damage that acts on it.
+        vehicle: Airframe of a scenario's vehicle, with its drag, rotor lag and inertia.
+        damage: Remaining speed and thrust of each rotor, and the centre of mass.
         attitude: (N, 4) unit quaternions from body axes to NED.
         velocity: (N, 3) velocity, NED, m/s.
         rates: (N, 3) body rates, rad/s.
@@ -208,7 +208,7 @@ def _flat_dynamics(
     """Returns the accelerations of a vehicle in the air, and the disturbance in them, as a function of its state.
 
     Args:
-        vehicle: Vehicle of a scenario.
+        vehicle: Airframe of a scenario's vehicle, with its drag, rotor lag and inertia.
         damage: Damage that acts on it; None for a sound vehicle.
         root: Square root for the values that the function is called with: ``math.sqrt`` for the numbers of one state,
             ``numpy.sqrt`` for arrays of many states.
@@ -461,7 +461,7 @@ class Body:
         Args:
             state: State at the beginning, with the accelerations of the step before.
             settled_speeds: Speeds that the rotors tend to, rad/s.
-            air: The air during the cycle.
+            air: Velocity of the air, and moments on the vehicle, during the cycle.
             steps: Number of steps in the cycle; None for steps of up to ``MAX_STEP_SECONDS``.
             observe: Function that is called after each step; None for none.
 

@@ -201,7 +201,7 @@ def with_parameters(scenario: Scenario, assignments: Iterable[str]) -> Scenario:
     """Changes parameters of a scenario's autopilot.
 
     Args:
-        scenario: The scenario to change.
+        scenario: The scenario to change: vehicle, wind, excitation, sensors and faults.
         assignments: Parameters to set, each as "NAME=VALUE".
 
     Returns:

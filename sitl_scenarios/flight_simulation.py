@@ -411,7 +411,7 @@ class Simulation:
         Args:
             outputs: PWM pulse of each motor (n,), µs.
             battery: Remaining fraction of the voltage of a full battery.
-            air: The air during the cycle.
+            air: Velocity of the air, and moments on the vehicle, during the cycle.
             reference: Setpoints of the flight plan, which distinguish a landing from a bounce.
 
         Raises:

@@ -113,7 +113,7 @@ def _px4_parameters(vehicle: VehicleSpec, gains: Sequence[LoopGains]) -> dict[st
     (``_tilt_mixer_factors``), yaw by its largest element, which makes its factor 1.
 
     Args:
-        vehicle: Vehicle of a scenario.
+        vehicle: Airframe of a scenario's vehicle, with its drag, rotor lag and inertia.
         gains: Gains of roll, pitch and yaw, by demands to the simulation's own mixer.
 
     Returns:
@@ -198,7 +198,7 @@ def _ardupilot_parameters(vehicle: VehicleSpec, gains: Sequence[LoopGains]) -> d
       leaves 1/(1 + T s) of the setpoint.
 
     Args:
-        vehicle: Vehicle of a scenario.
+        vehicle: Airframe of a scenario's vehicle, with its drag, rotor lag and inertia.
         gains: Gains of roll, pitch and yaw, by demands to the simulation's own mixer.
 
     Returns:

@@ -98,7 +98,7 @@ class Gyro:
             body: Body that moves, with the same cycle as the gyro.
             state: State at the beginning.
             settled_speeds: Speeds (n,) that the rotors tend to, rad/s.
-            air: The air during the cycle.
+            air: Velocity of the air, and moments on the vehicle, during the cycle.
             vibration: Vibration that is added to the rates; None for none.
 
         Returns:

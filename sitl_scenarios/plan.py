@@ -359,7 +359,7 @@ def _move_rows(move: Move, start: Array, cycle: float) -> Array:
     """Returns the setpoints of one move and the hover after it.
 
     Args:
-        move: The move.
+        move: Distances north, east and up, the turn, and the hover after it.
         start: Position at its beginning, north, east and up, m; (3,).
         cycle: Period of the rows, s.
 

@@ -20,7 +20,7 @@ def fly(scenario: Scenario, progress: Progress | None = None) -> Motion:
     """Simulates all flights of a scenario.
 
     Args:
-        scenario: Scenario to fly.
+        scenario: Scenario to fly: vehicle, wind, excitation, sensors and faults.
         progress: Function that is called once per simulated second with the fraction that is done, 0 to 1.
 
     Returns:

@@ -106,7 +106,7 @@ def linearised_model(vehicle: VehicleSpec) -> LinearModel:
     differentiated in hover by central differences; its Jacobian is [A B].
 
     Args:
-        vehicle: vehicle of a scenario, undamaged.
+        vehicle: airframe of a scenario's vehicle without damage, with its drag, rotor lag and inertia.
 
     Returns:
         Matrices A (n, n) and B (n, k) for the n ``STATES`` and the commands of k motors, in the unit of the vehicle's
@@ -166,7 +166,7 @@ def axis_model(vehicle: VehicleSpec, axis: Axis = "roll") -> LinearModel:
     The effect of the other states, such as the drag of a vehicle that moves, is left out: it counts as disturbance.
 
     Args:
-        vehicle: Vehicle of a scenario, undamaged.
+        vehicle: Airframe of a scenario's vehicle, with its drag, rotor lag and inertia, undamaged.
         axis: Axis about which it turns.
 
     Returns:
@@ -185,7 +185,7 @@ def truth(scenario: Scenario, motion: Motion) -> Arrays:
     For yaw the state is the rate alone, and the arrays of each axis are named like the arrays of roll.
 
     Args:
-        scenario: Scenario of the flight.
+        scenario: Scenario of the flight: vehicle, wind, excitation, sensors and faults.
         motion: The flight, N rows.
 
     Returns:
@@ -307,7 +307,7 @@ def true_loops(scenario: Scenario, axis_number: int, effect: Array) -> Arrays:
     back.
 
     Args:
-        scenario: Scenario of the flight.
+        scenario: Scenario of the flight: vehicle, wind, excitation, sensors and faults.
         axis_number: 0 for roll, 1 for pitch, 2 for yaw.
         effect: (4,) angular acceleration by each motor's output, rad/s² per µs.
 
@@ -359,7 +359,7 @@ def _acceleration_per_demand(
     larger and a slightly smaller demand, times the effects of the motors.
 
     Args:
-        scenario: Scenario of the flight.
+        scenario: Scenario of the flight: vehicle, wind, excitation, sensors and faults.
         controller: Controller of that flight.
         axis_number: 0 for roll, 1 for pitch, 2 for yaw.
         effect: Angular acceleration by each motor's output, rad/s² per µs; (4,).
@@ -392,7 +392,7 @@ def _rate_by_acceleration(vehicle: VehicleSpec, axis: Axis, s: NDArray[Any]) -> 
     it would be 1/s.
 
     Args:
-        vehicle: Vehicle of a scenario.
+        vehicle: Airframe of a scenario's vehicle, with its drag, rotor lag and inertia.
         axis: Axis about which it turns.
         s: jω, rad/s; (N,).
 
@@ -415,7 +415,7 @@ def _rate_controller_response(
     that flies, and no second description of the controller can differ from it.
 
     Args:
-        scenario: Scenario of the flight.
+        scenario: Scenario of the flight: vehicle, wind, excitation, sensors and faults.
         axis_number: 0 for roll, 1 for pitch, 2 for yaw.
         phase: (N,) j times the frequencies, rad per cycle.
         is_setpoint: Whether the response is to the rate's setpoint, rather than to the measured rate.
@@ -491,8 +491,8 @@ def _motor_effects(scenario: Scenario, motion: Motion) -> dict[str, Array]:
     """Returns the effect of each motor on roll, pitch and yaw in the hover, before and after the vehicle's damage.
 
     Args:
-        scenario: Scenario of the flight.
-        motion: The flight.
+        scenario: Scenario of the flight: vehicle, wind, excitation, sensors and faults.
+        motion: True states, rotor speeds and motor outputs of the flight, cycle by cycle.
 
     Returns:
         Angular accelerations by each motor's output, rad/s² per µs, (4,) each, by name. ``roll_effect``,
@@ -527,7 +527,7 @@ def _mean_motor_effects(vehicle: VehicleSpec, motion: Motion, damage: Damage) ->
     mean air, times the slope of rotor speed by output, which damage and a sagging battery reduce.
 
     Args:
-        vehicle: Vehicle of the scenario.
+        vehicle: Airframe of the scenario's vehicle, with its drag, rotor lag and inertia.
         motion: Rows of the interval.
         damage: Damage of the vehicle in it.
 
@@ -558,7 +558,7 @@ def _rotor_speed_effects(
     the vehicle matters.
 
     Args:
-        vehicle: Vehicle of the scenario.
+        vehicle: Airframe of the scenario's vehicle, with its drag, rotor lag and inertia.
         rotor_speeds: Speeds about which to linearise, rad/s; (4,).
         air: Velocity of the air relative to the vehicle, in body axes, m/s; (3,).
         damage: Damage of the vehicle.
@@ -587,7 +587,7 @@ def write_truth(path: str | os.PathLike[str], scenario: Scenario, motion: Motion
     Args:
         path: Path of the file.
         scenario: Scenario of a simulated flight: vehicle, wind, excitation, sensors and faults.
-        motion: Motion of its flight.
+        motion: True states, rotor speeds and motor outputs of its flight, cycle by cycle.
 
     Raises:
         OSError: The file cannot be written.

@@ -116,7 +116,7 @@ class JetFlow:
         """Places the jet.
 
         Args:
-            jet: The jet.
+            jet: Speed, direction, distance and diameter of the blower's jet.
             height: Height of its axis, m: as high as the hover.
             turbulence: Deviations of the speed along the jet, across it to the right, and down, as fractions of the
                 local mean speed; (N, 3).

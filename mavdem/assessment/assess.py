@@ -334,7 +334,7 @@ def _first_loss(events: Sequence[Fact], ending: Fact | None) -> Fact | None:
     follows a false height drives its motors to their limits.
 
     Args:
-        events: events of the log.
+        events: events of the log, each a fact (a coded finding) with its time.
         ending: event with which the flight was lost; None if it was not.
 
     Returns:

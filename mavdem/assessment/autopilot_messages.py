@@ -147,7 +147,7 @@ def _with_battery_levels(facts: Sequence[Fact]) -> list[Fact]:
     the battery near it (:func:`_is_close`) says which of the two it was; without a text it counts as critical.
 
     Args:
-        facts: facts from the autopilot's reports.
+        facts: facts (coded findings) on problems that the autopilot reports.
 
     Returns:
         The same facts in the same order. A failsafe of a low battery has the code ``BATTERY_WARNED`` instead of
@@ -202,7 +202,7 @@ def _problem_of_text(message: StatusText, *, warns: bool) -> Fact | None:
     """Returns the problem that a text reports, by the first of the ``PATTERNS`` found in it.
 
     Args:
-        message: the text.
+        message: text that the autopilot sent, with its time and severity.
         warns: whether its severity is a warning or worse. Such a text is quoted if no pattern fits.
 
     Returns:

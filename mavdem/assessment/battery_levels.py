@@ -55,7 +55,7 @@ def ardupilot_charge_levels(parameters: Parameters, number: int) -> Limits:
     """Returns the shares of the full charge below which ArduPilot acts on a low and on a critical battery.
 
     Args:
-        parameters: parameters of the autopilot.
+        parameters: values of the autopilot's parameters by their names.
         number: number of the battery, from 1.
 
     Returns:
@@ -77,7 +77,7 @@ def voltage_levels(parameters: Parameters, number: int, cells: int) -> Limits:
     at all, does not hide an empty battery.
 
     Args:
-        parameters: parameters of the autopilot.
+        parameters: values of the autopilot's parameters by their names.
         number: number of the battery, from 1.
         cells: number of cells in series; 0 if it is not known, so that the parameters alone decide.
 
@@ -103,8 +103,8 @@ def cell_count(parameters: Parameters, battery: Battery) -> int | None:
     cell (``FULL_CELL_VOLTAGES``). The number is known if exactly one count fits.
 
     Args:
-        parameters: parameters of the autopilot.
-        battery: battery with its voltages.
+        parameters: values of the autopilot's parameters by their names.
+        battery: voltage, current and charge of the battery over time.
 
     Returns:
         The number; None if it cannot be determined.

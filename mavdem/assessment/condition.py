@@ -316,7 +316,7 @@ def _battery_figures(battery: Battery, segments: Segments) -> BatteryFigures | N
     Voltages at start and end are medians over ``AVERAGING_SECONDS``, since the load, and with it the voltage, varies.
 
     Args:
-        battery: the battery.
+        battery: voltage, current and charge of the battery over time.
         segments: segments of the flight that are evaluated; the first and the last may be in different boots.
 
     Returns:

@@ -152,7 +152,7 @@ def _interval_of_crash(report: Fact) -> TimeInterval:
     It begins ``MAX_REPORT_DELAY`` before the report, and ends ``MAX_EARLY_REPORT`` after it.
 
     Args:
-        report: the report of the autopilot.
+        report: fact (a coded finding) that the autopilot reported a crash, with its time.
     """
     time = report.start_time
     return time - MAX_REPORT_DELAY, time + MAX_EARLY_REPORT
@@ -163,7 +163,7 @@ def _has_measurements(signals: Signals, report: Fact) -> bool:
 
     Args:
         signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.
-        report: the report.
+        report: fact (a coded finding) that the autopilot reported something, with its time.
     """
     interval = _interval_of_crash(report)
     sensors = BootSensors(signals, report.figures["boot"])

@@ -308,7 +308,7 @@ def _sinking_at_full_throttle(
     Args:
         signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.
         boot: number of the boot; a boot lasts from one start of the autopilot to the next.
-        motors: its motors.
+        motors: outputs and geometry of the vehicle's motors.
         time: time of the impact, s since boot; the ``SINKING_SECONDS`` before it are examined.
 
     Returns:
@@ -414,7 +414,7 @@ def weak_motor(
     lift. There must be exactly one motor with which both this direction and the fall are aligned.
 
     Args:
-        motors: k motors.
+        motors: outputs and geometry of k motors.
         change: (k,) change of the commands, as shares of the motors' range.
         fall_direction: lean with which the vehicle fell, rad: forward and, as imaginary part, to the right; None if it
             fell upright.

@@ -73,7 +73,7 @@ def first_failure(
 
     Args:
         signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.
-        events: events of the flight.
+        events: events of the flight, each a fact (a coded finding) with its time.
         loss: the motion event by which the vehicle was lost.
         collective: mean output of all motors in the hover, as a share of their range; None if it is not known.
     """
@@ -133,7 +133,7 @@ def _context_of_impact(events: Sequence[Fact], boot: int, impact: float) -> Loss
     ``MAX_SETPOINT_DELAY`` before the impact.
 
     Args:
-        events: events of the flight.
+        events: events of the flight, each a fact (a coded finding) with its time.
         boot: number of the boot; a boot lasts from one start of the autopilot to the next.
         impact: time of the impact or, if the attitude was lost just before, of that, s since boot.
 
@@ -178,7 +178,7 @@ def _standing_motor(events: Sequence[Fact], boot: int, onset: float) -> Fact | N
     confirms is not bad, and is skipped.
 
     Args:
-        events: events of the flight.
+        events: events of the flight, each a fact (a coded finding) with its time.
         boot: number of the boot; a boot lasts from one start of the autopilot to the next.
         onset: time when the loss began, s since boot.
 
@@ -220,7 +220,7 @@ def _height_divergence_event(events: Sequence[Fact], boot: int, onset: float) ->
     """Returns the last height estimate that diverged shortly before a loss.
 
     Args:
-        events: events of the flight.
+        events: events of the flight, each a fact (a coded finding) with its time.
         boot: number of the boot; a boot lasts from one start of the autopilot to the next.
         onset: time when the loss began, s since boot.
 
@@ -243,7 +243,7 @@ def _events_at(
     """Selects the events of one code that last at a given time.
 
     Args:
-        events: events of the log.
+        events: events of the log, each a fact (a coded finding) with its time.
         code: code of the events to return.
         boot: number of the boot; a boot lasts from one start of the autopilot to the next.
         time: time on the boot clock, s.

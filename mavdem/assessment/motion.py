@@ -81,7 +81,7 @@ def _with_causes_of_swings(events: Sequence[Fact]) -> list[Fact]:
     """Adds to each event of a swinging attitude what other events at the same time show of the cause.
 
     Args:
-        events: events of all boots.
+        events: events of all boots of the autopilot, each a fact (a coded finding) with its time.
 
     Returns:
         All events, in the same order.
@@ -222,7 +222,7 @@ def _intervals_out_of_control(
     A vehicle that falls or lies on its back has motors at their limits, and so does one that follows a false height.
 
     Args:
-        flight_events: events of the flight.
+        flight_events: events of the flight, each a fact (a coded finding) with its time.
         flight_interval: its start and end, s since boot.
 
     Returns:

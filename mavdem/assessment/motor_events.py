@@ -252,7 +252,7 @@ def _with_full_throttle_marked(
         signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.
         boot: number of the boot; a boot lasts from one start of the autopilot to the next.
         interval: start and end of the event, s since boot.
-        limit: the event.
+        limit: fact (a coded finding) that a motor was at its limit, with its time.
 
     Returns:
         The event with ``is_full_throttle``, and the level "good" in a climb. It is unchanged unless the stick was at

@@ -117,7 +117,7 @@ def _commands_at(motors: MotorOutputs, boot: int, motor: int, time: Array) -> Ti
     """Returns the command of a motor as shares of its range, at some times.
 
     Args:
-        motors: all motors.
+        motors: outputs and geometry of all motors.
         boot: number of the boot; a boot lasts from one start of the autopilot to the next.
         motor: index of the motor.
         time: (N,) s since boot.
@@ -477,7 +477,7 @@ def _command_fell(motors: MotorOutputs, boot: int, motor: int, interval: TimeInt
     """Returns whether the median command of a motor fell by more than ``MIN_SPEED_CHANGE`` at a loss of thrust.
 
     Args:
-        motors: all motors.
+        motors: outputs and geometry of all motors.
         boot: number of the boot; a boot lasts from one start of the autopilot to the next.
         motor: index of the motor.
         interval: start and end of the loss, s since boot.

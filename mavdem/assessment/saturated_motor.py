@@ -221,7 +221,7 @@ def _saturation_loss(
 
     Args:
         signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.
-        motors: its k motors.
+        motors: outputs and geometry of its k motors.
         event: event that one of them was at its limit.
         is_lost: whether the vehicle was lost after that.
     """
@@ -265,7 +265,7 @@ def _conspicuous_excess(
 
     Args:
         signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.
-        motors: its k motors.
+        motors: outputs and geometry of its k motors.
         event: event that one of them was at its limit.
         interval: start and end of the event, s since boot; the end may be infinite.
 

@@ -93,7 +93,7 @@ def _is_confirmed_report(signals: Signals, boot: int, stop_time: float, report: 
         signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.
         boot: number of the boot; a boot lasts from one start of the autopilot to the next.
         stop_time: time when the motors stopped, s since boot.
-        report: the report.
+        report: fact (a coded finding) that the autopilot reported something, with its time.
     """
     is_mere_alarm = report.code in BATTERY_ALARMS and not reports_failsafe(report)
     return not is_mere_alarm or _battery_was_low(signals, boot, stop_time)

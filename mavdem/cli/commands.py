@@ -147,7 +147,7 @@ def _refuse_option_as_value(context: click.Context, parameter: click.Parameter, 
     In ``--out --json`` the user has forgotten the value of ``--out``, and Click would write to a folder "--json".
 
     Args:
-        context: Context of the command.
+        context: Click's context of the command that is parsed.
         parameter: The option.
         value: Its value, of the type that the option has.
 

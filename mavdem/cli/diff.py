@@ -39,7 +39,7 @@ def _days(context: click.Context, parameter: click.Parameter, text: str | None) 
     """Parses the days that a user has given; Click's callback for --days-a and --days-b.
 
     Args:
-        context: Context of the command.
+        context: Click's context of the command that is parsed.
         parameter: The option.
         text: First and last day, as in "2026-01-05..2026-01-11", or a single day; None if the option was not given.
 

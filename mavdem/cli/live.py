@@ -307,7 +307,7 @@ def _follow_vehicle(
     """Runs the session of one vehicle, until the user ends it or another vehicle is to be followed; writes its files.
 
     Args:
-        options: Options of the command.
+        options: Options of ``mavdem live``.
         paths: Files that the session writes.
         link: Link that is open.
         executor: Process that learns; it is shut down unless another vehicle is to be followed.
@@ -499,7 +499,7 @@ def _stream_with_prior(options: LiveOptions, vehicle: str | None) -> LiveStream:
     """Returns the stream of a vehicle's messages, with the drag of an earlier flight if that is known.
 
     Args:
-        options: Options of the command.
+        options: Options of ``mavdem live``.
         vehicle: Name of the vehicle; None for the first that is found.
     """
     stream = LiveStream(options.axis, vehicle, rates_requested=options.request_rate is not None)
@@ -514,7 +514,7 @@ def _refuse_silent_link(link: Link, name: str) -> None:
     """Checks that data will arrive on a link to which nothing is sent.
 
     Args:
-        link: The link.
+        link: Connection to the vehicle: UDP, TCP or serial.
         name: Its connection string.
 
     Raises:
@@ -573,7 +573,7 @@ def _run_and_show_status(
     adds lines, so that it is printed only every ``PRINTED_STATUS_PERIOD``.
 
     Args:
-        session: The session.
+        session: The live session: its link, the vehicle and the model that it learns.
         is_end_requested: Function that returns whether the user has requested the end.
         duration: Seconds until the end; None for no limit.
         plain: Whether the status is printed as lines below each other even on a terminal.

@@ -104,7 +104,7 @@ class StatusLines:
         only what is new is printed.
 
         Args:
-            session: The session.
+            session: The live session: its link, the vehicle and the model that it learns.
         """
         status = session.status
         if status.loss is None:
@@ -157,7 +157,7 @@ class StatusLines:
         repeated as a reminder, with all problems, the headline and the next step.
 
         Args:
-            status: The status.
+            status: State of the live session: vehicle, learning, alarms, headline and next step.
             texts: The same status in sentences.
         """
         state = PrintedState(
@@ -224,7 +224,7 @@ def print_fact(fact: Fact, moment: str = "") -> None:
     """Prints a fact on standard error, in red if it is bad; where that is no terminal, it is one line.
 
     Args:
-        fact: The fact.
+        fact: A coded finding, of which the sentence and the remedy are printed.
         moment: When it was reported; empty for now.
     """
     text = Text(timed(escape_unprintable(fact.sentence_and_remedy), moment), _style(fact))

@@ -284,7 +284,7 @@ def _length_from_text(
     """Parses a length of flight that a user has given; Click's callback for --train and --test.
 
     Args:
-        context: Context of the command.
+        context: Click's context of the command that is parsed.
         parameter: The option.
         text: Seconds, as in "7s" or "1.5s", or samples, as in "700"; None if the option was not given.
 

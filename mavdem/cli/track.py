@@ -207,7 +207,7 @@ def _differences_from_baseline(folder: Path, healthy: FlightRows) -> "BaselineDi
     """Compares the latest flight of each vehicle of a fleet with the baseline, its flights that are healthy.
 
     Args:
-        folder: Folder of the fleet.
+        folder: Folder of the fleet, with its SQLite store, its table and its pages.
         healthy: Rows of the baseline.
 
     Returns:
@@ -230,7 +230,7 @@ def _track_with_progress(
     The progress is a bar on a terminal, otherwise a line for each log.
 
     Args:
-        folder: Folder of the fleet.
+        folder: Folder of the fleet, with its SQLite store, its table and its pages.
         logs: Logs, folders, patterns and URLs.
         reader: Workers that read the logs, on this machine or on a cluster.
         baseline: Logs or a fleet of healthy flights; empty for those of the last run.
@@ -320,7 +320,7 @@ def _is_subject_known(rows: FlightRows, given_name: str) -> bool:
     """Returns whether a fleet has the vehicle or the log that ``--name`` names.
 
     Args:
-        rows: All rows of the fleet's table.
+        rows: All rows of the fleet's table, one for each axis of each flight.
         given_name: Argument of --name, see :func:`_store_name`.
     """
     subject = given_name.partition("=")[0]
@@ -354,7 +354,7 @@ def _store_name(store: Store, rows: FlightRows, given_name: str) -> None:
 
     Args:
         store: The open store of the fleet, in a transaction.
-        rows: All rows of the fleet's table.
+        rows: All rows of the fleet's table, one for each axis of each flight.
         given_name: Argument of --name: a vehicle's name in the table or the file name of a log, "=", and the name.
     """
     subject, _, typed_name = given_name.partition("=")
@@ -431,7 +431,7 @@ def _report_index_and_table(folder: Path, index: Path) -> None:
     """Reports on standard error where the index page is, and how to query the table of flights.
 
     Args:
-        folder: Folder of the fleet.
+        folder: Folder of the fleet, with its SQLite store, its table and its pages.
         index: Path of its index page.
     """
     print_to_stderr(f"Look: {index}")

@@ -64,7 +64,7 @@ def fit(record: Record, settings: CompleteSettings) -> Fit:
 
     Args:
         record: the training data: T samples of r inputs and m outputs, in one or several segments.
-        settings: settings of the fit.
+        settings: order, embedding, noise, priors and iterations of the fit.
 
     Returns:
         The fit, without a simulation-error fit.
@@ -107,8 +107,8 @@ def generative_model(
     noise of all states.
 
     Args:
-        settings: settings of the fit.
-        scaling: the engine's units.
+        settings: order, embedding, noise, priors and iterations of the fit.
+        scaling: means and units of the channels, which convert them to the engine's units.
         record: the training data: T samples of r inputs and m outputs, in one or several segments.
 
     Returns:
@@ -169,7 +169,7 @@ def _parameter_prior(
 
     Args:
         settings: settings of the fit, whose ``prior`` is a name or a Gaussian.
-        scaling: the engine's units.
+        scaling: means and units of the channels, which convert them to the engine's units.
         record: training data, from which the "regulated" prior finds the outputs that are derivatives of others.
         r: number of the engine's inputs, the constant one included.
 
@@ -248,7 +248,7 @@ def generalized_data(
 
     Args:
         settings: settings of the fit, with the embedding orders and the window.
-        scaling: the engine's units.
+        scaling: means and units of the channels, which convert them to the engine's units.
         record: the training data: T samples of r inputs and m outputs, in one or several segments.
 
     Returns:
@@ -275,8 +275,8 @@ def _kalman_gain(
     """Returns the gain of the steady-state Kalman filter with the fitted parameters and noises.
 
     Args:
-        model: the generative model.
-        posterior: posterior of θ and λ.
+        model: the linear model with its noises and priors, whose free energy is maximised.
+        posterior: means and covariances of the parameters θ and the log noise precisions λ.
         smoothness: kernel width s of the noises, s.
         dt: sampling step, s.
 

@@ -261,7 +261,7 @@ def _learned_from_fit(fit: Fit, record: Record, data: Array) -> Learned:
     """Converts a fit from the engine's scaled units to a result in physical units.
 
     Args:
-        fit: The fit.
+        fit: Model, posterior and one-step predictor that were fitted to the record.
         record: The training data: T samples of r inputs and m outputs, in one or several segments.
         data: (T′, q) generalized data of the samples with a whole window: derivatives of outputs and inputs.
 
@@ -314,7 +314,7 @@ def _cautions(fit: Fit, record: Record) -> Iterator[Fact]:
     """Yields cautions about a model: units that seem wrong, instability, or a failed refinement.
 
     Args:
-        fit: The fit.
+        fit: Model, posterior and one-step predictor that were fitted to the record.
         record: The training data: T samples of r inputs and m outputs, in one or several segments.
 
     Yields:

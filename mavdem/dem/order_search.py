@@ -327,7 +327,7 @@ def fits_by_order(data: BlackBoxData, max_order: int) -> tuple[Iterate | None, .
     """Fits models with 1 to ``max_order`` states to the same data, independently of each other.
 
     Args:
-        data: the generalized data.
+        data: outputs, inputs and their time derivatives (generalized coordinates), with their moments.
         max_order: largest number of states.
 
     Returns:
@@ -352,7 +352,7 @@ def _fit(data: BlackBoxData, order: int) -> Iterate:
     the outputs depend on few of the states.
 
     Args:
-        data: the generalized data.
+        data: outputs, inputs and their time derivatives (generalized coordinates), with their moments.
         order: number of states.
 
     Returns:
@@ -428,7 +428,7 @@ def _signal_selectors(data: BlackBoxData) -> tuple[list[Array], list[Array]]:
     inputs likewise up to order p − 1.
 
     Args:
-        data: the generalized data.
+        data: outputs, inputs and their time derivatives (generalized coordinates), with their moments.
 
     Returns:
         p + 1 matrices (m, dim [ỹ; η̃]), one for each derivative of the outputs, and p matrices (r, dim [ỹ; η̃]), one
@@ -448,7 +448,7 @@ def _mean_products(
     z = [ỹ; η̃].
 
     Args:
-        data: the generalized data.
+        data: outputs, inputs and their time derivatives (generalized coordinates), with their moments.
         left_coefficients: coefficients of a functions, one in each row (a, dim [ỹ; η̃]).
         right_coefficients: coefficients of b functions (b, dim [ỹ; η̃]).
 
@@ -475,7 +475,7 @@ def _regression(
     need only means over all samples of products of such functions, which follow from the second moments of the data.
 
     Args:
-        data: the generalized data.
+        data: outputs, inputs and their time derivatives (generalized coordinates), with their moments.
         targets: the functions to explain, a rows of coefficients (a, dim [ỹ; η̃]).
         regressors: the functions that explain them, b rows of coefficients (b, dim [ỹ; η̃]).
         ridge: the ridge, as a fraction of each regressor's variance.
@@ -507,7 +507,7 @@ def _theta_by_regression(data: BlackBoxData, states: Array, rates: Array) -> Arr
     independent noises. So the states are first whitened, and then rotated to the principal axes of the process noise.
 
     Args:
-        data: the generalized data.
+        data: outputs, inputs and their time derivatives (generalized coordinates), with their moments.
         states: (n, dim [ỹ; η̃]) linear functions of the data that estimate the n states, one in each row.
         rates: (n, dim [ỹ; η̃]) linear functions of the data that estimate the derivatives of the states.
 

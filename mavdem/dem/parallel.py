@@ -375,7 +375,7 @@ def in_second_process(function: Callable[[], Result]) -> Iterator[Callable[[], R
     """Starts a function in a second process if there is a core for it, and ends that process with the block.
 
     Args:
-        function: the function.
+        function: the function to call, without arguments.
 
     Yields:
         A function that waits for the result and returns it. It returns None if there is only one core, or if this
@@ -406,7 +406,7 @@ def _send_result(
     """Calls a function in the process of a :class:`ForkedCall`, and sends its result, or None if that fails.
 
     Args:
-        function: the function.
+        function: the function to call, without arguments.
         sender: sending end of the pipe, through which the result is sent as a tuple of one.
         receiver: receiving end of the pipe, which only the parent process uses.
     """

@@ -235,9 +235,9 @@ def compared_effects(
     The effectiveness is the angular acceleration by a change of a motor's output, rad/s² per µs of pulse width.
 
     Args:
-        physical: the estimated parameters.
+        physical: estimated control effectiveness, damping, time constant and delay.
         flight: a segment, for the names and units of its inputs.
-        truth: truth of the flight.
+        truth: the simulator's own parameters and wind torque of the flight.
         time: (T,) times of all samples of the flight, s. The effect that held for most of them counts: it changes when
             a motor fails.
 

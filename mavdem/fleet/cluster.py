@@ -187,7 +187,7 @@ def read_on_worker(job: Job, limits: JobLimits, read: ReadLog) -> JobOutcome:
     The worker itself does not read: a log that crashes its reader, or needs too much memory, must not end the worker.
 
     Args:
-        job: the log.
+        job: the log to read, by its path.
         limits: time and memory for it.
         read: the function that reads it.
 

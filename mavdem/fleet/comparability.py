@@ -65,7 +65,7 @@ def _known_properties(flights: Flights, property_of: Callable[[FlightRow], str |
     """Returns all values of a property that the rows of flights have, without those that are not known or empty.
 
     Args:
-        flights: the flights of one state.
+        flights: the flights of one state of the vehicle, each as the rows of its axes.
         property_of: function that returns the property of a row; None if it is not known.
     """
     values = set()
@@ -156,9 +156,9 @@ def missing_reason(quantity: Quantity, state_name: str, flights: Flights) -> Fac
     Either all its values are biased or not identifiable, or no flight has a value at all.
 
     Args:
-        quantity: missing quantity.
+        quantity: kind of the missing quantity, such as a margin, with its axis or motor.
         state_name: "A" or "B", for the message.
-        flights: the flights of the state.
+        flights: the flights of the state of the vehicle, each as the rows of its axes.
     """
     statuses = set()
     for flight in flights:

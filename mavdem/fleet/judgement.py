@@ -93,7 +93,7 @@ def assess_safely(rows: FlightRows, assess: AssessRows, healthy_rows: FlightRows
     """Judges the motors of one vehicle, whose failure must not stop the judgement of other vehicles.
 
     Args:
-        rows: all rows of the vehicle.
+        rows: all rows of the vehicle, one for each axis of each flight.
         assess: the function that judges them.
         healthy_rows: rows of the baseline, the flights known to be healthy.
 
@@ -115,7 +115,7 @@ def judgement_lock(folder: Path) -> FileLock:
     judges the same vehicle again: the pages would then be wrong.
 
     Args:
-        folder: folder of the fleet.
+        folder: folder of the fleet, with its SQLite store, its table and its pages.
     """
     return FileLock(folder / JUDGEMENT_LOCK)
 

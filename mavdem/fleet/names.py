@@ -70,7 +70,7 @@ class GivenNames:
         Rows must be grouped by vehicle before, by the names in the logs: users may give two vehicles the same name.
 
         Args:
-            rows: rows of the fleet's table.
+            rows: rows of the fleet's table, one for each axis of each flight.
 
         Returns:
             The rows in the same order. Rows of vehicles with a given name are copies; the others are the same objects.

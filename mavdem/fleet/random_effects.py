@@ -315,7 +315,7 @@ def follows_from_gains(
     An attitude loop contains the rate loop of its axis, and so has its gains too.
 
     Args:
-        quantity: the quantity.
+        quantity: kind of the quantity, such as a margin, with its axis or motor.
         axes_with_other_gains: axes whose rate loops have other gains or filters.
         axes_with_other_attitude_gains: axes whose attitude loops have another gain, that of attitude alone.
     """

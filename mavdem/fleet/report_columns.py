@@ -71,7 +71,7 @@ def _columns_at_paths(
     and have no path.
 
     Args:
-        report: the document ``report.json``.
+        report: figures of one axis of a log, as in the document ``report.json``.
         columns_of_row: the fields of the row's dataclass.
 
     Returns:
@@ -99,7 +99,7 @@ def _input_columns(report: Mapping[str, Any], columns: JsonValues) -> JsonValues
     Inputs are the motor outputs or the controller's demand before the mixer.
 
     Args:
-        report: the document ``report.json``.
+        report: figures of one axis of a log, as in the document ``report.json``.
         columns: columns of the row so far, perhaps with the names of the motors, which are then not returned again.
     """
     if not _has_model(report):

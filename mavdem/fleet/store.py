@@ -60,7 +60,7 @@ def open_store(folder: Path) -> Iterator[Store]:
     """Opens the store of a fleet's folder for a block, and creates folder and store if they do not exist.
 
     Args:
-        folder: folder of the fleet.
+        folder: folder of the fleet, with its SQLite store, its table and its pages.
 
     Yields:
         The open store.
@@ -393,7 +393,7 @@ def _query_values(source: LogSource, limits: JobLimits) -> JsonValues:
     """Returns the values of the named parameters in queries for a log.
 
     Args:
-        source: the log.
+        source: path of the log, with its size and the version of its content.
         limits: time and memory that its reading may take.
 
     Returns:

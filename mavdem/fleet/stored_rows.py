@@ -78,7 +78,7 @@ def read_rows(folder: Path, vehicle: str | None = None) -> FlightRows:
     """Returns the rows of a fleet, by vehicle, file and axis.
 
     Args:
-        folder: folder of the fleet.
+        folder: folder of the fleet, with its SQLite store, its table and its pages.
         vehicle: name of the vehicle whose rows are returned; None for those of all vehicles.
 
     Raises:
@@ -91,7 +91,7 @@ def read_brief_rows(folder: Path, vehicle: str | None = None) -> FlightRows:
     """Returns the rows of a fleet with ``BRIEF_COLUMNS`` alone; other columns have their defaults.
 
     Args:
-        folder: folder of the fleet.
+        folder: folder of the fleet, with its SQLite store, its table and its pages.
         vehicle: name of the vehicle whose rows are returned; None for those of all vehicles.
 
     Raises:
@@ -104,7 +104,7 @@ def read_rows_of_logs(folder: Path, files: Iterable[str]) -> FlightRows:
     """Returns the rows of the logs with these names in the table of a fleet.
 
     Args:
-        folder: folder of the fleet.
+        folder: folder of the fleet, with its SQLite store, its table and its pages.
         files: names of the logs, as the table has them.
 
     Raises:
@@ -118,7 +118,7 @@ def _rows_of_vehicle(folder: Path, column: str, vehicle: str | None) -> FlightRo
     """Returns the rows of a vehicle, or of all vehicles, from one of the two columns of the store that have them.
 
     Args:
-        folder: folder of the fleet.
+        folder: folder of the fleet, with its SQLite store, its table and its pages.
         column: "row" for whole rows, or "brief" for those with ``BRIEF_COLUMNS`` alone.
         vehicle: name of the vehicle; None for all vehicles.
 
@@ -135,7 +135,7 @@ def _stored_rows(folder: Path, query: str, values: JsonValues) -> FlightRows:
     """Returns the rows that a query finds in the store of a fleet, sorted by :attr:`FlightRow.order`.
 
     Args:
-        folder: folder of the fleet.
+        folder: folder of the fleet, with its SQLite store, its table and its pages.
         query: an SQL query for pairs of a row as JSON and the name of its log.
         values: values of the query's named parameters.
 

@@ -43,7 +43,7 @@ def table_path(folder: Path, number: int = 0) -> Path:
     """Returns the path of a file of a fleet's table: flights.parquet, flights-1.parquet and so on.
 
     Args:
-        folder: folder of the fleet.
+        folder: folder of the fleet, with its SQLite store, its table and its pages.
         number: number of the file, from 0.
     """
     name = "flights" if number == 0 else f"flights-{number}"
@@ -179,7 +179,7 @@ def _remove_other_files(folder: Path, numbers: Iterable[int]) -> None:
     """Removes the Parquet files of a fleet's table whose numbers are not in use.
 
     Args:
-        folder: folder of the fleet.
+        folder: folder of the fleet, with its SQLite store, its table and its pages.
         numbers: numbers of the files to keep.
     """
     kept_paths = {table_path(folder, number) for number in numbers}

@@ -70,7 +70,7 @@ def assess_rows(rows: FlightRows, baseline: FlightRows) -> FlightRows:
     share are judged only against a baseline: otherwise one vehicle would be compared with another.
 
     Args:
-        rows: all rows of the vehicle.
+        rows: all rows of the vehicle, one for each axis of each flight.
         baseline: rows of its healthy flights; the vehicle's first sound flights where it is empty.
 
     Returns:
@@ -316,7 +316,7 @@ def _read_new_logs(
     A log that cannot be read now, for example because its server does not answer, keeps the rows of its last reading.
 
     Args:
-        store: the fleet's store.
+        store: the open SQLite store of the fleet, with the rows of all logs.
         logs: the logs, read or not.
         reader: the processes that read logs, with their limits.
         page: function that makes the page of a flight; None for no pages.

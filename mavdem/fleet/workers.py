@@ -234,7 +234,7 @@ class LogReader:
         process that had read other logs, a new process tries once more.
 
         Args:
-            job: the log.
+            job: the log to read, by its path.
             limits: time and memory for its reading.
             read: the function that reads it.
 
@@ -456,7 +456,7 @@ def read_within_limits(job: Job, limits: JobLimits, read: ReadLog) -> JobOutcome
     system. If memory runs out, the process ends with the exit code ENOMEM, since its remaining memory is fragmented.
 
     Args:
-        job: the log.
+        job: the log to read, by its path.
         limits: processor time and memory for it.
         read: the function that reads it.
 

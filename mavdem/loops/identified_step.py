@@ -45,7 +45,7 @@ def identified_steps(loop: Loop, time: Array, count: int) -> Array | None:
     and position control, which change the gain at low frequencies (``GAIN_DEVIATION``).
 
     Args:
-        loop: the identified loop.
+        loop: rate and attitude loop of the axis, with the plant that was identified in flight.
         time: times after the step (K,), s.
         count: number n of draws.
 

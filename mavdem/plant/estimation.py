@@ -136,7 +136,7 @@ def _estimate_parameters(
     fitted to all windows, and the result combined with the parameters of an earlier flight.
 
     Args:
-        windows: windows of the flight.
+        windows: Fourier transforms of inputs and body rate in windows of the flight.
         directions: relative effect of each input (r,), or ``None``.
         prior: physical parameters by an earlier flight, or ``None``.
 
@@ -266,7 +266,7 @@ def _physical_parameters(
     Args:
         fit: the fit of the gray-box model to all windows.
         spectrum_range: range of the logarithms of mean effect, damping and lag over the assumed spectra (3,).
-        windows: windows of the flight.
+        windows: Fourier transforms of inputs and body rate in windows of the flight.
 
     Returns:
         The parameters, with read-only arrays.
@@ -345,7 +345,7 @@ def _identifiability_figures(
 
     Args:
         fit: the fit of the gray-box model.
-        windows: windows of the flight.
+        windows: Fourier transforms of inputs and body rate in windows of the flight.
         likelihood_sd: relative standard deviations of mean effect, damping and lag (3,), by the likelihood alone. It
             takes the spectrum of the wind for exact, so that they are multiplied by a factor.
         spectrum_range: range of the logarithms of the same three estimates over several spectra of the wind that were

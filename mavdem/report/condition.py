@@ -333,7 +333,7 @@ def air_blocks(assessment: Assessment) -> Blocks:
     of it. The result is empty if the vehicle was not judged at all.
 
     Args:
-        assessment: assessment of a log.
+        assessment: all results on a vehicle of a log: events, status lights, model, loops and wind.
     """
     if assessment.evidence is None:
         return []

@@ -639,7 +639,7 @@ def change_text(change: QuantityChange, difference: VehicleDifference) -> str:
     change has the half width of its 90 % interval. Quantities that are compared as ratios change by percent.
 
     Args:
-        change: change of one quantity.
+        change: change of one quantity between two states, with its interval.
         difference: comparison of the vehicle, with the names of its motors.
     """
     quantity = change.quantity

@@ -626,7 +626,7 @@ def _with_interval(value: float, interval: tuple[float, float], scale: float) ->
     """Returns a figure with its interval, such as "57 (50 to 63)"; without the interval if an end is NaN.
 
     Args:
-        value: the figure.
+        value: the figure, in the unit of the log.
         interval: its interval, in the unit of the figure.
         scale: factor from the unit of the figure to the shown one.
     """

@@ -394,7 +394,7 @@ def _charts(
 
     Args:
         controller: controller with the parameters of the log.
-        filters: the filters.
+        filters: notch filters of the gyro, each with the parameters that set it.
         spectrum: spectrum of the gyro, if possible before its filters.
         peak: frequency of the strongest line, Hz.
         crossover: mark of the frequency at which the phase lag is stated.

@@ -94,7 +94,7 @@ def further_lines(
     """Returns the lines of the review after :func:`first_lines`: the other lights, alarms, headline and next step.
 
     Args:
-        assessment: assessment of the flight.
+        assessment: all results on the flight: events, status lights, model, loops and wind.
         findings: findings whose lights are among the first lines, which are printed already.
         columns: characters of a line.
     """
@@ -127,7 +127,7 @@ def _last_lines(assessment: Assessment, light_line_count: int, columns: int) -> 
     """Returns the lines that follow the lights: as many alarms as there is room for, the headline, and the next step.
 
     Args:
-        assessment: assessment of the flight.
+        assessment: all results on the flight: events, status lights, model, loops and wind.
         light_line_count: number of lines of all lights above.
         columns: characters of a line.
     """

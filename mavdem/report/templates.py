@@ -201,7 +201,7 @@ def _render(fact: Fact, key: str) -> str:
     """Fills one of the templates that the code of a fact has with the figures of the fact.
 
     Args:
-        fact: the fact.
+        fact: a coded finding, whose figures fill the template.
         key: which template: "sentence", "remedy" (what to do), "headline" (a shorter sentence) or "step_in_flight".
 
     Returns:
@@ -220,7 +220,7 @@ def _advises_flight(code: Code, key: str) -> bool:
     such as a next step, is itself advice, in its sentence.
 
     Args:
-        code: code of the fact.
+        code: code that says what the fact states, by which its sentence is found.
         key: which template, such as "sentence".
     """
     templates = sentence_templates()[code]
@@ -564,7 +564,7 @@ def _reason_for_no_margins(reason: Fact, lead: str) -> str:
     """Returns the sentence of the reason why there are no margins, after a lead such as "No margins:".
 
     Args:
-        reason: the reason.
+        reason: fact (a coded finding) that says why the margins are not known.
         lead: text before the reason. It is left out if the sentence of the reason names the margins itself.
     """
     if _names_margins(reason):

@@ -251,7 +251,7 @@ def logged_notches(controller: Controller, filters: Sequence[TriedFilter]) -> li
 
     Args:
         controller: controller with the parameters of the log.
-        filters: the filters.
+        filters: notch filters of the gyro, each with the parameters that set it.
     """
     notches: list[Notch] = []
     controller_without_filters = without_filters(controller, filters)

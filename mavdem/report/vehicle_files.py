@@ -60,7 +60,7 @@ def twin_blocks(twin: Twin, comparison: Mapping[str, Mapping[str, list[float]]])
     """Returns the quantities of a twin with their uncertainty, and how its flight compares with the recorded one.
 
     Args:
-        twin: the learned vehicle.
+        twin: simulated vehicle with the identified loops, hover thrust, drag and wind.
         comparison: figures of the recorded flight and of the twin's flight in wind of the same spectrum, by axis.
             "levels" are the twin's rates relative to the recorded ones in each of ``RATE_BANDS``, dB; the keys of
             ``MOTION_FIGURES`` have the recorded and the twin's figure.
@@ -103,7 +103,7 @@ def vehicle_text(twin: Twin, ending: str, source: str) -> str:
     """Returns the file of a twin for a simulator.
 
     Args:
-        twin: the learned vehicle.
+        twin: simulated vehicle with the identified loops, hover thrust, drag and wind.
         ending: ending of the file, which names its format: ".toml", ".json", ".params" or ".sdf".
         source: name of the log that the twin was learned from.
     """

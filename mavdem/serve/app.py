@@ -74,7 +74,7 @@ class Server:
         """Joins the parts of the server.
 
         Args:
-            library: the library.
+            library: the logs that the server stores, with their results and their index.
             rights: who may read, upload and change its flights.
             reading: threads that read the uploaded logs.
             sample_log: a log that visitors may try the server with.

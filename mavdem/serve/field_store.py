@@ -245,8 +245,8 @@ class FieldStore:
         they were used, and the least recently used ones if the store has more than ``MAX_KEPT_LOGS`` logs.
 
         Args:
-            version: the log.
-            kept_log: its columns.
+            version: path of the log, with its size and time of change.
+            kept_log: entry of the log in the store, with its columns.
         """
         unused_logs = []
         with self._lock:

@@ -374,7 +374,7 @@ def _page_of(
 
     Args:
         session: the session, with the history of its flight.
-        status: the status that the page shows.
+        status: state of the live session: vehicle, learning, alarms, headline and next step.
         latest_flight: link to the page of the flight before, if any.
         saved_flight: link to the page of this session's flight in the library; None while the session goes on.
     """
@@ -400,7 +400,7 @@ def _finished_page(session: LiveSession, saved_flight: PageLink) -> str:
     be learned or watched for this reason. The stream still has the status at the last message, which tells more.
 
     Args:
-        session: the session.
+        session: the live session: its link, the vehicle and the model that it learned.
         saved_flight: link to the page of its flight in the library.
     """
     status_at_last_message = session.stream.status()

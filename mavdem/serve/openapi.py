@@ -118,7 +118,7 @@ def _parameter_objects(operation: Operation) -> list[JsonValues]:
     Parameters in the path are the names in braces, and are required; those in the query never are.
 
     Args:
-        operation: the operation.
+        operation: method, path, parameters and answers of one address of the server.
     """
     locations = dict.fromkeys(re.findall(r"{(\w+)}", operation.path), "path")
     locations |= dict.fromkeys(operation.query, "query")

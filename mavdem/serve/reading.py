@@ -242,7 +242,7 @@ def _write_results(vehicles: Sequence[AssessedVehicle], folder: Path) -> list[st
 
     Args:
         vehicles: the vehicles of the log, the one with the worst judgement first.
-        folder: the folder.
+        folder: the folder that the result files are written to.
 
     Returns:
         Names of the files, and of the recordings that can be made.

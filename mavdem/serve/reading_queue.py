@@ -60,7 +60,7 @@ def queue_places(library: Library) -> dict[str, QueuePlace]:
     since all processes are busy while logs wait.
 
     Args:
-        library: the library with the logs.
+        library: the logs that the server stores, with their results and their index.
 
     Returns:
         By id of the log, how many logs are before it, and when its reading ends, which is None as long as fewer than

@@ -44,7 +44,7 @@ class ReadingThreads:
         """Prepares the threads, which begin with :meth:`start`.
 
         Args:
-            library: the library.
+            library: the logs that the server stores, with their results and their index.
             processes: number of worker processes on this machine; without effect where there is a cluster.
             limits: time and memory for each log.
             cluster: Dask cluster that reads the logs; None for this machine.

@@ -67,7 +67,7 @@ def recover(library: RecoverableLibrary) -> None:
     one: their upload was not acknowledged yet, or the index is lost.
 
     Args:
-        library: the library of this server.
+        library: the logs that this server stores, with their results and their index.
     """
     # The list is made only once: a server that died between the two loops would lose its recordings.
     server_names = dead_servers(library)
@@ -134,7 +134,7 @@ def _add_recordings(library: RecoverableLibrary, server: str) -> None:
     """Adds the recordings of live sessions of a dead server to the library.
 
     Args:
-        library: the library of this server.
+        library: the logs that this server stores, with their results and their index.
         server: name of the dead server, with which the names of its recordings begin.
     """
     for path in (library.folder / INCOMING).glob(f"{server}-*.tlog"):

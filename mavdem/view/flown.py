@@ -235,7 +235,7 @@ def _log_thrust(recording: rr.RecordingStream, pose: Pose) -> None:
 
     Args:
         recording: Rerun recording to draw into.
-        pose: the simulated flight.
+        pose: motion, rotor thrust and wind of the simulated flight, with its rotors.
     """
     rows = pose.drawn_samples()
     count = len(pose.rotors)

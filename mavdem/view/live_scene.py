@@ -136,7 +136,7 @@ class LiveScene:
         """Draws the arrow of the wind if the row has a new estimate.
 
         Args:
-            row: the latest row.
+            row: the latest row of samples, with the estimates at its time.
         """
         wind = row.wind
         if wind is None or wind.time + row.timeline_offset <= self._wind_time:

@@ -86,7 +86,7 @@ class SinkThread(threading.Thread):
 
         Args:
             channels: names and units of what the row contains.
-            row: the row.
+            row: samples of all channels at one time, with the estimates.
         """
         if len(self._rows) == self._rows.maxlen:
             self.dropped_rows += 1
@@ -236,7 +236,7 @@ class SinkThread(threading.Thread):
 
         Args:
             recording: the open recording of the sink.
-            event: the event.
+            event: fact (a coded finding) on the flight, with its time.
         """
         log_event(recording, event.seconds, event.sentence, event.fact.level)
         # The newest event stands first, since the viewer does not scroll a text to its end.

@@ -370,7 +370,7 @@ class LiveWriter:
 
         Args:
             band_path: path of the band's entity in the recording.
-            line: the line.
+            line: name, colour and path of the line in the recording.
             estimates: estimates in the order of their times.
             scale: factor from the unit of data to the unit that is shown.
             clip: whether to clip values far beyond what was measured so far.

@@ -77,7 +77,7 @@ def parameter_estimates(physical: Physical) -> Array:
     """Returns mean control effectiveness, damping and time constant, each with the half width of its band.
 
     Args:
-        physical: physical parameters of one axis.
+        physical: control effectiveness, damping, time constant and delay of one axis.
 
     Returns:
         Values and half widths of their 90 % intervals, (3, 2): rad/s² per unit of input, 1/s and s. Both are NaN where

@@ -201,7 +201,7 @@ def _finite_bounds(chart: Chart) -> Iterator[Array]:
     """Yields the values (N,) of each line of a chart and, where it has a band, the lower and the upper edge (N,).
 
     Args:
-        chart: the chart.
+        chart: the chart, to which the command is added.
     """
     for line in chart.lines:
         yield line.y
@@ -254,7 +254,7 @@ def blueprint(view: rrb.Container, **options: Any) -> rrb.Blueprint:
     """Returns the layout of a recording: one container, and all other panels collapsed.
 
     Args:
-        view: the container.
+        view: container of all views of the recording.
         options: options of Rerun's time panel, such as ``play_state``.
     """
     time_panel = rrb.TimePanel(state="collapsed", timeline=BOOT_CLOCK, **options)

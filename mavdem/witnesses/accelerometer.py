@@ -149,7 +149,7 @@ def _is_used(parameters: Parameters, number: int) -> bool | None:
     """Returns whether ArduPilot uses an IMU: it is switched on, and an instance of the EKF runs on it.
 
     Args:
-        parameters: parameters of the autopilot.
+        parameters: values of the autopilot's parameters by their names.
         number: number of the IMU.
 
     Returns:

@@ -124,7 +124,7 @@ def fly_live(
     clock reaches the simulated time, received commands are executed. The flight ends as planned, or with Ctrl-C.
 
     Args:
-        scenario: Scenario of the flight.
+        scenario: Scenario of the flight: vehicle, wind, excitation, sensors and faults.
         simulation: Its simulation, not yet begun.
         ground: Connection to the ground station.
         speed: Simulated seconds per second of wall-clock time.

@@ -506,7 +506,7 @@ def with_second_sender(scenario: Scenario, received_frames: list[TimedFrame]) ->
     A second link repeats all frames later.
 
     Args:
-        scenario: Scenario of the flight.
+        scenario: Scenario of the flight: vehicle, wind, excitation, sensors and faults.
         received_frames: Frames of the vehicle with their times of arrival, s, ascending.
 
     Returns:

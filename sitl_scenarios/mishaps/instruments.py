@@ -201,7 +201,7 @@ class Instruments:
             time: Seconds after arming.
             state: True state, with the accelerations of the last step.
             remaining_voltage: Share of the first battery's voltage that the scenario's ``battery_sag`` leaves, 0 to 1.
-            errors: Errors of the sensors.
+            errors: Errors that faults of the sensors cause in this cycle.
             impact: Acceleration of an impact on the ground, m/s².
 
         Returns:
@@ -254,9 +254,9 @@ class Instruments:
 
         Args:
             down: True position down from the take-off, m.
-            errors: Errors of the sensors.
+            errors: Errors that faults of the sensors cause in this cycle.
             thrust_ratio: Thrust of the rotors as a fraction of their thrust in hover.
-            noise: Noise of the cycle.
+            noise: Random noise of all instruments in this cycle.
 
         Returns:
             The height, m above the take-off.
@@ -281,10 +281,10 @@ class Instruments:
 
         Args:
             state: True state; its linear accelerations are in NED, m/s².
-            errors: Errors of the sensors.
+            errors: Errors that faults of the sensors cause in this cycle.
             impact: Acceleration of an impact on the ground, m/s².
             thrust_ratio: Thrust of the rotors as a fraction of their thrust in hover; the noise grows with it.
-            noise: Noise of the cycle.
+            noise: Random noise of all instruments in this cycle.
 
         Returns:
             Specific force along the body axes, forward, right and down, m/s².

@@ -233,7 +233,7 @@ class Pilot:
         Args:
             dive: The mishap, with its start and duration.
             time: Time since the beginning of the flight, s.
-            estimate: The estimated state.
+            estimate: Position, velocity, attitude and rates as the autopilot estimates them.
 
         Returns:
             Output of the pilot; None before the dive, when the autopilot flies.
@@ -255,7 +255,7 @@ class Pilot:
 
         Args:
             flip_time: Time since the beginning of the flip, s.
-            estimate: The estimated state.
+            estimate: Position, velocity, attitude and rates as the autopilot estimates them.
 
         Returns:
             Output of the flip; None when it is complete, and the attitude is controlled again.
@@ -284,7 +284,7 @@ class Pilot:
         Args:
             bench: The bench run, with its highest throttle.
             time: Time since the beginning of the flight, s.
-            estimate: The estimated state.
+            estimate: Position, velocity, attitude and rates as the autopilot estimates them.
 
         Returns:
             Output of the pilot at the stick positions of this time.

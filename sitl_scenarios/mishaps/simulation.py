@@ -120,7 +120,7 @@ class InstrumentedSimulation(Simulation):
         from the true one.
 
         Args:
-            estimate: The estimated state.
+            estimate: Position, velocity, attitude and rates as the autopilot estimates them.
 
         Returns:
             The setpoints.
@@ -170,7 +170,7 @@ class InstrumentedSimulation(Simulation):
         It also sets the pilot's throttle stick, which is recorded.
 
         Args:
-            estimate: The estimated state.
+            estimate: Position, velocity, attitude and rates as the autopilot estimates them.
             reference: Setpoints of this cycle.
 
         Returns:
@@ -200,9 +200,9 @@ class InstrumentedSimulation(Simulation):
         """Returns the row of the motion in this cycle, with measurements of the instruments and the autopilot's text.
 
         Args:
-            air: The air during the cycle.
+            air: Velocity of the air, and moments on the vehicle, during the cycle.
             battery: Remaining fraction of the voltage of a full battery.
-            estimate: The estimated state.
+            estimate: Position, velocity, attitude and rates as the autopilot estimates them.
             reference: Setpoints of the cycle.
             control: Output of the controller.
 

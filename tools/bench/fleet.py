@@ -200,7 +200,7 @@ def fill_store(store: Store, rows: FlightRows, count: int) -> None:
     """Fills a fleet's store with generated logs, assesses its vehicles and writes its table, as `mavdem track` does.
 
     Args:
-        store: an empty store.
+        store: an empty SQLite store of a fleet.
         rows: rows of real logs, which the generated logs are copies of.
         count: number of logs.
     """

@@ -155,9 +155,9 @@ def _relative_errors(model: Forecaster, kind: ForecastKind, window: Window) -> d
     """Returns the relative errors of a trained model's forecasts of the held-out samples, by how far they look ahead.
 
     Args:
-        model: the trained model.
+        model: a model that was trained on the window's training samples.
         kind: whether the forecasts know the motors ("inputs") of the time that they look ahead to.
-        window: the window with the held-out samples.
+        window: training samples of a flight, and the held-out samples after them.
 
     Returns:
         Mean squared error relative to the error of a constant forecast, the training mean, by the number of samples

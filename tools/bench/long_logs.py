@@ -79,7 +79,7 @@ class Flight:
         """Finds the clocks in the frames whose checksum matches; all other bytes are left out.
 
         Args:
-            stream: The recording.
+            stream: MAVLink frames of the recording, with their receive stamps.
         """
         frames = stream.frames[stream.frames.checksum == CHECKSUM_MATCHES]
         pieces = [

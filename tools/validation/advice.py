@@ -52,7 +52,7 @@ def true_loop(loop: Loop, plant: AxisPlant, factor: float = 1.0) -> Loop:
 
     Args:
         loop: identified loop of the axis.
-        plant: the true plant.
+        plant: control effectiveness, damping, lag and delay of the simulated axis.
         factor: factor on its control effectiveness, as by more or less voltage.
     """
     effectiveness = np.array([factor * plant.effect])
@@ -99,7 +99,7 @@ def evaluate_gains(
 
     Args:
         loop: identified loop of the axis, with its controller and the wind.
-        plant: the true plant.
+        plant: control effectiveness, damping, lag and delay of the simulated axis.
         gains_by_flight: gains after each flight of the tuner: all parameters that it has changed so far, none if it
             leaves the gains as they are. The sequence is empty if the tuner refuses to tune.
         target: stability margins that are the goal.

@@ -126,7 +126,7 @@ def _gain_at_oscillation(loop: Loop, gains: TunedGains, raised_gain: str) -> flo
     """Raises one gain of the rate controller in small steps until the rate loop becomes unstable.
 
     Args:
-        loop: the loops of the true plant.
+        loop: rate and attitude loop of the true plant, with the controller that is tuned.
         gains: all gains, with the value to begin with.
         raised_gain: the gain to raise, "p" or "d".
 
@@ -178,7 +178,7 @@ def _rate_twitch(loop: Loop, gains: TunedGains) -> Twitch:
     """Simulates AutoTune's twitch of the rate: the response to a step of the rate's setpoint, relative to the step.
 
     Args:
-        loop: the loops of the true plant.
+        loop: rate and attitude loop of the true plant, with the controller that is tuned.
         gains: gains to test; I is small, as during AutoTune's tests.
 
     Returns:
@@ -204,8 +204,8 @@ def _tuned_derivative(loop: Loop, gains: TunedGains) -> TunedGains:
     it does not. Meanwhile P is adjusted so that the peak stays just below the target rate, where the bounce is judged.
 
     Args:
-        loop: the loops of the true plant.
-        gains: gains to begin with.
+        loop: rate and attitude loop of the true plant, with the controller that is tuned.
+        gains: P, D and angle gain to begin with.
 
     Returns:
         The gains with the tuned P and D; the others are unchanged.
@@ -233,8 +233,8 @@ def _tuned_proportional(loop: Loop, gains: TunedGains) -> TunedGains:
     target, P and D are both lowered.
 
     Args:
-        loop: the loops of the true plant.
-        gains: gains to begin with.
+        loop: rate and attitude loop of the true plant, with the controller that is tuned.
+        gains: P, D and angle gain to begin with.
 
     Returns:
         The gains with the last P and D.
@@ -259,7 +259,7 @@ def _tuned_angle_gain(loop: Loop, gains: TunedGains) -> float:
     then raised until it does.
 
     Args:
-        loop: the loops of the true plant.
+        loop: rate and attitude loop of the true plant, with the controller that is tuned.
         gains: gains of the rate controller, and the gain of the angle to begin with.
     """
     for _ in range(MAX_TWITCHES):
@@ -277,7 +277,7 @@ def _angle_overshoots(loop: Loop, gains: TunedGains) -> bool:
     """Returns whether the angle overshoots a step of its setpoint by too much, or its loop is unstable.
 
     Args:
-        loop: the loops of the true plant.
+        loop: rate and attitude loop of the true plant, with the controller that is tuned.
         gains: gains to test; I is small, as during AutoTune's tests.
     """
     tested_loop = loop.with_parameters(parameters_of(loop, gains, TESTING_INTEGRAL_RATIO))

@@ -310,7 +310,7 @@ def review_result(kind: str, failed_motor: int, review: Assessment) -> str:
     Args:
         kind: what went wrong, a key of ``KINDS``.
         failed_motor: number of the motor that failed; 0 for none.
-        review: the review.
+        review: all results on the flight: events, status lights, model, loops and wind.
 
     Returns:
         One of ``REVIEW_RESULTS``.

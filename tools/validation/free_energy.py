@@ -27,7 +27,7 @@ def offline_row(learned: Learned) -> dict[str, float]:
     """Compares the sum of F(t) over a model's training samples with its reported F̄, as a whole and term by term.
 
     Args:
-        learned: the model.
+        learned: the linear model that was learned from a flight, with its training data.
 
     Returns:
         The row of the first table by column, all in nats but the number of samples.

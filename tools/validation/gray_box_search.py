@@ -47,7 +47,7 @@ def counted_search(windows: FlightWindows, directions: Array | None) -> Search:
     During the fit, the two methods of ``LogPosterior`` that compute prediction errors are replaced by ones that count.
 
     Args:
-        windows: windows of the flight.
+        windows: Fourier transforms of inputs and body rate in windows of the flight.
         directions: relative effect of each motor about the axis by the mixer (r,), or None where not known.
 
     Returns:
@@ -87,7 +87,7 @@ def plain_search(windows: FlightWindows, directions: Array | None) -> Search:
     approximates. The functions that do both are replaced during the fit.
 
     Args:
-        windows: windows of the flight.
+        windows: Fourier transforms of inputs and body rate in windows of the flight.
         directions: relative effect of each motor about the axis by the mixer (r,), or None where not known.
 
     Returns:

@@ -238,7 +238,7 @@ def _scaled_pid(
 
     Args:
         controller: rate and attitude controller of the axis.
-        plant: plant of the axis.
+        plant: control effectiveness, damping, lag and delay of the axis.
         default_pid: P, I and D (3,) whose proportions are kept, in the units of the parameters.
         gain_margin: wanted gain margin of the rate loop, dB.
 
@@ -270,7 +270,7 @@ def true_plant(
     sensors' delay, and half a cycle because the controller holds its output for a cycle.
 
     Args:
-        scenario: the simulated flight.
+        scenario: scenario of the simulated flight: vehicle, wind, excitation, sensors and faults.
         axis: the axis.
         motor_effect: angular acceleration per output of each motor (4,), rad/s² per µs of pulse width.
         outputs: output of each motor (4,), as a fraction of its range.
@@ -315,7 +315,7 @@ def loop_figures(controller: Controller, plant: AxisPlant) -> dict[str, float]:
 
     Args:
         controller: controller of the axis.
-        plant: plant of the axis.
+        plant: control effectiveness, damping, lag and delay of the axis.
 
     Returns:
         Parameters of the plant and margins of both loops, by the names of :func:`figures_of_plants`.
@@ -383,8 +383,8 @@ def true_figures_of_flight(scenario: Scenario, motion: Motion) -> FiguresByAxis:
     depends on the output.
 
     Args:
-        scenario: the simulated flight.
-        motion: the motion of that flight.
+        scenario: scenario of the simulated flight: vehicle, wind, excitation, sensors and faults.
+        motion: true states, rotor speeds and motor outputs of that flight, cycle by cycle.
 
     Returns:
         By axis, the parameters of the plant and the margins of both loops, as :func:`loop_figures` names them.
@@ -464,7 +464,7 @@ def thinned_telemetry(vehicle: Telemetry, rate: float) -> Telemetry:
     Messages of one name are several streams if one of ``SUBTYPE_FIELDS``, or else the boot, differs.
 
     Args:
-        vehicle: the telemetry.
+        vehicle: messages of the vehicle as columns, and its parameters.
         rate: rate to thin messages to, Hz; infinite to keep all.
 
     Returns:

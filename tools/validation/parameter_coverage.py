@@ -119,7 +119,7 @@ def interval_rows(plant: Physical, truths: Values, true_delay: float) -> list[Va
     """Compares all parameters of a flight with their truth.
 
     Args:
-        plant: the estimate.
+        plant: estimated control effectiveness, damping, time constant and delay.
         truths: "effect" of each motor (r,), "damping" and "lag", as from :func:`physical.true_values`.
         true_delay: dead time of the control loop from the gyro's measurement to the motors, s.
 

@@ -245,7 +245,7 @@ def estimate_with_half_width(plant: Physical, name: str) -> tuple[float, float]:
     """Returns a physical parameter and the half width of its 90 % interval, which is NaN if it is not identifiable.
 
     Args:
-        plant: physical parameters.
+        plant: estimated control effectiveness, damping, time constant and delay.
         name: "effect" for the mean of all motors, "damping" or "lag".
 
     Returns:
@@ -306,7 +306,7 @@ def parameter_results(plant: Physical, true_parameters: Values) -> Values:
     """Compares estimated physical parameters with the true ones.
 
     Args:
-        plant: the estimates.
+        plant: estimated control effectiveness, damping, time constant and delay.
         true_parameters: the true values, as :func:`true_values` returns them.
 
     Returns:

@@ -49,7 +49,7 @@ def health_row(flight: HealthFigures, assessment: HealthAssessment) -> Values:
     """Returns the row of a flight: health, probabilities, and the suspect motor.
 
     Args:
-        flight: the flight.
+        flight: balance and effort of the motors in the flight.
         assessment: health of its motors, compared with healthy flights.
 
     Returns:

@@ -102,8 +102,8 @@ def true_closed_loops(scenario: Scenario, motion: Motion) -> tuple[Array, dict[s
     L = K T / (iω), with the closed rate loop T; the closed attitude loop is L / (1 + L).
 
     Args:
-        scenario: the simulated flight.
-        motion: the motion of that flight.
+        scenario: scenario of the simulated flight: vehicle, wind, excitation, sensors and faults.
+        motion: true states, rotor speeds and motor outputs of that flight, cycle by cycle.
 
     Returns:
         Frequencies (F,), Hz, and the complex responses (F,) of the "rate" and of the "attitude" loop.

@@ -153,7 +153,7 @@ def flown_segments(plan: FlightPlan, path: Path) -> list[Flight]:
     """Returns the settled segments of a flight, and simulates it first if there is no log of it yet.
 
     Args:
-        plan: the flight.
+        plan: scenario of the flight, and when its disturbance begins.
         path: file of its log, which is written after the simulation.
     """
     if not path.exists():
@@ -169,7 +169,7 @@ def event_starts(flight: Flight, disturbance_start: float | None) -> list[float]
     ``EVENT_SECONDS``, and each interval in which the vehicle tilts by more than ``MANOEUVRE_TILT`` is an event.
 
     Args:
-        flight: the segment.
+        flight: uniformly sampled inputs and outputs of one segment of flight.
         disturbance_start: when the disturbance begins, s; None of a flight of manoeuvres.
 
     Returns:
@@ -194,7 +194,7 @@ def learner_marks(flight: Flight) -> list[Mark]:
     """Gives a segment to the online learner sample by sample, and returns the samples that it reports as unusual.
 
     Args:
-        flight: the segment.
+        flight: uniformly sampled inputs and outputs of one segment of flight.
 
     Returns:
         Time and cause of each mark, in the order of time.
@@ -222,7 +222,7 @@ def event_row(flight: Flight, start: float) -> Values | None:
     decided at the sample with the largest average, from the samples up to it.
 
     Args:
-        flight: the segment.
+        flight: uniformly sampled inputs and outputs of one segment of flight.
         start: when the event begins, s.
 
     Returns:

@@ -98,7 +98,7 @@ def evaluate_scenario(
 
     Args:
         label: name of the kind of flight in the table.
-        scenario: the scenario to fly.
+        scenario: scenario to fly: vehicle, wind, excitation, sensors and faults.
         drag: drag of the vehicle from an earlier flight, if there is one.
 
     Returns:

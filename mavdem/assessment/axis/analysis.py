@@ -343,7 +343,7 @@ def _with_other_axes(
     """Adds the physical parameters of pitch and yaw to the analysis of roll.
 
     Args:
-        analysis: the analysis of roll.
+        analysis: what the log shows of roll: model, physical parameters and condition.
         log: the log of a flight, with the messages of each vehicle.
         signals: logged time series of the vehicle, and which of them are the inputs of the model.
         progress: shows the share of the axes that are done.
@@ -421,7 +421,7 @@ def _lasting_losses(
 
     Args:
         signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.
-        motors: the k motors.
+        motors: outputs and geometry of the k motors.
         commands: (N, k) their outputs while the attitude follows its setpoint, as shares of the range.
         boot: number of the boot; a boot lasts from one start of the autopilot to the next.
         changes: changes in this boot that the detector of sudden losses reported.
@@ -452,7 +452,7 @@ def _gradual_losses(
     """Finds the motors that lost thrust within intervals of flight in which no motor changed suddenly.
 
     Args:
-        motors: the k motors.
+        motors: outputs and geometry of the k motors.
         commands: (N, k) their outputs while the attitude follows its setpoint, as shares of the range.
         boot: number of the boot; a boot lasts from one start of the autopilot to the next.
         intervals: intervals of flight, s since boot.

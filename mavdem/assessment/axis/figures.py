@@ -112,7 +112,7 @@ def _weak_motor_intervals(alarms: Sequence[MotorAlarm]) -> list[TimeInterval]:
     """Finds the intervals in which a motor had lost thrust, from its alarms of loss and recovery.
 
     Args:
-        alarms: alarms of one boot.
+        alarms: alarms of one boot: a motor lost or recovered thrust.
 
     Returns:
         Start and end of each interval, s since boot; the end is infinite without a recovery. Each is extended by

@@ -272,7 +272,7 @@ def _decision_by_identified_loop(
     Args:
         observations: margins, tracking and doubts that the flight shows of the axis.
         loop: the identified loop, which no measured response contradicts.
-        loop_fact: the fact about its margins.
+        loop_fact: fact (a coded finding) on the stability margins of that loop.
 
     Returns:
         The decision, with the diagnosis "below the goal".
@@ -358,7 +358,7 @@ def _decision_to_raise_gains(observations: LoopObservations, loop: Loop) -> Loop
 
     Args:
         observations: margins, tracking and doubts that the flight shows of the axis.
-        loop: the identified loop.
+        loop: rate and attitude loop of the axis, with the plant that was identified in flight.
 
     Returns:
         The decision, with the diagnosis that the axis follows badly because it is too slow.

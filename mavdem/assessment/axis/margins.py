@@ -99,7 +99,7 @@ class AxisMargins:
         fact has the reason why the loop is not known instead.
 
         Args:
-            peak: the peak.
+            peak: frequency and height of the spectral peak, with its interval.
         """
         fact = _peak_fact(MarginsLight.RATE_STANDS_OUT, None, peak)
         if isinstance(self.loop, Fact) and self.loop.code in SETPOINT_WAS_LOGGED:
@@ -204,7 +204,7 @@ def response_comparison(
     response then mixes two loops.
 
     Args:
-        measured_response: the measured response.
+        measured_response: response of rate or angle to its setpoint, measured in flight.
         loop: the identified loops of the axis.
         frequency: (F,) frequencies of the prediction, Hz.
         closed_loop: (F,) predicted frequency response of the closed loop.
@@ -269,7 +269,7 @@ def _loop_fact(loop: Loop, contradiction: Fact | None) -> Fact:
     contain the error that the measurement shows.
 
     Args:
-        loop: the identified loop.
+        loop: rate and attitude loop of the axis, with the plant that was identified in flight.
         contradiction: fact that the measured response differs from the predicted one; None if nothing shows that.
 
     Returns:
@@ -362,7 +362,7 @@ def _peak_fact(code: MarginsLight, level: Level | None, resonance: Resonance) ->
     """Returns a fact that states the peak of a response or spectrum with its figures.
 
     Args:
-        code: code of the fact.
+        code: code that says what the fact states, by which its sentence is found.
         level: its level; None for the usual level of the code.
         resonance: peak of a measured response or spectrum.
 

@@ -32,7 +32,7 @@ class LimitedMotors(NamedTuple):
         """Returns a fact of these motors, with all fields as figures.
 
         Args:
-            code: code of the fact.
+            code: code that says what the fact states, by which its sentence is found.
         """
         return Fact(
             code,

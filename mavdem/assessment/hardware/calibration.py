@@ -170,7 +170,7 @@ def _numbers_by_device_id(
     Each sensor has a parameter with its device id, whose name contains the number, such as INS_ACC2_ID.
 
     Args:
-        parameters: parameters of the autopilot.
+        parameters: values of the autopilot's parameters by their names.
         id_name: name of these parameters; "{}" stands for the number of the sensor.
         is_first_numbered: whether the name of the first sensor's parameter has a number too.
 

@@ -130,7 +130,7 @@ def maximise_free_energy(
     """Maximises the free energy F̄ by rounds of D, E and M steps, starting from the prior means of θ and λ.
 
     Args:
-        model: the generative model.
+        model: the linear model with its noises and priors, whose free energy is maximised.
         samples: statistics of the generalized data.
         iterations: largest number of rounds.
 
@@ -161,7 +161,7 @@ def posterior_after_each_round(
     """Runs a fixed number of rounds from the prior means, without extrapolation and without a test of convergence.
 
     Args:
-        model: the generative model.
+        model: the linear model with its noises and priors, whose free energy is maximised.
         samples: statistics of the generalized data.
         rounds: number of rounds.
 
@@ -186,7 +186,7 @@ def initial_iterate(
     0. So this first step treats θ as exact. Afterwards all covariances are set to their optimal values.
 
     Args:
-        model: the generative model.
+        model: the linear model with its noises and priors, whose free energy is maximised.
         samples: statistics of the generalized data.
         theta: (k,) θ to start from; None for its prior mean. λ starts from its prior mean.
         lambda_covariance: (g, g) covariance of λ in the first D step; None for the prior's.
@@ -227,7 +227,7 @@ def run_rounds(start: Iterate, iterations: int) -> tuple[list[Iterate], bool]:
     overrelaxed bound optimization methods", ICML 2003).
 
     Args:
-        start: the first iterate.
+        start: the posterior, with its free energy, from which the iteration starts.
         iterations: largest number of iterates after it.
 
     Returns:
@@ -284,7 +284,7 @@ def iterate_at(theta: Array, lambda_: Array, posterior: Posterior) -> Iterate:
     """Returns the posterior at given parameters and noise precisions, with the states that are optimal for them.
 
     Args:
-        theta: (k,) parameters.
+        theta: (k,) parameters: the entries of the matrices A, B and C.
         lambda_: (g,) log noise precisions.
         posterior: posterior of similar parameters, whose covariances are used in the D step.
 

@@ -246,7 +246,7 @@ def _error_weights(posterior: Posterior) -> Array:
     the weight is the relative increase of the expected precision of the error's noise.
 
     Args:
-        posterior: the posterior of the training data.
+        posterior: means and covariances of states, θ and λ, given the training data.
 
     Returns:
         Weights (dim ε̃, 4).

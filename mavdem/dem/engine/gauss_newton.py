@@ -222,7 +222,7 @@ def gauss_newton(
     expansion predicted the gain (Nocedal and Wright, Numerical Optimization, 2nd ed., sec. 10.3).
 
     Args:
-        objective: the function.
+        objective: function to maximise, with its gradient and curvature.
         start: its expansion about the starting point.
         damping: settings of the damping of steps.
         iterations: largest number of steps.
@@ -282,7 +282,7 @@ def _higher_expansion(
     other points the value is computed first, which takes less time and mostly shows that no expansion is needed.
 
     Args:
-        objective: the function.
+        objective: function to maximise, with its gradient and curvature.
         point: (f,) the point.
         value: value that the function must exceed, nats.
         is_likely: whether the function is probably higher there.

@@ -60,7 +60,7 @@ class GeneralizedMoments:
         pass over the samples.
 
         Args:
-            model: the generative model.
+            model: the linear model with its noises and priors, whose free energy is maximised.
             samples: second moments of the data [ỹ; η̃]: generalized outputs ỹ and generalized inputs η̃.
             state_map: (dim X, dim [ỹ; η̃]) the map L from the data to the estimated generalized states X = L [ỹ; η̃].
 

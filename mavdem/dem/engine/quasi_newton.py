@@ -37,7 +37,7 @@ def maximise_by_quasi_newton(start: Iterate, max_evaluations: int) -> Iterate:
     curvature at their result.
 
     Args:
-        start: the first iterate.
+        start: the posterior, with its free energy, from which the iteration starts.
         max_evaluations: largest number of evaluations of F̄ᵒ and its gradient.
 
     Returns:

@@ -152,7 +152,7 @@ def _mixer_row_of_regression(
 
     Args:
         regression: the autoregression; its channels are the m outputs, and then the motors.
-        scaling: scaling of the channels.
+        scaling: means and standard deviations of the channels.
         motor_count: number r of motors.
 
     Returns:

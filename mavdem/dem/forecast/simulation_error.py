@@ -438,8 +438,8 @@ def fit_simulation_error(
 
     Args:
         model: the generative model, whose prior is used.
-        settings: settings of the fit.
-        scaling: the engine's units.
+        settings: order, embedding, noise, priors and iterations of the fit.
+        scaling: means and units of the channels, which convert them to the engine's units.
         theta: (k,) parameters to start from.
         gain: (n, m) gain of the filter that provides the states at which simulations start.
         record: the training data: T samples of r inputs and m outputs, in one or several segments.

@@ -79,7 +79,7 @@ class VectorAutoregression(NamedTuple):
 
         Args:
             regression: posterior of the coefficients, (L k + 1, k), the latest lag first, the constant last.
-            scaling: scaling of the channels.
+            scaling: means and standard deviations of the channels.
 
         Returns:
             The autoregression in scaled channels, with the innovation covariance of the regression.

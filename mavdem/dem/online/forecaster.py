@@ -193,7 +193,7 @@ class OnlineForecaster:
         the last fit, the model is fitted to the sums.
 
         Args:
-            block: The block.
+            block: Consecutive samples of inputs and outputs of one segment.
             may_fit: Whether the model is fitted when a fit is due. While another thread computes a fit, this fit is
                 postponed, so that samples do not wait.
         """
@@ -260,7 +260,7 @@ class OnlineForecaster:
         sums are multiplied by exp(−n dt / ``MEMORY_SECONDS``) before the new ones are added.
 
         Args:
-            block: The block.
+            block: Consecutive samples of inputs and outputs of one segment.
             axis_mixer: (r, c) combinations of the inputs.
             scaling: Centre and scale of each channel.
 

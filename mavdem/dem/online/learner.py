@@ -104,7 +104,7 @@ def _learn_and_monitor(record: Record, settings: Settings, end_time: float) -> F
 
     Args:
         record: The samples in the memory.
-        settings: Settings of the fit.
+        settings: Order, embedding, noise, priors and iterations of the fit.
         end_time: Time of the last sample of the record, s.
 
     Returns:

@@ -77,7 +77,7 @@ def simulated_flight(scenario: Scenario, name: str = "flight") -> Flight:
     """Simulates a scenario, writes it as a telemetry log, and reads the flight from that log.
 
     Args:
-        scenario: the scenario to fly.
+        scenario: scenario to fly: vehicle, wind, excitation, sensors and faults.
         name: stem of the log's file name.
 
     Returns:

@@ -80,7 +80,7 @@ def receive_interval(stream: FrameStream) -> Interval:
     block, since the window of the median reaches to later stamps too.
 
     Args:
-        stream: The recording.
+        stream: MAVLink frames of the recording, with their receive stamps.
 
     Returns:
         The first and the last receive stamp, UNIX s; NaN where there is none.

@@ -160,7 +160,7 @@ def _telemetry(
     """Makes the telemetry of a vehicle from what its component sent.
 
     Args:
-        stream: The recording.
+        stream: MAVLink frames of the recording, with their receive stamps.
         record: Messages of the vehicle's component.
         records: Messages of all components, since another one may have stored the vehicle's parameters.
         stream_repairs: Facts on what was repaired of the stream, which concern all its vehicles.
@@ -306,7 +306,7 @@ def _component_record(
     radio.
 
     Args:
-        stream: The recording.
+        stream: MAVLink frames of the recording, with their receive stamps.
         sender_id: The sender: system id << 8 | component id.
         frames_of_messages: Offsets of its readable frames by message id.
         sender_stream: Links over which its frames came, copies and losses.
@@ -425,7 +425,7 @@ def _messages(
     """Puts the frames of one component on its boot clock. Of their fields only the stamps are decoded for this.
 
     Args:
-        stream: The recording.
+        stream: MAVLink frames of the recording, with their receive stamps.
         frames_of_messages: Offsets of the component's readable frames by message id.
         is_in_order: Whether the frames of each message are in the order in which they were sent. Otherwise they are
             sorted by boot and time; messages of the same time keep their order.
@@ -482,7 +482,7 @@ def _blocks_of_other_recordings(
     reception times it started again after the messages before; otherwise the messages are of another recording.
 
     Args:
-        stream: The recording.
+        stream: MAVLink frames of the recording, with their receive stamps.
         message_stamps: The component's messages by type, with their stamps.
 
     Returns:
@@ -512,7 +512,7 @@ def _receive_times(stream: FrameStream, starts: NDArray[np.integer]) -> NDArray[
     """Returns when frames were received, UNIX s (n,), NaN where that was not recorded.
 
     Args:
-        stream: The recording.
+        stream: MAVLink frames of the recording, with their receive stamps.
         starts: Offset (n,) of each frame in the recording.
     """
     rows = np.searchsorted(stream.frames.start, starts)

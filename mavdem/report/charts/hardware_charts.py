@@ -232,7 +232,7 @@ def _with_motor_command(chart: Chart, evidence: Evidence) -> Chart:
     """Returns a chart with the mean command of the motors on its right axis, where they were recorded.
 
     Args:
-        chart: the chart.
+        chart: the chart, to which the command is added.
         evidence: signals, events and measurements of the vehicle.
     """
     history = evidence.time_history

@@ -479,7 +479,7 @@ def live_timeline(history: LiveHistory, axis: str) -> Timeline | None:
     """Returns the timeline of a live flight: what was measured, predicted and estimated while it flew.
 
     Args:
-        history: history of the flight.
+        history: events and signals of the live flight on one timeline.
         axis: axis that was learned.
 
     Returns:
@@ -533,7 +533,7 @@ def _live_position(history: LiveHistory, columns: _LiveColumns) -> TimeSeries | 
     """Returns the path (N, 3) of a live vehicle in its latest boot, m north, east and down; None where none is known.
 
     Args:
-        history: history of the flight.
+        history: events and signals of the live flight on one timeline.
         columns: its columns.
     """
     positions = np.column_stack([columns.north, columns.east, -columns.height])

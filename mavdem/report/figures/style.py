@@ -158,7 +158,7 @@ def _draw_chart(axes: Axes, chart: Chart) -> None:
 
     Args:
         axes: Matplotlib's axes, which are empty.
-        chart: the chart.
+        chart: the chart, to which the command is added.
     """
     for line in chart.lines:
         _draw_line(axes, line)
@@ -190,7 +190,7 @@ def _draw_line(axes: Axes, line: Line) -> None:
 
     Args:
         axes: Matplotlib's axes of the chart.
-        line: the line.
+        line: the line with its samples, its band and its style.
     """
     style: JsonValues = {"color": line.colour, "label": line.name}
     if line.style is LineStyle.STEMS:

@@ -492,7 +492,7 @@ def _motors_chapter(analysis: LogAnalysis, evidence: Evidence, light: Fact) -> C
     If the log allows no full model, the sentences on the vehicle's condition that concern the motors follow.
 
     Args:
-        analysis: analysis of the chosen axis.
+        analysis: what the log shows of the chosen axis: model, physical parameters and condition.
         evidence: signals, events and measurements of the vehicle.
         light: the judgement of the motors, a fact whose level colours the drawing.
 
@@ -566,7 +566,7 @@ def _model_chapter(axis: str, analysis: LogAnalysis) -> Chapter:
 
     Args:
         axis: name of the axis.
-        analysis: analysis of that axis.
+        analysis: what the log shows of that axis: model, physical parameters and condition.
     """
     learned = analysis.learned
     findings = analysis.findings
@@ -623,7 +623,7 @@ def live_page(
     Args:
         link: address of the vehicle.
         axis: axis that was learned.
-        history: history of the flight.
+        history: events and signals of the live flight on one timeline.
         status: state of the session now, or at its end.
         account: seconds of the flight by what they were used for.
         learned: the latest model; None if there is none.

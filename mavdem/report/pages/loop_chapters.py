@@ -117,7 +117,7 @@ def _step_figure_text(response: StepResponse, key: str) -> str:
     shown as "over" that time. If even the lower end of the interval lies there, the interval is left out.
 
     Args:
-        response: the measured response.
+        response: response of rate or angle to its setpoint, measured in flight.
         key: key of ``STEP_FIGURES`` and attribute of ``response``.
     """
     estimate: IntervalEstimate = getattr(response, key)
@@ -217,7 +217,7 @@ def _fact_beside_decision(fact: Fact, decision: LoopDecision | None) -> Fact | N
     """Returns a fact about the margins of an axis, made to agree with the decision on the axis that is shown above it.
 
     Args:
-        fact: the fact about the margins alone.
+        fact: fact (a coded finding) about the margins alone.
         decision: decision on the axis, which the page shows above; None without one.
 
     Returns:

@@ -106,7 +106,7 @@ def dem_input(window: RollWindow, measures_rate: bool = True) -> Array:
     """Estimates the hidden command by DEM with the authors' settings.
 
     Args:
-        window: the window.
+        window: samples of a roll flight, with the model of the roll axis.
         measures_rate: whether the roll rate is measured as well as the roll.
 
     Returns:

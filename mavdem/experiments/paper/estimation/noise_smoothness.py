@@ -214,7 +214,7 @@ def _learn_window(window: Window, settings: Settings) -> WindowResult:
     """Learns the smoothness on the training part of a window, and forecasts the test part with it and with the default.
 
     Args:
-        window: a window of a recorded flight.
+        window: training samples of a recorded flight, and the test samples after them.
         settings: settings of DEM; their smoothness is replaced.
 
     Returns:
@@ -241,7 +241,7 @@ def _forecast_error(window: Window, settings: Settings) -> float:
     """Trains DEM on the training part of a window, and returns the error of its forecast of the test part.
 
     Args:
-        window: a window of a recorded flight.
+        window: training samples of a recorded flight, and the test samples after them.
         settings: settings of DEM, with the smoothness to use.
 
     Returns:

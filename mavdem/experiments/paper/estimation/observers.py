@@ -129,7 +129,7 @@ def with_past_states(model: DiscreteModel, kept_states: int, lag: int) -> Discre
     the states x of the model, of which the first ones, s, are kept, the new states are [x; s_{t−1}; …; s_{t−lag}].
 
     Args:
-        model: the model.
+        model: the discrete-time linear model, with the covariances of its noises.
         kept_states: number of the first states whose past values are kept.
         lag: number of samples for which they are kept.
 
@@ -159,7 +159,7 @@ def kalman_states(model: DiscreteModel, outputs: Array, inputs: Array) -> Array:
     The filter starts from state 0 with the identity as its covariance, as in the scripts of Bos et al.
 
     Args:
-        model: the model.
+        model: the discrete-time linear model, with the covariances of its noises.
         outputs: (T, m) measured outputs.
         inputs: (T, r) inputs.
 
@@ -191,7 +191,7 @@ def fixed_lag_states(
     It is compared with DEM, whose estimates also use later samples: derivatives are taken in the middle of a window.
 
     Args:
-        model: the model.
+        model: the discrete-time linear model, with the covariances of its noises.
         kept_states: number of the first states that are estimated.
         lag: samples after each one that its estimate uses.
         outputs: (T, m) measured outputs.

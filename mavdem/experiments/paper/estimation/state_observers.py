@@ -122,7 +122,7 @@ def _smikf(window: RollWindow, outputs: Array, inputs: Array, accumulates: bool)
     """Estimates the states by SMIKF, a Kalman filter that knows the autocovariances of coloured process noise.
 
     Args:
-        window: the window.
+        window: samples of a roll flight, with the model of the roll axis.
         outputs: (T, 1) measured roll.
         inputs: (T, 4) motor commands.
         accumulates: whether the covariance of noise and state error contains the noise of earlier samples, which the
