@@ -419,6 +419,10 @@ class SessionStatus(ImmutableResult):
             lights[Light.MOTORS] = worst_fact([*weak_motors, motors])
         if self.mean_wind is not None:
             mean_wind = self.mean_wind.light
+            if self.no_wind_reason is not None:
+                mean_wind = mean_wind.replace(
+                    known_until=self.mean_wind.time, obstacle=self.no_wind_reason
+                )
             # The watchdog may have found a drift in wind.
             wind = lights.get(Light.WIND, mean_wind)
             lights[Light.WIND] = worst_fact([wind, mean_wind])

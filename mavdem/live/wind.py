@@ -263,8 +263,9 @@ class LiveWind:
         parameter_drag: drag by the autopilot's parameters, or of multirotors in general; used without an earlier one.
         estimator_flags: flags of the autopilot's estimator, by which its velocity counts.
         latest: the latest estimate; None before any.
-        mean: mean of the flight's estimates, and of their bands; None before any.
-        no_estimate_reason: why there is no estimate although the vehicle flies.
+        mean: mean of the flight's estimates, and of their bands, without those of motion that turned out not to be
+            free; None before any.
+        no_estimate_reason: why there is no estimate although the vehicle flies; the mean is then of the time before.
     """
 
     def __init__(self) -> None:
@@ -283,6 +284,9 @@ class LiveWind:
         self.mean: WindEstimate | None = None
         self.no_estimate_reason: Fact | None = None
         self._estimate_count = 0
+        # The mean of the estimates, and their number, until free flight was checked last with success.
+        self._checked_mean: WindEstimate | None = None
+        self._checked_count = 0
         self._is_reported = False
         sample_count = round(KEPT_SECONDS / MIN_SAMPLE_STEP)
         self._attitudes = deque[_AttitudeSample](maxlen=sample_count)
@@ -396,7 +400,7 @@ class LiveWind:
         A vehicle that is held, on a stand for example, does not lean against the wind, so that no wind can be
         estimated. This is judged by the motion of the last ``FIRST_FIT_SECONDS``, by the rules for logs
         (``validated_motion``). If it has too few samples, it is judged again a step later. If it fails, the estimates
-        so far were of no wind, and are forgotten; ``no_estimate_reason`` says why.
+        since the last check with success were of no wind, and are forgotten; ``no_estimate_reason`` says why.
 
         The filter runs for each combination of ``GUST_PARAMETERS`` and of ``DRAG_DRAWS`` random draws of the drag, so
         that the spread of the estimates shows how well the drag is known. The seed is fixed, for equal results.
@@ -416,11 +420,13 @@ class LiveWind:
         except NotLearnable as error:
             self.no_estimate_reason = error.fact
             self.latest = None
-            self.mean = None
-            self._estimate_count = 0
+            self.mean = self._checked_mean
+            self._estimate_count = self._checked_count
             self._filter = None
             return
         self.no_estimate_reason = None
+        self._checked_mean = self.mean
+        self._checked_count = self._estimate_count
         step = max(GRID_STEP, np.median(np.diff(stamps)))
         grid = motion_grid(stamps, motion.attitude, motion.velocity, step)
         if self._filter is None and grid.complete.any():

@@ -20,10 +20,12 @@ from mavdem.dataset.position_fix import measures_velocity
 from mavdem.dataset.signals import Signals
 from mavdem.dataset.time_series import TimeSeries
 from mavdem.facts.identifiability import Status
+from mavdem.facts.lights import Light
 from mavdem.facts.online import AirflowFact
 from mavdem.facts.sources import Repair
 from mavdem.facts.wind import NoWind, WindDoubt, WindShare
 from mavdem.ingest import read_log
+from mavdem.live.session_status import SessionStatus
 from mavdem.live.wind import LiveWind
 from mavdem.report.condition import wind_blocks, wind_tables
 from mavdem.wind_velocity.compass import meteorological_direction
@@ -458,3 +460,28 @@ def test_a_doubtful_speed_is_by_what_adds_most_to_its_variance():
         assert "drag" in wind.reasons
         assert wind.reasons["speed"].figures["by_drag"] is by_drag
     assert "part of the lean" in str(calm.reasons["speed"])
+
+
+@mark.slow
+def test_a_live_mean_outlasts_flight_that_is_not_free_and_says_since_when():
+    """A vehicle that lost control no longer leans into the wind; what it has shown before stays known."""
+    time, attitude, velocity, _ = flight(seed=7, jump=1.0)
+    live = LiveWind()
+    live.earlier_drag = drag_in_a_jump_of_the_wind()
+    half = len(time) // 2
+    for number, (at, angles, moved) in enumerate(zip(time, attitude, velocity, strict=True)):
+        is_free = number < half
+        live.add_attitude(at, *angles)
+        moved_down_first = np.roll(moved if is_free else 0.01 * moved, 1)
+        live.add_velocity("LOCAL_POSITION_NED", at, moved_down_first)
+        if is_free:
+            mean = live.mean
+    assert live.latest is None
+    assert abs(live.mean.velocity - mean.velocity).max() < 0.5
+    assert time[half] - 20.0 < live.mean.time <= time[half]
+    status = SessionStatus(
+        is_flying=True, mean_wind=live.mean, no_wind_reason=live.no_estimate_reason
+    )
+    light = status.overall_judgement.lights[Light.WIND]
+    assert f"; not known since {live.mean.time:.0f} s: the velocity does not" in light.sentence
+    assert light.sentence.startswith("Mean wind")
