@@ -473,13 +473,13 @@ def _multisine_demands(multisine: Multisine, cycle: float) -> Array:
         (N, 3) demands for each cycle of one period.
     """
     # Frequencies as numbers of cycles per period, one at least.
-    lowest = max(1, round(multisine.lowest * multisine.period))
-    highest = round(multisine.highest * multisine.period)
+    lowest_harmonic = max(1, round(multisine.lowest * multisine.period))
+    highest_harmonic = round(multisine.highest * multisine.period)
     all_axes = multisine.axis == "all"
     # Each of the axes gets one harmonic at least.
     least_count = len(AXES) if all_axes else 1
-    highest = max(highest, lowest + least_count - 1)
-    harmonics = range(lowest, highest + 1)
+    highest_harmonic = max(highest_harmonic, lowest_harmonic + least_count - 1)
+    harmonics = range(lowest_harmonic, highest_harmonic + 1)
     samples = round(multisine.period / cycle)
     demands = np.zeros((samples, 3))
     for number, name in enumerate(AXES):

@@ -238,7 +238,7 @@ class Jet(Section):
 
 
 class Profile(Section):
-    """How all winds but jets grow and turn with height (Kaimal and Finnigan 1994, chapter 1), and turn in time."""
+    """Profile of all winds but jets: growth and turn with height (Kaimal and Finnigan 1994, ch. 1), turn in time."""
 
     law: Literal["none", "log"] = "none"
     """Law of the speed; log is log(z/roughness) / log(reference/roughness) at the height z"""

@@ -271,9 +271,9 @@ class Evidence:
         Args:
             excluded_modes: names of ArduPilot's flight modes.
         """
-        settled = settled_flight(self.signals)
+        all_segments = settled_flight(self.signals)
         segments = []
-        for segment in segments_without_modes(self.signals, settled, excluded_modes):
+        for segment in segments_without_modes(self.signals, all_segments, excluded_modes):
             before_loss = self._intervals_before_loss(segment.boot)
             for start, end in intersection([(segment.start, segment.end)], before_loss):
                 segments.append(Segment(segment.boot, start, end))

@@ -172,7 +172,8 @@ def _calibration(parameters: Parameters, name_formats: str) -> list[float]:
         return []
     values = [parameters[name] for name in names]
     # The offsets are 0 if the sensor was never calibrated.
-    offsets = tuple(round(offset, OFFSET_DECIMALS) for offset in values[:3])
+    offsets_by_axis = values[: len("XYZ")]
+    offsets = tuple(round(offset, OFFSET_DECIMALS) for offset in offsets_by_axis)
     is_calibrated = any(offsets) and offsets not in SIMULATOR_OFFSETS
     return values if is_calibrated else []
 

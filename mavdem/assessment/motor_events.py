@@ -289,15 +289,15 @@ def _has_left_ground(signals: Signals, boot: int, flights: Intervals, time: Arra
         time: (N,) times, s.
 
     Returns:
-        (N,) whether it has; False outside flights.
+        (N,) whether the vehicle has left the ground; False outside flights.
     """
     is_off_ground = in_intervals(time, flights)
     for flight in flights:
         take_off, _ = flight
-        trusted = trusted_height(signals, boot, take_off)
-        if trusted is None or take_off == -inf:
+        height_record = trusted_height(signals, boot, take_off)
+        if height_record is None or take_off == -inf:
             continue
-        height = trusted.series
+        height = height_record.series
         has_risen = in_intervals(height.time, [flight]) & (height.values > MAX_GROUND_HEIGHT)
         lift_off = height.time[has_risen].min(initial=inf)
         is_off_ground &= ~in_intervals(time, [flight]) | (time >= lift_off)

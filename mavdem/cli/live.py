@@ -461,8 +461,11 @@ def _document_of_flights(flights: Sequence[FollowedFlight]) -> LiveDocument:
             # The frames of the next vehicle were moved out of the recording after the document was made.
             document = document.with_frames(flight.recording.frame_count)
         documents.append(document)
-    *earlier, last = documents
-    return last.model_copy(update={"earlier": earlier}) if earlier else last
+    last_document = documents[-1]
+    earlier_documents = documents[:-1]
+    if not earlier_documents:
+        return last_document
+    return last_document.model_copy(update={"earlier": earlier_documents})
 
 
 def _unused_number(paths: Sequence[Path | None], first_number: int) -> int:

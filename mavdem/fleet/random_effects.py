@@ -351,7 +351,7 @@ def _changed_quantities(changes: Sequence[QuantityChange]) -> set[Quantity]:
         family: scipy.stats.false_discovery_control([change.p for change in changes_of_family])
         for family, changes_of_family in changes_by_family.items()
     }
-    p_of_families = [adjusted.min() for adjusted in adjusted_by_family.values()]
+    p_of_families = [p_values.min() for p_values in adjusted_by_family.values()]
     is_selected = scipy.stats.false_discovery_control(p_of_families) <= SIGNIFICANCE
     # The mean of the flags is R / m.
     false_discovery_rate = SIGNIFICANCE * is_selected.mean()

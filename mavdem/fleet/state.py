@@ -30,7 +30,7 @@ class Days(NamedTuple):
 
 
 class VehicleState(NamedTuple):
-    """The flights of one vehicle, or of several vehicles until one is chosen."""
+    """One side of a comparison: the flights of a vehicle in a log or a fleet, or of several until one is chosen."""
 
     rows: FlightRows
     """a row for each flight and axis"""

@@ -74,18 +74,18 @@ def update_table(store: Store) -> None:
     with FileLock(folder / TABLE_LOCK):
         with store.transaction():
             changes = store.db.execute("select vehicle from unpublished").fetchall()
-            is_whole = _needs_whole_table(store, {vehicle for (vehicle,) in changes})
-            if is_whole:
+            writes_all_files = _needs_whole_table(store, {vehicle for (vehicle,) in changes})
+            if writes_all_files:
                 # The files change their vehicles. A run that ends before it has written them all leaves the whole table
                 # to the next one; otherwise some vehicles would be in two files.
                 store.db.execute("insert into unpublished (vehicle) values (null)")
                 store.db.execute("delete from table_files")
             (last_change,) = store.db.execute("select max(change) from unpublished").fetchone()
             _assign_vehicles(store.db)
-            numbers = _outdated_files(store, is_whole=is_whole)
+            numbers = _outdated_files(store, writes_all_files=writes_all_files)
         for number in sorted(numbers):
             write_file(table_path(folder, number), _rows_of_file(store.db, number), folder)
-        if is_whole:
+        if writes_all_files:
             _remove_other_files(folder, numbers)
         store.db.execute("delete from unpublished where change <= ?", [last_change])
 
@@ -136,13 +136,13 @@ def _assign_vehicles(db: sqlite3.Connection) -> None:
         db.execute("insert into table_files values (?, ?)", [vehicle, last_number])
 
 
-def _outdated_files(store: Store, *, is_whole: bool) -> set[int]:
+def _outdated_files(store: Store, *, writes_all_files: bool) -> set[int]:
     """Returns the numbers of the files to be written: those of changed vehicles, and those that do not exist.
 
     Args:
         store: the open store of the fleet. Its SQL table ``table_files`` has the number of the file of each vehicle,
             and ``unpublished`` the vehicles whose rows have changed since their file was written.
-        is_whole: whether all files are to be written.
+        writes_all_files: whether all files are to be written.
     """
     query = "select number, vehicle in (select vehicle from unpublished) from table_files"
     outdated_numbers = set()
@@ -153,7 +153,7 @@ def _outdated_files(store: Store, *, is_whole: bool) -> set[int]:
         if is_changed:
             outdated_numbers.add(number)
     for number in numbers:
-        if is_whole or not table_path(store.folder, number).is_file():
+        if writes_all_files or not table_path(store.folder, number).is_file():
             outdated_numbers.add(number)
     return outdated_numbers
 

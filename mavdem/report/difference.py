@@ -226,25 +226,21 @@ def _lights_bad_on_one_side(reviews: Mapping[str, Review]) -> list[_DifferingLig
     Returns:
         The lights, in their order.
     """
-    lights_by_side = {side: review.get("lights") or {} for side, review in reviews.items()}
+    lights_by_side = {}
+    for side in STATE_NAMES:
+        lights_by_side[side] = reviews.get(side, {}).get("lights") or {}
+    first_side, second_side = STATE_NAMES
     differing_lights = []
-    # Both documents list the same lights, so those of either side will do.
-    for name in next(iter(lights_by_side.values()), ()):
-        if not all(name in lights_of_side for lights_of_side in lights_by_side.values()):
+    for name in lights_by_side[first_side]:
+        if name not in lights_by_side[second_side]:
             continue
-        lights = {side: lights_of_side[name] for side, lights_of_side in lights_by_side.items()}
-        bad_sides = [side for side, light in lights.items() if light["level"] == Level.BAD]
-        levels = {light["level"] for light in lights.values()}
-        if len(bad_sides) != 1 or not levels & {Level.GOOD, Level.WATCH}:
-            continue
-        (bad_side,) = bad_sides
-        (other_side,) = lights.keys() - {bad_side}
-        light = lights[bad_side]
-        text = (
-            f"bad in {bad_side}, {lights[other_side]['level']} in {other_side}. {light['sentence']}"
-        )
-        axis = value_at(light, "figures.axis") or ""
-        differing_lights.append(_DifferingLight(name, bad_side, axis, text))
+        for bad_side, other_side in ((first_side, second_side), (second_side, first_side)):
+            light = lights_by_side[bad_side][name]
+            other_level = lights_by_side[other_side][name]["level"]
+            if light["level"] == Level.BAD and other_level in (Level.GOOD, Level.WATCH):
+                text = f"bad in {bad_side}, {other_level} in {other_side}. {light['sentence']}"
+                axis = value_at(light, "figures.axis") or ""
+                differing_lights.append(_DifferingLight(name, bad_side, axis, text))
     return differing_lights
 
 

@@ -69,9 +69,9 @@ def state_names(outputs: Sequence[str], learned: Learned) -> list[str]:
 
 
 class AxisCommand(NamedTuple):
-    """One number for r motors: by how much those that turn the vehicle one way run above those that turn it back.
+    """Command of one axis: a weighted sum of the outputs of r motors, positive if they turn the vehicle up the axis.
 
-    It is c = w · (u − trim), with the weights w and the inputs u.
+    It is c = w · (u − trim), with the weights w and the inputs u. A command of 0 does not turn the vehicle.
     """
 
     name: str
@@ -84,7 +84,7 @@ class AxisCommand(NamedTuple):
     """Weights w (r,): they sum to 1 over motors that turn the vehicle up the axis, and to −1 over the others."""
 
     motors: Array
-    """Inputs (r,) for a command of 1 and for nothing else."""
+    """Inputs (r,), as deviations from the trim, by which the command is 1 and the vehicle turns about this axis."""
 
     @classmethod
     def of(cls, learned: Learned) -> AxisCommand:

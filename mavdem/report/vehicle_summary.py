@@ -247,20 +247,20 @@ def _flown_flights(name: str, flights: Flights) -> FlownFlights:
     Returns:
         Counts, total duration and dates.
     """
-    distinct: Flights = flights
+    counted_flights: Flights = flights
     if name != UNKNOWN and not has_shared_name(flights):
-        distinct = distinct_flights([list(flight) for flight in flights])
-    all_dates = [log_row(flight).date for flight in distinct]
+        counted_flights = distinct_flights([list(flight) for flight in flights])
+    all_dates = [log_row(flight).date for flight in counted_flights]
     dates = sorted(date for date in all_dates if date is not None)
-    durations = [max(row.duration or 0.0 for row in flight) for flight in distinct]
+    durations = [max(row.duration or 0.0 for row in flight) for flight in counted_flights]
     return FlownFlights(
-        flights=len(distinct),
-        duplicates=len(flights) - len(distinct),
+        flights=len(counted_flights),
+        duplicates=len(flights) - len(counted_flights),
         seconds=sum(durations),
         first_date=dates[0] if dates else None,
         last_date=dates[-1] if dates else None,
-        tiers=Counter(best_tier(flight) for flight in distinct),
-        healths=Counter(worst_health(flight) for flight in distinct),
+        tiers=Counter(best_tier(flight) for flight in counted_flights),
+        healths=Counter(worst_health(flight) for flight in counted_flights),
     )
 
 

@@ -338,8 +338,8 @@ class Pages:
         """
         self._rights.require(request, Permission.READ)
         name = request.query_params.get("name", "")
-        found = self._library.find("vehicle = ?", [name], MAX_FILES, order=ListingOrder.FLIGHT)
-        entries = found.entries
+        matches = self._library.find("vehicle = ?", [name], MAX_FILES, order=ListingOrder.FLIGHT)
+        entries = matches.entries
         if not entries:
             raise Refusal(RefusalReason.NO_SUCH_FLIGHT)
         # A log may have several vehicles, so that its rows are filtered by the name, too.

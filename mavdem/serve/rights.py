@@ -39,7 +39,7 @@ SAME_SITE = ("same-origin", "none")
 
 @dataclass(frozen=True)
 class Rights:
-    """The access rights on one server."""
+    """The access rights on one server: who may read, add and delete flights, by a secret token."""
 
     token: str = ""
     """Secret of the owner; empty where everybody who reaches the server is the owner."""

@@ -155,7 +155,7 @@ class Sink:
 
 
 class RecordingFile(Sink):
-    """A new .rrd file.
+    """A destination of a live flight: a new .rrd file, which the Rerun viewer opens.
 
     Each batch goes to the operating system immediately: if the process ends, only the last second is missing. If the
     disk is full, the file is cut to complete messages, since the viewer opens no other. If the process is killed while

@@ -264,7 +264,7 @@ PX4_PLUS_AIRFRAME = 5001
 
 
 class Parameter(NamedTuple):
-    """A parameter as the autopilot reports it."""
+    """Name, type and value of a parameter, as the simulated autopilot reports it by MAVLink."""
 
     name: str
     """Name of the parameter."""

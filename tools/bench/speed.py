@@ -14,7 +14,6 @@ import sys
 import time
 from collections.abc import Callable
 from contextlib import redirect_stderr, redirect_stdout, suppress
-from functools import partial
 from io import StringIO
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -68,7 +67,10 @@ def read_with_pymavlink(path: str) -> int:
     kinds = ["ATT", "ANG", "RATE", "IMU", "RCOU", "CTUN", "XKF1", "EV", "ARM", "PARM", "MSG"]
     chosen = {} if path.lower().endswith(".tlog") else {"type": kinds}
     log = mavutil.mavlink_connection(path, robust_parsing=True)
-    return sum(1 for _ in iter(partial(log.recv_match, **chosen), None))
+    message_count = 0
+    while log.recv_match(**chosen) is not None:
+        message_count += 1
+    return message_count
 
 
 def ulog(path: str) -> int:

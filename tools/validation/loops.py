@@ -472,8 +472,10 @@ def thinned_telemetry(vehicle: Telemetry, rate: float) -> Telemetry:
     """
     messages = {}
     for name, columns in vehicle.messages.items():
-        subtype_columns = (columns[field] for field in SUBTYPE_FIELDS if field in columns)
-        subtypes = next(subtype_columns, columns["boot"])
+        subtypes = columns["boot"]
+        for field in reversed(SUBTYPE_FIELDS):
+            if field in columns:
+                subtypes = columns[field]
         remaining_rows = []
         for subtype in np.unique(subtypes):
             rows = np.flatnonzero(subtypes == subtype)

@@ -88,7 +88,8 @@ def random_scenario(seed: int, number: int) -> Scenario:
     sections = {key: defaults[key] | values[key] for key in ("vehicle", "sensors", "stream")}
     scenario = scenario_from_values(defaults | values | sections)
     hover = in_hover(scenario, 1.0)
-    _crossover, _phase_margin, gain_margin, _ms = truth(hover, fly(hover))["roll_rate_margins"]
+    # The margins of a loop are crossover frequency, phase margin, gain margin and peak sensitivity Ms.
+    _, _, gain_margin, _ = truth(hover, fly(hover))["roll_rate_margins"]
     excess_margin = gain_margin - FLIGHT_GAIN_MARGIN
     return with_gains(scenario, 10 ** (excess_margin / 20))
 

@@ -34,7 +34,7 @@ NOTCH_HEADING = "Notch filter, with the gains of the log"
 
 
 class Tuning(NamedTuple):
-    """Gains to set for a vehicle."""
+    """The tuning of a vehicle: gains to set for each axis, or facts (coded findings) why there are none."""
 
     axes: AdviceByAxis
     """The advice on each requested axis, or why there is none."""

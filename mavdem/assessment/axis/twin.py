@@ -140,18 +140,20 @@ def try_gains(evidence: Evidence, gains: Parameters, *, in_wind: bool = True) ->
     dt = loops["roll"].record.dt
     replayed_samples = samples_of_most_movement(recorded_segments, dt)
     hover_samples = slice(round((SETTLING_SECONDS + WIND_SECONDS) / dt))
-    replayed = dict[str, ReplaySegment]()
-    hover = dict[str, ReplaySegment]()
+    flown_segments = dict[str, ReplaySegment]()
+    hover_segments = dict[str, ReplaySegment]()
     for axis, recorded_segment in recorded_segments.items():
         outputs, setpoints = recorded_segment
-        replayed[axis] = ReplaySegment(outputs[replayed_samples], setpoints[replayed_samples])
-        hover[axis] = ReplaySegment(outputs[hover_samples], np.zeros_like(setpoints[hover_samples]))
+        flown_segments[axis] = ReplaySegment(outputs[replayed_samples], setpoints[replayed_samples])
+        hover_segments[axis] = ReplaySegment(
+            outputs[hover_samples], np.zeros_like(setpoints[hover_samples])
+        )
     try:
         present_twin = build_assessed_twin(evidence).twin
         advised_twin = replace(present_twin, parameters={**present_twin.parameters, **gains})
         twins = (present_twin, advised_twin)
-        tracking = _compared_motions(twins, loops, replayed)
-        motion_in_wind = _compared_motions(twins, loops, hover) if in_wind else {}
+        tracking = _compared_motions(twins, loops, flown_segments)
+        motion_in_wind = _compared_motions(twins, loops, hover_segments) if in_wind else {}
     except NotLearnable as error:
         return error.fact
     return GainTrial(tracking, motion_in_wind)

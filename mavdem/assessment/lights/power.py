@@ -341,7 +341,7 @@ def _board_voltage(evidence: Evidence) -> Iterator[Fact]:
     lowest_voltage = averages.min()
     usual_voltage = np.median(averages)
     code = PowerLight.SUPPLY_HELD
-    # None is the usual level of the code.
+    # With None as its level, a fact has the usual level of its code.
     level = None
     voltage_limit = BOARD_VOLTAGE_LIMITS.watch
     if lowest_voltage < BOARD_VOLTAGE_LIMITS.watch:

@@ -245,7 +245,7 @@ def simulation_horizon(
 
 @dataclass(frozen=True, eq=False)
 class SimulationFit:
-    """The result of the simulation-error fit, in the engine's units."""
+    """Result of the simulation-error (output-error) fit: parameters θ and their covariance, in the engine's units."""
 
     theta: Array
     """(k,) all parameters, the free ones as fitted and the others as they were."""

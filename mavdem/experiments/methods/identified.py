@@ -24,7 +24,7 @@ from mavdem.facts.forecasts import ForecastFact
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Baseline(ForecasterBase):
-    """A model of a method that DEM is compared with.
+    """Base class of models by methods that DEM is compared with, such as PEM: the model and its training data.
 
     Attributes:
         method: name of the method, such as ``PEM(2)``.

@@ -66,7 +66,7 @@ TITLE = "A Brain Inspired Learning Algorithm for the Perception of a Quadrotor i
 
 @dataclass(frozen=True)
 class ItemReport:
-    """The report on one claim: the claim and the result of its experiment."""
+    """The report on one claim of the paper: the claim, and the result of the experiment that tests it."""
 
     claim: Claim
     """The claim of the paper."""

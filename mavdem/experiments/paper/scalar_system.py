@@ -45,7 +45,7 @@ class ScalarData:
 
 @dataclass(frozen=True)
 class ScalarSystem:
-    """The true system: how long and at what step it is sampled, its noises and its input."""
+    """The true system with one state, input and output: duration and step of its data, its noises and its input."""
 
     duration: float = 576.0
     """Duration of the data, s."""

@@ -60,7 +60,7 @@ class LineStyle(StrEnum):
 
 
 class Axis(NamedTuple):
-    """One axis of a chart."""
+    """One axis of a chart: its label with the unit, its scale and its limits."""
 
     label: str
     """What it shows, with its unit."""

@@ -123,12 +123,12 @@ def motor_levels(light: Fact, imbalance: Array) -> list[Level]:
         return [light.level] * count
     named_motor = _MOTOR_NUMBER.search(light.subject)
     if named_motor is not None:
-        is_concerned = np.arange(1, count + 1) == int(named_motor[1])
+        is_coloured = np.arange(1, count + 1) == int(named_motor[1])
     else:
-        is_concerned = abs(imbalance) > 100 * FAULT_RISE
-    if not is_concerned.any():
+        is_coloured = abs(imbalance) > 100 * FAULT_RISE
+    if not is_coloured.any():
         return [light.level] * count
-    return [light.level if is_weak else Level.GOOD for is_weak in is_concerned]
+    return [light.level if has_level else Level.GOOD for has_level in is_coloured]
 
 
 def rose_of_wind(wind: WindVelocity) -> Plan:

@@ -180,7 +180,7 @@ class PageEvent(NamedTuple):
 
 
 class Head(NamedTuple):
-    """The top of a flight's page: level, lights, events and timeline."""
+    """The top of a flight's page: level of the headline, status lights, events, and charts over time."""
 
     level: Level
     """Level of the headline, by which the page colours it."""

@@ -305,7 +305,7 @@ def covariance_matching(record: NoisyRecord) -> RecursiveEstimates:
     variances = first_variances(record)
     innovation_power = variances.copy()
     prediction_variance = np.zeros_like(variances)
-    histories = np.zeros_like(record.outputs)
+    variance_history = np.zeros_like(record.outputs)
     states = np.zeros_like(record.outputs)
     new_weight = 1 - FORGETTING_FACTOR
     for t, output in enumerate(record.outputs):
@@ -319,10 +319,10 @@ def covariance_matching(record: NoisyRecord) -> RecursiveEstimates:
             )
             variances = np.maximum(innovation_power - prediction_variance, SMALLEST_VARIANCE)
         step = corrected_step(step, output, variances)
-        histories[t] = variances
+        variance_history[t] = variances
         states[t] = step.state
         step = predicted_step(record, step, t)
-    return RecursiveEstimates(histories, states)
+    return RecursiveEstimates(variance_history, states)
 
 
 def sage_husa(record: NoisyRecord) -> RecursiveEstimates:
@@ -342,7 +342,7 @@ def sage_husa(record: NoisyRecord) -> RecursiveEstimates:
     """
     step = _first_prediction(record)
     variances = first_variances(record)
-    histories = np.zeros_like(record.outputs)
+    variance_history = np.zeros_like(record.outputs)
     states = np.zeros_like(record.outputs)
     for t, output in enumerate(record.outputs):
         step = corrected_step(step, output, variances)
@@ -350,10 +350,10 @@ def sage_husa(record: NoisyRecord) -> RecursiveEstimates:
         # The weights of the first variances and of t + 1 samples are a geometric series, normalised to a sum of 1.
         new_weight = (1 - FORGETTING_FACTOR) / (1 - FORGETTING_FACTOR ** (t + 2))
         variances = (1 - new_weight) * variances + new_weight * residual_power
-        histories[t] = variances
+        variance_history[t] = variances
         states[t] = step.state
         step = predicted_step(record, step, t)
-    return RecursiveEstimates(histories, states)
+    return RecursiveEstimates(variance_history, states)
 
 
 def variational_bayes(record: NoisyRecord) -> RecursiveEstimates:
