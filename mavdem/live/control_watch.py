@@ -39,7 +39,7 @@ from mavdem.facts.watch import WatchFact
 from mavdem.ingest.telemetry import Parameters, Telemetry
 from mavdem.ingest.vocabulary import wrapped_angle
 from mavdem.live.live_signals import FlightMoment, LiveSignals, RecentMotion
-from mavdem.live.messages import MESSAGE_FIELDS, STICK_MESSAGES, Message
+from mavdem.live.messages import IMU_MESSAGES, MESSAGE_FIELDS, STICK_MESSAGES, Message
 from mavdem.live.pose import LatestPose
 from mavdem.live.recent_messages import RecentMessages, TimedValues, columns_from
 from mavdem.witnesses.boot_sensors import MIN_SINK_RATE, BootSensors
@@ -376,6 +376,8 @@ class ControlWatch:
         motion: RecentMotion | None,
         more_messages: Names = (),
         start_time: float = -inf,
+        *,
+        has_accelerometer: bool = True,
     ) -> LiveSignals:
         """Returns the latest messages as signals of a log, so that the functions that judge logs can judge them.
 
@@ -384,6 +386,7 @@ class ControlWatch:
             motion: motor outputs of the last seconds; None if they do not come.
             more_messages: names of messages that are needed besides attitude, setpoints and ``SLOW_MESSAGES``.
             start_time: slow messages before it are left out, s of the boot clock.
+            has_accelerometer: whether the specific force is among them.
 
         Returns:
             The signals. Attitude and setpoints are of the last ``MEMORY_SECONDS``, the others since ``start_time``.
@@ -391,6 +394,8 @@ class ControlWatch:
         boot = self._recent.boot
         columns = self._recent.columns((*SLOW_MESSAGES, *more_messages), start_time)
         for name, samples in self._samples.items():
+            if name in IMU_MESSAGES and not has_accelerometer:
+                continue
             columns[name] = columns_from(MESSAGE_FIELDS[name], samples, boot)
         telemetry = replace(vehicle, messages=columns)
         recorded = Signals(telemetry)

@@ -78,8 +78,13 @@ class HeightWatch:
         )
         if not comparison.contradictions:
             return None
+        # The seconds of specific force that are kept have no rest, without which its error has no known cause.
         signals = self._control.signals(
-            moment.vehicle, moment.motion, (BAROMETER_MESSAGE, "VIBRATION"), start
+            moment.vehicle,
+            moment.motion,
+            (BAROMETER_MESSAGE, "VIBRATION"),
+            start,
+            has_accelerometer=False,
         )
         sensors = BootSensors(signals, self._recent.boot, moment.takeoff_time)
         flight_interval = (max(moment.takeoff_time, start), moment.time)

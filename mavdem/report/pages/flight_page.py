@@ -632,7 +632,7 @@ def live_page(
         saved_flight: the page of this flight in the library of a server, where it is over; None for none.
     """
     # Imported here: a page of a log needs nothing of live sessions.
-    from mavdem.report.live import live_report, moment_text, vehicle_text
+    from mavdem.report.live import live_report, vehicle_text
 
     judgement = status.overall_judgement
     timeline = live_timeline(history, axis)
@@ -659,7 +659,11 @@ def live_page(
         findings = status.findings or model_findings(learned, alarms=status.motor_alarms)
         blocks = [*purpose_tables(findings), *torque_blocks(learned)]
         chapters.append(Chapter(f"Model of {axis}", blocks))
-    page_events = [PageEvent(event, moment=moment_text(event)) for event in events]
+    page_events = _numbered_live_events(events)
+    if timeline is not None:
+        numbers = [event.number for event in page_events]
+        labels = tuple("" if number is None else str(number) for number in numbers)
+        timeline = timeline._replace(event_labels=labels)
     if not status.is_over:
         page_events.reverse()
     head = Head(
@@ -690,6 +694,29 @@ def live_page(
     return render_document(
         f"Flight over {link}", subtitle, summary, chapters, back, head, max_points
     )
+
+
+def _numbered_live_events(events: Sequence[Event]) -> list[PageEvent]:
+    """Returns the events of a live session as its page lists them; those that its charts have are numbered.
+
+    Args:
+        events: the events in the order in which they were reported.
+
+    Returns:
+        The events in this order.
+    """
+    # Imported here: a page of a log needs nothing of live sessions.
+    from mavdem.report.live import moment_text
+
+    page_events = []
+    count = 0
+    for event in events:
+        number = None
+        if event.has_time:
+            count += 1
+            number = count
+        page_events.append(PageEvent(event, number, moment=moment_text(event)))
+    return page_events
 
 
 def _live_map_wind(status: SessionStatus) -> MapWind | None:

@@ -228,11 +228,14 @@ class Head(NamedTuple):
     def brief_events(self) -> Sequence[PageEvent]:
         """The events that a page shows before its reader unfolds the list of all.
 
-        These are the newest events of a live session that goes on. Otherwise they are all events if they are few, or
-        else the worst, of which each kind is shown once, with the number of its events as ``total``.
+        These are the newest events of a live session that goes on, and its newest alarms. Otherwise they are all events
+        if they are few, or else the worst, of which each kind is shown once, with the number of its events as
+        ``total``.
         """
         if self.is_newest_first:
-            return self.events[:MAX_NEWEST_EVENTS]
+            newest_alarms = [event for event in self.events if event.event.is_alarm]
+            shown = (*self.events[:MAX_NEWEST_EVENTS], *newest_alarms[:MAX_BRIEF_EVENTS])
+            return [event for event in self.events if event in shown]
         if len(self.events) <= MAX_BRIEF_EVENTS:
             return self.events
         facts = [page_event.event.fact for page_event in self.events]
@@ -243,8 +246,10 @@ class Head(NamedTuple):
 
     @property
     def earlier_events(self) -> Sequence[PageEvent]:
-        """The events of a session that goes on before the newest ones, which a page shows in full; none of a log."""
-        return self.events[MAX_NEWEST_EVENTS:] if self.is_newest_first else ()
+        """The other events of a session that goes on, which a page shows in full; none of a log."""
+        if not self.is_newest_first:
+            return ()
+        return [event for event in self.events if event not in self.brief_events]
 
     @property
     def has_more_of_events(self) -> bool:

@@ -19,17 +19,18 @@ from mavdem.assessment.assess import assess
 from mavdem.assessment.inventory import inventory
 from mavdem.dataset.signals import Signals
 from mavdem.facts import Fact, Level
-from mavdem.facts.ending import MotionEvent
+from mavdem.facts.ending import Ending, MotionEvent
 from mavdem.facts.event import Event
 from mavdem.facts.hardware import HardwareFact
 from mavdem.facts.lights import Light, Unjudged
-from mavdem.facts.session import VehicleFact
+from mavdem.facts.session import SessionFact, TimeUse, VehicleFact
 from mavdem.facts.vibration import VibrationLight
 from mavdem.ingest import read_log
 from mavdem.live.history import LiveHistory
+from mavdem.live.session_status import SessionStatus
 from mavdem.report.blocks import headline_sentence
 from mavdem.report.charts.timeline import assessment_timeline, live_timeline
-from mavdem.report.pages.flight_page import flight_page, log_page, opened_where_not_good
+from mavdem.report.pages.flight_page import flight_page, live_page, log_page, opened_where_not_good
 from mavdem.report.pages.page import Chapter, Head, PageEvent, Section, render_document
 from mavdem.report.screen import analysis_blocks
 
@@ -345,6 +346,26 @@ def test_a_session_that_goes_on_lists_each_event_once_and_offers_no_fields_of_a_
     page = live_document
     assert [page.count(f"moment {time} s<") for time in range(12)] == [1] * 12
     assert "Earlier events" in page and "Plot any field" not in page
+
+
+def test_events_of_a_live_page_have_the_same_numbers_in_its_list_and_in_its_charts():
+    history = LiveHistory()
+    early = Event(nan, Fact(VehicleFact.NO_VEHICLE_YET), reception=0.0)
+    flown(history, 2.0)
+    loss = Fact(Ending.CRASHED, time=0.5, height=0.0, speed=5.0, cause=None, mode="", word=None)
+    alarm = Fact(SessionFact.ALARM, time=0.6, reason=loss)
+    others = [Fact(VehicleFact.NO_VEHICLE_YET, time=1.0 + index / 10) for index in range(7)]
+    timed = [Event(fact.time, fact, reception=0.0) for fact in (alarm, *others)]
+    history.events += [early, *timed]
+    account = dict.fromkeys(TimeUse, 0.0)
+    page = live_page("udpin:0", "roll", history, SessionStatus("1:1"), account, None)
+    listed = re.findall(r'<span class="number">(\d+)</span> <span class="sentence">(.)', page)
+    # The newest are first. The alarm is older than the newest five, and stands below these, before all others.
+    assert [int(number) for number, _ in listed] == [8, 7, 6, 5, 4, 1, 3, 2]
+    assert listed[5][1] == "A"
+    timeline = re.search(r'"marks": *(\[\[.*?\]\])', page)
+    assert '[0.6,"1",' in timeline[1].replace(" ", "")
+    assert '[1.6,"8",' in timeline[1].replace(" ", "")
 
 
 def test_the_light_of_a_live_pages_headline_does_not_say_it_again():
