@@ -46,7 +46,8 @@ def position_losses(
         reports: events that the autopilot reports.
 
     Yields:
-        Events with start, end and duration of the loss, s, and ``witnesses``: what sensors and the autopilot show.
+        Events with start, end and duration of the loss within the flight, s, and ``witnesses``: what sensors and the
+        autopilot show. Where the position did not come back at all, the event has the figure ``is_permanent``.
     """
     position = sensors.trust.position
     # Flags of the estimator, whether it has a position, and of the GPS receivers, whether one has a fix.
@@ -56,23 +57,29 @@ def position_losses(
         return
     for start, end in _long_losses(has_position, flight_interval):
         reactions = _autopilot_reactions(sensors, (start, end), reports)
-        level = Level.BAD if reactions else Level.WATCH
+        # A position that never came back has no end: the landing is none.
+        came_back = bool(has_position.values[has_position.time > start].any())
+        known_end = end if came_back else None
         invalid: Facts = ()
         if validity is not None:
             invalid = (
                 supporting_fact(
-                    SensorFact.POSITION_INVALID, time=start, end_time=end, duration=end - start
+                    SensorFact.POSITION_INVALID,
+                    time=start,
+                    end_time=known_end,
+                    duration=end - start,
                 ),
             )
-        yield Fact(
+        loss = Fact(
             MotionEvent.POSITION_LOST,
-            level,
+            Level.BAD if reactions else Level.WATCH,
             time=start,
             end_time=end,
             duration=end - start,
             boot=sensors.boot,
-            witnesses=(*invalid, *reactions, *_missing_fix(fix, (start, end))),
+            witnesses=(*invalid, *reactions, *_missing_fix(fix, (start, end), known_end)),
         )
+        yield loss if came_back else loss.replace(is_permanent=True)
 
 
 def _long_losses(has_position: TimeSeries, flight_interval: TimeInterval) -> Iterator[TimeInterval]:
@@ -142,12 +149,13 @@ def _is_reaction(report: Fact) -> bool:
     return report.code in FAILSAFE_REPORTS
 
 
-def _missing_fix(fix: TimeSeries | None, interval: TimeInterval) -> Facts:
+def _missing_fix(fix: TimeSeries | None, interval: TimeInterval, known_end: float | None) -> Facts:
     """Returns the fact that no GPS receiver had a fix in an interval, which supports that the position was lost.
 
     Args:
         fix: whether a receiver had a fix (N,), 1 or 0; None if no receiver was recorded.
         interval: start and end of the time without a position, s since boot.
+        known_end: when the position came back, s since boot; None if it did not.
 
     Returns:
         One fact; empty if a receiver had a fix, or none was recorded.
@@ -156,6 +164,6 @@ def _missing_fix(fix: TimeSeries | None, interval: TimeInterval) -> Facts:
         return ()
     is_in_interval = in_intervals(fix.time, [interval])
     if is_in_interval.any() and not fix.values[is_in_interval].any():
-        start, end = interval
-        return (supporting_fact(SensorFact.NO_FIX, time=start, end_time=end),)
+        start, _ = interval
+        return (supporting_fact(SensorFact.NO_FIX, time=start, end_time=known_end),)
     return ()

@@ -523,7 +523,8 @@ def _lasting_faults(
         fault_states: for each fault, the samples of its message and whether each reports the fault, of all boots.
 
     Yields:
-        A fact with start and end for each interval; a fault that is still there when the record ends has no end.
+        A fact with start and end for each interval; a fault that is still there when the motors are disarmed, or when
+        the record ends, has no end.
     """
     recorded_interval = [(recorded_span.start, recorded_span.end)]
     armed_spans = intersection(armed_intervals(signals, recorded_span.boot), recorded_interval)
@@ -534,12 +535,13 @@ def _lasting_faults(
         is_in_boot = columns["boot"] == recorded_span.boot
         faulty_intervals = true_intervals(columns["time"][is_in_boot], fault.is_faulty[is_in_boot])
         for start, end in intersection(faulty_intervals, armed_spans):
+            is_over = any(end == fault_end for _, fault_end in faulty_intervals)
             yield _reported_event(
                 signals,
                 recorded_span,
                 fault.message,
                 fault.code,
                 start,
-                end_time=end if end < recorded_span.end else None,
+                end_time=end if is_over else None,
                 subject=fault.subject,
             )

@@ -554,6 +554,17 @@ def test_a_position_that_is_lost_for_five_seconds_is_an_event(seconds, is_lost):
         assert events[MotionEvent.POSITION_LOST].level is Level.WATCH
 
 
+def test_a_position_that_never_comes_back_is_lost_to_the_end_of_the_flight():
+    telemetry = without_position(instrumented(), 1000.0)
+    no_fix = columns(stamps(telemetry, "LOCAL_POSITION_NED"), fix_type=0)
+    no_fix["fix_type"] = np.where(no_fix["time"] >= EVENT, 1, 3)
+    lost = judged(changed(telemetry, "GPS_RAW_INT", **no_fix))[0][MotionEvent.POSITION_LOST]
+    assert f"from {lost.time:.1f} s to the end of the flight" in lost.sentence
+    # Its reasons do not end with the landing either.
+    assert [reason.end_time for reason in lost.figures["witnesses"]] == [None, None]
+    assert all(f"from {lost.time:.1f} s on" in str(one) for one in lost.figures["witnesses"])
+
+
 def test_flags_that_flicker_before_a_loss_do_not_hide_it():
     telemetry = without_position(instrumented(), 18.0)
     is_valid = telemetry.messages["LOCAL_POSITION_NED"]["valid"].copy()

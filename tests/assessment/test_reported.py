@@ -210,6 +210,12 @@ def test_a_lost_fix_names_the_receiver_that_was_recorded():
     assert lost.figures["basis"] == ("GPS2_RAW",)
 
 
+def test_a_fix_that_is_missing_when_the_motors_stop_has_no_end():
+    receiver = columns(TIMES, fix_type=np.where(TIMES >= 20.0, 1, 3))
+    (lost,) = events(changed(FLOWN, "GPS_RAW_INT", **receiver), ReportedEvent.GPS_LOST)
+    assert (lost.time, lost.end_time) == (20.0, None)
+
+
 @mark.parametrize("field", DETECTED)
 def test_what_the_failure_detector_found(field):
     code, level, subject = DETECTED[field]
