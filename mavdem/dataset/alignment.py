@@ -179,7 +179,7 @@ def _earlier_parameters(signals: Signals, segment: Segment) -> Parameters:
 
     Args:
         signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.
-        segment: boot, start and end.
+        segment: number of the boot, start and end of the segment of flight, s.
 
     Returns:
         Their values at the start of the segment, by name.

@@ -158,7 +158,7 @@ def _battery_of_sys_status(
 
     Args:
         batteries: Batteries of BATTERY_STATUS by number.
-        sys_status: Battery of SYS_STATUS.
+        sys_status: Battery that SYS_STATUS describes, which has no number in that message.
         autopilot: MAV_AUTOPILOT without its prefix.
 
     Returns:
@@ -186,7 +186,7 @@ def _battery(number: int, columns: Columns) -> Battery | None:
     connected to the sensor.
 
     Args:
-        number: Number of the battery.
+        number: Number under which the battery is listed, from 1.
         columns: Fields of SYS_STATUS or BATTERY2, or of one battery's BATTERY_STATUS, N rows.
 
     Returns:

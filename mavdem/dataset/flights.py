@@ -111,7 +111,7 @@ def learnable_flight(
 
     Args:
         log: A log that was read.
-        axis: Axis of the model.
+        axis: "roll", "pitch" or "yaw": the axis of which a model is to be learned.
         vehicle: Vehicle to choose, if the log contains several.
         inputs: "motors" or "demand"; None for the motors, unless only the demand comes fast enough.
 
@@ -167,7 +167,7 @@ def _unused_segments(segments: Segments, used_segments: Sequence[Segment | None]
 
     Args:
         segments: All segments of settled flight.
-        used_segments: Those that are used.
+        used_segments: Segments from which the model is learned; None for one that could not be used.
 
     Returns:
         One caution; empty if all or none of the segments are used.

@@ -134,7 +134,7 @@ def in_intervals(time: Array | float, intervals: Intervals) -> Flags:
 
     Args:
         time: (N,) times in seconds, or a single one.
-        intervals: The set of intervals.
+        intervals: Start and end of each interval, s, in the order of time.
 
     Returns:
         Flags with the shape of ``time``.

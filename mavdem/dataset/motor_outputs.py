@@ -109,7 +109,7 @@ class MotorOutputs:
 
         Args:
             boot: Number of the boot; a boot lasts from one start of the autopilot to the next.
-            motor: Index of the motor.
+            motor: Index of the motor, from 0.
         """
         rows = rows_of_boot(self.boot, boot)
         fractions = self.scale.fraction(self.outputs[rows, motor])
@@ -360,8 +360,8 @@ def _outputs_by_port(message: str, columns: Columns, autopilot: str) -> list[_Po
     channel without a finite output on its port counts as unused, with outputs of 0.
 
     Args:
-        message: name of the message.
-        columns: its fields, N rows.
+        message: name of the message, such as SERVO_OUTPUT_RAW.
+        columns: fields of the message by name, N rows each.
         autopilot: MAV_AUTOPILOT without its prefix.
 
     Returns:

@@ -166,7 +166,7 @@ def slow_streams(
 
     Args:
         rates: Rate of each stream, Hz, by the name of its message.
-        axis: Axis of the model.
+        axis: "roll", "pitch" or "yaw": the axis of which a model is to be learned.
         min_rate: Rate, Hz, that each stream needs.
 
     Returns:
@@ -457,7 +457,7 @@ def first_learnable(judge: SegmentJudge, segments: Sequence[Segment]) -> Learnab
     """Judges several segments in turn, until a model can be learned from one of them.
 
     Args:
-        judge: judges single segments.
+        judge: judges for one segment whether a model can be learned from it, and if not, why.
         segments: at least one segment, the preferred first.
 
     Returns:

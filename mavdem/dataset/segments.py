@@ -138,7 +138,7 @@ def segments_without_modes(signals: Signals, segments: Segments, modes: Containe
 
     Args:
         signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.
-        segments: parts of the log.
+        segments: number of the boot, start and end of each segment, s.
         modes: names of the flight modes.
 
     Returns:
@@ -161,7 +161,7 @@ def in_segments(
 
     Args:
         stream: N samples with their times and boots.
-        segments: The segments.
+        segments: Number of the boot, start and end of each segment, s.
         slack: Seconds beyond the ends of a segment whose samples still belong to it.
 
     Returns:
@@ -185,7 +185,7 @@ def rows_of_segment(
 
     Args:
         stream: Samples with their times and boots.
-        segment: The segment.
+        segment: Number of the boot, start and end of the segment, s.
         slack: Seconds beyond its ends whose samples still belong to it.
 
     Returns:
@@ -245,7 +245,7 @@ def _has_samples_of_both(attitude: Attitude, inputs: MotorOutputs, segment: Segm
     Args:
         attitude: attitude of the axis, of all boots.
         inputs: motor outputs or demand, of all boots.
-        segment: boot, start and end.
+        segment: number of the boot, start and end of the segment, s.
     """
     attitude_time = attitude.time[rows_of_segment(attitude, segment)]
     input_time = inputs.time[rows_of_segment(inputs, segment)]

@@ -134,7 +134,7 @@ def held_setpoint(setpoint: Setpoint, boot: int, time: Array) -> Array:
     """Returns a setpoint at given times: at each the last value that came at or before it (zero-order hold).
 
     Args:
-        setpoint: The setpoint.
+        setpoint: Recorded values of the setpoint, with their times and boots.
         boot: Number of the boot that the times belong to.
         time: (T,) seconds on the clock of that boot.
 

@@ -179,7 +179,7 @@ def recorded_series(telemetry: Telemetry, message: str, *fields: str) -> TimeSer
 
     Args:
         telemetry: Messages of the vehicle.
-        message: Name of the message.
+        message: Name of the message ("VFR_HUD").
         fields: Names of k of its scalar fields.
 
     Returns:

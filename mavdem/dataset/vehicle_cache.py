@@ -75,7 +75,7 @@ def _cache_key(
         signals: Its first argument, of which the telemetry belongs to the key.
         dependencies: Values of those attributes of the signals on which the result depends.
         arguments: The further positional arguments of the function.
-        keywords: Its keyword arguments.
+        keywords: Further keyword arguments of the function.
     """
     name = (function.__module__, function.__qualname__)
     return (*name, signals.telemetry, *dependencies, *arguments, *keywords.items())
@@ -90,10 +90,10 @@ def _result_or_exception(
     """Calls a function, and returns its result, made immutable since all callers share it.
 
     Args:
-        function: The function.
-        signals: Its first argument.
-        arguments: Its further positional arguments.
-        keywords: Its keyword arguments.
+        function: The function whose results are cached.
+        signals: First argument of the function: the signals of a vehicle.
+        arguments: Further positional arguments of the function.
+        keywords: Further keyword arguments of the function.
 
     Returns:
         The result; a ``NotLearnable`` if the function raises one.

@@ -251,19 +251,19 @@ def _sampled_ratios(topics: Topics, instance: int, ratio: EstimatorRatio, time: 
             if not len(samples["time"]) or not squares:
                 continue
             sampled_ratios = np.sqrt(np.maximum(np.max(squares, axis=0), 0.0))
-            largest_of_source = _largest_since_time_before(time, samples["time"], sampled_ratios)
+            largest_of_source = _largest_since_previous_time(time, samples["time"], sampled_ratios)
             # The larger of both; a NaN is ignored.
             largest = np.fmax(largest, largest_of_source)
     return largest
 
 
-def _largest_since_time_before(time: Array, sample_time: Array, values: Array) -> Array:
-    """Returns the largest sample since the time before, for each of several times.
+def _largest_since_previous_time(time: Array, sample_time: Array, values: Array) -> Array:
+    """Resamples a signal: returns at each of T times the largest sample since the previous one of these times.
 
-    If there is none, the last sample counts, unless it is older than ``MAX_AID_AGE``.
+    Where no sample came since then, the last sample counts, unless it is older than ``MAX_AID_AGE``.
 
     Args:
-        time: Times (T,), s, ascending.
+        time: Times (T,) to resample at, s, ascending.
         sample_time: Times (N,) of the samples, s, ascending; at least one.
         values: Samples (N,).
 

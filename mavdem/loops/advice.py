@@ -231,7 +231,7 @@ def _next_step(loop: Loop, target: MarginTarget) -> GainStep:
 
     Args:
         loop: the loops with the logged gains.
-        target: margins to reach.
+        target: phase margin, gain margin and maximum sensitivity that both loops should have.
 
     Returns:
         The gains with their stage; no gains if none are worth changing.

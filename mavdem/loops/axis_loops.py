@@ -186,7 +186,7 @@ class Loop(Margins):
             rows: which of the N plants to take. The estimate is placed before them, and is repeated if they contain it.
             effectiveness_factors: E factors, by each of which the effectiveness of every plant is multiplied. The first
                 should be 1, so that row ``ESTIMATE`` remains the estimate.
-            grid: frequencies of the responses.
+            grid: frequencies at which the loop's responses are computed.
 
         Returns:
             The loop with E · P plants, where P is one more than the number of ``rows``: all plants with the first
@@ -361,7 +361,7 @@ def margin_ratios(target: MarginTarget, loop: OpenLoop) -> dict[str, Array]:
     ratio is inverted: the target over the value.
 
     Args:
-        target: margins to reach.
+        target: phase margin, gain margin and maximum sensitivity that the loop should have.
         loop: the open loop, of N plants.
 
     Returns:

@@ -71,7 +71,7 @@ def notch_response(
     with the frequency over the centre x, both warped by the bilinear transform, and the gain a at the centre.
 
     Args:
-        notches: the filters.
+        notches: centre frequency, bandwidth and attenuation of each filter.
         rate: rate at which the filters run, Hz.
         frequency: frequencies (…), Hz, of any shape.
 

@@ -429,28 +429,42 @@ class GainSearch:
         Returns:
             Gains by the autopilot's name, rounded.
         """
-        logged = self.loop.controller.parameters
         factors = {}
         for name, value in design.items():
-            factors[name] = min(max(value / logged[name], 1 / MAX_GAIN_STEP), MAX_GAIN_STEP)
+            factor = value / self.loop.controller.parameters[name]
+            factors[name] = min(max(factor, 1 / MAX_GAIN_STEP), MAX_GAIN_STEP)
         if stage is Stage.ANGLE or not design:
-            return {name: round_gain(logged[name] * factor) for name, factor in factors.items()}
+            return self._multiplied_gains(factors, 1.0)
         gains: Parameters = {}
         # A score of 1 means that the loop just has its margins. If it lacks margin already, the step need not improve
         # it, but must not make it worse.
         needed_score = min(1.0, self.margin_score(self.models.rate))
         for step_share in STEP_SHARES:
-            gains = {}
-            for name, factor in factors.items():
-                gains[name] = round_gain(logged[name] * factor**step_share)
+            gains = self._multiplied_gains(factors, step_share)
             models_with_gains = self.models.with_parameters(gains)
             if self.margin_score(models_with_gains.rate) >= needed_score:
                 break
-        attitude_score = self.margin_score(self.models.attitude)
-        if self.margin_score(models_with_gains.attitude) < min(1.0, attitude_score):
+        needed_attitude_score = min(1.0, self.margin_score(self.models.attitude))
+        if self.margin_score(models_with_gains.attitude) < needed_attitude_score:
             logged_gain = self.logged_gains["angle_gain"]
             [(name, gain)] = self.angle_design(gains, largest=logged_gain).items()
             gains = {**gains, name: round_gain(max(gain, logged_gain / MAX_GAIN_STEP))}
+        return gains
+
+    def _multiplied_gains(self, factors: Parameters, step_share: float) -> Parameters:
+        """Returns the logged gains, each multiplied by a power of its factor.
+
+        Args:
+            factors: factor of each gain, by the autopilot's name.
+            step_share: exponent of the factors, 0 to 1: how much of the step, by logarithms, is taken.
+
+        Returns:
+            The rounded gains by the autopilot's name.
+        """
+        logged = self.loop.controller.parameters
+        gains = {}
+        for name, factor in factors.items():
+            gains[name] = round_gain(logged[name] * factor**step_share)
         return gains
 
     def _flights_to(self, design: Parameters) -> int:

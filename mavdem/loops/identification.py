@@ -310,7 +310,7 @@ def _window_starts(flights: Sequence[Flight], streams: Sequence[Messages]) -> It
 
     Args:
         flights: flights of one boot; each window lies within one of them.
-        streams: messages of all quantities.
+        streams: messages of each quantity of the loop: rate, output and setpoint.
 
     Yields:
         Times, s.
@@ -374,7 +374,7 @@ def _require_resolution(signals: Signals, spectra: CrossSpectra, rounding: float
 
     Args:
         signals: signals of the vehicle, with the scale of the outputs for the message to the user.
-        spectra: cross-spectra of the loop.
+        spectra: cross-spectra of the rate, the controller's output and the setpoints.
         rounding: resolution of the outputs, in the unit of the demand.
 
     Raises:
@@ -425,7 +425,7 @@ def _unexplained_power(spectra: CrossSpectra, controller: KnownController, setpo
 
     Args:
         spectra: cross-spectra of the rate p, the output u, and the candidates of the setpoint.
-        controller: the controller.
+        controller: frequency responses, attitude gain and cycle time of the controller that flew.
         setpoint: index of the setpoint r among the quantities of the spectra.
 
     Returns:
@@ -482,7 +482,7 @@ def _checked_plant(
     Args:
         plant: the identified plant, without the gyro's filters.
         mixer_gains: (r,) change of each input per unit of demand.
-        controller: controller of the axis.
+        controller: rate controller of the axis, with its gains and filters.
         reference_share: fraction of the rate's motion that commands explain.
 
     Returns:

@@ -126,7 +126,7 @@ def _derivatives_by_logarithms(effect: Array, values: LoopParameters) -> Array:
 
     Args:
         effect: effect of each of the r inputs (r,).
-        values: parameters of the axis.
+        values: parameters of the axis: effect of a demand, damping, lag and delay.
 
     Returns:
         The derivatives (r + 3, 4).
@@ -233,7 +233,7 @@ def _model_error_covariance(fit: IdentifiedAxis, effect: Array, values: LoopPara
         fit: posterior of the axis. The variances depend on its time between messages beyond a control cycle, and on the
             share of the output that limits cut off.
         effect: effect of each input (r,).
-        values: parameters of the axis.
+        values: parameters of the axis: effect of a demand, damping, lag and delay.
 
     Returns:
         Covariance (r + 3, r + 3), in the order effects, damping, lag, delay.

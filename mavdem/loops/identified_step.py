@@ -47,7 +47,7 @@ def identified_steps(loop: Loop, time: Array, count: int) -> Array | None:
     Args:
         loop: rate and attitude loop of the axis, with the plant that was identified in flight.
         time: times after the step (K,), s.
-        count: number n of draws.
+        count: number n of draws from the posterior of the plant.
 
     Returns:
         Step responses (n + 1, K). None if the controller does not explain the output, or the loop is unstable.
@@ -57,7 +57,9 @@ def identified_steps(loop: Loop, time: Array, count: int) -> Array | None:
     if not is_output_explained:
         return None
     rate = loop.rate
-    if loop.agrees is False or not rate.is_stable:
+    # ``agrees`` is None where the loop could not be compared with the measured response of the rate.
+    contradicts_measurement = loop.agrees is False
+    if contradicts_measurement or not rate.is_stable:
         return None
     # Row 0 is of the estimate, the others are of draws.
     stable_responses = rate.closed_loop_response[rate.stable][: count + 1]

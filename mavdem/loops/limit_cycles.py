@@ -246,7 +246,7 @@ def _cycles_at_limits(
     Args:
         motor_series: signals of the motors, as :func:`_motor_series` returns them.
         tilts: attitude by axis, "roll" and "pitch".
-        segment: the segment.
+        segment: number of the boot, start and end of the segment of flight.
         window_seconds: length of the windows of the spectra, s.
         min_duration: duration that the windows of a limit cycle must cover together, s.
 

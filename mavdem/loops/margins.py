@@ -347,7 +347,7 @@ def rate_loop(controller: Controller, plant: PlantResponse) -> OpenLoop:
     """Returns the open and closed loop of the body rate with N plants P at once: L = C P.
 
     Args:
-        controller: the controller C.
+        controller: rate controller C of the axis, with its gains and filters.
         plant: the plants, with the gyro's filters of this controller.
 
     Returns:

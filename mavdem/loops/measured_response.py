@@ -198,7 +198,7 @@ def _comparison_with_prediction(
     Args:
         spectra: cross-spectra of setpoint, rate and demand, in this order.
         dt: time step of the samples, s.
-        controller: controller of the axis.
+        controller: rate controller of the axis, with its gains and mixer.
         frequency: (F,) frequencies of the prediction, Hz.
         predicted: (F,) predicted response from setpoint to rate.
 

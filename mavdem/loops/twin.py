@@ -206,7 +206,7 @@ def _arm(parameters: Parameters, mass: float) -> _Arm:
 
     Args:
         parameters: parameters of the autopilot, by name.
-        mass: mass, kg.
+        mass: mass of the vehicle, kg.
 
     Returns:
         Mean distances of the motors forward and to the right, m, and whether the parameters have them.
@@ -330,7 +330,7 @@ def _certainty_notes(
     drag may be assumed. Inertia, propeller moment, damping and lag follow from the identified loops, with intervals.
 
     Args:
-        loops: identified loops by axis.
+        loops: identified rate and attitude loops by axis, with the posteriors of their plants.
         is_mass_given: whether the mass is known; otherwise it is assumed.
         is_arm_measured: whether the parameters have the arm; otherwise it is assumed.
         drag: drag of the vehicle, or of typical ones.

@@ -90,7 +90,7 @@ def _replay_segment(loop: Loop, rows: slice) -> ReplaySegment | None:
 
     Args:
         loop: loop of the axis, with its record.
-        rows: rows of the record.
+        rows: rows of the record, of which the motion is taken.
 
     Returns:
         Motion and setpoints; None if too few setpoints were recorded, or yaw was not steered.
@@ -262,7 +262,7 @@ def wind_torque_realisation(loop: Loop, samples: int, rng: np.random.Generator) 
 
     Args:
         loop: loop of an axis, with its plant and the time step of its record.
-        samples: number n of samples.
+        samples: number n of samples at the time step of the loop's record.
         rng: source of the random numbers.
 
     Returns:

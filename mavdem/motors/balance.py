@@ -161,8 +161,8 @@ def _block_means(run: SteadyRun, signatures: MotorSignatures) -> list[Array]:
     The torque commands of a block are divided by its thrust, so that neither climb nor battery changes the balance.
 
     Args:
-        run: Steady flight.
-        signatures: Mixer of the vehicle.
+        run: Motor outputs and attitude of an interval of steady flight.
+        signatures: Mixer of the vehicle, which turns motor outputs into thrust and torque commands.
 
     Returns:
         For each block (5,): the mean commands in roll, pitch and yaw, relative to the mean command of all motors, and

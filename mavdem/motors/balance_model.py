@@ -103,7 +103,7 @@ class BalanceModel:
         exponent with which thrust depends on the command (``THRUST_EXPONENTS``).
 
         Args:
-            motor: Index of the motor.
+            motor: Index of the motor, from 0.
             lowest_rise: Lower end of the interval of the rise of its command, as a fraction of the command before.
             highest_rise: Upper end.
 

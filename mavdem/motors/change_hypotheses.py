@@ -149,7 +149,9 @@ class ChangeHypotheses:
         for name, axes in CHANGED_AXES.items():
             self.spread[self.groups[name]] = np.outer(mixture.standard_deviations, axes)
 
-    def explain(self, deviation: Deviation, previous: Array | None = None) -> ChangeProbabilities:
+    def cause_probabilities(
+        self, deviation: Deviation, previous: Array | None = None
+    ) -> ChangeProbabilities:
         """Computes how probable each cause of a change is, given the deviation of a flight's balance from healthy ones.
 
         There are S hypotheses, each a cause with one size: nothing changed, motor i works harder by one of r rises, a
@@ -239,7 +241,7 @@ class ChangeHypotheses:
         changes = signatures * rises[:, None]
         probabilities = []
         for change in changes:
-            change_probabilities = self.explain(deviation._replace(change=change))
+            change_probabilities = self.cause_probabilities(deviation._replace(change=change))
             probabilities.append(1 - change_probabilities.unchanged_probability)
         return float(np.mean(probabilities))
 

@@ -244,7 +244,7 @@ def _variance_of_change(balances: Array, ramp: Ramp) -> Array:
 
 
 def _motor_of_change(
-    change: Array, variance: Array, freedom: float, model: BalanceModel
+    change: Array, variance: Array, degrees_of_freedom: float, model: BalanceModel
 ) -> tuple[int | None, float]:
     """Returns the index of the motor whose weakness explains a change, and the logarithm of the odds that it does.
 
@@ -255,9 +255,9 @@ def _motor_of_change(
 
     Args:
         change: (a,) change of the balance.
-        variance: (a,) its variance.
-        freedom: degrees of freedom of that variance.
-        model: mixer of the vehicle.
+        variance: (a,) variance of the change.
+        degrees_of_freedom: degrees of freedom of that variance, for Student's t distribution.
+        model: mixer of the vehicle, with the change of the balance that each weak motor causes.
 
     Returns:
         Index and log odds; None and 0 where no motor explains the change, or its work rose by less than
@@ -265,13 +265,14 @@ def _motor_of_change(
     """
     variance = variance + (SIGNATURE_ERROR * np.linalg.norm(change)) ** 2
     weights = model.signatures / variance
-    # (k,) rise of each motor's command that fits the change best, by weighted least squares, and the squared residual.
+    # (k,) rise of each motor's command that fits the change best, by weighted least squares, and the squared residuals.
     rises = weights @ change / (weights * model.signatures).sum(axis=1)
     misfits = ((change - rises[:, None] * model.signatures) ** 2 / variance).sum(axis=1)
     # A motor whose command fell did not lose thrust.
     misfits[rises <= 0] = np.inf
     motor = int(np.argmin(misfits))
-    log_odds = log_odds_of_motor_cause(_cause_evidence(change, variance, freedom, model), motor)
+    evidence = _evidence_of_all_causes(change, variance, degrees_of_freedom, model)
+    log_odds = log_odds_of_motor_cause(evidence, motor)
     # The neighbours supply a part of the missing thrust, so that the motor's own command rises by less than its work.
     work_rise = rises[motor] / model.mixer.own_rise_ratios[motor]
     is_explained = misfits[motor] <= MAX_MISFIT and log_odds >= STRONG_EVIDENCE_NATS
@@ -280,19 +281,25 @@ def _motor_of_change(
     return motor, log_odds
 
 
-def _cause_evidence(
-    change: Array, variance: Array, freedom: float, model: BalanceModel
+def _evidence_of_all_causes(
+    change: Array, variance: Array, degrees_of_freedom: float, model: BalanceModel
 ) -> CauseEvidence:
-    """Computes the Bayes factors of all causes of a change, as the sequential test does of a change in one window.
+    """Computes the Bayes factors of all causes of a change of the balance: a weak motor, a shifted load, and others.
+
+    The functions of the test that runs during a flight are used. They take changes in several windows of time, and
+    get a single window here.
 
     Args:
         change: (a,) change of the balance.
-        variance: (a,) its variance.
-        freedom: degrees of freedom of that variance.
-        model: mixer of the vehicle.
+        variance: (a,) variance of the change.
+        degrees_of_freedom: degrees of freedom of that variance, for Student's t distribution.
+        model: mixer of the vehicle, with the change of the balance that each weak motor causes.
     """
     changes = WindowChanges(
-        change[None], variance[None], np.array([freedom]), block_variance=variance[None]
+        change[None],
+        variance[None],
+        np.array([degrees_of_freedom]),
+        block_variance=variance[None],
     )
     no_change = log_t_density(changes, 0.0)
     return cause_evidence(

@@ -151,7 +151,7 @@ def _unknown_reason(
     Either the flight itself lacks something, or there are too few healthy flights to compare it with.
 
     Args:
-        flight: The flight.
+        flight: The flight that is judged; its ``missing`` states why its balance was not measured.
         comparable_flights: Healthy flights with the same geometry of the motors, without that flight.
         candidate_flights: All flights from which the healthy ones were chosen.
         comparison: Values that every fact contains: the number of healthy flights, and whether the user chose them.
@@ -173,7 +173,7 @@ def _too_few_healthy_flights(
     """Returns the fact that there are too few healthy flights.
 
     Args:
-        flight: The flight.
+        flight: The flight that is judged, which is not counted itself.
         candidate_flights: All flights from which the healthy ones were chosen.
         comparison: Values that every fact contains: the number of healthy flights, and whether the user chose them.
     """
@@ -242,7 +242,7 @@ def _flight_evidence(
     return _FlightEvidence(
         deviation=flight_deviation,
         hypotheses=hypotheses,
-        change=hypotheses.explain(flight_deviation, balance_prior),
+        change=hypotheses.cause_probabilities(flight_deviation, balance_prior),
         effort=effort_change(flight, healthy, effort_prior),
     )
 
@@ -259,7 +259,7 @@ def _assessment(
     4. OK: nothing changed, and a weak motor would have been found.
 
     Args:
-        flight: The flight.
+        flight: Measured motor balance of the flight, and the names of its motors.
         evidence: Its comparison with healthy flights.
         comparison: Values that every fact contains: the number of healthy flights, and whether the user chose them.
 
@@ -292,11 +292,12 @@ def _imprecise_balance(evidence: _FlightEvidence, comparison: JsonValues) -> Fac
     """Returns the fact that the balance of a flight is too imprecise to show a weak motor.
 
     Args:
-        evidence: The comparison of the flight with healthy flights.
+        evidence: Deviation of the flight's balance from healthy flights, with the mixer of the vehicle.
         comparison: Values that every fact contains: the number of healthy flights, and whether the user chose them.
 
     Returns:
-        A fact with the ``loss`` of thrust that may have been missed, and the ``usual`` deviations of healthy flights.
+        A fact with the ``loss`` of thrust that may have been missed, as a fraction, and the ``usual`` deviations of
+        healthy flights.
     """
     own_rise_ratios = evidence.hypotheses.signatures.own_rise_ratios
     return Fact(
@@ -319,9 +320,9 @@ def _weak_motor(
     ``MIN_NAMED_PROBABILITY``: to name a sound motor is the worse mistake.
 
     Args:
-        flight: The flight.
-        change: Probability of each cause.
-        change_probability: Probability that anything changed.
+        flight: Measured motor balance of the flight, the names of its motors, and the mixer of the vehicle.
+        change: Posterior probability of each cause of a change: a weak motor by motor, a shifted load, and others.
+        change_probability: Probability that the balance or the effort changed at all.
         comparison: Values that every fact contains: the number of healthy flights, and whether the user chose them.
     """
     assert flight.signatures is not None
@@ -364,8 +365,8 @@ def _drift(
     balance is reported as outside of nearly all healthy flights'.
 
     Args:
-        flight: The flight.
-        evidence: Its comparison with healthy flights.
+        flight: Measured motor balance of the flight, and the names of its motors.
+        evidence: Deviation of the flight's balance and effort from healthy flights, and what may have caused it.
         change_probability: Probability that anything changed, 0 to 1.
         comparison: Values that every fact contains: the number of healthy flights, and whether the user chose them.
 
@@ -406,9 +407,9 @@ def _balance_change(
     other causes, not the sum of all.
 
     Args:
-        flight: The flight.
-        change: Probability of each cause.
-        change_probability: Probability that anything changed.
+        flight: Measured motor balance of the flight, and the names of its motors.
+        change: Posterior probability of each cause of a change: a weak motor by motor, a shifted load, and others.
+        change_probability: Probability that the balance or the effort changed at all.
         figures: Further values of the fact: the change, the usual deviations, and the healthy flights.
 
     Returns:

@@ -126,7 +126,7 @@ def healthy_flights(flights: HealthFlights, baseline: HealthFlights | None = Non
     propellers wore, that are sound: no motor at its limit, no oscillation, no fault.
 
     Args:
-        flights: Flights of one vehicle.
+        flights: Measured motor balance and date of each recorded flight of one vehicle.
         baseline: Its healthy flights, if the user named them. Without it, the first ``DEFAULT_HEALTHY_FLIGHTS`` sound
             flights of each motor geometry are the healthy ones.
 

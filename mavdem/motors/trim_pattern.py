@@ -189,7 +189,7 @@ def _uneven_trim(
         geometry: Positions and names of the motors.
         figures: Values that the fact has for every pattern.
     """
-    change = hypotheses.explain(deviation)
+    change = hypotheses.cause_probabilities(deviation)
     motor = change.motor_probabilities.argmax()
     if change.motor_probabilities[motor] >= MIN_NAMED_PROBABILITY:
         rise = change.rises[:, motor]
@@ -231,7 +231,7 @@ def _suspects(change: ChangeProbabilities) -> list[int]:
     weak. Two motors that explain the trim equally well are suspects both.
 
     Args:
-        change: Probability of each cause.
+        change: Posterior probability of each cause of a change: a weak motor by motor, a shifted load, and others.
 
     Returns:
         Indices of the motors, the most probable first; empty if a weak motor is less probable than ``MIN_SUSPICION`` or

@@ -245,7 +245,7 @@ def fit_gray_box(
     to the one that the model expects.
 
     Args:
-        model: the model.
+        model: the gray-box model: which refinements and which components of the wind torque it has.
         windows: W windows of a flight, as Fourier transforms.
         start: (k,) parameters θ at which the fit starts.
         min_gain: increase of the log posterior, in nats, that must be predicted at the start. If it is less, the fit
@@ -283,9 +283,9 @@ def best_start(model: GrayBoxModel, start: Array, windows: FlightWindows) -> Arr
     ``START_LAG_FACTORS``.
 
     Args:
-        model: the model.
+        model: the gray-box model: which refinements and which components of the wind torque it has.
         start: parameters θ (k,), with the prior means of wind torque and lag.
-        windows: the data.
+        windows: fourier transforms of inputs and body rate in windows of the flight.
 
     Returns:
         θ (k,); ``start`` if no point has a finite posterior.

@@ -170,10 +170,10 @@ def _is_step_of_level(
     Args:
         torque: wind torque (T,), rad/s².
         start: first sample of the excursion.
-        stop: first sample after it.
+        stop: index of the first sample after the excursion.
         reach: number of samples before and after it whose medians are compared, within its segment.
         threshold: difference of the medians that counts, rad/s².
-        record: the segments.
+        record: the flight, of which only the starts of the segments are used.
 
     Returns:
         Whether it is a step; False at an end of the segment, where there is nothing to compare with.

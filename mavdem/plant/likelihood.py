@@ -321,7 +321,7 @@ class GrayBoxModel(NamedTuple):
 
         Args:
             thetas: b parameter vectors (b, k).
-            windows: windows with F frequencies.
+            windows: windows of the flight, which have the F frequencies and the time step.
 
         Returns:
             Densities of the samples (b, F), in (rad/s)², normalised so that white noise has the variance of its
@@ -426,7 +426,7 @@ class GrayBoxModel(NamedTuple):
 
         Args:
             points: θ, and θ with each of its entries changed (k + 1, k).
-            windows: windows with F frequencies.
+            windows: windows of the flight, which have the F frequencies and the time step.
 
         Returns:
             Factors (k + 1, F).

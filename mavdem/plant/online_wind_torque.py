@@ -171,11 +171,11 @@ class WindTorqueSmoother(NamedTuple):
 
 
 def is_torque_resolved(physical: Physical, half_width_of_band: float) -> bool:
-    """Returns whether an online estimate of the wind torque may be shown as the wind's, by the same rule as for logs.
+    """Returns whether an online estimate of the wind torque is good enough to be shown, by the same rule as for logs.
 
-    The effectiveness of the motors must be identifiable, and the variance of the error at most ``MAX_ERROR_SHARE``
-    times the variance of the estimate. The estimate varies less than the modelled wind torque, by the variance of the
-    error.
+    The effectiveness of the motors must be identifiable, and the variance of the estimate's error at most
+    ``MAX_ERROR_SHARE`` times the variance of the estimate over time. The latter is the variance of the modelled wind
+    torque less the variance of the error, as for any optimal estimate.
 
     Args:
         physical: control effectiveness, damping, motor time constant and delay of the axis.

@@ -215,7 +215,7 @@ class SampledPlant(NamedTuple):
 
         Args:
             commanded_torque: commanded torque (T,), rad/s².
-            delay_steps: its delay, in steps.
+            delay_steps: delay from the command to the motors, in time steps, not necessarily whole.
 
         Returns:
             (T − 1, n) contributions to the n states, from the second sample on.

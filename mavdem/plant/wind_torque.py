@@ -331,7 +331,7 @@ def _torque_errors(
     """
     power = float(np.mean(deviation**2))
     relative_changes = gradient @ deviation / (len(deviation) * power)
-    form_variance = other_variance + _variance_of_form(
+    form_variance = other_variance + _variance_of_form_errors(
         deviation, gradient, relative_changes, theta, covariance
     )
     strength_variance = _relative_variance_of_strength(
@@ -340,10 +340,13 @@ def _torque_errors(
     return _TorqueErrors(float(form_variance.mean()), scale_error=float(np.sqrt(strength_variance)))
 
 
-def _variance_of_form(
+def _variance_of_form_errors(
     deviation: Array, gradient: Array, relative_changes: Array, theta: Array, covariance: Array
 ) -> Array:
-    """Returns the variance of each sample of the wind torque by the parameters, without a common factor of all effects.
+    """Returns the variance of those errors of the wind torque that change its form over time, at each sample.
+
+    They are caused by uncertain parameters. An error of all effects by one common factor is left out: it makes the
+    torque stronger or weaker at all times alike.
 
     Args:
         deviation: (T,) wind torque about its means, rad/s².
@@ -355,11 +358,12 @@ def _variance_of_form(
     Returns:
         Variances (T,), (rad/s²)².
     """
-    # Damping, lag and delay are no factors of the torque.
+    # Only the effects of the motors multiply the torque: damping, lag and delay get a 0.
     changes_by_effects = np.append(relative_changes[EFFECTS], np.zeros(3))
-    # If all effects grow by the same factor, the torque changes relatively by θ · changes, for a relative growth of 1.
-    # That is 1 if the motors only balance the wind. If they also steer the vehicle it could exceed 1, and is limited.
-    changes_by_effects /= max(1.0, abs(float(theta @ changes_by_effects)))
+    # If all effects double, the torque grows by this factor of itself. It is 1 if the motors only balance the wind. If
+    # they also steer the vehicle it could exceed 1, and is limited.
+    change_by_doubled_effects = abs(float(theta @ changes_by_effects))
+    changes_by_effects /= max(1.0, change_by_doubled_effects)
     gradient_of_form = gradient - np.outer(changes_by_effects, deviation)
     return _variance_by_parameters(gradient_of_form, covariance)
 
@@ -519,7 +523,7 @@ def _smoother_variance(physical: Physical, record: Record) -> Array:
 
     Args:
         physical: physical parameters, whose errors are not part of this variance.
-        record: inputs and outputs.
+        record: inputs and outputs of the flight, by segments without a gap.
 
     Returns:
         The variance (T,), (rad/s²)².

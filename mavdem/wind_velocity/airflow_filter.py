@@ -250,7 +250,7 @@ def filter_motion(parameters: Array, motion: MotionGrid) -> FilteredMotion:
 
     Args:
         parameters: G sets of parameters (G, 10), as for :class:`AirflowFilter`.
-        motion: motion of T steps.
+        motion: attitude, velocity and specific force at T steps of an even time grid.
 
     Returns:
         States, covariances and innovations of all steps, for all sets of parameters.

@@ -67,7 +67,7 @@ def compass_text(direction: float) -> str:
     The direction is rounded to the nearest of 16 points of the compass, 22.5° apart, and of 8 arrows, 45° apart.
 
     Args:
-        direction: degrees clockwise from north.
+        direction: where the wind comes from, degrees clockwise from north.
     """
     point = _nearest_point(direction, COMPASS_POINTS)
     arrow = _nearest_point(direction, FLOW_ARROWS)
@@ -80,7 +80,7 @@ def compass_words(direction: float) -> str:
     The direction is rounded to the nearest of 16 points of the compass, as by :func:`compass_text`.
 
     Args:
-        direction: degrees clockwise from north.
+        direction: where the wind comes from, degrees clockwise from north.
     """
     point = _nearest_point(direction, COMPASS_POINTS)
     words = "-".join(COMPASS_WORDS[letter] for letter in point)
@@ -127,7 +127,7 @@ def _nearest_point(direction: float, points: Sequence[str]) -> str:
     """Returns the point that is nearest to a direction.
 
     Args:
-        direction: degrees clockwise from north.
+        direction: where the wind comes from, degrees clockwise from north.
         points: names of points at equal angles over the whole circle, clockwise from north.
 
     Returns:

@@ -339,7 +339,7 @@ def steered_share(grid: MotionGrid) -> float:
     changes of force and velocity over ``STEERED_SECONDS`` if that is negative, and 0 otherwise.
 
     Args:
-        grid: motion of the flight.
+        grid: velocity and specific force of the flight on an even time grid.
 
     Returns:
         Share of the variance of the force's changes, 0 to 1.

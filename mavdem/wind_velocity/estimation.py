@@ -350,7 +350,7 @@ def estimate_wind(
         air_velocity=fine.along_body_axes(
             np.column_stack([relative_velocity, fine.velocity[:, DOWN]])
         ),
-        minutes=tuple(_minutes(winds, variances, fine.time, fine.step)),
+        minutes=tuple(_mean_wind_by_minute(winds, variances, fine.time, fine.step)),
         profile=tuple(_profile(winds, variances, step_heights, fine.step)),
         drag=flight_drag,
         status=status,
@@ -372,7 +372,7 @@ def _gust_interval(winds: Array, variances: Array, steps: int, gust: float) -> I
 
     Args:
         winds: N posterior samples of the wind velocity, north and east (T, N, 2), m/s.
-        variances: variance of each about the truth, by noise (T, N, 2), (m/s)².
+        variances: variance (T, N, 2) of the error of each component by noise, (m/s)².
         steps: steps over which a gust is averaged.
         gust: the largest gust of the mean of all samples, m/s, which is the reported value.
 
@@ -381,21 +381,23 @@ def _gust_interval(winds: Array, variances: Array, steps: int, gust: float) -> I
     """
     speeds = np.hypot(winds[..., 0], winds[..., 1])
     gusts = _largest_running_mean(speeds, steps)
-    # Of each sample, in the mean over time and both components.
+    # The standard deviation of the noise of each posterior sample (N,), averaged over time and both components.
     noise_sd = np.sqrt(variances.mean(axis=(0, 2)))
     noise = default_rng(NOISE_SEED).standard_normal((DIRECTION_DRAWS, len(gusts)))
     low, high = np.quantile(gusts + noise * noise_sd, INTERVAL_QUANTILES).tolist()
     return max(min(low, gust), 0.0), max(high, gust)
 
 
-def _minutes(winds: Array, variances: Array, time: Array, step: float) -> list[dict[str, float]]:
+def _mean_wind_by_minute(
+    winds: Array, variances: Array, time: Array, step: float
+) -> list[dict[str, float]]:
     """Returns the mean wind of each minute of a flight.
 
     The flight is cut into equal parts of about a minute.
 
     Args:
         winds: N posterior samples of the wind velocity, north and east (T, N, 2), m/s.
-        variances: variance of each about the truth, by noise (T, N, 2), (m/s)².
+        variances: variance (T, N, 2) of the error of each component by noise, (m/s)².
         time: middle of each step (T,), s.
         step: time step, s.
 
@@ -404,11 +406,12 @@ def _minutes(winds: Array, variances: Array, time: Array, step: float) -> list[d
         ``direction`` that the wind comes from, degrees; and ``start`` and ``end``, the times of its first and last
         step, s.
     """
-    count = max(round(len(winds) * step / 60), 1)
-    minutes = []
-    for rows in np.array_split(np.arange(len(winds)), count):
+    flight_minutes = len(winds) * step / 60
+    part_count = max(round(flight_minutes), 1)
+    parts = []
+    for rows in np.array_split(np.arange(len(winds)), part_count):
         mean = _mean_wind(winds[rows], variances[rows], step)
-        minutes.append(
+        parts.append(
             {
                 "speed": mean.speed,
                 "low": mean.low,
@@ -418,7 +421,7 @@ def _minutes(winds: Array, variances: Array, time: Array, step: float) -> list[d
                 "end": float(time[rows[-1]]),
             }
         )
-    return minutes
+    return parts
 
 
 def _profile(winds: Array, variances: Array, heights: Array, step: float) -> list[dict[str, float]]:
@@ -429,7 +432,7 @@ def _profile(winds: Array, variances: Array, heights: Array, step: float) -> lis
 
     Args:
         winds: N posterior samples of the wind velocity, north and east (T, N, 2), m/s.
-        variances: variance of each about the truth, by noise (T, N, 2), (m/s)².
+        variances: variance (T, N, 2) of the error of each component by noise, (m/s)².
         heights: heights of the vehicle (T,), m.
         step: time step, s.
 
@@ -489,7 +492,7 @@ def _mean_wind(winds: Array, variances: Array, step: float) -> _MeanWind:
 
     Args:
         winds: N posterior samples of the wind velocity, north and east (T, N, 2), m/s.
-        variances: variance of each about the truth, by noise (T, N, 2), (m/s)².
+        variances: variance (T, N, 2) of the error of each component by noise, (m/s)².
         step: time step, s.
 
     Returns:

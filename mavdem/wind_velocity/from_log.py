@@ -323,7 +323,7 @@ def _require_usable(motion: _FlightMotion, stuck_seconds: float) -> None:
     """Checks that the vehicle was free, its clock did not jump, and yaw and velocity were measured.
 
     Args:
-        motion: motion of the flight.
+        motion: attitude, velocity over ground and specific force of the flight.
         stuck_seconds: longest time for which the vehicle was stuck, s.
 
     Raises:
@@ -566,7 +566,7 @@ def drag_settings(drag: Drag, telemetry: Telemetry) -> dict[str, ParameterValue]
     which need not be this vehicle's.
 
     Args:
-        drag: drag of the vehicle.
+        drag: linear and quadratic drag of the vehicle, with their uncertainty.
         telemetry: log of the vehicle, with its autopilot and parameters.
 
     Returns:

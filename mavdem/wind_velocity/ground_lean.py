@@ -49,7 +49,7 @@ def with_lean_on_ground(
     Args:
         drag: prior of the drag, with the prior of the lean.
         signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.
-        angles: its roll and pitch.
+        angles: roll and pitch that the autopilot recorded.
         boot: number of the boot; a boot lasts from one start of the autopilot to the next.
         flight: first and last time of the motion in the flight, s since boot.
 
@@ -76,7 +76,7 @@ def lean_on_ground(
 
     Args:
         signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.
-        angles: its roll and pitch.
+        angles: roll and pitch that the autopilot recorded.
         boot: number of the boot; a boot lasts from one start of the autopilot to the next.
         flight: first and last time of the motion in the flight, s since boot.
 
@@ -95,15 +95,17 @@ def lean_on_ground(
     after = _lean_of_stand(angles, boot, (start, start + STAND_SECONDS))
     if before is None or after is None:
         return None
-    is_shared = before * after > 0
-    return np.where(is_shared, np.sign(before) * np.minimum(abs(before), abs(after)), 0.0)
+    # Of two values with the same sign the smaller one was there both times. Opposite signs have no common part.
+    has_same_sign = before * after > 0
+    common_part = np.sign(before) * np.minimum(abs(before), abs(after))
+    return np.where(has_same_sign, common_part, 0.0)
 
 
 def _lean_of_stand(angles: Sequence[Attitude], boot: int, stand: TimeInterval) -> Array | None:
     """Returns the lean of a vehicle that stands still, as specific force.
 
     Args:
-        angles: roll and pitch.
+        angles: roll and pitch that the autopilot recorded.
         boot: number of the boot; a boot lasts from one start of the autopilot to the next.
         stand: start and end of the time in which it may stand, s since boot.
 

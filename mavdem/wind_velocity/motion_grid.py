@@ -336,7 +336,7 @@ def flight_grid(
     Args:
         samples: samples of the flight's motion.
         step: shortest time step, s.
-        max_steps: largest number of steps.
+        max_steps: largest number of steps of the grid; a longer flight gets longer steps.
         wind: (N, 2) known velocity of the air, as in :func:`motion_grid`; None to estimate it.
 
     Returns:

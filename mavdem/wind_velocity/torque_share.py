@@ -28,7 +28,7 @@ def torque_share_of_wind(wind: WindVelocity, time: Array, torque: Array) -> Fact
     quarter of a minute is predicted by a regression over the others.
 
     Args:
-        wind: wind of the flight.
+        wind: estimated velocity of the air along the body, on the boot clock.
         time: stamps (N,), s, on the same clock.
         torque: wind torque (N,), rad/s².
 

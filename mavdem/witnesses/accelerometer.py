@@ -150,7 +150,7 @@ def _is_used(parameters: Parameters, number: int) -> bool | None:
 
     Args:
         parameters: values of the autopilot's parameters by their names.
-        number: number of the IMU.
+        number: number of the IMU (inertial measurement unit), from 1.
 
     Returns:
         Whether it is used; None if the parameters do not say on which IMUs the EKF runs.
@@ -181,7 +181,7 @@ def _measured_accelerometer(
     Args:
         signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.
         boot: number of the boot; a boot lasts from one start of the autopilot to the next.
-        number: number of the IMU.
+        number: number of the IMU (inertial measurement unit), from 1.
         is_used: whether the parameters use it; None if they do not say so.
         specific_forces: specific force (N, 3) of all boots, m/s².
 

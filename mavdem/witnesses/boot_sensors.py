@@ -190,7 +190,7 @@ class BootSensors:
         """Returns a fact of each height sensor: whether it shows the vehicle above a height at some time.
 
         Args:
-            min_height: m above the take-off.
+            min_height: height above the place of take-off, m, which is compared with the sensors.
             time: s since boot.
 
         Returns:

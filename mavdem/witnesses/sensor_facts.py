@@ -58,7 +58,7 @@ def supporting_fact(code: SensorFact, **figures: Any) -> Fact:
     """Returns the fact that a sensor supports an event, such as a knock that supports a crash.
 
     Args:
-        code: what the sensor shows.
+        code: what the sensor shows, such as ``KNOCKED``; its sentence is made from this code.
         figures: measured values by name, in the units of ``code``; and ``subject``, ``time`` and ``end_time``, s, of
             the fact if it has any.
     """
@@ -69,7 +69,7 @@ def contradicting_fact(code: SensorFact, **figures: Any) -> Fact:
     """Returns the fact that a sensor contradicts an event, such as an upright rest that contradicts a crash.
 
     Args:
-        code: what the sensor shows.
+        code: what the sensor shows, such as ``NO_KNOCK``; its sentence is made from this code.
         figures: measured values by name, in the units of ``code``; and ``subject``, ``time`` and ``end_time``, s, of
             the fact if it has any.
     """

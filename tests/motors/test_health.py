@@ -270,13 +270,15 @@ def surely(change, scale=0.002):
 def test_what_is_called_a_fault_begins_where_it_is_said_to():
     considered = ChangeHypotheses(QUAD_X)
     for more, fault in ((-0.02, 0.0), (0.02, 1.0)):
-        found = considered.explain(surely(weak(1, FAULT_RISE + more)))
+        found = considered.cause_probabilities(surely(weak(1, FAULT_RISE + more)))
         assert found.motor_probabilities[0] > 0.95 and found.fault_probability == approx(
             fault, abs=0.05
         )
     # Farther from a motor's pattern than so many scales it is no motor's, however much there is of it.
     aside = np.array([0.0, 0.0, 0.002])
-    near, far = (considered.explain(surely(weak(1, 0.2) + side * aside)) for side in (2.8, 9.5))
+    near, far = (
+        considered.cause_probabilities(surely(weak(1, 0.2) + side * aside)) for side in (2.8, 9.5)
+    )
     assert near.motor_probabilities[0] > 0.9 and far.motor_probabilities.sum() == 0
     # Who could not show a motor that works so much harder is not called healthy.
     assert considered.detection_probability(surely(np.zeros(3))) > 0.99 > DETECTABLE_RISE
@@ -286,5 +288,5 @@ def test_what_is_called_a_fault_begins_where_it_is_said_to():
     )
     # What held in one flight is no surer in the next than that it was seen and not put right.
     sure = np.eye(len(considered.prior))[considered.groups["motor"].start]
-    unseen = considered.explain(surely(np.zeros(3), 100.0), sure)
+    unseen = considered.cause_probabilities(surely(np.zeros(3), 100.0), sure)
     assert unseen.motor_probabilities.sum() == approx(0.55, abs=0.01)

@@ -168,7 +168,7 @@ class DensityModel:
         white noise of variance 1 with one value per controller cycle, and the transform of a unit step at a cycle.
 
         Args:
-            controller: the controller that flew.
+            controller: frequency responses, attitude gain and cycle time of the controller that flew.
         """
         self._controller = ControllerResponses(*controller.transfer(self._frequency))
         self._gyro_filter = controller.gyro_filter(self._frequency)
@@ -339,7 +339,7 @@ class DensityModel:
         """Computes the frequency responses of the closed loop at all J frequencies and F aliases of each.
 
         Args:
-            parameters: parameters of the loop.
+            parameters: effect, damping, lag and delay of the plant, and the sizes of wind and noise.
 
         Returns:
             The responses of the loop's signals.

@@ -384,7 +384,7 @@ def fit_closed_loop(posterior: LoopPosterior) -> QuadraticExpansion:
     A few steps are made from each plant; only the ascent with the highest posterior is continued to convergence.
 
     Args:
-        posterior: the log posterior.
+        posterior: log posterior of the loop's parameters, with gradient and Fisher information.
 
     Returns:
         Its expansion about the highest maximum that was found.
@@ -421,7 +421,7 @@ def _stable_start(posterior: LoopPosterior, plant: InitialPlant) -> Array:
     effect is halved until the loop is stable.
 
     Args:
-        posterior: the log posterior.
+        posterior: log posterior of the loop's parameters, with gradient and Fisher information.
         plant: crossover, Hz, lag, s, and delay, s, to begin with.
 
     Returns:

@@ -71,7 +71,7 @@ def trim_augmented_filter(loop: SampledLoop, trim_covariance: Array, samples: in
     The trim of a channel is the mean that it has in the segment.
 
     Args:
-        loop: the sampled loop.
+        loop: the closed loop as discrete-time state-space model, sampled at the rate of the record.
         trim_covariance: (3, 3) prior covariance of the trims.
         samples: number of samples of the longest segment to filter.
 

@@ -245,7 +245,7 @@ def _mixture_of_modes(
     covariance of this mixture.
 
     Args:
-        posterior: the log posterior.
+        posterior: log posterior of the loop's parameters, with gradient and Fisher information.
         ascents: expansion of the posterior to second order about the end of each ascent.
 
     Returns:
@@ -286,7 +286,7 @@ def _covariance(posterior: AxisPosterior, curvature: Array) -> Array:
     multiplied by :data:`LIKELIHOOD_VARIANCE_FACTOR` (H. White, Econometrica 50(1), 1982).
 
     Args:
-        posterior: the log posterior.
+        posterior: log posterior of the loop's parameters, with gradient and Fisher information.
         curvature: its negative second derivative (k, k): information of the likelihood and precision of the prior.
 
     Returns:
@@ -341,9 +341,9 @@ def _ascend(
     """Maximises the posterior by damped Fisher scoring from one start.
 
     Args:
-        posterior: the log posterior.
+        posterior: log posterior of the loop's parameters, with gradient and Fisher information.
         start: parameters θ (k,) to begin with.
-        max_steps: largest number of steps.
+        max_steps: largest number of steps of Fisher scoring.
         known_modes: modes of earlier ascents, near which this one ends early.
 
     Returns:

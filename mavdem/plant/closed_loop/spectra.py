@@ -271,7 +271,7 @@ def _matched_messages(stream: Messages, stamps: Array) -> Messages:
     the message before or after the stamp is taken, and the delay between the streams would jump by a whole step.
 
     Args:
-        stream: messages of one quantity.
+        stream: times and values of the messages of one quantity, such as the body rate.
         stamps: stamps to match (N,), s, ascending.
 
     Returns:

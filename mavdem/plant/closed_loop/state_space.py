@@ -559,7 +559,7 @@ def sampled_loop(theta: Array, controller: LoopController, dt: float) -> Sampled
 
     Args:
         theta: (…, k) logarithms of the parameters; leading dimensions are several loops.
-        controller: the controller.
+        controller: form and feed-forwards of the rate and attitude controller; its gains are in ``theta``.
         dt: sampling step, s.
 
     Returns:
@@ -596,7 +596,7 @@ def setpoint_process_covariance(
 
     Args:
         theta: (k,) logarithms of the parameters.
-        controller: the controller.
+        controller: form and feed-forwards of the rate and attitude controller; its gains are in ``theta``.
         dt: sampling step, s.
         state_sd: (n,) stationary standard deviations of the states, by which they are divided as in
             :class:`SampledLoop`.
