@@ -302,6 +302,26 @@ def test_a_charge_that_is_always_nothing_is_not_known():
     assert power_light(evidence(changed(telemetry, "SYS_STATUS", **status))).is_good
 
 
+@pytest.mark.parametrize(
+    ("lowest", "volts", "level", "words"),
+    [
+        (0, 13.8, "bad", "all of the capacity that is set was used"),
+        (0, 15.6, "watch", "but 3.90 V a cell is not empty"),
+        (3, 13.8, "good", "down to 13.8 V"),
+    ],
+)
+def test_a_charge_of_nothing_is_bad_with_ardupilots_defaults_unless_its_cells_are_charged(
+    lowest, volts, level, words
+):
+    telemetry = HOVER.telemetry(20.0, 20.0)
+    charge = np.interp(TIME, [0.0, 30.0], [90, lowest]).astype(int)
+    voltage = np.interp(TIME, [0.0, 30.0], [16.4, volts])
+    status = columns(TIME, voltage_battery=1000 * voltage, battery_remaining=charge)
+    fact = power_light(evidence(changed(telemetry, "SYS_STATUS", **status)))
+    assert fact.level == level
+    assert words in fact.sentence
+
+
 def test_ardupilots_parameters_say_which_charge_is_low_and_critical():
     parameters = {"BATT_CAPACITY": 5000.0, "BATT_LOW_MAH": 1000.0, "BATT_CRT_MAH": 500.0}
     assert ardupilot_charge_levels(parameters, 1) == Limits(watch=0.2, bad=0.1)

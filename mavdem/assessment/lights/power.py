@@ -51,6 +51,10 @@ PX4_LOW_CHARGE = 0.15
 PX4_CRITICAL_CHARGE = 0.07
 """Share of the full charge below which PX4 acts on a critical battery: the default of BAT_CRIT_THR."""
 
+CHARGED_CELL_VOLTAGE = 3.6
+"""Voltage, V, of a cell under load from which on it is not empty: PX4's default of BAT1_V_EMPTY, that of an empty cell
+at rest."""
+
 BATTERY_REPORTS = {
     ReportedEvent.BATTERY_WARNED,
     ReportedEvent.BATTERY_ALARMED,
@@ -279,14 +283,18 @@ def _battery_charges(evidence: Evidence, batteries: Sequence[Battery]) -> Iterat
 
     The autopilot estimates the remaining charge in percent. It is averaged over 2 s, and compared as a share of the
     full charge with PX4's parameters BAT_LOW_THR, below which it is to be watched, and BAT_CRIT_THR, below which it is
-    bad, or with their defaults; or with those of ArduPilot, which has no defaults.
+    bad, or with their defaults; or with those of ArduPilot, which has no defaults. ArduPilot counts the charge down
+    from the capacity that is set: at 0 %, all of it was used. That is bad, or to be watched if the voltage of the cells
+    shows that the battery holds more than is set.
 
     Args:
         evidence: signals, events and measurements of the vehicle.
         batteries: batteries that were measured in flight, the emptiest first.
 
     Yields:
-        Facts with the lowest charge as ``share`` of the full one, and the parameter as ``share_limit``.
+        Facts with the lowest charge as ``share`` of the full one, and the parameter as ``share_limit``, None where
+        none is set and the charge was all used; ``cell_voltage`` is the lowest of a cell, V, where that shows a larger
+        capacity.
     """
     telemetry = evidence.signals.telemetry
     is_px4 = telemetry.autopilot == "PX4"
@@ -303,18 +311,44 @@ def _battery_charges(evidence: Evidence, batteries: Sequence[Battery]) -> Iterat
         shares = percent[was_charged & (percent >= 0)] / 100
         lowest_share = shares.min(initial=1.0)
         levels = px4_levels
+        is_spent = False
         if telemetry.autopilot == "ARDUPILOTMEGA":
+            is_spent = lowest_share <= 0
             levels = ardupilot_charge_levels(telemetry.parameters, battery.number)
-        if lowest_share >= max(levels.watch, levels.bad):
+        if lowest_share >= max(levels.watch, levels.bad) and not is_spent:
             continue
         is_critical = lowest_share < levels.bad
+        charged_cell_voltage = None
+        if is_spent and not is_critical:
+            charged_cell_voltage = _charged_cell_voltage(evidence, battery)
+        is_bad = is_critical or (is_spent and charged_cell_voltage is None)
+        share_limit = levels.bad if is_critical else levels.watch
         yield Fact(
             PowerLight.CHARGE_LOW,
-            Level.BAD if is_critical else None,
+            Level.BAD if is_bad else None,
             subject=battery_name(battery.number) if has_several else "",
             share=lowest_share,
-            share_limit=levels.bad if is_critical else levels.watch,
+            share_limit=share_limit if lowest_share < share_limit else None,
+            **({} if charged_cell_voltage is None else {"cell_voltage": charged_cell_voltage}),
         )
+
+
+def _charged_cell_voltage(evidence: Evidence, battery: Battery) -> float | None:
+    """Returns the lowest voltage of a battery's cell in flight, V, if it shows that the battery was not empty.
+
+    Args:
+        evidence: signals, events and measurements of the vehicle.
+        battery: battery that was measured in flight.
+
+    Returns:
+        The voltage, averaged over 2 s, if it is at least ``CHARGED_CELL_VOLTAGE``; None if it is lower, or the number
+        of cells is not known.
+    """
+    cells = cell_count(evidence.signals.telemetry.parameters, battery)
+    if cells is None:
+        return None
+    cell_voltage = float(evidence.averages_in_flight(battery.voltage).min()) / cells
+    return cell_voltage if cell_voltage >= CHARGED_CELL_VOLTAGE else None
 
 
 def _board_voltage(evidence: Evidence) -> Iterator[Fact]:
