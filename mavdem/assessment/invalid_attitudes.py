@@ -8,6 +8,7 @@ from math import isfinite
 
 import numpy as np
 
+from mavdem.arrays import Array, Flags
 from mavdem.dataset.attitude import ATTITUDE_MESSAGES
 from mavdem.dataset.intervals import TimeInterval, true_intervals
 from mavdem.dataset.signals import Signals
@@ -39,8 +40,36 @@ def invalid_attitudes(signals: Signals, boot: int, flight_interval: TimeInterval
     """
     if not _some_are_invalid(signals):
         return
-    times = []
-    is_valid = []
+    time, is_valid = _validity_in_flight(signals, boot, flight_interval)
+    if not len(time):
+        return
+    for start, end in true_intervals(time, ~is_valid):
+        # Intervals at the ends of the record are infinite.
+        start = max(start, float(time[0]))
+        if min(end, float(time[-1])) - start >= MIN_INVALID_SECONDS:
+            yield Fact(
+                MotionEvent.ATTITUDE_INVALID,
+                time=start,
+                end_time=end if isfinite(end) else None,
+                boot=boot,
+            )
+
+
+def _validity_in_flight(
+    signals: Signals, boot: int, flight_interval: TimeInterval
+) -> tuple[Array, Flags]:
+    """Returns at which samples of a flight the attitude consists of numbers, over all messages that have one.
+
+    Args:
+        signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.
+        boot: number of the boot; a boot lasts from one start of the autopilot to the next.
+        flight_interval: start and end of the flight, s since boot.
+
+    Returns:
+        (N,) times of the samples, s since boot, ascending; and (N,) flags.
+    """
+    times = [np.empty(0)]
+    is_valid = [np.empty(0, bool)]
     for name in ATTITUDE_MESSAGES:
         columns = signals.telemetry.messages.get(name, {})
         if not all(field in columns for field in ANGLE_FIELDS[name]):
@@ -51,21 +80,9 @@ def invalid_attitudes(signals: Signals, boot: int, flight_interval: TimeInterval
         angles = float_columns(columns, ANGLE_FIELDS[name])[is_in_flight]
         times.append(columns["time"][is_in_flight])
         is_valid.append(np.isfinite(angles).all(axis=1))
-    if not times:
-        return
     time = np.concatenate(times)
     order = np.argsort(time, kind="stable")
-    time, valid = time[order], np.concatenate(is_valid)[order]
-    for start, end in true_intervals(time, ~valid):
-        # Intervals at the ends of the record are infinite.
-        start = max(start, float(time[0]))
-        if min(end, float(time[-1])) - start >= MIN_INVALID_SECONDS:
-            yield Fact(
-                MotionEvent.ATTITUDE_INVALID,
-                time=start,
-                end_time=end if isfinite(end) else None,
-                boot=boot,
-            )
+    return time[order], np.concatenate(is_valid)[order]
 
 
 @cached_per_vehicle()

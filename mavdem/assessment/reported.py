@@ -380,6 +380,7 @@ def _take_offs_and_landings(signals: Signals, recorded_span: Segment) -> Iterato
         if not without_grounded([flight], signals, recorded_span.boot):
             continue
         take_off, landing = flight
+        sensors = BootSensors(signals, recorded_span.boot, take_off)
         for code, time in (
             (ReportedEvent.OFF_GROUND, take_off),
             (ReportedEvent.ON_GROUND, landing),
@@ -387,19 +388,31 @@ def _take_offs_and_landings(signals: Signals, recorded_span: Segment) -> Iterato
             # A time is infinite if the record begins or ends in the air.
             if not isfinite(time):
                 continue
-            distances = abs(detected_changes - time)
-            if np.any(distances <= AVERAGING_SECONDS):
-                detected_time = detected_changes[np.argmin(distances)]
+            detected_time = _nearest_within(detected_changes, time, AVERAGING_SECONDS)
+            if detected_time is not None:
                 yield _reported_event(
                     signals, recorded_span, "EXTENDED_SYS_STATE", code, detected_time
                 )
                 continue
             if vehicle not in POSSIBLE_MULTIROTORS:
                 continue
-            sensors = BootSensors(signals, recorded_span.boot, take_off)
             is_landing = code is ReportedEvent.ON_GROUND
             if not (is_landing and stopped_in_air(sensors.height_above_take_off, landing)):
                 yield _reported_event(signals, recorded_span, motor_message, code, time)
+
+
+def _nearest_within(times: Array, time: float, max_distance: float) -> float | None:
+    """Returns the one of several times that is nearest to a given time; None if it is too far away.
+
+    Args:
+        times: (N,) times, s; there may be none.
+        time: the given time, s.
+        max_distance: largest distance, s.
+    """
+    distances = abs(times - time)
+    if not np.any(distances <= max_distance):
+        return None
+    return float(times[np.argmin(distances)])
 
 
 def _land_detector_times(signals: Signals, boot: int) -> Array:

@@ -91,20 +91,11 @@ def _limits_before_trouble(events: Sequence[Fact], ending: Fact | None) -> Itera
         events: events of the log, among them the events of motors at their limit.
         ending: event with which the flight was lost; None if it was not.
     """
-    latest_start = inf
-    if ending is not None and ending.time is not None:
-        latest_start = ending.time + LASTING_SECONDS
-        if ending.code is Ending.CRASHED:
-            # In the impact the controller drives motors to their limits, so that only earlier limits are evidence.
-            latest_start = (loss_onset(ending) or ending.time) - MAX_SETPOINT_DELAY
+    latest_start = _latest_start_before_ending(ending)
+    standstill_by_boot = _first_standstill_by_boot(events)
     diverged_boots = {
         event.figures["boot"] for event in events if event.code is MotionEvent.HEIGHT_DIVERGED
     }
-    # When a motor first stood still, by boot: from then on the others work harder to replace it.
-    standstills: dict[int, float] = {}
-    for event in events:
-        if event.code is MotionEvent.MOTOR_STOOD_STILL and event.is_bad:
-            standstills.setdefault(event.figures["boot"], event.start_time)
     for event in events:
         if event.code is not MotionEvent.MOTOR_AT_ITS_STOP or event.time is None:
             continue
@@ -112,12 +103,43 @@ def _limits_before_trouble(events: Sequence[Fact], ending: Fact | None) -> Itera
         if boot in diverged_boots:
             # A height controller that follows a diverged height drives all motors up, sound ones too.
             continue
-        if event.time >= standstills.get(boot, inf) - LASTING_SECONDS:
+        # After a motor stood still, the others work harder to replace it.
+        if event.time >= standstill_by_boot.get(boot, inf) - LASTING_SECONDS:
             continue
         is_of_ending = ending is not None and ending.figures.get("boot") == boot
         if is_of_ending and event.time > latest_start:
             continue
         yield event
+
+
+def _latest_start_before_ending(ending: Fact | None) -> float:
+    """Returns the latest time at which a limit of a motor may begin that the loss of the flight does not explain.
+
+    Args:
+        ending: event with which the flight was lost; None if it was not.
+
+    Returns:
+        The time, s since the boot of the loss; infinite without a loss or its time.
+    """
+    if ending is None or ending.time is None:
+        return inf
+    if ending.code is Ending.CRASHED:
+        # In the impact the controller drives motors to their limits, so that only earlier limits are evidence.
+        return (loss_onset(ending) or ending.time) - MAX_SETPOINT_DELAY
+    return ending.time + LASTING_SECONDS
+
+
+def _first_standstill_by_boot(events: Sequence[Fact]) -> dict[int, float]:
+    """Returns the time at which a motor first stood still in each boot, s since boot.
+
+    Args:
+        events: events of the log, each a fact (a coded finding) with its time.
+    """
+    standstill_by_boot: dict[int, float] = {}
+    for event in events:
+        if event.code is MotionEvent.MOTOR_STOOD_STILL and event.is_bad:
+            standstill_by_boot.setdefault(event.figures["boot"], event.start_time)
+    return standstill_by_boot
 
 
 def with_saturated_motor(

@@ -118,17 +118,25 @@ def rows_of_assessment(assessment: Assessment, file: str) -> FlightRows:
     rows = []
     for axis, analysis in assessment.analyses.items():
         report = analysis.report_values | judgement
-        loop = assessment.loops[axis]
-        margins: JsonValues = {}
-        # A column cannot say that its number is doubtful, so the margins of a doubtful loop are left out.
-        if not isinstance(loop, NoLoop) and axis not in assessment.axes_with_doubtful_loop:
-            margins = margin_columns(loop)
-        response = assessment.responses.get(axis, {}).get("rate")
-        margins |= step_columns(response)
-        decision = decision_columns(assessment.loop_decisions.get(axis))
-        means = _mean_columns(analysis)
-        rows.append(FlightRow.of(report, axis=axis, **columns, **margins, **decision, **means))
+        columns_of_axis = _loop_columns(assessment, axis) | _mean_columns(analysis)
+        rows.append(FlightRow.of(report, axis=axis, **columns, **columns_of_axis))
     return rows
+
+
+def _loop_columns(assessment: Assessment, axis: str) -> JsonValues:
+    """Returns the columns of the control loops of an axis: margins, step response, and the decision on them.
+
+    Args:
+        assessment: all results on the vehicle: events, status lights, model, loops and wind.
+        axis: "roll", "pitch" or "yaw".
+    """
+    columns: JsonValues = {}
+    loop = assessment.loops[axis]
+    # A column cannot say that its number is doubtful, so the margins of a doubtful loop are left out.
+    if not isinstance(loop, NoLoop) and axis not in assessment.axes_with_doubtful_loop:
+        columns = margin_columns(loop)
+    columns |= step_columns(assessment.responses.get(axis, {}).get("rate"))
+    return columns | decision_columns(assessment.loop_decisions.get(axis))
 
 
 def _row_without_flight(

@@ -9,7 +9,7 @@ import statistics
 import sys
 import time
 from bisect import bisect
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import NamedTuple
 
 from mavdem.facts.serve import Stage
@@ -71,13 +71,9 @@ def queue_places(library: Library) -> dict[str, QueuePlace]:
     query = "select id, size from entries where stage = ? order by received"
     waiting_rows = library.db.execute(query, [Stage.WAITING]).fetchall()
     reading = library.find("stage = ?", [Stage.READING], sys.maxsize).entries
+    sizes = {size for _, size in waiting_rows} | {entry.size for entry in reading}
     # The estimate for each size is made once, since a queue of a thousand logs is listed five times a second.
-    seconds_by_size = dict[int, float]()
-    if len(history) >= MIN_HISTORY:
-        sizes = {size for _, size in waiting_rows} | {entry.size for entry in reading}
-        by_size = sorted(history)
-        slowness = recent_slowness(history)
-        seconds_by_size = {size: slowness * estimated_seconds(size, by_size) for size in sizes}
+    seconds_by_size = _estimates_by_size(sizes, history)
     places_by_id = dict[str, QueuePlace]()
     # Processor time of all work that is done before the next waiting log begins, s.
     seconds_before = 0.0
@@ -96,6 +92,23 @@ def queue_places(library: Library) -> dict[str, QueuePlace]:
             seconds_before += seconds
         places_by_id[id] = QueuePlace(logs_ahead, estimated_end)
     return places_by_id
+
+
+def _estimates_by_size(sizes: Iterable[int], history: Sequence[ReadLogSize]) -> dict[int, float]:
+    """Estimates how long the reading of a log of each size takes, at the present speed of the machine.
+
+    Args:
+        sizes: sizes of the logs, B.
+        history: sizes and durations of logs that were read, the latest first.
+
+    Returns:
+        Seconds by size; empty as long as fewer than ``MIN_HISTORY`` logs have been read.
+    """
+    if len(history) < MIN_HISTORY:
+        return {}
+    by_size = sorted(history)
+    slowness = recent_slowness(history)
+    return {size: slowness * estimated_seconds(size, by_size) for size in sizes}
 
 
 def _remaining_seconds(estimate: float, seconds_so_far: float) -> float:

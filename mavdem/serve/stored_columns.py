@@ -162,7 +162,7 @@ def open_columns(folder: Path) -> StoredLog:
     reads the columns that are used.
 
     Args:
-        folder: the folder that the result files are written to.
+        folder: the folder with the columns and their list.
 
     Returns:
         The vehicles, that of the flight's page first, and the mapped file.

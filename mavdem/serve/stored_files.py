@@ -191,7 +191,7 @@ def sync_folder(folder: Path) -> None:
     Windows cannot open a folder; its file system keeps a journal of the entries, so nothing is done there.
 
     Args:
-        folder: the folder that the result files are written to.
+        folder: the folder whose entries, the names of its files, are written.
     """
     try:
         descriptor = os.open(folder, os.O_RDONLY)

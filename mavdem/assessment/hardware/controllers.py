@@ -1,11 +1,13 @@
 """Speed controllers (ESCs) over a flight, as a fact (a coded finding): speeds, currents, temperatures, error counts."""
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from mavdem.arrays import Array
 from mavdem.assessment.evidence import Evidence
 from mavdem.assessment.instances import MAX_ERROR_RATE
-from mavdem.dataset.speed_controllers import speed_controllers
+from mavdem.dataset.speed_controllers import SpeedController, speed_controllers
 from mavdem.dataset.time_series import TimeSeries
 from mavdem.facts import Fact, Level
 from mavdem.facts.hardware import HardwareFact
@@ -29,18 +31,10 @@ def controllers_fact(evidence: Evidence) -> Fact | None:
         return None
     currents = _in_flight(evidence, [controller.current for controller in controllers])
     temperatures = _in_flight(evidence, [controller.temperature for controller in controllers])
-    level = Level.UNKNOWN
     errors = None
+    level = Level.UNKNOWN
     if all(controller.error_count is not None for controller in controllers):
-        level = Level.GOOD
-        errors = 0
-        for controller in controllers:
-            for count in evidence.in_flight(controller.error_count):
-                # The difference is negative if the counter was reset in flight: then it shows no errors.
-                new_errors = max(int(count.values[-1] - count.values[0]), 0)
-                errors += new_errors
-                if new_errors > MAX_ERROR_RATE * np.ptp(count.time):
-                    level = Level.WATCH
+        errors, level = _errors_in_flight(evidence, controllers)
     return Fact(
         HardwareFact.CONTROLLERS_MEASURED,
         level,
@@ -56,3 +50,28 @@ def controllers_fact(evidence: Evidence) -> Fact | None:
 def _in_flight(evidence: Evidence, series: list[TimeSeries | None]) -> Array:
     """Returns all samples in flight (N,) of several series, one after another."""
     return np.concatenate([np.zeros(0), *map(evidence.values_in_flight, series)])
+
+
+def _errors_in_flight(
+    evidence: Evidence, controllers: Sequence[SpeedController]
+) -> tuple[int, Level]:
+    """Counts the errors that speed controllers report in flight, and judges their rate.
+
+    Args:
+        evidence: signals, events and measurements of the vehicle.
+        controllers: speed controllers, all of which count errors.
+
+    Returns:
+        Number of errors of all controllers; and "watch" if one of them counted more than ``MAX_ERROR_RATE`` errors per
+        second in a flight, otherwise "good".
+    """
+    errors = 0
+    level = Level.GOOD
+    for controller in controllers:
+        for count in evidence.in_flight(controller.error_count):
+            # The difference is negative if the counter was reset in flight: then it shows no errors.
+            new_errors = max(int(count.values[-1] - count.values[0]), 0)
+            errors += new_errors
+            if new_errors > MAX_ERROR_RATE * np.ptp(count.time):
+                level = Level.WATCH
+    return errors, level

@@ -129,7 +129,9 @@ class LagStatistics(NamedTuple):
             # For a segment with fewer than L samples, both the past and the targets are empty.
             targets = channels[lags:][: len(past)]
             tables.append(np.hstack([past, ones, targets]))
-        return cls(sum(map(len, tables)), np.asarray(sum(table.T @ table for table in tables)))
+        row_count = sum(len(table) for table in tables)
+        second_moments = np.asarray(sum(table.T @ table for table in tables))
+        return cls(row_count, second_moments)
 
     @classmethod
     def from_record(cls, record: Record, lags: int) -> ScaledStatistics:

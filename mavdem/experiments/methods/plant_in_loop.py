@@ -89,7 +89,7 @@ def closed_loop(train: TrainingData, uses_recorded_gains: bool = True) -> Closed
             )
         angle_and_rate = list(pairs[0])
         # The combination is signed so that it accelerates the axis in the positive sense of the rate.
-        mixer = mixer * turning_sense(record, mixer)
+        mixer = mixer * sign_of_effect(record, mixer)
         segments = []
         for inputs, outputs in record.segments:
             segments.append(np.hstack([outputs[:, angle_and_rate], inputs @ mixer]))
@@ -110,8 +110,8 @@ def closed_loop(train: TrainingData, uses_recorded_gains: bool = True) -> Closed
         )
 
 
-def turning_sense(record: Record, mixer: Array) -> float:
-    """Returns the sense in which a combination of the motors accelerates the axis.
+def sign_of_effect(record: Record, mixer: Array) -> float:
+    """Returns the sign of the effect that a combination of the motors has on the rate of the axis.
 
     A vector autoregression of the outputs and the combination is fitted. The sign is the sign of the sum, over all
     lags, of the coefficients with which the rate follows the combination.
@@ -121,12 +121,14 @@ def turning_sense(record: Record, mixer: Array) -> float:
         mixer: (r, 1) weights of the motors in the combination.
 
     Returns:
-        1 in the positive sense of the rate, otherwise −1.
+        1 if the combination increases the rate, otherwise −1.
     """
     record_of_mixed_input = replace(record, inputs=record.inputs @ mixer, effect_directions=None)
     coefficients = VectorAutoregression.learn(record_of_mixed_input, MIXER_LAGS).coefficients
     _, rate = derivative_pairs(record)[0]
-    return float(np.sign(coefficients[:, rate, -1].sum()) or 1.0)
+    # The combination is the last channel of the autoregression.
+    effect_on_rate = coefficients[:, rate, -1].sum()
+    return -1.0 if effect_on_rate < 0 else 1.0
 
 
 def recorded_controller(record: Record, mixer_row: Array) -> LoopController:

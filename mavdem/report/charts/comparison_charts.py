@@ -80,7 +80,26 @@ def flight_series(signals: Signals) -> FlightSeries:
     flight = longest_flight(signals)
     if flight is None:
         return {}
-    recorded_series: dict[str, TimeSeries | None] = {HEIGHT: signals.height}
+    take_off, landing = flight.interval
+    flown = {}
+    for title, series in _recorded_series(signals).items():
+        is_flown = (series.time >= take_off) & (series.time <= landing)
+        in_flight = series.select(is_flown & (series.boot == flight.boot))
+        # A line needs two points.
+        if len(in_flight.time) > 1:
+            flown[title] = np.array([in_flight.time - take_off, in_flight.values])
+    return flown
+
+
+def _recorded_series(signals: Signals) -> dict[str, TimeSeries]:
+    """Returns the recorded quantities that :func:`flight_series` draws, over the whole log, in the units of the charts.
+
+    Args:
+        signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.
+    """
+    recorded_series = dict[str, TimeSeries]()
+    if signals.height is not None:
+        recorded_series[HEIGHT] = signals.height
     for title, attitude in zip((ROLL, PITCH), signals.tilts, strict=False):
         recorded_series[title] = _scaled(attitude.angle_series, degrees(1))
     if signals.collective is not None:
@@ -91,17 +110,7 @@ def flight_series(signals: Signals) -> FlightSeries:
     if vibration is not None:
         levels = vibration.levels
         recorded_series[VIBRATION] = TimeSeries(levels.time, levels.boot, levels.values.max(axis=1))
-    take_off, landing = flight.interval
-    flown = {}
-    for title, series in recorded_series.items():
-        if series is None:
-            continue
-        is_flown = (series.time >= take_off) & (series.time <= landing)
-        in_flight = series.select(is_flown & (series.boot == flight.boot))
-        # A line needs two points.
-        if len(in_flight.time) > 1:
-            flown[title] = np.array([in_flight.time - take_off, in_flight.values])
-    return flown
+    return recorded_series
 
 
 def _scaled(series: TimeSeries, factor: float) -> TimeSeries:

@@ -213,7 +213,10 @@ def _height_keys(lowest_height: float, height_range: float) -> list[_Key]:
     edges = np.linspace(lowest_height, lowest_height + height_range, len(HEIGHT_COLOURS) + 1)
     # Neighbouring edges differ by at least one of the last digit.
     decimals = 0 if height_range >= len(HEIGHT_COLOURS) * WHOLE_METRES else 1
-    texts = [f"{edge + 0.0:.{decimals}f}".replace("-", "−") for edge in np.round(edges, decimals)]
+    texts = []
+    for edge in np.round(edges, decimals):
+        # Adding 0 turns −0 into 0, which has no sign.
+        texts.append(f"{edge + 0.0:.{decimals}f}".replace("-", "−"))
     keys = []
     for colour, (low, high) in zip(HEIGHT_COLOURS, pairwise(texts), strict=True):
         keys.append(_Key(f"{low} to {high} m", colour))

@@ -216,20 +216,31 @@ def _wind_rose(
     edges = np.vstack([np.zeros(SECTOR_COUNT), counts.cumsum(axis=0)])
     # The lower limit only avoids a division by zero where nothing is drawn.
     scale = RADIUS / max(edges.max(), 1e-9)
-    petals = []
-    for speed_class, (inner_edges, outer_edges) in enumerate(pairwise(edges)):
-        opacity = LOWEST_OPACITY + OPACITY_PER_SPEED_CLASS * speed_class
-        for number, (inner_radius, outer_radius) in enumerate(
-            zip(inner_edges, outer_edges, strict=True)
-        ):
-            if outer_radius > inner_radius:
-                petals.append(_Petal(number, scale * inner_radius, scale * outer_radius, opacity))
+    petals = _petals(edges, scale)
     unit = " %" if weight != 1.0 else ""
     # If the outer ring is at more than 1, the labels are whole numbers.
     decimals = 0 if scale < RADIUS else 1
     rings = [(radius, f"{radius / scale:.{decimals}f}{unit}") for radius in (RADIUS / 2, RADIUS)]
     svg = figure_as_svg("rose", petals=petals, rings=rings, arrow=mean_direction)
     return Plan("Wind rose", description, svg)
+
+
+def _petals(edges: Array, scale: float) -> list[_Petal]:
+    """Returns the petals of a wind rose that have a length.
+
+    Args:
+        edges: (classes + 1, sectors) counts at which the petal of each class of speed begins and ends, by direction.
+        scale: length that is drawn for a count of 1.
+    """
+    petals = []
+    for speed_class, (inner_edges, outer_edges) in enumerate(pairwise(edges)):
+        opacity = LOWEST_OPACITY + OPACITY_PER_SPEED_CLASS * speed_class
+        for sector in range(SECTOR_COUNT):
+            inner_radius = scale * inner_edges[sector]
+            outer_radius = scale * outer_edges[sector]
+            if outer_radius > inner_radius:
+                petals.append(_Petal(sector, inner_radius, outer_radius, opacity))
+    return petals
 
 
 def figure_as_svg(macro: str, **values: Any) -> Markup:
