@@ -18,8 +18,8 @@ from mavdem.ingest.telemetry import MICROSECONDS, Parameters, Telemetry
 from mavdem.ingest.utc import MIN_UTC, utc_at_boot
 from mavdem.ingest.vocabulary import (
     board_name_in_texts,
-    board_number_in_bytes,
-    board_number_in_texts,
+    board_number_from_texts,
+    board_number_from_uid2,
     version_text,
 )
 
@@ -141,7 +141,7 @@ def _name_of(telemetry: Telemetry) -> _NameWithBasis:
     """
     board_number = (
         telemetry.board
-        or board_number_in_texts(_texts(telemetry))
+        or board_number_from_texts(_texts(telemetry))
         or _board_number_in_messages(telemetry)
     )
     if board_number:
@@ -193,7 +193,7 @@ def _board_number_in_messages(telemetry: Telemetry) -> str:
     rows = np.atleast_2d(np.asarray(columns.get("uid2", []), dtype=np.uint8))
     is_ardupilot = telemetry.autopilot == "ARDUPILOTMEGA"
     for row in reversed(rows):
-        number = board_number_in_bytes(row.tobytes(), in_words=is_ardupilot)
+        number = board_number_from_uid2(row.tobytes(), as_in_texts=is_ardupilot)
         if number:
             return number
     return ""

@@ -23,7 +23,7 @@ def with_all_messages(telemetry: Telemetry, path: PathName) -> Telemetry:
 
     Args:
         telemetry: the vehicle, as ``read_log`` returns it.
-        path: its log.
+        path: path of its log, or of an archive of it.
 
     Returns:
         A copy of the vehicle with all messages; the vehicle itself where it has them already.

@@ -70,7 +70,7 @@ def file_bytes(path: PathName) -> bytes:
     """Reads the whole file, the contents of an xz archive, or the one log in a zip archive.
 
     Args:
-        path: The file or archive.
+        path: Path of the file or archive.
 
     Returns:
         The bytes of the log.
@@ -92,7 +92,7 @@ def file_content(path: PathName) -> FileContent:
     An archive is never mapped, since it must be unpacked (:func:`file_bytes`).
 
     Args:
-        path: The file or archive.
+        path: Path of the file or archive.
 
     Returns:
         The bytes, or a mapping, which is read from the disk as it is used.
@@ -210,8 +210,8 @@ def _packed_content(path: Path, size: int, limit: int | None) -> bytes:
     being recorded grows.
 
     Args:
-        path: The file.
-        size: Its size, bytes.
+        path: Path of the file.
+        size: Size of the file, bytes.
         limit: Number of bytes to read at most; None for ``size``.
 
     Returns:
@@ -236,7 +236,7 @@ def _folder_fact(path: Path) -> Fact:
     A fact is a coded finding with the figures of its sentence.
 
     Args:
-        path: The folder.
+        path: Path of the folder.
 
     Returns:
         The fact, with the number of logs in the folder, which are known by the endings of their names, and the path of
@@ -261,7 +261,7 @@ def _content_of_xz(content: bytes, path: Path, limit: int | None) -> bytes:
 
     Args:
         content: The archive, or its beginning.
-        path: Its file, for errors.
+        path: Path of the archive, for error messages.
         limit: Greatest number of bytes to unpack; None for everything, and then the archive must be complete.
 
     Returns:
@@ -292,7 +292,7 @@ def _content_of_zip(path: Path, limit: int | None) -> bytes:
     The bound is needed since a malicious archive of some kilobytes can unpack to more than any memory holds.
 
     Args:
-        path: The archive.
+        path: Path of the archive.
         limit: Number of bytes to read at most; None for the whole log.
 
     Returns:
@@ -330,8 +330,8 @@ def _only_log(archive: zipfile.ZipFile, path: Path) -> zipfile.ZipInfo:
     and the files that macOS adds to archives do not count.
 
     Args:
-        archive: The archive.
-        path: Its file, for errors.
+        archive: The opened archive.
+        path: Path of the archive, for error messages.
 
     Returns:
         The entry of the log.

@@ -108,9 +108,9 @@ def mode_name(
     """Returns the name of a flight mode.
 
     Args:
-        autopilot: MAV_AUTOPILOT without its prefix.
-        vehicle: MAV_TYPE without its prefix.
-        number: HEARTBEAT.custom_mode.
+        autopilot: MAV_AUTOPILOT without its prefix ("PX4").
+        vehicle: MAV_TYPE without its prefix ("QUADROTOR").
+        number: Number of the mode, as HEARTBEAT.custom_mode has it.
         announced_names: Names that the autopilot announced, by custom mode. They are used for PX4's external modes, and
             for modes that ``flight_modes.toml`` and MAVLink's enumerations do not have.
 
@@ -131,7 +131,7 @@ def _px4_mode_name(number: int, announced_names: Mapping[int, str]) -> str:
     """Returns the name of a flight mode of PX4.
 
     Args:
-        number: HEARTBEAT.custom_mode.
+        number: Number of the mode, as HEARTBEAT.custom_mode has it.
         announced_names: Names that the autopilot announced, by custom mode. They are used for external modes, whose
             meaning differs from vehicle to vehicle, and for modes that ``flight_modes.toml`` does not have.
 

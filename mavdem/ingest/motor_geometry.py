@@ -129,7 +129,7 @@ def _assumed_channels(
     not on consecutive channels.
 
     Args:
-        vehicle: MAV_TYPE without its prefix.
+        vehicle: MAV_TYPE without its prefix ("QUADROTOR").
         moving_channels: Channels, from 1, whose outputs change, without ``non_motor_channels``.
         bank_size: Number of channels of a bank.
         non_motor_channels: Channels that drive something else.
@@ -206,7 +206,7 @@ def _ardupilot_wiring(vehicle: str, parameters: Parameters) -> _Wiring:
     Before ArduCopter 3.5 motors have no function, but a gimbal's channels have RCn_FUNCTION.
 
     Args:
-        vehicle: MAV_TYPE without its prefix.
+        vehicle: MAV_TYPE without its prefix ("QUADROTOR").
         parameters: The autopilot's parameters by name.
 
     Returns:
@@ -254,7 +254,7 @@ def _ardupilot_rotors(vehicle: str, parameters: Parameters, motors: Sequence[int
     these versions may lack the MAV_TYPE too; then a vehicle with exactly the motors 1 to 4 is a quadrotor.
 
     Args:
-        vehicle: MAV_TYPE without its prefix.
+        vehicle: MAV_TYPE without its prefix ("QUADROTOR").
         parameters: The autopilot's parameters by name.
         motors: Numbers of the motors, ascending.
 

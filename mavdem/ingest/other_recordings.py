@@ -410,7 +410,7 @@ def _may_be_same_recording(chain: _Chain, kept_chain: _Chain, rules: ClockRules)
 
     Args:
         chain: The chain: runs of messages, each of which continues the clock of the run before.
-        kept_chain: The larger chain.
+        kept_chain: The larger chain, which is of the recording that is read.
         rules: Limits of what the clock may do.
     """
     earlier, later = sorted((chain, kept_chain), key=_first_message)

@@ -151,7 +151,7 @@ def _scale_of_largest(largest: float, *, is_px4: bool) -> tuple[str, float]:
     idled sends the first few commands, one that flew sends more than the 1000 of PX4's simulators.
 
     Args:
-        largest: Largest output that occurred.
+        largest: Largest output of any motor that occurred.
         is_px4: Whether the autopilot is PX4, which alone logs commands of UAVCAN.
 
     Returns:

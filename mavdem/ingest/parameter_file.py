@@ -74,7 +74,7 @@ def with_parameters(log: Log, path: PathName) -> Log:
 
     Args:
         log: The log, which stays as it is.
-        path: The parameter file.
+        path: Path of the parameter file.
 
     Returns:
         A new log, whose vehicles have a fact that reports the addition.
@@ -101,7 +101,7 @@ def parameter_files(parameters: Parameters, vehicle: Telemetry, purpose: str) ->
     """Writes parameters as ground stations read them.
 
     Args:
-        parameters: Values by name.
+        parameters: Values of the parameters by name.
         vehicle: The vehicle they are for.
         purpose: What the parameters are for, in one line: the comment at the beginning of the files.
 

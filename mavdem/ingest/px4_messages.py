@@ -348,7 +348,7 @@ def sensor_samples(topics: Topics, sample_topic: SampleTopic) -> Fields:
     sensor_combined are used.
 
     Args:
-        topics: The logged topics.
+        topics: Columns of the logged topics, by name and number of the instance.
         sample_topic: Topic in which the samples of this sensor are logged.
 
     Returns:

@@ -102,8 +102,8 @@ def hil_actuator_controls(topics: Topics, vehicle: str, parameters: Parameters) 
     motor that is off, NaN in the topic, becomes 0.
 
     Args:
-        topics: The logged topics.
-        vehicle: MAV_TYPE without its prefix.
+        topics: Columns of the logged topics, by name and number of the instance.
+        vehicle: MAV_TYPE without its prefix ("QUADROTOR").
         parameters: The autopilot's parameters by name. Without them motor n is put on channel n.
 
     Returns:
@@ -192,7 +192,7 @@ def _speed_controller(topic: Columns, instance: int) -> Fields:
 
     Args:
         topic: Messages of esc_status in which it reports, N rows.
-        instance: Its number, from 0.
+        instance: Number of the controller, from 0.
 
     Returns:
         Columns of N rows by field name, such as "RPM" and "Temp".

@@ -94,7 +94,7 @@ def messages_of_topics(topics: Topics, parameters: Parameters) -> TranslatedTopi
     out. The topic of each message is noted in any case, so that a report can say what should have been logged.
 
     Args:
-        topics: The logged topics.
+        topics: Columns of the logged topics, by name and number of the instance.
         parameters: The autopilot's parameters by name.
 
     Returns:
@@ -228,7 +228,7 @@ def _attitude_topic(topics: Topics, attitude: Columns) -> str:
 
     Args:
         topics: The logged topics, by name and number of the instance.
-        attitude: Columns of ATTITUDE_QUATERNION.
+        attitude: Columns of ATTITUDE_QUATERNION, as made from the topics.
 
     Returns:
         vehicle_angular_velocity if all stamps of the message are stamps of that topic, otherwise vehicle_attitude.
@@ -254,7 +254,7 @@ def attitude_repairs(topics: Topics, messages: Tables) -> Facts:
     interpolation is recognised.
 
     Args:
-        topics: The logged topics.
+        topics: Columns of the logged topics, by name and number of the instance.
         messages: The messages made of them, by name.
 
     Returns:

@@ -390,7 +390,7 @@ def repair_facts(code: Repair, **figures: Any) -> Facts:
     A fact is a coded finding with figures, from which its sentence is made; the level WATCH marks it as worth a look.
 
     Args:
-        code: What was repaired.
+        code: What was repaired or left out; its sentence is made from this code.
         figures: Figures of the fact; ``count``, if given, is the number of repairs.
 
     Returns:

@@ -106,7 +106,7 @@ def _frames_of_log(source: str, data: Bytes) -> tuple[Frames, int]:
     A few frames may be found by chance in any file. So a file with hardly any frames for its size is refused.
 
     Args:
-        source: Name of the log.
+        source: Name of the log, for error messages.
         data: Its bytes, or the bytes of its beginning.
 
     Returns:

@@ -143,7 +143,7 @@ def _sound_records_of(path: PathName) -> SoundRecords:
     """Opens a ULog file and finds its sound records.
 
     Args:
-        path: The file.
+        path: Path of the file.
 
     Returns:
         The sound records, with a summary of what was left out.

@@ -439,7 +439,7 @@ class RecordDefinitions:
         minimal and a maximal length.
 
         Args:
-            name: Name of the message.
+            name: Name of the message ("vehicle_attitude").
 
         Returns:
             The layout; None if the definition or one that it contains is missing, or if it contains itself, has a field
@@ -473,7 +473,7 @@ class RecordDefinitions:
         """Returns the offset of the field ``timestamp`` in a message.
 
         Args:
-            name: Name of the message.
+            name: Name of the message ("vehicle_attitude").
             min_bytes: Its number of bytes without the padding at the end.
 
         Returns:
@@ -581,7 +581,7 @@ class RecordDefinitions:
         """Returns the fields of a message, which are parsed when they are first used.
 
         Args:
-            name: Name of the message.
+            name: Name of the message ("vehicle_attitude").
 
         Returns:
             The fields in the order of the definition; none if the message is not defined.

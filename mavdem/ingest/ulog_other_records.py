@@ -186,7 +186,7 @@ def _name_and_value(record: bytes, key_offset: int) -> tuple[str, KeyedValue]:
     """Reads an information or parameter record: the length of a key, the key ("float MC_ROLL_P"), and the value.
 
     Args:
-        record: The record.
+        record: All bytes of the record, header included.
         key_offset: Offset of the byte with the key's length in the record.
 
     Returns:

@@ -316,7 +316,7 @@ class _RecordScan:
         A sequence of records that fit the definitions must begin right after the record, and none inside it.
 
         Args:
-            offset: Offset of the record.
+            offset: Offset in the file at which the record would begin.
             section_end: Offset at which the section of the file ends.
         """
         record_end = self.definitions.record_end(offset)
@@ -376,16 +376,21 @@ class _RecordScan:
         return slice(start, next_sound)
 
     def _next_sound_record(self, damaged: int, search_start: int, section_end: int) -> int:
-        """Returns the offset of the first sound record after a damaged one; the end of the section if there is none.
+        """Returns the offset of the first sound (undamaged) record after a damaged one.
+
+        There are two candidates, of which the first one in the file counts: where the damaged record ends by the length
+        in its header, if a sound record begins there; and the next place at which several records follow each other.
 
         Args:
             damaged: Offset of the damaged record.
-            search_start: Offset from which on a sequence of records is searched, byte by byte.
+            search_start: Offset from which on the file is searched for successive records, byte by byte.
             section_end: Offset at which the section of the file ends.
+
+        Returns:
+            The offset; ``section_end`` if there is no sound record.
         """
         next_sequence = self._next_sequence(search_start, section_end, section_end)
         next_sound = section_end if next_sequence is None else next_sequence
-        # If a sound record follows where the damaged one ends by its length, the length is right.
         record_end = self.definitions.record_end(damaged)
         if record_end < section_end and record_end <= next_sound:
             if self.definitions.fit(record_end, section_end) is Fit.SOUND:
@@ -398,7 +403,7 @@ class _RecordScan:
         So few bytes that they hold no whole header may always be one; others must have the letter of a record's type.
 
         Args:
-            offset: Offset of the bytes.
+            offset: Offset in the file at which the record would begin.
             section_end: Offset at which the section of the file ends.
         """
         if section_end - offset < HEADER.size:
@@ -478,7 +483,7 @@ class _RecordScan:
         """Returns the time stamps of some records, µs since boot; records without a stamp are passed over.
 
         Args:
-            offsets: Offsets of the records.
+            offsets: Offsets of the records in the file.
         """
         stamps = []
         for offset in offsets:

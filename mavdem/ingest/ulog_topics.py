@@ -84,10 +84,10 @@ def _columns(
     """Decodes fields of one topic, for all records at once.
 
     Args:
-        content: Bytes of the file.
+        content: All bytes of the file.
         body_offsets: Offset (N,) of the byte after the subscription number of each record.
-        layout: Layout of the records.
-        fields: The fields to decode.
+        layout: Length of the topic's records, and the offset of their time stamp.
+        fields: Name, type and offset of each field to decode.
 
     Returns:
         Columns (N,) by name.
@@ -109,7 +109,7 @@ def _fields_to_read(topic: str, fields: Sequence[NumberField]) -> Sequence[Numbe
     """Returns the fields that mavdem reads of a topic of ``TOPIC_FIELDS``, and the time stamp.
 
     Args:
-        topic: Name of the topic.
+        topic: Name of the topic ("vehicle_attitude").
         fields: All fields of the topic.
 
     Returns:
@@ -126,9 +126,9 @@ def _integers_at(
     """Reads one integer at each of N offsets of a file.
 
     Args:
-        content: Bytes of the file.
+        content: All bytes of the file.
         offsets: Offset (N,) of each integer.
-        stored: Type of the integers.
+        stored: Data type of the integers in the file, with its size and byte order.
 
     Returns:
         (N,) integers.

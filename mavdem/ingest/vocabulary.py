@@ -231,7 +231,7 @@ MIN_NUMBER_BYTES = 6
 """Number of bytes other than 0 that a board's number has at least; simulators number vehicles in one or two bytes."""
 
 
-def board_number_in_texts(texts: Iterable[str]) -> str:
+def board_number_from_texts(texts: Iterable[str]) -> str:
     """Returns the board's number from the texts that ArduPilot sends at boot ("CUAVv5Nano 001A002F 30395113 33333539").
 
     The number distinguishes vehicles with the same MAVLink ids. ArduPilot's simulator sends a text of letters instead.
@@ -261,15 +261,16 @@ def board_name_in_texts(texts: Iterable[str]) -> str:
     return ""
 
 
-def board_number_in_bytes(uid2: bytes, *, in_words: bool) -> str:
-    """Returns the board's number from AUTOPILOT_VERSION.
+def board_number_from_uid2(uid2: bytes, *, as_in_texts: bool) -> str:
+    """Returns the serial number of an autopilot's board from the message AUTOPILOT_VERSION, as hexadecimal digits.
 
-    ArduPilot's texts have the number of the processor as three words of four bytes, each with its last byte first. The
-    field uid2 has the same bytes in the order of the memory. The simulator's number is longer.
+    The field ``uid2`` has the bytes of the processor's number in the order of the memory. The texts that ArduPilot
+    sends at boot have the same number as three words of four bytes each, with the bytes of each word reversed. The
+    number of ArduPilot's simulator is longer, and its bytes are letters in their usual order.
 
     Args:
-        uid2: The field uid2, 18 bytes.
-        in_words: Whether to return the number in the form of ArduPilot's texts (``board_number_in_texts``).
+        uid2: The field ``uid2``, 18 bytes.
+        as_in_texts: Whether to return the number in the form of ArduPilot's texts (``board_number_from_texts``).
 
     Returns:
         The number in hexadecimal; empty if there is none.
@@ -277,12 +278,13 @@ def board_number_in_bytes(uid2: bytes, *, in_words: bool) -> str:
     bytes_in_use = sum(byte > 0 for byte in uid2)
     if bytes_in_use < MIN_NUMBER_BYTES:
         return ""
-    if not in_words:
+    if not as_in_texts:
         return uid2.hex()
     number = uid2.rstrip(b"\0")
     is_of_simulator = len(number) > WORDS * WORD_BYTES
     if is_of_simulator:
         return number[:SIMULATOR_LETTERS].hex()
+    # The bytes of each word are reversed.
     digits = ""
     for word_start in range(0, WORDS * WORD_BYTES, WORD_BYTES):
         word = uid2[word_start : word_start + WORD_BYTES]

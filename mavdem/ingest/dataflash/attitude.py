@@ -90,7 +90,7 @@ def rate_unit(tables: Tables) -> tuple[float, Facts]:
     of the gyro's rate at the same stamps while the vehicle turns. The median of this ratio is near 1 or near 100.
 
     Args:
-        tables: DataFlash's messages by name.
+        tables: Columns of DataFlash's messages, by the name of the message ("ATT").
 
     Returns:
         RATE's units per degree/s, 1 or 100, and a fact that reports it if it is 100. It is 1 if there are too few
@@ -123,7 +123,7 @@ def attitude(tables: Tables, units_per_degree: float) -> NamedMessage:
     bears interpolation better.
 
     Args:
-        tables: DataFlash's messages by name.
+        tables: Columns of DataFlash's messages, by the name of the message ("ATT").
         units_per_degree: RATE's units per degree/s.
 
     Returns:
@@ -185,7 +185,7 @@ def attitude_targets(tables: Tables, units_per_degree: float) -> NamedMessage:
     ATTITUDE_TARGET, whose ``type_mask`` marks the other setpoint as not sent.
 
     Args:
-        tables: DataFlash's messages by name.
+        tables: Columns of DataFlash's messages, by the name of the message ("ATT").
         units_per_degree: RATE's units per degree/s.
 
     Returns:
@@ -221,8 +221,8 @@ def rate_tuning(tables: Tables, attitude_columns: Columns, units_per_degree: flo
     angles. Where RATE is not clearly faster than that, PID_TUNING would add nothing and is not made.
 
     Args:
-        tables: DataFlash's messages by name.
-        attitude_columns: ATTITUDE.
+        tables: Columns of DataFlash's messages, by the name of the message ("ATT").
+        attitude_columns: Columns of ATTITUDE, which was made of the same log, with their time.
         units_per_degree: RATE's units per degree/s.
 
     Returns:
@@ -254,7 +254,7 @@ def derivative_terms(tables: Tables) -> Columns:
     its loop, so row i of each belongs to the same step. If the log ends within a step, the longer tables are cut.
 
     Args:
-        tables: DataFlash's messages by name.
+        tables: Columns of DataFlash's messages, by the name of the message ("ATT").
 
     Returns:
         Columns (N,) at the stamps of PIDR, in the unit of the demand, -1 to 1; empty unless all three were logged.
@@ -278,7 +278,7 @@ def controller_demands(tables: Tables) -> tuple[Columns, Facts]:
     quarter of the demands other than 0 exceed 2. Then demands and thrust are divided by their old full values.
 
     Args:
-        tables: DataFlash's messages by name.
+        tables: Columns of DataFlash's messages, by the name of the message ("ATT").
 
     Returns:
         Columns with ``controls`` (N, 8): demands on roll, pitch and yaw, -1 to 1, then thrust, 0 to 1 (NaN where RATE

@@ -40,7 +40,7 @@ def sys_status(tables: Tables) -> NamedMessage:
     If no message has the instance number 0, the messages of all batteries are used.
 
     Args:
-        tables: DataFlash's messages by name.
+        tables: Columns of DataFlash's messages, by the name of the message ("ATT").
 
     Returns:
         The message, and the name of the logged one from which it was made; without columns if no voltage was logged.
@@ -64,7 +64,7 @@ def battery_status(tables: Tables) -> NamedMessage:
     It is made only if a log has a battery besides the first: otherwise it would repeat SYS_STATUS.
 
     Args:
-        tables: DataFlash's messages by name.
+        tables: Columns of DataFlash's messages, by the name of the message ("ATT").
 
     Returns:
         The message, in the order of boot and time; without columns if it is not made.
@@ -100,7 +100,7 @@ def _rows_by_battery(logged_columns: Columns, default_id: int) -> dict[int, Colu
     """Groups the messages of one name by the number of the battery, from 0.
 
     Args:
-        logged_columns: The messages.
+        logged_columns: Columns of one name of battery messages ("BAT").
         default_id: Number of the battery, from 0, where the messages do not have it.
 
     Returns:

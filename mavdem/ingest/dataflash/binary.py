@@ -416,7 +416,7 @@ class _MessageScan:
         """Yields the definition of an id with the offsets of its messages; several where messages share the id.
 
         Args:
-            message_id: The id.
+            message_id: Number of the message, the third byte of its header.
             starts: Offsets (N,) of all messages with this id.
 
         Yields:
@@ -531,7 +531,7 @@ class _MessageScan:
         messages may share an id; such a definition contradicts nothing.
 
         Args:
-            offset: Offset of the FMT.
+            offset: Offset of the FMT message in the file.
         """
         parsed_definition = self._definition_at(offset)
         if parsed_definition is None:

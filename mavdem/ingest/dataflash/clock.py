@@ -57,7 +57,7 @@ def log_clock(logged_tables: Mapping[str, MessageTable]) -> LogClock:
     ``MESSAGES_WITH_OLD_STAMPS`` are left out: their stamps may be older than the messages before them.
 
     Args:
-        logged_tables: Decoded messages by name.
+        logged_tables: Decoded columns and file positions of all messages, by name.
 
     Returns:
         Names of the messages with stamps, positions in the file and times, s, of all N stamps in the order of the log,
@@ -175,7 +175,7 @@ def _placed_by_neighbours(
     nothing is logged while the vehicle is disarmed, and arming ends this gap.
 
     Args:
-        name: Name of the messages.
+        name: Name of the messages, such as PARM.
         table: The messages (N,).
         next_rows: Row (N,) of the first stamped message after each, in the order of the log.
         time: Times (S,) of all stamped messages on the boot clock, s.

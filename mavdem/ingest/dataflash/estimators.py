@@ -142,7 +142,7 @@ def _with_cores(tables: Tables, name: str) -> Columns:
     New versions of ArduPilot log them so. In old versions each core has a message of its own, and these are merged.
 
     Args:
-        tables: DataFlash's messages by name.
+        tables: Columns of DataFlash's messages, by the name of the message ("ATT").
         name: Name of the first core's message, such as "XKF1".
 
     Returns:

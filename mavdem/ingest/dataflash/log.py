@@ -69,7 +69,7 @@ from mavdem.ingest.vocabulary import (
     AUTOPILOT_COMPONENT,
     UNNAMED,
     board_name_in_texts,
-    board_number_in_texts,
+    board_number_from_texts,
 )
 
 
@@ -176,7 +176,7 @@ def _vehicle(recording: DataflashRecording, source: str, content: FileContent) -
 
     Args:
         recording: The log, whose messages are decoded here.
-        source: Name of the file.
+        source: Name of the file, for error messages and the report.
         content: Its bytes; none of a text log.
 
     Returns:
@@ -234,7 +234,7 @@ def _vehicle(recording: DataflashRecording, source: str, content: FileContent) -
         firmware=firmware_text(texts),
         dropouts=dropouts,
         source_names=source_names,
-        board=board_number_in_texts(texts),
+        board=board_number_from_texts(texts),
         hardware=board_name_in_texts(texts),
         initial_parameters=initial_parameters,
         default_parameters=dict(_finite_values(parameter_names, parameter_columns, "Default")),
@@ -249,7 +249,7 @@ def _error_without_flight(recording: DataflashRecording, source: str) -> Unreada
 
     Args:
         recording: The log, which has none of ``FLIGHT_MESSAGES``.
-        source: Name of the file.
+        source: Name of the file, for error messages and the report.
 
     Returns:
         The error to raise.
@@ -356,7 +356,7 @@ def _decode_outside_blocks(
     Args:
         recording: The log, whose messages are located.
         blocks: The blocks to leave out, at least one, in the order of the log.
-        name: Name of the messages.
+        name: Name of the messages ("ATT").
 
     Returns:
         The messages outside the blocks.

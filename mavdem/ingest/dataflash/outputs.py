@@ -31,7 +31,7 @@ def servo_outputs(tables: Tables) -> NamedMessage:
     means no pulses.
 
     Args:
-        tables: DataFlash's messages by name.
+        tables: Columns of DataFlash's messages, by the name of the message ("ATT").
 
     Returns:
         Columns (N,), port 0 before port 1, with the names of the messages of the log that have a pulse; port 1 is there
@@ -63,7 +63,7 @@ def _pulse_widths(tables: Tables, name: str, port: int) -> dict[int, Array]:
     bits of the field.
 
     Args:
-        tables: DataFlash's messages by name.
+        tables: Columns of DataFlash's messages, by the name of the message ("ATT").
         name: Name of the message: RCOU, RCO2 or RCO3.
         port: Number of the port, 0 or 1.
 
@@ -95,8 +95,8 @@ def _columns_of_port(
     later in the same step, have their last value before or at these stamps.
 
     Args:
-        tables: DataFlash's messages by name.
-        port: Number of the port.
+        tables: Columns of DataFlash's messages, by the name of the message ("ATT").
+        port: Number of the port, from 0; each has 16 output channels.
         widths_by_message: Pulse widths (n,), µs, by the number of the output on the port, of each message. Without any
             message, all outputs are 0 at the stamps of RCOU.
 

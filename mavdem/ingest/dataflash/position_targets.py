@@ -45,7 +45,7 @@ def position_targets(tables: Tables) -> NamedMessage:
     are NaN while the axis was not controlled. An axis that was not logged has no columns.
 
     Args:
-        tables: DataFlash's messages by name.
+        tables: Columns of DataFlash's messages, by the name of the message ("ATT").
 
     Returns:
         Columns x, y, z, vx, vy and vz (n,) if they were logged, with the name of the messages in the log.

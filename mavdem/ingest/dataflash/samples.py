@@ -74,7 +74,7 @@ def raw_samples(tables: Tables, parameters: Parameters) -> dict[str, tuple[str, 
     single samples without gaps (GYR and ACC), and the filtered samples of IMU.
 
     Args:
-        tables: DataFlash's messages by name.
+        tables: Columns of DataFlash's messages, by the name of the message ("ATT").
         parameters: The autopilot's parameters by name.
 
     Returns:
@@ -129,10 +129,10 @@ def _single_samples(tables: Tables, message: str, fields: Names, instance: int) 
     """Returns the samples of one instance in messages with one sample each.
 
     Args:
-        tables: DataFlash's messages by name.
+        tables: Columns of DataFlash's messages, by the name of the message ("ATT").
         message: Name of the message: "GYR".
         fields: Its fields with the three axes.
-        instance: Number of the sensor.
+        instance: Number of the sensor, from 0.
 
     Returns:
         ``time``, s, ``boot``, ``x``, ``y`` and ``z`` (N,), rad/s or m/s²; empty if there are none. The times
@@ -175,7 +175,7 @@ def _batch_samples(tables: Tables, batch_type: int, instance: int) -> Columns:
     is left out, since it is not known which samples are missing.
 
     Args:
-        tables: DataFlash's messages by name.
+        tables: Columns of DataFlash's messages, by the name of the message ("ATT").
         batch_type: Kind of sensor, as in ISBH.type.
         instance: Number of the sensor, as in ISBH.instance.
 

@@ -84,7 +84,7 @@ def rows_of_sensor(tables: Tables, name: str, old_names: tuple[str, ...], number
     each sensor has a message of its own, such as BARO, BAR2 and BAR3.
 
     Args:
-        tables: DataFlash's messages by name.
+        tables: Columns of DataFlash's messages, by the name of the message ("ATT").
         name: Name of the message of the first sensor, or of all of them ("BARO").
         old_names: Names of the messages of the second sensor and so on in old versions ("BAR2", "BAR3").
         number: Number of the sensor, from 0.
@@ -106,7 +106,7 @@ def further_sensors(
     """Makes the MAVLink messages of the second and third barometer and compass.
 
     Args:
-        tables: DataFlash's messages by name.
+        tables: Columns of DataFlash's messages, by the name of the message ("ATT").
         rules: Translation rules of the first sensor's messages, by name.
 
     Returns:
@@ -133,7 +133,7 @@ def further_accelerometers(tables: Tables) -> NamedMessage:
     """Makes the table of the accelerometers of the second and the third IMU; the first one's is HIGHRES_IMU.
 
     Args:
-        tables: DataFlash's messages by name.
+        tables: Columns of DataFlash's messages, by the name of the message ("ATT").
 
     Returns:
         Specific force on three axes, with the number of each sensor as ``instance``, in the order of time.
@@ -197,7 +197,7 @@ def gps_fixes(tables: Tables, number: int) -> NamedMessage:
     separate messages, whose last values before each fix are used.
 
     Args:
-        tables: DataFlash's messages by name.
+        tables: Columns of DataFlash's messages, by the name of the message ("ATT").
         number: Number of the receiver, 0 or 1.
 
     Returns:
@@ -262,7 +262,7 @@ def motor_speeds(tables: Tables) -> NamedMessage:
     If logged, there are also the current ``Curr``, A, the temperature ``Temp``, °C, and the errors.
 
     Args:
-        tables: DataFlash's messages by name.
+        tables: Columns of DataFlash's messages, by the name of the message ("ATT").
 
     Returns:
         The message, in the order of time; without columns where no speed was logged.

@@ -105,7 +105,7 @@ def states_of(tables: Tables, vehicle_type: int) -> StateMessages:
     The armed state is read from EV or from ARM: from the message that has more changes.
 
     Args:
-        tables: DataFlash's messages by name.
+        tables: Columns of DataFlash's messages, by the name of the message ("ATT").
         vehicle_type: MAV_TYPE, for HEARTBEAT.
 
     Returns:
@@ -140,7 +140,7 @@ def _changes(
     changes nothing: before and after it the state is the one before the first event of the boot.
 
     Args:
-        tables: DataFlash's messages by name.
+        tables: Columns of DataFlash's messages, by the name of the message ("ATT").
         message: Name of the message with the events ("EV").
         field: Its field with the number of the event ("Id").
         changes_by_value: State before and after each event, by its number; other events are left out.

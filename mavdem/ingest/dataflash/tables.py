@@ -19,9 +19,9 @@ def rows_of_instance(columns: Columns, field: str, number: float) -> Columns:
     """Returns the messages of one instance, such as a sensor or an estimator core.
 
     Args:
-        columns: The messages.
+        columns: Columns of the messages of all instances.
         field: Field with the number of the instance.
-        number: The number.
+        number: Number of the wanted instance.
 
     Returns:
         Its messages, empty if there are none; all messages where they do not have the field.
@@ -55,7 +55,7 @@ def field_texts(columns: Columns, field: str) -> list[str]:
     Where damage has made a value that is no text, it is empty, so that texts stay in line with the messages.
 
     Args:
-        columns: Columns of the message.
+        columns: Columns of the message, by name of the field.
         field: Name of the field; without it there are no texts.
     """
     texts = []

@@ -169,7 +169,7 @@ def with_new_names(message: str, logged_columns: MessageTable) -> MessageTable:
     A table comes from an old version if it has all the old names.
 
     Args:
-        message: Name of the messages.
+        message: Name of the messages ("ATT").
         logged_columns: The messages, under the field names of the version that wrote them.
 
     Returns:
@@ -435,7 +435,7 @@ def _calendar_time(tables: Tables) -> Columns:
     """Makes SYSTEM_TIME from GPS: UTC by the receiver, UNIX µs, while it has a fix.
 
     Args:
-        tables: DataFlash's messages by name.
+        tables: Columns of DataFlash's messages, by the name of the message ("ATT").
 
     Returns:
         Columns (N,) with ``time_unix_usec``; empty if there is no GPS.
@@ -454,7 +454,7 @@ def _status_texts(tables: Tables) -> Columns:
     """Makes STATUSTEXT from MSG, which has no severity.
 
     Args:
-        tables: DataFlash's messages by name.
+        tables: Columns of DataFlash's messages, by the name of the message ("ATT").
 
     Returns:
         Columns (N,) with ``severity`` and ``text``; empty without a text.
@@ -471,7 +471,7 @@ def _parameter_values(tables: Tables) -> Columns:
     """Makes PARAM_VALUE from PARM: the parameters when the logger began, and each one that was set later.
 
     Args:
-        tables: DataFlash's messages by name.
+        tables: Columns of DataFlash's messages, by the name of the message ("ATT").
 
     Returns:
         Columns (N,) with ``param_id`` and ``param_value``; empty without parameters.
@@ -490,7 +490,7 @@ def _injected_signal(tables: Tables) -> Columns:
     the last run that began before it.
 
     Args:
-        tables: DataFlash's messages by name.
+        tables: Columns of DataFlash's messages, by the name of the message ("ATT").
 
     Returns:
         Columns (N,): ``axis`` and ``target``, the signal in the unit of its axis; empty without such a run.

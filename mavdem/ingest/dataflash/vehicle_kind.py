@@ -102,7 +102,7 @@ def _copter_type(texts: Sequence[str], parameters: Parameters) -> str:
     """Returns the MAV_TYPE of a copter, by the parameter FRAME_CLASS or else by the frame that a text names.
 
     Args:
-        texts: The texts of MSG.
+        texts: Texts that the autopilot logged at its start, in the message MSG.
         parameters: The autopilot's parameters by name.
 
     Returns:

@@ -30,7 +30,7 @@ def vibration(tables: Tables) -> Columns:
     others are cut to its length.
 
     Args:
-        tables: DataFlash's messages by name.
+        tables: Columns of DataFlash's messages, by the name of the message ("ATT").
 
     Returns:
         Columns (N,): standard deviations of the first IMU's acceleration on its axes, m/s², and each IMU's counter of

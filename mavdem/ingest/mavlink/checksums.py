@@ -43,7 +43,7 @@ def frame_checksum(content: bytes, crc_extra: int) -> int:
 
     Args:
         content: The bytes of the frame after the marker and before the checksum.
-        crc_extra: CRC_EXTRA of its message.
+        crc_extra: CRC_EXTRA of its message: a byte that MAVLink derives from the definition of the message.
     """
     return mcrf4xx(content + bytes((crc_extra,)))
 

@@ -210,7 +210,7 @@ def boot_clock(
             times.time[rows] = readings.time[readings_before]
             if times.boot.flags.writeable:
                 times.boot[rows] = readings.boot[readings_before]
-    _fill_unstamped(message_types, boot_times, receive_times)
+    _assign_times_to_unstamped_messages(message_types, boot_times, receive_times)
     return boot_times, repairs
 
 
@@ -276,38 +276,34 @@ def _last_rows_before(positions: StreamPositions, query: StreamPositions) -> Row
     return np.maximum(np.searchsorted(positions, query, side="right") - 1, 0)
 
 
-def _fill_unstamped(
+def _assign_times_to_unstamped_messages(
     message_types: Sequence[MessageStamps],
     boot_times: Mapping[str, BootTimes],
     receive_times: ReceiveTimes | None,
 ) -> None:
-    """Gives each message without a time the time and boot of the last message before it in the stream, of any type.
+    """Assigns a time to each message without a usable stamp: the time of the last stamped message before it.
 
-    Messages before the first one with a time get that time, as do those that were received nearer to the first message
-    of a boot than to the last one of the boot before.
+    Stamped messages of all types of the component count, in the order of the stream. There are two exceptions. Messages
+    before the first stamped one get its time. At a restart of the autopilot, a message that was received nearer to the
+    first stamped message after it than to the last one before gets the time of the former.
 
     Args:
-        message_types: The messages of a component by type.
-        boot_times: Their times and boots by name of the type, which are changed in place; a time is NaN where it is not
-            known yet.
-        receive_times: When the messages at some positions were received; None where that was not recorded.
+        message_types: The messages of a component by type, with their stamps and positions in the stream.
+        boot_times: Times, s, and boots of these messages by name of the type, which are changed in place; a time is NaN
+            where it is not known yet.
+        receive_times: Returns when the messages at some positions were received, s; None if that was not recorded.
     """
     timed_types = _messages_with_time(message_types, boot_times)
     if not timed_types:
         return
-    first_type = min(timed_types, key=lambda readings: int(readings.positions[0]))
-    untimed_types = []
-    for message_type in message_types:
-        times = boot_times[message_type.message]
-        rows = np.flatnonzero(np.isnan(times.time))
-        if len(rows):
-            untimed = _UntimedMessages(times, rows, message_type.positions[rows])
-            untimed.set_times(0, first_type.time[:1], first_type.boot[:1])
-            untimed_types.append(untimed)
+    untimed_types = _messages_without_time(message_types, boot_times)
     if not untimed_types:
         return
+    first_type = min(timed_types, key=lambda readings: int(readings.positions[0]))
+    for untimed in untimed_types:
+        untimed.set_times(0, first_type.time[:1], first_type.boot[:1])
     for readings in _merged_in_stream_order(timed_types):
-        # These readings are valid for all later messages, until the next readings replace them.
+        # All later messages get these times first; those of the next section then replace what comes after it.
         for untimed in untimed_types:
             first = int(np.searchsorted(untimed.positions, readings.positions[0]))
             rows_before = _last_rows_before(readings.positions, untimed.positions[first:])
@@ -408,13 +404,14 @@ class _UntimedMessages(NamedTuple):
             self.times.boot[self.rows[first:]] = boot
 
     def move_to_next_boot(self, reboot: _Reboot, receive_times: ReceiveTimes) -> None:
-        """Gives those messages before the first stamp of a boot that stamp, which the autopilot sent on its start.
+        """Assigns the messages that a restarted autopilot sent before its first stamped message to the new boot.
 
-        They were received nearer to the first stamped message of the boot than to the last one of the boot before.
+        These are the messages that were received nearer to the first stamped message of the new boot than to the last
+        one of the boot before. They get the time of that first stamped message.
 
         Args:
-            reboot: The restart of the autopilot.
-            receive_times: When the messages at some positions were received.
+            reboot: The stamped messages before and after the restart.
+            receive_times: Returns when the messages at some positions in the stream were received, s.
         """
         bounds = np.array([reboot.last_position, reboot.first_position])
         first, end = np.searchsorted(self.positions, bounds)
@@ -426,6 +423,27 @@ class _UntimedMessages(NamedTuple):
         rows = self.rows[first:end][is_of_next_boot]
         self.times.time[rows] = reboot.first_time
         self.times.boot[rows] = reboot.boot
+
+
+def _messages_without_time(
+    message_types: Sequence[MessageStamps], boot_times: Mapping[str, BootTimes]
+) -> list[_UntimedMessages]:
+    """Selects the messages whose time is not known, of each type that has any.
+
+    Args:
+        message_types: The messages of a component by type.
+        boot_times: Their times, s, and boots by name of the type; a time that is not known is NaN.
+
+    Returns:
+        These messages of each type, with the arrays in which their times are to be set.
+    """
+    untimed_types = []
+    for message_type in message_types:
+        times = boot_times[message_type.message]
+        rows = np.flatnonzero(np.isnan(times.time))
+        if len(rows):
+            untimed_types.append(_UntimedMessages(times, rows, message_type.positions[rows]))
+    return untimed_types
 
 
 READINGS_AT_ONCE = 1 << 20
@@ -618,7 +636,7 @@ def _readings_by_reference(
     """
     name = message_type.message
     period = message_type.period
-    time, offset, boot = _compared_with_reference(reference, positions, stamps, period)
+    time, offset, boot = _compare_with_reference(reference, positions, stamps, period)
     # Only messages between the first and the last of the reference can be compared with it. If there are none, all
     # messages are used.
     first_row, end_row = np.searchsorted(
@@ -656,17 +674,18 @@ class _Comparison(NamedTuple):
     """Number of the boot (m,)."""
 
 
-def _compared_with_reference(
+def _compare_with_reference(
     reference: _ClockReadings, positions: StreamPositions, stamps: Times, period: float
 ) -> _Comparison:
     """Compares each stamp with the stamps of the reference messages before and after it in the stream.
 
-    A message between two reference messages should have a stamp between theirs; its offset is how far it lies outside.
-    Around a reboot the two are of different boots: there is no interval between them, the offset is the distance from
-    the nearer one, and the message belongs to the boot of that one.
+    The reference is the message type that defines the boot clock. A message that was sent between two reference
+    messages should have a stamp between theirs, and its offset is how far it lies outside. At a restart of the
+    autopilot these two are of different boots, so that there is no interval between them. Then the offset is the
+    distance from the nearer one, and the message belongs to the boot of that one.
 
     Args:
-        reference: Stamps of the reference type on the boot clock.
+        reference: Stream positions, times and boots of the reference type.
         positions: Positions (m,) of the messages in the stream.
         stamps: Their stamps (m,), s, as sent; their counter may have wrapped, that is started again at 0.
         period: Time after which the counter of the stamps wraps, s.
@@ -680,20 +699,21 @@ def _compared_with_reference(
     time_before = reference.time[row_before]
     time_after = reference.time[row_after]
     is_same_boot = reference.boot[row_before] == reference.boot[row_after]
-    # Whole periods are added to a stamp, once so that it is nearest to the reference before it, once to the one after.
-    stamp_near_before = _unwrapped(stamps, period, time_before)
-    stamp_near_after = _unwrapped(stamps, period, time_after)
-    offset_from_before = _offset_from_reference(
-        stamp_near_before, time_before, time_before, time_after, is_same_boot
+    # How often the counter has wrapped is not known. Two numbers are tried: with one the stamp is nearest to the
+    # reference before it, with the other to the one after it. The smaller offset decides.
+    stamp_by_before = _unwrapped(stamps, period, time_before)
+    stamp_by_after = _unwrapped(stamps, period, time_after)
+    offset_by_before = _offset_from_reference(
+        stamp_by_before, time_before, time_before, time_after, is_same_boot
     )
-    offset_from_after = _offset_from_reference(
-        stamp_near_after, time_after, time_before, time_after, is_same_boot
+    offset_by_after = _offset_from_reference(
+        stamp_by_after, time_after, time_before, time_after, is_same_boot
     )
-    is_nearer_before = abs(offset_from_before) <= abs(offset_from_after)
+    before_is_nearer = abs(offset_by_before) <= abs(offset_by_after)
     return _Comparison(
-        np.where(is_nearer_before, stamp_near_before, stamp_near_after),
-        np.where(is_nearer_before, offset_from_before, offset_from_after),
-        np.where(is_nearer_before, reference.boot[row_before], reference.boot[row_after]),
+        time=np.where(before_is_nearer, stamp_by_before, stamp_by_after),
+        offset=np.where(before_is_nearer, offset_by_before, offset_by_after),
+        boot=np.where(before_is_nearer, reference.boot[row_before], reference.boot[row_after]),
     )
 
 

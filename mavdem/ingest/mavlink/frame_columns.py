@@ -51,8 +51,8 @@ class DecodedColumns:
         """Returns a kept column, and notes that it was used; None if it is not kept and must be decoded.
 
         Args:
-            message: name of the message.
-            name: name of the field.
+            message: name of the message ("ATTITUDE").
+            name: name of the field ("roll").
         """
         column = self._columns.get((message, name))
         if column is not None:
@@ -63,8 +63,8 @@ class DecodedColumns:
         """Keeps a decoded column, and discards the least recently used ones while all take too much memory.
 
         Args:
-            message: name of the message.
-            name: name of the field.
+            message: name of the message ("ATTITUDE").
+            name: name of the field ("roll").
             column: its values (n,), or (n, k) of an array field.
         """
         self._columns[message, name] = column
@@ -95,7 +95,7 @@ class FrameColumns(Mapping[str, NDArray[Any]]):
         Args:
             data: The recording (B,).
             starts: Offset (n,) of the frame of each message.
-            definition: Definition of the message.
+            definition: MAVLink's definition of the message: names, types and order of its fields.
             boot_times: Time when each was sent, on the boot clock.
             decoded: The decoded columns of all messages of the recording, to be shared by them. Unless given, these
                 messages have a store of their own.
@@ -140,7 +140,7 @@ class FrameColumns(Mapping[str, NDArray[Any]]):
         takes little longer than one field. If it is a mapped file, only this field is decoded, to save memory.
 
         Args:
-            name: Name of the field.
+            name: Name of the field ("roll").
             payloads: Offset of each message's payload in its frame, and number of its bytes that were sent.
 
         Returns:

@@ -110,7 +110,7 @@ def _announced_length(data: bytes, start: int) -> int:
     The first three bytes of a header are enough for both versions of MAVLink.
 
     Args:
-        data: bytes of the stream.
+        data: bytes that were received over the link.
         start: offset of the possible header, bytes.
 
     Returns:

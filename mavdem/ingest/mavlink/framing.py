@@ -117,8 +117,8 @@ def frame_content(data: Bytes, frames: Frames, row: int) -> bytes:
 
     Args:
         data: Bytes (B,) of the stream.
-        frames: Frames (N,) of it.
-        row: Row of the frame.
+        frames: Frames (N,) that were found in these bytes.
+        row: Row of the wanted frame among them.
 
     Returns:
         Its bytes, from the marker to the last byte.
@@ -400,7 +400,7 @@ def _without_overlaps(frames: Frames, first_offset: int) -> Frames:
     Of frames that overlap, the one that begins first is kept.
 
     Args:
-        frames: Frames in stream order.
+        frames: Frames in the order of the stream, with their offsets and lengths.
         first_offset: Offset before which no frame may begin.
 
     Returns:
@@ -469,7 +469,7 @@ def _starts_of_chain(
     last frame.
 
     Args:
-        content: The stream.
+        content: Bytes of the stream.
         first_start: Offset of the first frame.
         next_start: Offset of the known frame; an offset beyond the stream if none follows.
         gap: Number of bytes between one frame and the next.
@@ -497,8 +497,8 @@ def frame_length(marker: int, payload_length: int, flags: int) -> int | None:
     """Returns the number of bytes of a frame from the first three bytes of its header.
 
     Args:
-        marker: First byte.
-        payload_length: Second byte.
+        marker: First byte of the header: the marker of MAVLink 1 or 2.
+        payload_length: Second byte of the header: the number of bytes of the payload.
         flags: Third byte: the incompatibility flags of MAVLink 2, without meaning in MAVLink 1.
 
     Returns:

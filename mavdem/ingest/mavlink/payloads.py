@@ -85,8 +85,8 @@ def decoded_field(
     Args:
         data: Bytes (B,) of the stream.
         start: Offset (N,) of each frame's marker.
-        definition: Definition of the message.
-        name: Name of the field.
+        definition: MAVLink's definition of the message: names, types and order of its fields.
+        name: Name of the field ("roll").
         payloads: Offsets and lengths of the payloads, if they were read before; None to read them.
 
     Returns:
@@ -110,7 +110,7 @@ def decoded_payloads(
     Args:
         data: Bytes (B,) of the stream.
         start: Offset (N,) of each frame's marker.
-        definition: Definition of the message.
+        definition: MAVLink's definition of the message: names, types and order of its fields.
         payloads: Offsets and lengths of the payloads.
 
     Returns:
@@ -165,7 +165,7 @@ def field_values(payload: bytes, definition: MessageDefinition) -> dict[str, Any
 
     Args:
         payload: The payload as sent. Zeros at its end may be missing; bytes beyond the definition are left out.
-        definition: Definition of the message.
+        definition: MAVLink's definition of the message: names, types and order of its fields.
 
     Returns:
         Numbers, lists of numbers and texts by name, in the order of the definition. A text ends at its first zero.
@@ -186,8 +186,8 @@ def filled_payloads(name: str, count: int = 1, /, **fields: Any) -> NDArray[np.v
     """Returns payloads of one message, with the given values in its fields and zero in all others.
 
     Args:
-        name: Name of the message.
-        count: Number of payloads.
+        name: Name of the message ("ATTITUDE").
+        count: Number of payloads to make, one per message.
         fields: Values of fields: one for all payloads, or one for each, (count, …).
 
     Returns:
@@ -253,7 +253,7 @@ def encode_frame(
 
     Args:
         payload: The payload in the layout ``definition.payload_type``; trailing zeros are not sent.
-        definition: Definition of the message.
+        definition: MAVLink's definition of the message: names, types and order of its fields.
         sender: System and component that send it.
         sequence: Sequence number of the frame, 0 to 255.
 

@@ -39,7 +39,7 @@ def is_ended_on_purpose(stream: FrameStream, sender: FrameSender) -> bool:
     That is so if the last frame of the recording is the mark, received shortly after the vehicle's last frame.
 
     Args:
-        stream: the recording.
+        stream: frames of the recording, with their receive times.
         sender: ids of the vehicle, which sent at least one frame.
     """
     frames = stream.frames

@@ -159,7 +159,7 @@ class SenderLinks:
 
         Args:
             content: all bytes of the frame.
-            message_id: number of its message.
+            message_id: MAVLink's number of its message (30 for ATTITUDE).
             sequence: its sequence number, 0 to 255.
             is_readable: whether its checksum matches. Of a frame whose checksum fails only the sequence number counts.
 
@@ -196,7 +196,7 @@ class SenderLinks:
         each of them.
 
         Args:
-            count: Number of frames.
+            count: Number of these frames.
             last_sequence: Sequence number of the last one, 0 to 255.
         """
         self._frame_count += count
@@ -212,11 +212,14 @@ class SenderLinks:
         self._count_missing(sequence, None)
 
     def compare_attitude(self, content: bytes, message_id: int) -> None:
-        """Compares the attitude in a frame, if its message has one, with those in the frames of the other counter.
+        """Compares the attitude in a frame with the attitudes in the frames that the other counter numbers.
+
+        Two counters number the frames of one autopilot that sends on two channels, or of two vehicles with the same
+        ids. Two vehicles differ in attitude. A frame whose message has no attitude is ignored.
 
         Args:
             content: all bytes of the frame, which is readable and was counted last.
-            message_id: number of its message.
+            message_id: MAVLink's number of its message (30 for ATTITUDE).
         """
         attitude = attitude_reading(_payload(content), message_id)
         if attitude is not None:
@@ -253,8 +256,8 @@ class SenderLinks:
 
         Args:
             content: all bytes of the frame.
-            message_id: number of its message.
-            sequence: its sequence number.
+            message_id: MAVLink's number of its message (30 for ATTITUDE).
+            sequence: its sequence number, 0 to 255.
             reading: the boot clock in it; None if its message has none.
 
         Returns:
@@ -282,8 +285,8 @@ class SenderLinks:
         Args:
             earlier_count: number of frames received up to the earlier frame, itself included.
             content: the bytes of both frames.
-            message_id: number of their message.
-            sequence: their sequence number.
+            message_id: MAVLink's number of their message (30 for ATTITUDE).
+            sequence: their sequence number, 0 to 255.
         """
         if not self.has_slower_link:
             return False
@@ -307,10 +310,11 @@ class SenderLinks:
     def _count_missing(self, sequence: int, reading: Reading | None) -> None:
         """Updates ``missing``, the number of frames that no link delivered, by the sequence number of a new frame.
 
-        Three cases are distinguished. If a second, slower link is known, missing frames are counted from one boot clock
-        to the next. If two counters number the frames, as of an autopilot that sends on two channels, the number is
-        compared with the number before it on its own counter. Usually it is compared with the frame before, and the
-        gap between the two numbers counts as missing until those frames come late.
+        Usually the number is compared with the number of the frame before: the numbers that were passed over count as
+        missing, until their frames come late. There are two other cases. If two counters number the frames, as of an
+        autopilot that sends on two channels, the number is compared with the last one of the same counter. If a second,
+        slower link is known, missing frames are counted between frames with a boot clock
+        (``_count_missing_between_readings``).
 
         Args:
             sequence: sequence number of the frame, 0 to 255.
@@ -391,7 +395,7 @@ def clock_reading(content: bytes, message_id: int) -> Reading | None:
 
     Args:
         content: all bytes of the frame.
-        message_id: number of its message.
+        message_id: MAVLink's number of its message (30 for ATTITUDE).
 
     Returns:
         Time since boot, s, heading, rad, and position, degrees, the latter NaN unless sent. None for messages without a
@@ -428,7 +432,7 @@ def _has_stamp(content: bytes, message_id: int) -> bool:
 
     Args:
         content: all bytes of the frame.
-        message_id: number of its message.
+        message_id: MAVLink's number of its message (30 for ATTITUDE).
     """
     definition = definitions_by_id().get(message_id)
     if definition is None or definition.payload_type.fields is None:

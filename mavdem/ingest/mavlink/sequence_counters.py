@@ -139,7 +139,7 @@ class SequenceCounters:
         The result is the same as if ``assign`` had assigned each of them, but faster.
 
         Args:
-            count: Number of frames.
+            count: Number of these frames.
             last_sequence: Sequence number of the last one, 0 to 255.
         """
         self._frame_count += count
@@ -296,7 +296,7 @@ def attitude_reading(payload: bytes, message_id: int) -> AttitudeReading | None:
 
     Args:
         payload: payload of the message, without the zeros at its end that MAVLink 2 leaves out.
-        message_id: number of the message.
+        message_id: MAVLink's number of the message (30 for ATTITUDE).
 
     Returns:
         Time, s, quaternion, and body rates, rad/s; None for a message without an attitude, for angles that are not

@@ -252,7 +252,7 @@ class VehicleTracks:
         every track.
 
         Args:
-            readings: The readings (n,).
+            readings: Clock, heading and position in n messages, in the order of the stream.
         """
         next_row = 0
         for row in np.flatnonzero(_may_contradict(readings)).tolist():

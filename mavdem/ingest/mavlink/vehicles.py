@@ -526,8 +526,8 @@ def _message_stamps(
     """Returns the stamps in the messages of one type, s, if the type has a field with the boot clock.
 
     Args:
-        data: The recording (B,).
-        definition: Definition of the message.
+        data: Bytes (B,) of the recording.
+        definition: MAVLink's definition of the message: names, types and order of its fields.
         starts: Offset (n,) of each frame in the recording.
 
     Returns:

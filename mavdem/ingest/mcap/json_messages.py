@@ -41,7 +41,7 @@ def read_json_message(body: bytes, definition: MessageDefinition) -> JsonMessage
     A field that the document lacks gets a default: zero, or NaN if it is a float, which is no measured zero.
 
     Args:
-        body: The document.
+        body: The JSON document, UTF-8.
         definition: Definition of the expected message.
 
     Returns:
@@ -89,7 +89,7 @@ def _message_without_fields(definition: MessageDefinition) -> NDArray[Any]:
     It is cached, since it is needed for each message of a recording; callers must copy it.
 
     Args:
-        definition: Definition of the message.
+        definition: MAVLink's definition of the message: names, types and order of its fields.
     """
     message = np.zeros(1, dtype=definition.payload_type)
     for name in definition.fields:
@@ -106,7 +106,7 @@ def _parsed_json(body: bytes) -> Any:
     """Parses a JSON document, also one with Rust's infinities.
 
     Args:
-        body: The document, UTF-8.
+        body: The JSON document, UTF-8.
 
     Returns:
         The value; None if it is not JSON.
@@ -180,7 +180,7 @@ def _value_of_text(text: str) -> float:
     integer. Otherwise it is a float in quotes, as JSON without JSON5 writes "NaN".
 
     Args:
-        text: The string.
+        text: The JSON string, without its quotation marks.
 
     Returns:
         The number; named bits are combined.

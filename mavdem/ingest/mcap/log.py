@@ -119,8 +119,8 @@ def _stream(source: str, recording: McapRecording) -> FrameStream:
     nothing counts twice. A recording counts as MAVLink if the checksum of any frame matches.
 
     Args:
-        source: Name of the file.
-        recording: The recording.
+        source: Name of the file, for error messages and the report.
+        recording: The opened recording, whose records are read here.
 
     Returns:
         The frames in the order of the recording, with their reception times.
@@ -346,7 +346,7 @@ def _no_mavlink_fact(source: str, recording: McapRecording, candidates: int) -> 
     5. Otherwise it is a recording without a flight.
 
     Args:
-        source: Name of the file.
+        source: Name of the file, for error messages and the report.
         recording: The recording, which was read.
         candidates: Number of messages that look like MAVLink, but cannot be read.
 

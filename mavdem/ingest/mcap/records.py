@@ -260,7 +260,7 @@ def _next_record(content: bytes, offset: int) -> int:
     magic bytes at the end of the file, at its stated end.
 
     Args:
-        content: Bytes of the file.
+        content: All bytes of the file.
         offset: Offset at which the search begins.
 
     Returns:
@@ -280,7 +280,7 @@ def _unpacked_records(compression: str, packed_bytes: bytes, max_size: int) -> b
 
     Args:
         compression: Name of the compression in MCAP: empty, "lz4" or "zstd".
-        packed_bytes: The packed records.
+        packed_bytes: The compressed bytes of the chunk.
         max_size: Number of bytes to unpack at most.
 
     Returns:
@@ -360,7 +360,7 @@ def _json_body(frame: Frame, definition: MessageDefinition) -> JsonValues:
 
     Args:
         frame: The frame of the message.
-        definition: Its definition.
+        definition: MAVLink's definition of its message: names, types and order of the fields.
 
     Returns:
         The object.
@@ -429,7 +429,7 @@ def _message_schema(definition: MessageDefinition) -> JsonValues:
     """Returns the JSON schema of a message in BlueOS's layout: objects "header" and "message".
 
     Args:
-        definition: Definition of the message.
+        definition: MAVLink's definition of the message: names, types and order of its fields.
     """
     header = object_schema({name: {"type": "integer"} for name in HEADER_FIELDS})
     fields: JsonValues = {"type": {"type": "string"}}

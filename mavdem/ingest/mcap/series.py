@@ -216,7 +216,7 @@ def _chunks(
     """Divides messages into chunks, each of which ends with the message that makes it larger than a limit.
 
     Args:
-        messages: All messages.
+        messages: Heads and bodies of all messages, in the order of time.
         definitions: Records of schemas and channels, with which the first chunk begins.
         chunk_bytes: Limit of the size, bytes.
 
@@ -292,7 +292,7 @@ def _message_index(channel: int, entries: StructuredArray) -> bytes:
     """Returns the record with the times and offsets of the messages of a channel in a chunk.
 
     Args:
-        channel: Number of the channel.
+        channel: Number of the channel, from 1; each topic has one.
         entries: An entry for each of its messages, of the type ``INDEX_ENTRY``.
 
     Returns:

@@ -111,7 +111,7 @@ def read_ros2(recording: McapRecording, source: str) -> Log:
 
     Args:
         recording: The recording, which was read once, so that its channels and schemas are known; it is read again.
-        source: Name of the file.
+        source: Name of the file, for error messages and the report.
 
     Returns:
         The log; its ``frames`` are the messages that were decoded.
@@ -168,7 +168,7 @@ def _topic_columns(topic: RosTopic, messages: Mapping[int, Any]) -> TopicColumns
     PX4's messages may lack a field, since its versions differ. MAVROS's types are fixed: each field is required.
 
     Args:
-        topic: The topic.
+        topic: Vehicle (namespace), bridge and name of the topic.
         messages: Its decoded messages, by their number in the recording.
 
     Returns:
@@ -215,7 +215,7 @@ def _telemetry(
     Args:
         topics: The vehicle's topics of both bridges.
         receive_times: Reception time of each message, by topic.
-        source: Name of the file.
+        source: Name of the file, for error messages and the report.
 
     Returns:
         The vehicle, whose ``system`` is 0 if no topic has the system id; None if no topic makes a flight.
@@ -276,7 +276,7 @@ def _px4_telemetry(
     Args:
         tables: PX4's topics by name.
         receive_times: Reception time of each message.
-        source: Name of the file.
+        source: Name of the file, for error messages and the report.
 
     Returns:
         The vehicle with its messages; None if the topics hold no flight.
@@ -318,7 +318,7 @@ def _mavros_telemetry(
     Args:
         tables: MAVROS's topics by name, each with columns (N,).
         receive_times: Reception time of each message.
-        source: Name of the file.
+        source: Name of the file, for error messages and the report.
 
     Returns:
         The vehicle with its messages, times in s since boot; None if no topic gives one.

@@ -87,7 +87,7 @@ def mavros_message(topic: str, numbers: TopicNumbers, autopilot: int) -> dict[st
 
     Args:
         topic: Name of the topic, one of ``MAVROS_TOPICS``.
-        numbers: Its columns (N,).
+        numbers: Columns (N,) of the topic's numbers, by name of the field.
         autopilot: MAV_AUTOPILOT, for HEARTBEAT.
 
     Returns:

@@ -113,7 +113,7 @@ def _field_columns(messages: Iterable[Any], field: str) -> Fields:
     Arrays of messages may differ in length. They are cut to the length in the field's name, or filled up with zeros.
 
     Args:
-        messages: N decoded messages.
+        messages: N messages of one topic, as ``rosbags`` decodes them.
         field: Name of the field, with dots between levels ("pose.position.x"); "q[4]" is an array of length 4.
 
     Returns:
