@@ -332,6 +332,7 @@ def _barometers(evidence: Evidence) -> Iterator[Instance]:
         if is_comparable and reference is not None:
             difference = _largest_difference(evidence, altitude, reference)
             if difference > MAX_HEIGHT_DIFFERENCE:
+                # Messages are numbered from 0, names of barometers from 1.
                 reference_name = f"barometer {reference_number + 1}"
                 state = Fact(InstanceState.DISAGREES, height=difference, name=reference_name)
         yield Instance(

@@ -520,19 +520,31 @@ def margin_overview(tuning: Tuning) -> Table | None:
         loop_name = "attitude" if advice.stage is Stage.ANGLE else "rate"
         doubt = "doubtful: " if axis in tuning.doubtful_axes else ""
         for variant, loop in compared_loops(advice).items():
-            open_loop = getattr(loop, loop_name)
-            cells = [f"{axis} {loop_name}, {variant}"]
-            for attribute in TUNED_FIGURES:
-                scale = LOOP_FIGURES[attribute].scale
-                cells.append(f"{doubt}{_figure_text(open_loop, attribute, scale)}")
-            for text in _step_texts(open_loop, STEP_SECONDS[loop_name]):
-                cells.append(f"{doubt}{text}" if text else "")
-            rows.append([*cells, rounded(loop.lean_in_wind)])
+            cells = _margin_cells(getattr(loop, loop_name), STEP_SECONDS[loop_name], doubt)
+            name = f"{axis} {loop_name}, {variant}"
+            rows.append([name, *cells, rounded(loop.lean_in_wind)])
     if not rows:
         return None
     margins = [LOOP_FIGURES[attribute].header for attribute in TUNED_FIGURES]
     steps = ["overshoot of a step (%)", "rise time (ms)", "error by wind torque, sd (°)"]
     return Table(["loop (90 % interval)", *margins, *steps], rows)
+
+
+def _margin_cells(open_loop: OpenLoop, step_seconds: float, doubt: str) -> list[str]:
+    """Returns the cells of a loop in the table of margins: its margins, and figures of its predicted step response.
+
+    Args:
+        open_loop: the rate or attitude loop, cut open.
+        step_seconds: duration of the predicted step response, s.
+        doubt: text before each figure, which says that it is doubtful; empty if it is not.
+    """
+    cells = []
+    for attribute in TUNED_FIGURES:
+        scale = LOOP_FIGURES[attribute].scale
+        cells.append(f"{doubt}{_figure_text(open_loop, attribute, scale)}")
+    for text in _step_texts(open_loop, step_seconds):
+        cells.append(f"{doubt}{text}" if text else "")
+    return cells
 
 
 def _step_texts(loop: OpenLoop, duration: float) -> tuple[str, str]:

@@ -236,15 +236,7 @@ def _remarks(
     if not filters[0].is_logged:
         yield "The log has none of its parameters: see whether the firmware has them."
     for title, tried_filter in zip(_titles(filters), filters, strict=True):
-        mode = _mode_of(tried_filter)
-        name = title or "It"
-        if tried_filter.motor_frequencies:
-            centers = listed(f"{frequency:.0f}" for frequency in tried_filter.motor_frequencies)
-            yield f"{name} follows the motors' speeds, and is shown at those of the flight: {centers} Hz."
-        elif mode == NotchMode.THROTTLE:
-            yield f"{name} follows the throttle, and is shown where it is in hover."
-        elif mode != NotchMode.FIXED:
-            yield f"{name} follows a measurement, and is shown at its lowest frequency."
+        yield from _remark_on_moving_center(title or "It", tried_filter)
     # Only ArduPilot's filters, which have a prefix, can follow something.
     if any(
         tried_filter.prefix and _mode_of(tried_filter) != NotchMode.FIXED
@@ -269,6 +261,23 @@ def _titles(filters: Sequence[TriedFilter]) -> list[str]:
     if len(filters) == 1:
         return [""]
     return [f"Notch {number}" for number in range(1, len(filters) + 1)]
+
+
+def _remark_on_moving_center(name: str, tried_filter: TriedFilter) -> Iterator[str]:
+    """Yields a sentence on what the centre of a notch filter follows; none if it is fixed.
+
+    Args:
+        name: name of the filter at the beginning of the sentence.
+        tried_filter: the filter, with its parameters.
+    """
+    mode = _mode_of(tried_filter)
+    if tried_filter.motor_frequencies:
+        centers = listed(f"{frequency:.0f}" for frequency in tried_filter.motor_frequencies)
+        yield f"{name} follows the motors' speeds, and is shown at those of the flight: {centers} Hz."
+    elif mode == NotchMode.THROTTLE:
+        yield f"{name} follows the throttle, and is shown where it is in hover."
+    elif mode != NotchMode.FIXED:
+        yield f"{name} follows a measurement, and is shown at its lowest frequency."
 
 
 def _filter_forms(filters: Sequence[TriedFilter], gyro_rate: float) -> Iterator[FilterForm]:

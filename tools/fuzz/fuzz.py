@@ -35,7 +35,7 @@ with atheris.instrument_imports(include=["mavdem"]):
 
     from mavdem.assessment.inventory import inventory
     from mavdem.errors import NotLearnable, Unreadable
-    from mavdem.ingest import read_log
+    from mavdem.ingest import Log, read_log
 
 LOGS = Path(__file__).parents[2] / "logs"
 MEMORY = Path("/dev/shm")
@@ -70,13 +70,22 @@ def check(kind: str, content: bytes) -> None:
                 assert "\n" not in str(error), error
                 return
         assert not printed.getvalue(), printed.getvalue()
+    check_consistency(log)
+    with contextlib.suppress(NotLearnable, Unreadable):
+        inventory(log)
+
+
+def check_consistency(log: Log) -> None:
+    """Asserts that all times of a log are finite or NaN, and that all columns of a message are equally long.
+
+    Args:
+        log: the log of a flight, with the messages of each vehicle.
+    """
     for vehicle in log.vehicles:
         for name, columns in vehicle.messages.items():
             assert not np.isinf(columns["time"]).any(), name
             lengths = {len(values) for values in columns.values()}
             assert lengths == {columns["time"].size}, name
-    with contextlib.suppress(NotLearnable, Unreadable):
-        inventory(log)
 
 
 @click.command(help=__doc__, context_settings={"ignore_unknown_options": True})

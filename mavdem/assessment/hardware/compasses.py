@@ -94,7 +94,11 @@ def motor_correlation(evidence: Evidence, field: TimeSeries) -> float | None:
         seconds += float(np.ptp(covered_samples.time))
     if seconds < MIN_SECONDS:
         return None
-    all_strengths, all_commands = np.concatenate(strengths), np.concatenate(commands)
-    if np.ptp(all_strengths) == 0 or np.ptp(all_commands) == 0:
+    return _correlation(np.concatenate(strengths), np.concatenate(commands))
+
+
+def _correlation(first: Array, second: Array) -> float | None:
+    """Returns the correlation coefficient of two series (N,); None if one of them is constant."""
+    if np.ptp(first) == 0 or np.ptp(second) == 0:
         return None
-    return float(np.corrcoef(all_commands, all_strengths)[0, 1])
+    return float(np.corrcoef(first, second)[0, 1])
