@@ -1,8 +1,22 @@
 """Facts about motors and propellers: between flights, by their balance, and in flight."""
 
+import re
 from enum import StrEnum
 
 from mavdem.facts.fact import Code
+
+_MOTOR_NUMBER = re.compile(r"motor (\d+)")
+"""The number of a motor in its name, such as "motor 2 (rear left)"."""
+
+
+def motor_number(subject: str) -> int | None:
+    """Returns the number of the motor that a fact is about, from 1; None if it is about no motor.
+
+    Args:
+        subject: subject of the fact, such as "motor 2 (rear left)". Of several motors, the first counts.
+    """
+    named_motor = _MOTOR_NUMBER.search(subject)
+    return None if named_motor is None else int(named_motor[1])
 
 
 class MotorHealth(StrEnum):

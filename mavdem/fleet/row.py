@@ -36,7 +36,7 @@ from mavdem.units import (
     with_unit,
 )
 
-SCHEMA_VERSION = 12
+SCHEMA_VERSION = 13
 """Version of the columns and of what they mean: logs whose rows have another version are read again."""
 
 UNKNOWN = "unknown"
@@ -266,6 +266,8 @@ class FlightRow:
     """good, watch, bad or unknown"""
     light_log: OptionalText = report_column("lights.log.level")
     """good, watch, bad or unknown"""
+    failed_motor: OptionalInteger = None
+    """number of the motor that the log by itself blames, from 1, if its motors' light is bad"""
     overrides: Names = ()
     """what makes the flight itself doubtful: oscillation, motors, saturation, trim or data"""
     error_ratio: Number = report_column("forecast_over_constant_mean")

@@ -17,8 +17,10 @@ from mavdem.containers import JsonValues
 from mavdem.dataset.axes import AXES
 from mavdem.dataset.signals import Signals
 from mavdem.errors import Unreadable
-from mavdem.facts import Fact
+from mavdem.facts import Fact, Level
 from mavdem.facts.fleet import ReadingFact
+from mavdem.facts.lights import Light
+from mavdem.facts.motors import motor_number
 from mavdem.fleet.row import FlightRow, FlightRows
 from mavdem.fleet.workers import PAGES, LogRows, MakePage, reading_failure
 from mavdem.ingest import read_log
@@ -105,7 +107,11 @@ def rows_of_assessment(assessment: Assessment, file: str) -> FlightRows:
     # Columns on the motors do not depend on the axis, so that the signals of any one will do.
     signals = assessment.evidence.signals.for_axis(AXES[0], inputs="motors")
     judgement = assessment.judgement_values | {"headline_fact": assessment.headline}
-    columns = {"file": file, "component": signals.telemetry.component}
+    columns = {
+        "file": file,
+        "component": signals.telemetry.component,
+        "failed_motor": failed_motor(assessment),
+    }
     # A tier is the kind of model that the settled flight allows; without settled flight there is none.
     if all(analysis.tier.tier is None for analysis in assessment.analyses.values()):
         return [_row_without_flight(assessment, judgement, columns)]
@@ -137,6 +143,19 @@ def _loop_columns(assessment: Assessment, axis: str) -> JsonValues:
         columns = margin_columns(loop)
     columns |= step_columns(assessment.responses.get(axis, {}).get("rate"))
     return columns | decision_columns(assessment.loop_decisions.get(axis))
+
+
+def failed_motor(assessment: Assessment) -> int | None:
+    """Returns the number, from 1, of the motor that a log blames by itself, for a crash or a loss of thrust.
+
+    Args:
+        assessment: assessment of one vehicle of the log.
+
+    Returns:
+        The number; None unless the motors' light is bad and names a motor.
+    """
+    light = assessment.lights[Light.MOTORS]
+    return motor_number(light.subject) if light.level is Level.BAD else None
 
 
 def _row_without_flight(

@@ -48,6 +48,7 @@ BRIEF_COLUMNS = (
     "health",
     "fault_probability",
     "suspect_motor",
+    "failed_motor",
     "health_reason",
     "warnings",
     "status",

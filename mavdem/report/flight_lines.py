@@ -117,9 +117,11 @@ def _warning_lights(flight: AxisRows) -> str:
 
 
 def _suspect_motors(flight: AxisRows) -> str:
-    """Returns the numbers of the motors that are suspected on any axis."""
-    motors = {row.suspect_motor for row in flight if row.suspect_motor is not None}
-    return listed(sorted(motors))
+    """Returns the numbers of motors that failed in a flight, or that the vehicle's other flights suspect."""
+    motors = set()
+    for row in flight:
+        motors |= {row.failed_motor, row.suspect_motor}
+    return listed(sorted(motor for motor in motors if motor is not None))
 
 
 def _notes(flight: AxisRows) -> str:

@@ -240,18 +240,17 @@ def columns_of_flight(rows: Sequence[FlightRow]) -> JsonValues:
     """Returns the columns of the index that follow from the fleet's rows of a log.
 
     Args:
-        rows: rows of the log, at least one. Values are taken from the first, except for the suspected motor, which is
-            the first that any row has.
+        rows: rows of the log, at least one. Values are taken from the first, except for the motor: it is the one that
+            failed in this flight, or the first that any row suspects.
 
     Returns:
         Values by the names of the columns.
     """
     first_row = rows[0]
-    suspect_motor = None
+    motor = first_row.failed_motor
     for row in rows:
-        if row.suspect_motor is not None:
-            suspect_motor = row.suspect_motor
-            break
+        if motor is None:
+            motor = row.suspect_motor
     lights = {str(light): getattr(first_row, f"light_{light}") or "" for light in Light}
     return {
         "vehicle": first_row.vehicle,
@@ -259,7 +258,7 @@ def columns_of_flight(rows: Sequence[FlightRow]) -> JsonValues:
         "duration": first_row.duration,
         "headline": first_row.headline or "",
         "level": first_row.headline_level or "",
-        "motor": suspect_motor,
+        "motor": motor,
         "wind_speed": first_row.wind_speed,
         **lights,
     }

@@ -10,11 +10,15 @@ from recorded_flights import LOGS
 from refusals import unreadable
 
 import mavdem
+from mavdem.assessment import Assessment
 from mavdem.assessment.assess import assess_signals
 from mavdem.dem import Learned
 from mavdem.dem.record import Record
+from mavdem.facts import Fact, Level
+from mavdem.facts.ending import Ending
 from mavdem.facts.fleet import NoPrior
 from mavdem.facts.identifiability import Status
+from mavdem.facts.lights import Light
 from mavdem.fleet import priors
 from mavdem.fleet import rows_of_log as module
 from mavdem.fleet.priors import earlier_drag, earlier_flight
@@ -90,6 +94,13 @@ def test_a_row_has_an_effect_and_a_wind_torque_only_where_they_are_known():
             None,
             None,
         )
+
+
+@mark.parametrize("level, motor", [(Level.BAD, 2), (Level.WATCH, None)])
+def test_the_motor_that_a_crash_is_blamed_on_is_in_its_row(level, motor):
+    lost = Fact(Ending.CONTROL_LOST, level, subject="motor 2 (rear left)")
+    assessment = partial_record(Assessment, lights={Light.MOTORS: lost})
+    assert module.failed_motor(assessment) == motor
 
 
 def test_an_error_in_one_vehicle_leaves_the_rows_of_the_others(monkeypatch):

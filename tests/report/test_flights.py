@@ -134,6 +134,12 @@ def test_a_flight_that_two_logs_have_counts_once_and_by_the_better():
     assert (counts["flights"], counts["tiers"], counts["health"]) == (2, {"a": 2}, {"ok": 2})
 
 
+def test_the_motor_of_a_flight_is_the_one_that_failed_in_it_or_that_others_suspect():
+    flight = [flight_row("quad", 0, failed_motor=2), flight_row("quad", 0, suspect_motor=4)]
+    assert COLUMNS["motor"].cell(flight) == "2 and 4"
+    assert COLUMNS["motor"].cell([flight_row("quad", 0)]) == ""
+
+
 def test_flights_by_a_system_id_are_no_vehicle_until_they_are_judged_as_one():
     rows = [
         flight_row("px4-1", number, vehicle_basis="system id", health="unknown")

@@ -503,3 +503,8 @@ def test_processes_read_logs_within_limits_and_go_on_after_a_hostile_one(library
 def test_the_suspected_motor_of_a_fleet_log_is_that_of_any_of_its_rows():
     rows = [flight_row("quad", 1), flight_row("quad", 1, axis="pitch", suspect_motor=3)]
     assert entry_of_fleet_log("flight.ulg", rows).motor == 3
+
+
+def test_a_motor_that_failed_in_a_flight_comes_before_a_suspected_one():
+    row = flight_row("quad", 1, suspect_motor=3, failed_motor=2)
+    assert entry_of_fleet_log("flight.ulg", [row]).motor == 2

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -11,6 +10,7 @@ from markupsafe import Markup
 
 from mavdem.arrays import Array
 from mavdem.facts import Fact, Level
+from mavdem.facts.motors import motor_number
 from mavdem.motors.change_hypotheses import FAULT_RISE
 from mavdem.report.charts.chart import Plan
 from mavdem.report.numbers import listed
@@ -48,10 +48,6 @@ MAX_PATH_POINTS = 600
 
 MIN_PATH_SIZE = 2.0
 """Smallest width of a drawn path, m: a hover does not fill the drawing with the noise of its position."""
-
-
-_MOTOR_NUMBER = re.compile(r"motor (\d+)")
-"""The number of the motor that a fact is about, such as "motor 2 (rear left)"."""
 
 
 def frame_plan(
@@ -121,9 +117,9 @@ def motor_levels(light: Fact, imbalance: Array) -> list[Level]:
     count = len(imbalance)
     if not light.warns:
         return [light.level] * count
-    named_motor = _MOTOR_NUMBER.search(light.subject)
+    named_motor = motor_number(light.subject)
     if named_motor is not None:
-        is_coloured = np.arange(1, count + 1) == int(named_motor[1])
+        is_coloured = np.arange(1, count + 1) == named_motor
     else:
         is_coloured = abs(imbalance) > 100 * FAULT_RISE
     if not is_coloured.any():
