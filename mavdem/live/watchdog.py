@@ -521,6 +521,9 @@ class Watchdog:
         Returns:
             The alarm of a loss that is new, and a contact with the ground.
         """
+        if not self._landed_states.is_in_air:
+            # The first review of the flight has not begun yet.
+            return []
         review = _Review(
             moment.time,
             moment.vehicle,

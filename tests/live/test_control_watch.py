@@ -16,6 +16,10 @@ from mavdem.facts.lights import Light
 from mavdem.facts.session import SessionFact
 from mavdem.facts.vibration import VibrationLight
 from mavdem.facts.watch import WatchFact
+from mavdem.ingest.telemetry import Telemetry
+from mavdem.live.live_signals import FlightMoment
+from mavdem.live.recent_messages import RecentMessages
+from mavdem.live.watchdog import Watchdog
 
 LOST = 18.0
 """When the vehicle begins to leave its level setpoint, s."""
@@ -329,3 +333,8 @@ def test_a_vehicle_that_topples_over_after_its_landing_is_an_alarm(hover):
     losses = [alarm.figures["reason"] for alarm in alarms(made)]
     is_toppling = isinstance(hover, Toppling)
     assert [loss.code for loss in losses] == [Ending.TOPPLED_AT_LANDING] * is_toppling
+
+
+def test_control_is_not_judged_before_the_first_review_of_a_flight():
+    moment = FlightMoment(10.0, Telemetry(1, messages={}), takeoff_time=0.0, motion=None)
+    assert Watchdog(RecentMessages()).review_control(moment) == []
