@@ -339,7 +339,7 @@ def headline_of(evidence: Evidence, lights: NamedFacts) -> Fact:
     if urgent and reasons:
         urgent = reasons
     if bad_events:
-        return _with_weak_motor(_worst_event(bad_events), lights[Light.MOTORS])
+        return with_weak_motor(_worst_event(bad_events), lights[Light.MOTORS])
     if urgent:
         return urgent[0]
     if bad_lights:
@@ -394,7 +394,7 @@ def _worst_event(bad_events: Sequence[Fact]) -> Fact:
     return worst_event
 
 
-def _with_weak_motor(event: Fact, motors: Fact) -> Fact:
+def with_weak_motor(event: Fact, motors: Fact) -> Fact:
     """Adds to the event of a lost flight a motor that was found weak before the loss.
 
     The motor need not be the cause: the motion may not show what failed first, or something else may have failed.

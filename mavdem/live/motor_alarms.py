@@ -1,19 +1,26 @@
 """Alarms of motors that weaken in a live flight: the balance of all motors is tested with each sample."""
 
 from collections import deque
-from math import nan
+from math import isfinite, nan
 
 from mavdem.dataset.motor_outputs import MotorOutputs
 from mavdem.facts import Fact, Facts
 from mavdem.facts.session import SessionFact
 from mavdem.facts.watch import WatchFact
+from mavdem.live.gradual_watch import GradualLossWatch
 from mavdem.live.recent_messages import MAX_EVENTS
 from mavdem.motors.loss_detection import MAX_GAP, REFERENCE_SECONDS, MotorLossDetector
 from mavdem.motors.motor_changes import MotorAlarm
 
+MIN_REPORTED_GROWTH = 1.5
+"""Ratio of the rise of a motor's command to that of its last report from which on a slow loss is reported again."""
+
 
 class MotorAlarms:
     """Finds lasting changes of the motors' balance sample by sample, and keeps the alarms on weak motors.
+
+    A sequential test finds sudden changes. Flight in which it names no motor is also searched for one that loses thrust
+    slowly; that loss is updated as it grows.
 
     Attributes:
         latest: the latest changes, also those that are no alarms.
@@ -32,6 +39,9 @@ class MotorAlarms:
         self._detector: MotorLossDetector | None = None
         # Boot, mixer geometry and range of the outputs that it tests.
         self._tested_motors: object = None
+        # The search for a slow loss in the same samples, and the loss that it has found, as it was reported.
+        self._gradual_watch: GradualLossWatch | None = None
+        self._reported_loss: MotorAlarm | None = None
         # Why the test cannot find anything, as of the latest sample.
         self._undetectable_reason: Fact | None = None
 
@@ -41,6 +51,8 @@ class MotorAlarms:
         The test and its reference are forgotten too: their times are of another clock.
         """
         self._detector = None
+        self._gradual_watch = None
+        self._reported_loss = None
         self._undetectable_reason = None
         self.active = ()
         self.change_time = nan
@@ -71,9 +83,9 @@ class MotorAlarms:
     @property
     def weak_since(self) -> float | None:
         """Time of the latest change of a motor, s of the boot clock, while one is weak; None while all are sound."""
-        if self._detector is None or not self._detector.weak_motors:
-            return None
-        return self.change_time
+        has_gradual_loss = self._gradual_watch is not None and self._gradual_watch.loss is not None
+        has_weak_motor = self._detector is not None and bool(self._detector.weak_motors)
+        return self.change_time if has_weak_motor or has_gradual_loss else None
 
     def add_sample(
         self, time: float, boot: int, motors: MotorOutputs, commands: list[float], heading: float
@@ -100,9 +112,12 @@ class MotorAlarms:
         tested_motors = (boot, motors.geometry, motors.scale.low, motors.scale.high)
         if self._detector is None or tested_motors != self._tested_motors:
             self._detector = MotorLossDetector(motors.geometry, boot)
+            self._gradual_watch = GradualLossWatch(motors.geometry, boot)
             self._tested_motors = tested_motors
         facts = []
         for change in self._detector.update(time, commands, heading):
+            if self._is_part_of_gradual_loss(change):
+                continue
             self.latest.append(change)
             if change.motor is not None:
                 self.change_time = change.onset_time
@@ -112,4 +127,61 @@ class MotorAlarms:
                 self.active = tuple(shown_change.event for shown_change in shown_changes)
             facts.append(change.event)
         self._undetectable_reason = self._detector.undetectable_reason
+        if isfinite(heading):
+            facts += self._search_gradual_loss(time, commands)
         return tuple(facts)
+
+    def _is_part_of_gradual_loss(self, change: MotorAlarm) -> bool:
+        """Returns whether a change that the sequential test has found is the latest part of a known slow loss."""
+        loss = self._reported_loss
+        return loss is not None and change.is_weak and change.name == loss.name
+
+    def _search_gradual_loss(self, time: float, commands: list[float]) -> Facts:
+        """Searches flight in which no motor changed suddenly for one that loses thrust slowly.
+
+        The loss stays among the changes with its newest figures. It is reported when it is found, again when it has
+        grown by ``MIN_REPORTED_GROWTH``, and as a recovery when it is over.
+
+        Args:
+            time: time of the sample, s of the boot clock.
+            commands: (k,) outputs of the k motors, as shares of the range.
+
+        Returns:
+            The report, if there is one.
+        """
+        assert self._detector is not None
+        assert self._gradual_watch is not None
+        watch = self._gradual_watch
+        reported = self._reported_loss
+        sudden_motors = set(self._detector.weak_motors)
+        if reported is None and sudden_motors:
+            # The flight before a sudden loss is no reference for a slow one.
+            watch.restart()
+            return ()
+        watch.add_sample(time, commands)
+        loss = watch.loss
+        if loss is None and reported is None:
+            return ()
+        if loss is None:
+            assert reported is not None
+            loss = reported._replace(time=time, onset_time=time, size=0.0, loss=())
+            self._reported_loss = None
+            self.latest.append(loss)
+        elif reported is None or reported.name != loss.name:
+            self.latest.append(loss)
+            self._reported_loss = loss
+        else:
+            self._replace_latest(loss)
+            if loss.size < MIN_REPORTED_GROWTH * reported.size:
+                self.active = (loss.event,)
+                return ()
+            self._reported_loss = loss
+        self.change_time = loss.onset_time
+        self.active = (loss.event,)
+        return (loss.event,)
+
+    def _replace_latest(self, loss: MotorAlarm) -> None:
+        """Replaces the latest change of a motor by its newest figures, with the time at which it was found first."""
+        for index, change in enumerate(self.latest):
+            if change.name == loss.name and change.boot == loss.boot and change.is_weak:
+                self.latest[index] = loss._replace(time=change.time, onset_time=change.onset_time)

@@ -37,7 +37,7 @@ from mavdem.live.live_lights import fastest_rates, lights_before_model
 from mavdem.live.takeoff_place import Displacement
 from mavdem.live.vehicle_state import VehicleState
 from mavdem.live.wind import WindEstimate
-from mavdem.motors.motor_changes import MotorAlarm
+from mavdem.motors.motor_changes import MotorAlarm, thrust_losses
 
 STATUS_PERIOD = 1.0
 """Time between two reports of a status, s: a choice."""
@@ -403,8 +403,8 @@ class SessionStatus(ImmutableResult):
 
     @property
     def _weak_motors(self) -> list[Fact]:
-        """The alarms of motors that are weak, as facts."""
-        return [alarm.fact for alarm in self.motor_alarms if alarm.is_weak]
+        """The losses of thrust of motors, the worst first, as facts with their newest figures, as of a log."""
+        return thrust_losses(self.motor_alarms)
 
     @property
     def _lights_without_model(self) -> dict[str, Fact]:

@@ -7,6 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from mavdem.assessment.judgement import with_weak_motor
 from mavdem.assessment.wind_drifts import MAX_POSE_AGE, drift_sample
 from mavdem.containers import Numbers
 from mavdem.dataset.attitude import ATTITUDE_MESSAGES
@@ -48,6 +49,7 @@ from mavdem.live.vehicle_review import VehicleReview
 from mavdem.live.vehicle_selection import Component, VehicleSelector
 from mavdem.live.vehicle_state import VehicleState, vehicle_state
 from mavdem.live.wind import LiveWind
+from mavdem.motors.motor_changes import thrust_losses
 from mavdem.wind_velocity.from_log import ESTIMATOR_FLAG_MESSAGES, VELOCITY_MESSAGES
 
 REPLY_MESSAGES = ("MESSAGE_INTERVAL", "COMMAND_ACK")
@@ -309,6 +311,7 @@ class LiveStream:
         """
         vehicle = self.followed_vehicle
         watchdog = self._review.watchdog
+        loss = None if watchdog.loss is None else self._loss_with_weak_motor(watchdog.loss)
         # Where the take-off was not seen, a position in the air was taken for its place.
         is_takeoff_seen = isfinite(self.takeoff_time)
         return SessionStatus(
@@ -322,9 +325,12 @@ class LiveStream:
             undecoded_frames=self.frame_reader.undecoded_frames,
             motor_alarms=tuple(self.motor_alarms.latest),
             has_landed=watchdog.has_landed,
-            loss=watchdog.loss,
+            loss=loss,
             ground_contact=watchdog.ground_contact,
-            active_alarms=(*watchdog.active_alarms, *self.motor_alarms.active),
+            active_alarms=tuple(
+                loss if loss is not None and alarm == watchdog.loss else alarm
+                for alarm in (*watchdog.active_alarms, *self.motor_alarms.active)
+            ),
             position=None if self.pose is None else self.pose.position,
             takeoff_position=self._pose.takeoff_position if is_takeoff_seen else None,
             displacement=None if is_takeoff_seen else self._takeoff_place.displacement,
@@ -601,6 +607,17 @@ class LiveStream:
         self._review.restart(boot)
         self._rows.restart(boot, self._review.phase)
 
+    def _loss_with_weak_motor(self, loss: Fact) -> Fact:
+        """Adds the motor that was weak before a flight was lost to the loss, as the judgement of a log does."""
+        weak_motors = thrust_losses(self.motor_alarms.latest)
+        return with_weak_motor(loss, weak_motors[0]) if weak_motors else loss
+
     def _report(self, fact: Fact) -> None:
-        """Adds a fact to the events, at the time when the latest frames were received."""
+        """Adds a fact to the events, at the time when the latest frames were received.
+
+        Args:
+            fact: the fact; to the alarm of a lost flight the motor is added that was weak before.
+        """
+        if fact.code is SessionFact.ALARM:
+            fact = fact.replace(reason=self._loss_with_weak_motor(fact.figures["reason"]))
         self._events.append(Event(self._stamp, fact))

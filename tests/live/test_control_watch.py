@@ -336,5 +336,6 @@ def test_a_vehicle_that_topples_over_after_its_landing_is_an_alarm(hover):
 
 
 def test_control_is_not_judged_before_the_first_review_of_a_flight():
-    moment = FlightMoment(10.0, Telemetry(1, messages={}), takeoff_time=0.0, motion=None)
+    vehicle = Telemetry(1, component=1, vehicle=MAV_TYPES["QUADROTOR"], autopilot=3, messages={})
+    moment = FlightMoment(10.0, vehicle, takeoff_time=0.0, motion=None)
     assert Watchdog(RecentMessages()).review_control(moment) == []

@@ -1,8 +1,10 @@
 """A motor that weakens in flight: the live path says which, and a log of the same stream says the same."""
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
+from frames import geometry
 from hover import Hover
 from live_hover import Flight, by_time, offline, replay
 from mavlink_streams import message
@@ -12,16 +14,19 @@ from pytest import approx, fixture, mark
 from mavdem.assessment.axis.analysis import motor_alarms
 from mavdem.dataset.signals import Signals
 from mavdem.experiments.paper.flights import write_log
+from mavdem.facts.lights import Light
 from mavdem.facts.motors import MotorWatchFact
 from mavdem.facts.session import SessionFact, TimeUse
 from mavdem.ingest import read_log
 from mavdem.ingest.formats import read_stream
 from mavdem.live import LiveStream, SessionStatus
+from mavdem.live.gradual_watch import GradualLossWatch
 from mavdem.live.history import LiveHistory
 from mavdem.live.motor_alarms import MotorAlarms
 from mavdem.motors.motor_changes import thrust_losses
 from mavdem.report.live import live_report
 from mavdem.report.templates import render_section
+from sitl_scenarios.mishaps.specs import MotorFade
 from sitl_scenarios.scenario import Scenario, StreamSpec, TurbulentWind, VehicleSpec
 from sitl_scenarios.simulation import fly
 
@@ -161,3 +166,59 @@ def test_a_vehicle_that_does_not_do_what_is_asked_names_no_motor(mask):
 
 def test_no_motor_is_weak_before_a_loss():
     assert MotorAlarms().weak_since is None
+
+
+@fixture(scope="module")
+def fading(tmp_path_factory, coarse_physics):
+    """A quadrotor one of whose motors loses two thirds of its thrust from 12 s after arming on, in 20 s."""
+    wind = (TurbulentWind(kind="dryden", speed=3.0, direction=83.0),)
+    mishap = MotorFade(kind="motor_fade", start=12.0, motor=3, seconds=20.0, thrust=0.35)
+    stream = StreamSpec(autopilot="ardupilot", rate=25.0, instruments=True)
+    scenario = Scenario(duration=36.0, height=8.0, seed=4, wind=wind, stream=stream, mishap=mishap)
+    path = tmp_path_factory.mktemp("fading") / "flight.tlog"
+    write_log(path, scenario, fly(scenario))
+    return path
+
+
+def test_a_motor_that_fades_is_reported_early_and_its_light_follows_the_newest_estimate(fading):
+    stream = LiveStream()
+    alarms = []
+    rises = []
+    judging_time = 0.0
+    for stamp, frame in read_stream(fading).stamped_frames():
+        stream.feed(stamp / 1e6, frame)
+        for event in stream.drain_events():
+            reason = event.fact.figures.get("reason")
+            if (
+                event.fact.code is SessionFact.ALARM
+                and reason.code is MotorWatchFact.MOTOR_LOST_THRUST
+            ):
+                alarms.append((stream.now, reason))
+        if alarms and stream.now > judging_time + 0.5:
+            judging_time = stream.now
+            light = stream.status().overall_judgement.lights[Light.MOTORS]
+            if light.code is MotorWatchFact.MOTOR_LOST_THRUST:
+                rises.append(light.figures["rise"])
+    found_time, first = alarms[0]
+    # It fades from 14 s of the boot clock on. The sequential test alone finds it two seconds later.
+    assert found_time < 28.5
+    assert {reason.subject for _, reason in alarms} == {"motor 3 (front left)"}
+    # A loss that grows is reported again only once it has grown by half.
+    reported = [reason.figures["rise"] for _, reason in alarms]
+    assert all(later >= 1.5 * earlier for earlier, later in pairwise(reported))
+    assert rises == sorted(rises) and rises[-1] > reported[-1]
+    [change] = stream.status().motor_alarms
+    assert change.onset_time == first.time
+
+
+def test_a_slow_loss_that_is_no_longer_found_is_over():
+    watch = GradualLossWatch(geometry(), 0)
+    noise = np.random.default_rng(1).normal(0.0, 0.003, (1000, 4))
+    for number in range(1000):
+        time = number / 10
+        fade = np.clip((time - 8.0) / 10.0, 0.0, 1.0) * (time < 40.0)
+        commands = 0.5 + noise[number] + 0.2 * fade * np.array([1.0, 0.0, 0.0, 0.0])
+        watch.add_sample(time, commands.tolist())
+        if time == 39.0:
+            assert watch.loss.motor == 1
+    assert watch.loss is None
