@@ -19,7 +19,7 @@ from mavdem.cli.sources import assess_without_model
 from mavdem.documents.wind import Wind
 from mavdem.errors import NotLearnable
 from mavdem.facts.vehicle import Basis
-from mavdem.fleet.priors import earlier_drag
+from mavdem.fleet.priors import WIND_DOCUMENT, earlier_drag
 from mavdem.report.blocks import Blocks, Sentence, caution
 from mavdem.report.condition import WIND_LIGHTS, drag_table, wind_blocks, wind_tables
 from mavdem.report.pages.wind_page import wind_page
@@ -30,9 +30,6 @@ from mavdem.wind_velocity.from_log import drag_settings, wind_of_signals
 PAGE_FILE = "wind.html"
 """Name of the page with the wind over time, on the map, by height, and the drag."""
 
-DOCUMENT_FILE = "wind.json"
-"""Name of the file with the document, as ``--json`` prints it."""
-
 MAX_COURSE_ROWS = 6
 """Rows of the tables of the wind over time and height, without --verbose."""
 
@@ -42,7 +39,7 @@ MAX_COURSE_ROWS = 6
 @vehicle_option
 @file_option(
     "--prior",
-    "Drag from an earlier flight: learn's folder or files, or wind's own JSON.",
+    "Another flight of the vehicle, for its drag: a log, or a folder or file of learn or wind.",
 )
 @file_option("--out", "Folder for wind.html and wind.json.")
 @json_option
@@ -62,7 +59,7 @@ def wind_command(
     Exit code: 1 if no wind can be estimated from the log.
     """
     if out:
-        check_output_folder(out, (PAGE_FILE, DOCUMENT_FILE), prior)
+        check_output_folder(out, (PAGE_FILE, WIND_DOCUMENT), prior)
     assessment, evidence = assess_without_model(source, vehicle)
     wind = evidence.wind.estimate
     if evidence.wind.reason is not None:
@@ -93,7 +90,7 @@ def wind_command(
     )
     if out:
         page = wind_page(Path(source).name, wind_evidence, assessment, parameters_to_set, cautions)
-        with replaced_files(out, [PAGE_FILE, DOCUMENT_FILE]) as (page_path, document_path):
+        with replaced_files(out, [PAGE_FILE, WIND_DOCUMENT]) as (page_path, document_path):
             document_path.write_text(json_text(document), "utf-8")
             # The page may contain the name of a file, which need not be valid Unicode.
             page_path.write_text(page, "utf-8", "replace")

@@ -4,12 +4,22 @@ import json
 from pathlib import Path
 from typing import NamedTuple
 
+from mavdem.assessment.identity import identify_vehicle
+from mavdem.dataset.flights import choose_vehicle
+from mavdem.dataset.signals import Signals
 from mavdem.dem import Learned
 from mavdem.errors import Unreadable
 from mavdem.facts.fleet import NoPrior
+from mavdem.facts.vehicle import Basis
 from mavdem.fleet.row import SYSTEM_ID_BASIS
 from mavdem.fleet.rows_of_log import MODEL, REPORT, file_text
+from mavdem.ingest import read_log
+from mavdem.log_formats import LOG_ENDINGS
+from mavdem.wind_velocity.from_log import wind_of_signals
 from mavdem.wind_velocity.vehicle_drag import Drag
+
+WIND_DOCUMENT = "wind.json"
+"""Name of the file with the document of ``mavdem wind``, in its folder."""
 
 
 def earlier_flight(path: Path, axis: str) -> Learned:
@@ -57,8 +67,8 @@ def earlier_drag(path: Path, wind_speed: float | None = None) -> EarlierDrag:
     nothing.
 
     Args:
-        path: document of ``mavdem learn`` or ``mavdem wind --json``. For a folder, or a ``model.json``, the report in
-            the same folder is read.
+        path: log of the earlier flight, or a document of ``mavdem learn`` or ``mavdem wind``. For a ``model.json`` the
+            report in the same folder is read, and of a folder its report or the document of ``mavdem wind``.
         wind_speed: wind speed of the flight that the prior is for, m/s. A report with exactly this speed is of the same
             flight, which cannot be its own prior.
 
@@ -66,10 +76,15 @@ def earlier_drag(path: Path, wind_speed: float | None = None) -> EarlierDrag:
         The drag, and whose it is.
 
     Raises:
-        Unreadable: the document cannot be read, contains no drag, or is of the same flight.
+        Unreadable: the log or document cannot be read, contains no drag, or is of the same flight.
+        NotLearnable: the log shows no wind, and so no drag.
     """
+    if path.is_file() and path.name.lower().endswith(LOG_ENDINGS):
+        return _drag_of_log(path, wind_speed)
     if path.is_dir():
         file = path / REPORT
+        if not file.exists():
+            file = path / WIND_DOCUMENT
     elif path.name == MODEL:
         file = path.with_name(REPORT)
     else:
@@ -88,3 +103,26 @@ def earlier_drag(path: Path, wind_speed: float | None = None) -> EarlierDrag:
     if wind_speed is not None and wind.get("speed") == wind_speed:
         raise Unreadable(NoPrior.DRAG_OF_THIS_FLIGHT, path=file)
     return EarlierDrag(drag, vehicle)
+
+
+def _drag_of_log(path: Path, wind_speed: float | None) -> EarlierDrag:
+    """Estimates the drag of the flight in a log, as a prior for another flight.
+
+    Args:
+        path: the log.
+        wind_speed: wind speed of the flight that the prior is for, m/s; None if it is not known.
+
+    Returns:
+        The drag, and whose it is.
+
+    Raises:
+        Unreadable: the log cannot be read, or is of the same flight.
+        NotLearnable: the log shows no wind, and so no drag.
+    """
+    signals = Signals(choose_vehicle(read_log(path).vehicles))
+    wind = wind_of_signals(signals)
+    if wind.speed == wind_speed:
+        raise Unreadable(NoPrior.DRAG_OF_THIS_FLIGHT, path=path)
+    identity = identify_vehicle(signals)
+    is_named = identity.basis is not Basis.SYSTEM_ID
+    return EarlierDrag(wind.drag.for_next_flight(), identity.name if is_named else "")

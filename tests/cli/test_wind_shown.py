@@ -62,5 +62,10 @@ def test_the_wind_is_shown_as_it_is_estimated(tmp_path, capsys):
     ):
         assert title in page
     assert json.loads((tmp_path / "wind" / "wind.json").read_text())["speed"] == found.speed
-    assert run("wind", log, "--prior", learnt) == 2
-    assert "of this very flight" in capsys.readouterr().err
+    # A flight's log is a prior for another one, as its documents are.
+    for earlier_flight in (log, tmp_path / "wind"):
+        drag = earlier_drag(earlier_flight).drag
+        assert drag.mean == approx(found.drag.for_next_flight().mean)
+    for this_flight in (learnt, tmp_path / "wind", log):
+        assert run("wind", log, "--prior", this_flight) == 2
+        assert "of this very flight" in capsys.readouterr().err
