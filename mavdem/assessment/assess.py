@@ -411,7 +411,7 @@ def without_flight_advice(wind: WindEvidence) -> WindEvidence:
     estimate, autopilot_estimate, reason_unknown = wind
     if estimate is not None:
         reasons = {name: fact.grounded for name, fact in estimate.reasons.items()}
-        estimate = replace(estimate, reasons=reasons)
+        estimate = replace(estimate, reasons=reasons, advice=None)
     if reason_unknown is not None:
         reason_unknown = reason_unknown.grounded
     return WindEvidence(estimate, autopilot_estimate, reason_unknown)

@@ -33,10 +33,10 @@ class Published(NamedTuple):
 
 
 DOCUMENTS = {
-    "review": Published("review.Review", 16, "report.json of review, and `--json` of review"),
-    "learn": Published("flight.LearnReport", 12, "report.json, and `--json` of learn and open"),
-    "info": Published("inventory.Inventory", 8, "`--json` of info"),
-    "wind": Published("wind.Wind", 7, "`--json` of wind"),
+    "review": Published("review.Review", 17, "report.json of review, and `--json` of review"),
+    "learn": Published("flight.LearnReport", 13, "report.json, and `--json` of learn and open"),
+    "info": Published("inventory.Inventory", 9, "`--json` of info"),
+    "wind": Published("wind.Wind", 8, "`--json` of wind"),
     "tune": Published("loops.Tune", 6, "`--json` of tune"),
     "compare": Published("comparison.CompareReport", 4, "`--json` of compare"),
     "order": Published("comparison.Order", 4, "`--json` of order"),

@@ -122,6 +122,8 @@ class WindVelocity(Document):
     """reported, biased or not identifiable, of speed, direction and drag"""
     reasons: dict[str, SentenceText]
     """why a figure is not reported, of speed, direction and drag"""
+    advice: SentenceText | None
+    """what to fly to know speed or direction better, and how well they would then be known"""
     boot: int
     """number of the vehicle's boot, from 0"""
     calm: bool

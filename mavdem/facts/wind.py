@@ -23,6 +23,13 @@ class WindDoubt(Code):
     DIRECTION_UNSURE = "direction_unsure"
 
 
+class WindAdvice(Code):
+    """What to fly so that the wind is known better."""
+
+    FLY_BOX = "fly_box"
+    TURN_HEADING = "turn_heading"
+
+
 class WindShare(Code):
     """How much of a torque the mean wind explains."""
 

@@ -30,14 +30,13 @@ from mavdem.ingest.telemetry import interpolated
 from mavdem.live.link import SILENCE_SECONDS
 from mavdem.plant.online_wind_torque import FIRST_FIT_SECONDS
 from mavdem.wind_velocity.airflow_filter import TOTAL_WIND_MATRIX, AirflowFilter
-from mavdem.wind_velocity.compass import compass_text, speed_and_direction
+from mavdem.wind_velocity.compass import HEADING_SD, compass_text, speed_and_direction
 from mavdem.wind_velocity.drag_identification import (
     GUST_PRIOR_MEAN,
     GUST_PRIOR_SD,
     filter_parameters,
 )
 from mavdem.wind_velocity.estimation import (
-    HEADING_SD,
     MAX_DIRECTION_INTERVAL,
     lower_speed_bound,
     speed_status,

@@ -33,6 +33,9 @@ COMPASS_WORDS = {"N": "north", "E": "east", "S": "south", "W": "west"}
 FLOW_ARROWS = "↓↙←↖↑↗→↘"
 """Arrows along the flow of wind from north, north-east and so on, 45° apart."""
 
+HEADING_SD = 2.5
+"""Standard error of the heading, degrees: as a calibrated compass has."""
+
 ANY_DIRECTION = 180.0
 """Half width of the direction, degrees, if the wind may come from any direction."""
 
@@ -74,17 +77,19 @@ def compass_text(direction: float) -> str:
     return f"{point} ({direction % 360:.0f}°) {arrow}"
 
 
-def compass_words(direction: float) -> str:
-    """Returns a direction that wind comes from in words, such as "the west-south-west (248°)".
+def compass_words(direction: float, half_width: float | None = None) -> str:
+    """Returns a direction that wind comes from in words, such as "the west-south-west (248° ± 9°)".
 
     The direction is rounded to the nearest of 16 points of the compass, as by :func:`compass_text`.
 
     Args:
         direction: where the wind comes from, degrees clockwise from north.
+        half_width: half width of its interval, degrees; None if it is not to be shown.
     """
     point = _nearest_point(direction, COMPASS_POINTS)
     words = "-".join(COMPASS_WORDS[letter] for letter in point)
-    return f"the {words} ({direction % 360:.0f}°)"
+    interval = "" if half_width is None else f" ± {half_width:.0f}°"
+    return f"the {words} ({direction % 360:.0f}°{interval})"
 
 
 def speed_and_direction(

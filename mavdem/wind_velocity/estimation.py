@@ -17,8 +17,10 @@ from mavdem.facts.identifiability import Status
 from mavdem.facts.online import DragSource
 from mavdem.facts.wind import WindDoubt
 from mavdem.immutable import ImmutableResult
+from mavdem.wind_velocity.advised_flight import WindErrors, advised_flight
 from mavdem.wind_velocity.airflow_filter import TOTAL_WIND_MATRIX
 from mavdem.wind_velocity.compass import (
+    HEADING_SD,
     PolarWind,
     meteorological_direction,
     speed_and_direction,
@@ -68,9 +70,6 @@ MAX_DIRECTION_OF_WIND = 90.0
 Less than 90 % of the likely wind velocities are then on one side of still air, which is among them.
 """
 
-HEADING_SD = 2.5
-"""Standard error of the heading, degrees: as a calibrated compass has."""
-
 REPORTED_DRAG_SD = 0.18
 """Relative standard deviation of the drag up to which it is reported."""
 
@@ -114,6 +113,8 @@ class WindVelocity(ImmutableResult):
         drag: drag of the vehicle, by its prior and this flight.
         status: status of "speed", "direction" and "drag", by name.
         reasons: reason why any of these is not reported, by name.
+        advice: what to fly so that speed or direction are known much better, with the errors that are then to be
+            expected; None if both are reported, or no such flight is known.
         boot: number of the log's boot on whose clock ``time`` is; 0 if arrays were given.
     """
 
@@ -135,6 +136,7 @@ class WindVelocity(ImmutableResult):
     drag: Drag
     status: Mapping[str, Status]
     reasons: NamedFacts
+    advice: Fact | None = None
     boot: int = 0
 
     @property
@@ -222,6 +224,9 @@ class _MeanWind(NamedTuple):
     direction_half_width: float
     """Half width of the direction's 90 % interval, degrees."""
 
+    noise_sd: float
+    """Standard deviation by noise alone, along one direction, m/s."""
+
 
 class _Doubt(NamedTuple):
     """A figure of the wind that is not reported, and why."""
@@ -268,7 +273,8 @@ def estimate_wind(
        specific force that no wind causes. The spread of the N winds is the error by uncertain drag and lean, and the
        smoother's variance is the error by noise.
     3. From these follow the mean wind with its intervals, gusts, the wind by minute and by height.
-    4. Figures that the flight does not determine well are marked as biased or not identifiable, with the reason.
+    4. Figures that the flight does not determine well are marked as biased or not identifiable, with the reason, and
+       with what to fly to know them better.
 
     Args:
         time: stamps (T,), s, ascending; there may be gaps.
@@ -324,10 +330,22 @@ def estimate_wind(
     status = dict.fromkeys(("speed", "direction", "drag"), Status.REPORTED)
     for doubt in doubts:
         status[doubt.figure] = doubt.status
+    lowest_speed = lower_speed_bound(whole_flight.low, whole_flight.high)
+    advice = None
+    if status["speed"] is not Status.REPORTED or status["direction"] is not Status.REPORTED:
+        has_unsure_direction = lowest_speed > 0 and status["direction"] is not Status.REPORTED
+        direction_error = np.radians(whole_flight.direction_half_width)
+        errors = WindErrors(
+            whole_flight.speed,
+            speed_error=(whole_flight.high - lowest_speed) / 2,
+            direction_error=direction_error if has_unsure_direction else None,
+            noise_sd=whole_flight.noise_sd,
+            drag_sd=drag_sd,
+        )
+        advice = advised_flight(errors, flight_drag)
 
     gust_steps = max(round(GUST_SECONDS / fine.step), 1)
     gust = float(_largest_running_mean(np.hypot(*wind_velocity.T)[:, np.newaxis], gust_steps)[0])
-    lowest_speed = lower_speed_bound(whole_flight.low, whole_flight.high)
     gust_low, gust_high = _gust_interval(winds, variances, gust_steps, gust)
     if not lowest_speed:
         # Still air has no gusts. The samples have, since the speed of a scattered velocity is above 0.
@@ -355,6 +373,7 @@ def estimate_wind(
         drag=flight_drag,
         status=status,
         reasons={doubt.figure: doubt.reason for doubt in doubts},
+        advice=advice,
     )
 
 
@@ -529,6 +548,7 @@ def _mean_wind(winds: Array, variances: Array, step: float) -> _MeanWind:
         high=high,
         direction=meteorological_direction(north, east),
         direction_half_width=direction_half_width,
+        noise_sd=float(np.sqrt((noise_sd**2).mean())),
     )
 
 

@@ -34,8 +34,8 @@ def test_the_wind_is_shown_as_it_is_estimated(tmp_path, capsys):
     )
     said = unwrapped(capsys.readouterr().out)
     (low, high) = found.speed_interval
-    assert f"Wind: {found.speed:.1f} m/s from {compass_words(found.direction)}, gusts to" in said
-    assert f"the speed is {low:.1f} to {high:.1f} m/s" in said
+    origin = compass_words(found.direction, found.direction_interval)
+    assert f"Wind: {found.speed:.1f} m/s ({low:.1f} to {high:.1f}) from {origin}, gusts" in said
     assert json.loads((learnt / "report.json").read_text())["wind_velocity"]["speed"] == found.speed
     assert b"wind/velocity" in (learnt / "flight.mcap").read_bytes()
     assert run("convert", log, tmp_path / "legs.csv") == 0

@@ -16,6 +16,7 @@ from scipy.signal import lfilter
 from scipy.spatial.transform import Rotation
 
 import mavdem
+from mavdem.assessment.assess import without_flight_advice
 from mavdem.dataset.position_fix import measures_velocity
 from mavdem.dataset.signals import Signals
 from mavdem.dataset.time_series import TimeSeries
@@ -23,7 +24,7 @@ from mavdem.facts.identifiability import Status
 from mavdem.facts.lights import Light
 from mavdem.facts.online import AirflowFact
 from mavdem.facts.sources import Repair
-from mavdem.facts.wind import NoWind, WindDoubt, WindShare
+from mavdem.facts.wind import NoWind, WindAdvice, WindDoubt, WindShare
 from mavdem.ingest import read_log
 from mavdem.live.session_status import SessionStatus
 from mavdem.live.wind import LiveWind
@@ -206,6 +207,18 @@ def test_hover_takes_the_drag_of_another_flight():
     known = mavdem.estimate_wind(*hover, drag=Drag.from_dict(drag.as_dict()))
     widths = [np.diff(one.speed_interval)[0] for one in (known, alone)]
     assert abs(known.speed - 5) < 0.7 and widths[0] < 0.6 * widths[1]
+    # What was advised does what it was to do: flight in several directions with turns of the heading.
+    advised = mavdem.estimate_wind(*flight(seed=5)[:3]).drag.for_next_flight()
+    low, high = mavdem.estimate_wind(*hover, drag=advised).speed_interval
+    assert alone.advice.code is WindAdvice.FLY_BOX
+    assert (high - low) / 2 == approx(alone.advice.figures["expected_speed_error"], rel=0.4)
+    # After a crash nothing is advised to be flown.
+    grounded = without_flight_advice(WindEvidence(alone, None, None))
+    leads = [block.lead for block in wind_blocks(grounded)]
+    assert grounded.estimate.advice is None and "To know it better:" not in leads
+    assert not any(
+        "Fly" in reason.sentence_and_remedy for reason in grounded.estimate.reasons.values()
+    )
 
 
 @mark.slow
