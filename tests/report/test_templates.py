@@ -12,6 +12,7 @@ from recorded_flights import LOGS
 
 import mavdem
 from mavdem import baselines
+from mavdem.assessment.condition import Condition, VibrationFigures
 from mavdem.assessment.inventory import inventory
 from mavdem.evaluate import compare, windows
 from mavdem.experiments.compared_methods import Method
@@ -33,6 +34,7 @@ from mavdem.report.templates import (
     capitalize_first,
     interval,
     period,
+    render_section,
     rounded_below,
     rounded_up,
     sentences_by_axes,
@@ -64,6 +66,13 @@ SCREENS = {
 @mark.parametrize("name", SCREENS)
 def test_a_screen_reads_as_its_golden_file(name, request):
     is_golden(request, name, SCREENS[name]())
+
+
+def test_the_vibration_of_the_condition_says_of_which_imu_it_is_and_leaves_clips_to_the_light():
+    condition = Condition(duration=60.0, vibration=VibrationFigures((37.3, 33.4, 48.0), clips=12))
+    text = plain_text(render_section("condition", condition))
+    vibration = "37.3, 33.4 and 48.0 m/s² along x, y and z, the mean of IMU 1 in settled flight."
+    assert vibration in text and "clip" not in text
 
 
 @mark.slow
