@@ -180,7 +180,7 @@ class Simulation:
             rows.append(row)
             disturbed_states.append(disturbed_state)
         # The rows become columns: one array for each field of the motion.
-        columns = {name: _column([row[name] for row in rows]) for name in rows[0]}
+        columns = {name: _column_of_field([row[name] for row in rows]) for name in rows[0]}
         # Forces and moments of the disturbance are computed for all cycles at once, which is faster.
         columns |= self._disturbance_columns(columns, disturbed_states)
         columns["landed_state"] = columns["landed_state"].astype(np.uint8)
@@ -200,7 +200,7 @@ class Simulation:
         """
         force = np.zeros((len(disturbed_states), 3))
         moment = np.zeros((len(disturbed_states), 3))
-        air = _column([disturbed.air for disturbed in disturbed_states])
+        air = _column_of_field([disturbed.air for disturbed in disturbed_states])
         # ``disturbance_of_states`` takes many states with the same damage, so rows are grouped by their damage.
         flying_rows: dict[Damage, list[int]] = {}
         for row, disturbed in enumerate(disturbed_states):
@@ -468,7 +468,7 @@ class Simulation:
         self._on_ground = lift <= self._airframe.mass * GRAVITY
 
 
-def _column(values: Sequence[Any]) -> NDArray[Any]:
+def _column_of_field(values: Sequence[Any]) -> NDArray[Any]:
     """Returns the values of one field in N cycles as an array.
 
     Args:

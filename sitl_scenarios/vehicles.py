@@ -187,7 +187,7 @@ def airframe(vehicle: VehicleSpec) -> Airframe:
         base = _own_airframe(vehicle.body, vehicle.quadratic_thrust)
     rotors = rotor_count(vehicle.frame)
     if rotors != base.rotors:
-        base = _enlarged(base, vehicle.frame, rotors)
+        base = _scaled_to_rotors(base, vehicle.frame, rotors)
     rise_lag, fall_lag = base.rotor_lags
     if vehicle.lag_up is not None:
         rise_lag = vehicle.lag_up
@@ -202,7 +202,7 @@ def airframe(vehicle: VehicleSpec) -> Airframe:
     )
 
 
-def _enlarged(quadrotor: Airframe, frame: Shape, rotors: int) -> Airframe:
+def _scaled_to_rotors(quadrotor: Airframe, frame: Shape, rotors: int) -> Airframe:
     """Scales a quadrotor to more rotors of the same kind, each with the same load.
 
     Mass and drag grow with the number of rotors, and moments of inertia with the square of the length of the arms too.

@@ -183,7 +183,7 @@ class _AttitudeLoss(NamedTuple):
             knock, and ends with the loss, s since boot; it has no end if the record ended first.
         """
         # The motion at the onset shows the cause better than the motion in the loss itself.
-        onset = self._onset()
+        onset = self._onset_time()
         height = self.sensors.height_at(onset)
         # The error begins to grow up to ``MAX_SETPOINT_DELAY`` after its cause, so a knock may be before the onset.
         knock = self.sensors.knock_fact((onset - MAX_SETPOINT_DELAY, self.start))
@@ -236,7 +236,7 @@ class _AttitudeLoss(NamedTuple):
         assert peak_error is not None
         return peak_error
 
-    def _onset(self) -> float:
+    def _onset_time(self) -> float:
         """Returns the time at which the attitude began to leave its setpoint, s since boot.
 
         That is the last sample before the loss with an error below ``ONSET_ANGLE``, but at most ``RECOVERY_SECONDS``

@@ -134,7 +134,7 @@ def measure_condition(signals: Signals, *, with_oscillation: bool = True) -> Con
         share_intervals = _share_intervals(signals.motors, settled_segments)
         commands = _mean_commands(signals.motors, settled_segments)
 
-    tilt = _tilt(signals, settled_segments)
+    tilt = _tilt_in_settled_flight(signals, settled_segments)
     armed_seconds = None
     if signals.armed is not None:
         armed_seconds = total_duration(segments_of_boots(signals, flight_states.armed_intervals))
@@ -151,11 +151,11 @@ def measure_condition(signals: Signals, *, with_oscillation: bool = True) -> Con
         tilt_max=tilt.max() if len(tilt) else None,
         vibration=_vibration_figures(signals, settled_segments),
         batteries=_figures_of_batteries(signals, settled_segments or recorded_segments),
-        oscillation=_oscillation(signals, settled_segments) if with_oscillation else None,
+        oscillation=_find_oscillation(signals, settled_segments) if with_oscillation else None,
     )
 
 
-def _oscillation(signals: Signals, settled_segments: Segments) -> Oscillation | None:
+def _find_oscillation(signals: Signals, settled_segments: Segments) -> Oscillation | None:
     """Looks for a limit cycle of the vehicle's motors and tilt, first in settled flight and then in all flight.
 
     All flight is searched too because a vehicle may swing so much that its flight does not count as settled.
@@ -248,7 +248,7 @@ def _mean_lean(signals: Signals, settled_segments: Segments) -> dict[str, MeanFi
     }
 
 
-def _tilt(signals: Signals, settled_segments: Segments) -> Array:
+def _tilt_in_settled_flight(signals: Signals, settled_segments: Segments) -> Array:
     """Returns the tilt in settled flight: the angle between the vehicle's vertical axis and the vertical.
 
     It follows from cos(tilt) = cos(roll) cos(pitch).

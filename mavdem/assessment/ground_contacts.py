@@ -177,7 +177,7 @@ class _Contact:
         3. At least ``MIN_SUPPORT`` independent sensor facts must show that it was no landing. If no accelerometer could
            show a knock, a sudden stop of the estimated descent is enough.
         """
-        rest = self._rest()
+        rest = self._rest_after_flight()
         record_end = float(self.error.time[-1])
         search_end = self._search_end(rest, record_end)
         if search_end is None:
@@ -255,7 +255,7 @@ class _Contact:
         time_around = (time - ESTIMATE_SECONDS, time + ESTIMATE_SECONDS)
         return self._search.time_of_sudden_stop(time_around) is not None
 
-    def _rest(self) -> Rest | None:
+    def _rest_after_flight(self) -> Rest | None:
         """Returns how the vehicle came to rest after its loss, or around the end of its flight; None if it did not.
 
         It is sought for three times ``SEARCH_SECONDS``, since a vehicle that hit the ground may roll or slide on.
@@ -351,7 +351,7 @@ class _Contact:
             The event, at most to be watched unless enough sensors confirm it; None for a slow, upright vehicle without
             a knock, which has landed.
         """
-        onset = self._onset(time)
+        onset = self._onset_time(time)
         contact = self._search.first_knock(onset, time)
         fall_speed = self.sensors.sink_rate((contact - DESCENT_SECONDS, contact))
         contact_speed = self._contact_speed(contact, fall_speed)
@@ -387,7 +387,7 @@ class _Contact:
             event = event.replace(is_ground=True)
         return checked_event(event, sensor_facts)
 
-    def _onset(self, time: float) -> float:
+    def _onset_time(self, time: float) -> float:
         """Determines when a contact began: with the loss of attitude, if the ground caused it, otherwise at ``time``.
 
         A vehicle that tumbles over the ground loses its attitude at the first contact, and its largest knock comes up
@@ -524,7 +524,7 @@ class _Contact:
             height = min(height, height - resting_height)
         if (
             height > max_height
-            or self._leans(time_before)
+            or self._is_leaning(time_before)
             or self._commands_climb((time_before, time))
         ):
             return False
@@ -543,7 +543,7 @@ class _Contact:
             return False
         return height_before - height > LANDING_DESCENT
 
-    def _leans(self, time: float) -> bool:
+    def _is_leaning(self, time: float) -> bool:
         """Returns whether roll or pitch exceeded ``MAX_LANDING_LEAN`` at a time, s, with any setpoint.
 
         Args:

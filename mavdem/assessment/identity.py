@@ -107,8 +107,8 @@ def identify_vehicle(signals: Signals, receive_time: float = float("nan")) -> Id
         ``date_basis`` which clock the date comes from.
     """
     telemetry = signals.telemetry
-    name, name_basis = _name_of(telemetry)
-    date, date_basis = _date(signals, receive_time)
+    name, name_basis = _vehicle_name(telemetry)
+    date, date_basis = _flight_date(signals, receive_time)
     return Identity(
         name,
         name_basis,
@@ -123,7 +123,7 @@ def identify_vehicle(signals: Signals, receive_time: float = float("nan")) -> Id
     )
 
 
-def _name_of(telemetry: Telemetry) -> _NameWithBasis:
+def _vehicle_name(telemetry: Telemetry) -> _NameWithBasis:
     """Makes a name that is the same in all logs of one vehicle, so that they can be recognised.
 
     It is, in this order of preference:
@@ -148,7 +148,7 @@ def _name_of(telemetry: Telemetry) -> _NameWithBasis:
         return _NameWithBasis(board_number, Basis.BOARD)
     for sensor, name_formats in CALIBRATION_PARAMETERS.items():
         for formats_of_sensor in name_formats:
-            calibration = _calibration(telemetry.parameters, formats_of_sensor)
+            calibration = _calibration_values(telemetry.parameters, formats_of_sensor)
             if calibration:
                 text = " ".join(f"{value:.{CALIBRATION_DIGITS}g}" for value in calibration)
                 digest = hashlib.sha256(text.encode()).hexdigest()[:NAME_DIGITS]
@@ -156,7 +156,7 @@ def _name_of(telemetry: Telemetry) -> _NameWithBasis:
     return _NameWithBasis(f"{telemetry.autopilot}-{telemetry.system}".lower(), Basis.SYSTEM_ID)
 
 
-def _calibration(parameters: Parameters, name_formats: str) -> list[float]:
+def _calibration_values(parameters: Parameters, name_formats: str) -> list[float]:
     """Returns the calibration of a sensor: offsets along X, Y and Z, and then scale factors.
 
     Args:
@@ -260,7 +260,7 @@ class _DateWithBasis(NamedTuple):
     basis: DateBasis | None
 
 
-def _date(signals: Signals, receive_time: float) -> _DateWithBasis:
+def _flight_date(signals: Signals, receive_time: float) -> _DateWithBasis:
     """Returns the date of a flight: when its settled part began or, if that is not known, when the log did.
 
     It comes from the first of these sources that has a plausible time:

@@ -95,14 +95,14 @@ def list_instances(evidence: Evidence) -> tuple[Instance, ...]:
         The instances. Batteries come first, the emptiest one at the top.
     """
     return (
-        *_batteries(evidence),
-        *_estimators(evidence),
-        *_receivers(evidence),
-        *_barometers(evidence),
-        *_compasses(evidence),
-        *_imus(evidence),
-        *_speed_controllers(evidence),
-        *_outputs(evidence),
+        *_battery_instances(evidence),
+        *_estimator_instances(evidence),
+        *_receiver_instances(evidence),
+        *_barometer_instances(evidence),
+        *_compass_instances(evidence),
+        *_imu_instances(evidence),
+        *_speed_controller_instances(evidence),
+        *_output_instances(evidence),
     )
 
 
@@ -165,7 +165,7 @@ def _measured_state(values: Array) -> Fact:
     return Fact(InstanceState.CONSTANT if is_constant else InstanceState.MEASURED)
 
 
-def _batteries(evidence: Evidence) -> Iterator[Instance]:
+def _battery_instances(evidence: Evidence) -> Iterator[Instance]:
     """Yields the batteries with their voltages, V, judged by the same limits as the status light "power".
 
     The state of a battery is the worst fact of its voltage in flight and of the autopilot's warnings about it. If there
@@ -194,7 +194,7 @@ def _batteries(evidence: Evidence) -> Iterator[Instance]:
         )
 
 
-def _estimators(evidence: Evidence) -> Iterator[Instance]:
+def _estimator_instances(evidence: Evidence) -> Iterator[Instance]:
     """Yields the instances of the estimator with their innovation ratios and the share of the time that each was used.
 
     At each sample the largest ratio of all innovations is used, relative to the limit of the estimator's own test. An
@@ -273,7 +273,7 @@ def _estimator_state(evidence: Evidence, samples: TimeSeries, used_share: float)
     return Fact(InstanceState.REJECTED, Level.BAD if is_bad else None)
 
 
-def _receivers(evidence: Evidence) -> Iterator[Instance]:
+def _receiver_instances(evidence: Evidence) -> Iterator[Instance]:
     """Yields the satellite receivers with their numbers of satellites, and whether they had a position fix.
 
     A receiver that does not report the number of satellites is listed by its type of fix.
@@ -305,7 +305,7 @@ def _receivers(evidence: Evidence) -> Iterator[Instance]:
         )
 
 
-def _barometers(evidence: Evidence) -> Iterator[Instance]:
+def _barometer_instances(evidence: Evidence) -> Iterator[Instance]:
     """Yields the barometers with their altitude, m, or their pressure, hPa, if the log has no altitude.
 
     ArduPilot's ``BAROMETER_PARAMETER`` names the one in use; without it, that is not known. The altitude of every other
@@ -376,7 +376,7 @@ def _largest_difference(evidence: Evidence, altitude: TimeSeries, reference: Tim
     return largest_difference
 
 
-def _compasses(evidence: Evidence) -> Iterator[Instance]:
+def _compass_instances(evidence: Evidence) -> Iterator[Instance]:
     """Yields the compasses with the strength of the magnetic field that they measure, mGauss.
 
     ArduPilot's ``COMPASS_USE_PARAMETERS`` say which ones are used; without them, that is not known.
@@ -400,7 +400,7 @@ def _compasses(evidence: Evidence) -> Iterator[Instance]:
         )
 
 
-def _imus(evidence: Evidence) -> Iterator[Instance]:
+def _imu_instances(evidence: Evidence) -> Iterator[Instance]:
     """Yields the IMUs with their vibration, m/s², as the autopilot reports it: the largest of its axes at each time.
 
     For an IMU whose vibration is not reported, the values are the size of its specific force, m/s², instead. Its state
@@ -504,7 +504,7 @@ def _vibrations_by_imu(evidence: Evidence) -> dict[int, Array]:
     return vibrations
 
 
-def _speed_controllers(evidence: Evidence) -> Iterator[Instance]:
+def _speed_controller_instances(evidence: Evidence) -> Iterator[Instance]:
     """Yields the speed controllers with the speed of their motor in flight, 1/min.
 
     The state of a controller is the first of these that applies: its motor stood still although it was commanded to
@@ -557,7 +557,7 @@ def _name_with_motor(evidence: Evidence, controller: SpeedController) -> str:
     return f"{controller.name}{_motor_in_brackets(evidence, motors.geometry.names[motor])}"
 
 
-def _outputs(evidence: Evidence) -> Iterator[Instance]:
+def _output_instances(evidence: Evidence) -> Iterator[Instance]:
     """Yields the outputs of the autopilot that drive motors, each with its range of commands and its motor.
 
     For a vehicle that is not a multirotor they are the outputs that change, such as outputs to control surfaces. The

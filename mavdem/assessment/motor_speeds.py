@@ -109,7 +109,7 @@ def standing_motors(
         if motor is not None and speed is not None:
             measured_speed = speed.select(in_intervals(speed.time, [flight_interval]))
             command = _commands_at(motors, sensors.boot, motor, measured_speed.time)
-            for interval in _standstills(sensors.signals, measured_speed, command):
+            for interval in _standstill_intervals(sensors.signals, measured_speed, command):
                 yield _standstill(sensors, error, reports, controller, motor, interval)
 
 
@@ -130,7 +130,7 @@ def _commands_at(motors: MotorOutputs, boot: int, motor: int, time: Array) -> Ti
     return TimeSeries(time, np.full(len(time), boot), values)
 
 
-def _standstills(
+def _standstill_intervals(
     signals: Signals, speed: TimeSeries, command: TimeSeries
 ) -> Iterator[TimeInterval]:
     """Yields the intervals in which a motor stood still although it was commanded to turn, s since boot.

@@ -303,8 +303,8 @@ def _conspicuous_excess(
     is_before = is_in_flight & (commands.time < start - LASTING_SECONDS)
     if not is_before.any():
         return None
-    former_excess = np.quantile(_excess(commands.values[is_before], motor), FORMER_QUANTILE)
-    excess = float(_excess(commands.values[is_in_interval], motor).mean())
+    former_excess = np.quantile(_command_excess(commands.values[is_before], motor), FORMER_QUANTILE)
+    excess = float(_command_excess(commands.values[is_in_interval], motor).mean())
     is_at_limit, _ = samples_at_limits(commands.values[is_in_interval], motors.scale)
     most_limited = most_limited_motors(motors.geometry.names, is_at_limit.sum(axis=0))
     is_only_limited_motor = most_limited == (event.subject,)
@@ -330,7 +330,7 @@ def _sensors_in_flight(signals: Signals, boot: int, time: float) -> BootSensors:
     return BootSensors(signals, boot)
 
 
-def _excess(commands: Array, motor: int) -> Array:
+def _command_excess(commands: Array, motor: int) -> Array:
     """Returns the excess of one motor's command over the mean of the others.
 
     Args:

@@ -139,14 +139,14 @@ def time_history(
             events_of_boot.append(Event(fact.time, fact))
     return TimeHistory(
         segment=segment,
-        height=_within(signals.height, segment),
+        height=_samples_within(signals.height, segment),
         motors=_motor_history(signals, segment),
-        voltages=_voltages(signals, segment),
+        voltages=_battery_voltages(signals, segment),
         axes={axis: _axis_history(signals.for_axis(axis), segment) for axis in AXES},
         wind=wind_history(wind, segment),
         modes=_mode_intervals(signals, segment),
         events=tuple(events_of_boot),
-        position=_within(signals.position, segment),
+        position=_samples_within(signals.position, segment),
     )
 
 
@@ -180,7 +180,7 @@ def _segment_of_flight(signals: Signals, settled_segments: Segments) -> Segment 
     return Segment(boot, start, end)
 
 
-def _within(signal: TimeSeries | None, segment: Segment) -> TimeSeries | None:
+def _samples_within(signal: TimeSeries | None, segment: Segment) -> TimeSeries | None:
     """Returns the samples of a signal within a segment.
 
     Args:
@@ -217,11 +217,13 @@ def _motor_history(signals: Signals, segment: Segment) -> MotorHistory | None:
     outputs = TimeSeries(motors.time, motors.boot, percent)
     deviations = replace(outputs, values=percent - percent.mean(axis=1, keepdims=True))
     return MotorHistory(
-        motors.geometry.names, _within(outputs, segment), _within(deviations, segment)
+        motors.geometry.names,
+        _samples_within(outputs, segment),
+        _samples_within(deviations, segment),
     )
 
 
-def _voltages(signals: Signals, segment: Segment) -> dict[str, TimeSeries | None]:
+def _battery_voltages(signals: Signals, segment: Segment) -> dict[str, TimeSeries | None]:
     """Collects the voltages of the batteries within a segment.
 
     Args:
@@ -233,9 +235,10 @@ def _voltages(signals: Signals, segment: Segment) -> dict[str, TimeSeries | None
     """
     batteries = signals.batteries
     if len(batteries) == 1:
-        return {"battery": _within(batteries[0].voltage, segment)}
+        return {"battery": _samples_within(batteries[0].voltage, segment)}
     return {
-        battery_name(battery.number): _within(battery.voltage, segment) for battery in batteries
+        battery_name(battery.number): _samples_within(battery.voltage, segment)
+        for battery in batteries
     }
 
 
@@ -280,7 +283,7 @@ def _followed_setpoint(
         The signal with its setpoint, None if that was not recorded in the segment. The result is None with less than
         two samples of the signal there.
     """
-    measured_signal = _within(signal, segment)
+    measured_signal = _samples_within(signal, segment)
     if measured_signal is None:
         return None
     latest_setpoint = None
@@ -312,7 +315,7 @@ def wind_history(evidence: WindEvidence, segment: Segment) -> WindHistory | None
     polar = wind.as_polar(autopilot.values, band=np.zeros_like(autopilot.values))
     speed = TimeSeries(autopilot.time, autopilot.boot, polar.speed)
     direction = TimeSeries(autopilot.time, autopilot.boot, polar.direction)
-    return WindHistory(wind, _within(speed, segment), _within(direction, segment))
+    return WindHistory(wind, _samples_within(speed, segment), _samples_within(direction, segment))
 
 
 def _mode_intervals(signals: Signals, segment: Segment) -> tuple[ModeInterval, ...]:

@@ -179,7 +179,7 @@ class WindDriftDetector:
             self._drift.add(sample)
         elif sample.opposing_speed >= MIN_DRIFT_SPEED:
             # What has come to rest in the end was braking.
-            self._begin()
+            self._begin_drift()
 
     def _shows_drift(self, parameters: Parameters) -> bool:
         """Returns whether the vehicle has leaned as far as it may for ``DRIFT_SECONDS``, and moved against its thrust.
@@ -194,7 +194,7 @@ class WindDriftDetector:
         mean_speed = fmean(sample.opposing_speed for sample in samples)
         return LIMIT_SHARE <= lean_share <= MAX_LIMIT_SHARE and mean_speed >= MIN_DRIFT_SPEED
 
-    def _begin(self) -> None:
+    def _begin_drift(self) -> None:
         """Begins a drift with the latest samples, or continues one that ended within ``RECOVERY_SECONDS`` before."""
         start_time = self._samples[0].time
         is_over = self._end_time is not None and start_time - self._end_time >= RECOVERY_SECONDS

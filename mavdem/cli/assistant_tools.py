@@ -196,7 +196,7 @@ def messages(log: str, name: str = "", vehicle: str | None = None) -> JsonValues
     Raises:
         ToolError: The log cannot be read, or has several vehicles and none was chosen.
     """
-    telemetry = with_all_messages(_telemetry(log, vehicle), log)
+    telemetry = with_all_messages(_vehicle_messages(log, vehicle), log)
     message_list: list[JsonValues] = []
     fields = 0
     # A hostile log may have very many messages; they are described one by one, and only until the list is full.
@@ -240,8 +240,8 @@ def samples(
     Raises:
         ToolError: The log cannot be read, or has no such field, or no values of it in that time.
     """
-    telemetry = _telemetry(log, vehicle)
-    time, values = _samples(telemetry, log, message, field, instance, boot)
+    telemetry = _vehicle_messages(log, vehicle)
+    time, values = _samples_of_field(telemetry, log, message, field, instance, boot)
     is_wanted = np.isfinite(values)
     if start is not None:
         is_wanted &= time >= start
@@ -266,7 +266,7 @@ def samples(
     }
 
 
-def _telemetry(log: str, vehicle: str | None) -> Telemetry:
+def _vehicle_messages(log: str, vehicle: str | None) -> Telemetry:
     """Returns the messages of one vehicle in a log.
 
     Args:
@@ -282,7 +282,7 @@ def _telemetry(log: str, vehicle: str | None) -> Telemetry:
         raise ToolError(str(error)) from error
 
 
-def _samples(
+def _samples_of_field(
     telemetry: Telemetry, log: str, message: str, field: str, instance: int | None, boot: int
 ) -> FieldSamples:
     """Returns all samples of one field of a message, by its name in the log or otherwise by its MAVLink name.

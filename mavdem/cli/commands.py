@@ -117,9 +117,9 @@ class LazyCommandGroup(click.Group):
         if command is None:
             return name, command, command_args
         if command.name == "review":
-            _announce("Reviewing", command_args)
+            _announce_activity("Reviewing", command_args)
         elif command.name in ANNOUNCED_COMMANDS and STDERR.is_terminal:
-            _announce("Reading", command_args)
+            _announce_activity("Reading", command_args)
         with default_interrupt_action():
             command = load_command(str(command.name))
         return name, command, command_args
@@ -178,7 +178,7 @@ def looks_like_log_name(argument: str) -> bool:
     return argument.lower().removesuffix(COMPRESSED_ENDING).endswith(endings)
 
 
-def _announce(activity: str, args: Sequence[str]) -> None:
+def _announce_activity(activity: str, args: Sequence[str]) -> None:
     """Reports on standard error which log a command is going to work on.
 
     Args:
@@ -284,7 +284,7 @@ def _exit_code(args: list[str], *, as_json: bool) -> int:
         OSError: Standard output cannot be written to.
     """
     try:
-        _invoke(args)
+        _run_command(args)
     except click.exceptions.Exit as end:
         return end.exit_code
     except click.exceptions.NoArgsIsHelpError as error:
@@ -320,7 +320,7 @@ def _exit_code(args: list[str], *, as_json: bool) -> int:
     return EXIT_ERROR
 
 
-def _invoke(args: list[str]) -> None:
+def _run_command(args: list[str]) -> None:
     """Parses the arguments after ``mavdem`` and runs the command that they name.
 
     Args:

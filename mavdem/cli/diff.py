@@ -35,7 +35,9 @@ DOCUMENT_FILE = "diff.json"
 """Name of the file with the document, as ``--json`` prints it."""
 
 
-def _days(context: click.Context, parameter: click.Parameter, text: str | None) -> Days | None:
+def _parsed_days(
+    context: click.Context, parameter: click.Parameter, text: str | None
+) -> Days | None:
     """Parses the days that a user has given; Click's callback for --days-a and --days-b.
 
     Args:
@@ -72,7 +74,7 @@ def _days_option(side: str) -> Callable[[Command], Command]:
     return click.option(
         f"--days-{side}",
         metavar="FIRST..LAST",
-        callback=_days,
+        callback=_parsed_days,
         help=f"Only flights of {side.upper()} that began on these days, UTC.",
     )
 

@@ -87,7 +87,7 @@ def file_option(name: str, text: str) -> Callable[[Command], Command]:
     return click.option(name, type=click.Path(path_type=Path), help=text)
 
 
-def _combined(*decorators: Callable[[Command], Command]) -> Callable[[Command], Command]:
+def _combined_options(*decorators: Callable[[Command], Command]) -> Callable[[Command], Command]:
     """Returns a decorator that adds several options to a command; the help lists them in the given order.
 
     Args:
@@ -171,7 +171,7 @@ def motion_options(
         axes: Choices of --axis.
         text: Text on --axis for the command's help.
     """
-    return _combined(
+    return _combined_options(
         click.option(
             "--axis", type=click.Choice(axes), default="roll", show_default=True, help=text
         ),
@@ -195,7 +195,7 @@ def source_options(
         axes: Choices of --axis.
         text: Text on --axis for the command's help.
     """
-    return _combined(source_argument, motion_options(axes, text))
+    return _combined_options(source_argument, motion_options(axes, text))
 
 
 def model_options(command: Command) -> Command:
@@ -211,7 +211,7 @@ def model_options(command: Command) -> Command:
         The command with both options.
     """
     orders = model_orders()
-    add_options = _combined(
+    add_options = _combined_options(
         click.option(
             "--preset",
             type=click.Choice(["real", "paper"]),
@@ -272,7 +272,7 @@ def window_options(train_default: str, test_help: str) -> Callable[[Command], Co
 
     train_help = f"Training data: seconds (7s) or samples (700). [default: {train_default}]"
     test_help = f"{test_help} [default: {FORECAST_HORIZON_SECONDS:g}s]"
-    return _combined(
+    return _combined_options(
         click.option("--train", callback=_length_from_text, metavar="LENGTH", help=train_help),
         click.option("--test", callback=_length_from_text, metavar="LENGTH", help=test_help),
     )

@@ -55,13 +55,13 @@ def terminal_tables(table: Table, width: int, lines_per_row: int | None) -> Iter
     row_names, *other_columns = columns
     total_width = sum(column.full_width for column in columns) + COLUMN_GAP * (len(columns) - 1)
     if table.words or total_width <= width:
-        yield _grid(columns, is_text=table.words)
+        yield _table_without_borders(columns, is_text=table.words)
         return
     while other_columns:
         count = _fitting_columns(row_names, other_columns, width)
         columns_of_part = [row_names, *other_columns[:count]]
         widths = [row_names.full_width, *(column.wrapped_width for column in columns_of_part[1:])]
-        yield _grid(columns_of_part, is_text=False, widths=widths)
+        yield _table_without_borders(columns_of_part, is_text=False, widths=widths)
         other_columns = other_columns[count:]
 
 
@@ -114,7 +114,9 @@ def _fitting_columns(row_names: Column, columns: list[Column], width: int) -> in
     return max(count, 1)
 
 
-def _grid(columns: list[Column], *, is_text: bool, widths: list[int] | None = None) -> Grid:
+def _table_without_borders(
+    columns: list[Column], *, is_text: bool, widths: list[int] | None = None
+) -> Grid:
     """Returns a table that Rich can print, without borders.
 
     Args:

@@ -301,7 +301,7 @@ def _learned_from_fit(fit: Fit, record: Record, data: Array) -> Learned:
         ),
         converged=converged,
         record=record,
-        cautions=tuple(_cautions(fit, record)),
+        cautions=tuple(_cautions_on_fit(fit, record)),
         scaling=scaling,
         predictor=fit.predictor,
         state_map=fit.posterior.state_map,
@@ -310,7 +310,7 @@ def _learned_from_fit(fit: Fit, record: Record, data: Array) -> Learned:
     )
 
 
-def _cautions(fit: Fit, record: Record) -> Iterator[Fact]:
+def _cautions_on_fit(fit: Fit, record: Record) -> Iterator[Fact]:
     """Yields cautions about a model: units that seem wrong, instability, or a failed refinement.
 
     Args:

@@ -337,13 +337,13 @@ def fits_by_order(data: BlackBoxData, max_order: int) -> tuple[Iterate | None, .
     for order in range(1, max_order + 1):
         try:
             with raise_on_overflow():
-                fits.append(_fit(data, order))
+                fits.append(_fit_order(data, order))
         except LinAlgError:
             fits.append(None)
     return tuple(fits)
 
 
-def _fit(data: BlackBoxData, order: int) -> Iterate:
+def _fit_order(data: BlackBoxData, order: int) -> Iterate:
     """Fits a black-box model with a given number of states: maximises F̄ over the parameters and the noise precisions.
 
     The free energy has many maxima. So the fit starts from θ by regressions (:func:`theta_from_data`) and from the
@@ -404,7 +404,7 @@ def theta_from_data(data: BlackBoxData, order: int) -> Array:
         if k > 0:
             regressors = np.vstack([states, *v[:k]])
             regressor_rates = np.vstack([rates, *v[1 : k + 1]])
-            coefficients = _regression(data, y[k], regressors, ROUNDING_TOLERANCE)
+            coefficients = _regress_with_ridge(data, y[k], regressors, ROUNDING_TOLERANCE)
             residual_derivative = residual_derivative - coefficients @ regressors
             rate_of_unexplained = rate_of_unexplained - coefficients @ regressor_rates
         # The principal components of what is unexplained, the largest first, become further states, as many as are
@@ -463,7 +463,7 @@ def _mean_products(
     )
 
 
-def _regression(
+def _regress_with_ridge(
     data: BlackBoxData,
     targets: Array,
     regressors: Array,
@@ -528,7 +528,7 @@ def _theta_by_regression(data: BlackBoxData, states: Array, rates: Array) -> Arr
     regressors = np.vstack([states, inputs])
     # Like the priors, the ridge has the weight of one sample.
     ridge = 1 / data.statistics.sample_count
-    dynamics = _regression(data, rates, regressors, ridge)
+    dynamics = _regress_with_ridge(data, rates, regressors, ridge)
     noise = rates - dynamics @ regressors
     noise_covariance = _mean_products(data, noise, noise)
     # The rotation leaves the states' variances at 1, and makes their noises independent.
@@ -541,6 +541,6 @@ def _theta_by_regression(data: BlackBoxData, states: Array, rates: Array) -> Arr
     driven_states = unknown_inputs % n
     noise_deviations = np.sqrt(np.diag(rotation @ noise_covariance @ rotation.T)[driven_states])
     B[driven_states, unknown_inputs] = noise_deviations
-    C = _regression(data, outputs, rotation @ states, ridge)
+    C = _regress_with_ridge(data, outputs, rotation @ states, ridge)
     # The rows of A have been rotated with the rates. Its columns belong to the states, and are rotated here.
     return pack(A @ rotation.T, B, C)

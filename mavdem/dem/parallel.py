@@ -256,7 +256,7 @@ class LearningProcess(Executor):
         self.is_suspended = False
         self._niceness = niceness
         self._exits = ExitStack()
-        self._start(may_fork=True)
+        self._start_process(may_fork=True)
 
     def suspend(self, is_suspended: bool) -> None:
         """Pauses the process within some milliseconds, or lets it continue, at any point of its computation.
@@ -290,7 +290,7 @@ class LearningProcess(Executor):
         try:
             return self._pool.submit(job, *args, **kwargs)
         except BrokenExecutor:
-            self._start(may_fork=False)
+            self._start_process(may_fork=False)
             return self._pool.submit(job, *args, **kwargs)
 
     def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
@@ -299,7 +299,7 @@ class LearningProcess(Executor):
             process.kill()
         self._exits.close()
 
-    def _start(self, *, may_fork: bool) -> None:
+    def _start_process(self, *, may_fork: bool) -> None:
         """Ends the process, if there is one, and starts a new one.
 
         Args:

@@ -143,7 +143,7 @@ def field_samples(
     Raises:
         ValueError: The log has no such message, field or instance; the error lists those that it has.
     """
-    columns = _columns_of(telemetry, message)
+    columns = _message_columns(telemetry, message)
     fields = _numeric_fields(columns)
     if field not in fields:
         raise ValueError(f"{message} has no field {field}: it has {', '.join(fields)}")
@@ -217,7 +217,7 @@ def extremes_of_intervals(samples: FieldSamples, intervals: int) -> FieldSamples
     return FieldSamples(time=time[kept_rows], values=values[kept_rows])
 
 
-def _columns_of(telemetry: Telemetry, message: str) -> Columns:
+def _message_columns(telemetry: Telemetry, message: str) -> Columns:
     """Returns the columns of a message by its name in MAVLink or, without one of that name, by its name in the log.
 
     Args:

@@ -30,7 +30,7 @@ class GivenNames:
     """What the logs of the fleet call their vehicles, with those that have no other name."""
 
     @cached_property
-    def _labels(self) -> dict[str, str]:
+    def _labels_of_vehicles(self) -> dict[str, str]:
         """The label that is shown for each named vehicle, by what its logs call it; no two labels are the same.
 
         A label is the given name. If another vehicle might have the same label, the name in the logs follows in
@@ -62,7 +62,7 @@ class GivenNames:
         Args:
             vehicle: what the logs call the vehicle.
         """
-        return self._labels.get(vehicle, vehicle)
+        return self._labels_of_vehicles.get(vehicle, vehicle)
 
     def rows_with_given_names(self, rows: Iterable[FlightRow]) -> FlightRows:
         """Returns rows for display, in which vehicles have the names that users gave them.

@@ -255,7 +255,7 @@ class LogReader:
             outcome = None
             try:
                 future = self._executor.submit(read_within_limits, job, limits, read)
-                outcome = self._result(future, supervision.is_beyond_limits)
+                outcome = self._awaited_result(future, supervision.is_beyond_limits)
                 ending = supervision.ending
             except BrokenExecutor:
                 exit_code = exit_code_of_ended(process)
@@ -303,13 +303,13 @@ class LogReader:
         try:
             self._executor = self._exits.enter_context(process_pool(1))
             (self._process,) = self._executor.processes
-            self._result(self._executor.submit(_receive, read))
+            self._awaited_result(self._executor.submit(_receive, read))
         except (OSError, BrokenExecutor) as error:
             self.stop()
             raise Unreadable(ReadingFact.READERS_NOT_STARTED, reason=error) from None
         return self._process
 
-    def _result(
+    def _awaited_result(
         self, future: Future[Any], is_beyond_limits: Callable[[], bool] = lambda: False
     ) -> Any:
         """Waits for a result.

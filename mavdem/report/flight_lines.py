@@ -124,7 +124,7 @@ def _suspect_motors(flight: AxisRows) -> str:
     return listed(sorted(motor for motor in motors if motor is not None))
 
 
-def _notes(flight: AxisRows) -> str:
+def _notes_on_flight(flight: AxisRows) -> str:
     """Returns the notes on a flight, one sentence a line, the most important first, each once.
 
     The headline of the log comes first, then the reason for the health of the motors, then warnings. Each note is
@@ -163,7 +163,7 @@ def _settled_seconds(flight: AxisRows) -> str:
     return "" if seconds is None or not log_row(flight).is_read else rounded(seconds, 3)
 
 
-def _wind(flight: AxisRows) -> str:
+def _wind_text(flight: AxisRows) -> str:
     """Returns the wind speed, m/s, and the direction that the wind came from, such as "5.2 NW", as far as known.
 
     Both are left out if the light of the wind, the judgement of its estimate, is unknown.
@@ -188,8 +188,8 @@ COLUMNS = {
     "health": Column("health", _badge, "5.8rem", "health"),
     "lights": Column("lights", _warning_lights, "8rem", "lights"),
     "motor": Column("text", _suspect_motors, "3.4rem"),
-    "notes": Column("notes", _notes, "auto", "notes"),
+    "notes": Column("notes", _notes_on_flight, "auto", "notes"),
     "settled (s)": Column("number", _settled_seconds, "4.4rem"),
-    "wind (m/s)": Column("number", _wind, "6rem"),
+    "wind (m/s)": Column("number", _wind_text, "6rem"),
 }
 """Columns of the table of flights, by their headers."""

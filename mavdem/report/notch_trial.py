@@ -195,7 +195,7 @@ def notch_trial(
             controller, filters, spectrum, peaks[0], mark, has_spectrum=not has_only_filtered_gyro
         ),
         remarks=tuple(
-            _remarks(
+            _remarks_on_trial(
                 filters,
                 has_loop=loop is not None,
                 has_only_filtered_gyro=has_only_filtered_gyro,
@@ -204,7 +204,7 @@ def notch_trial(
         ),
         endings=tuple(f"{ending} ({READERS[ending]})" for ending in endings),
         model={
-            **_model(controller, filters),
+            **_filter_equations(controller, filters),
             "peak": peaks[0],
             "crossover": crossover,
             "place": "At the crossover of" if loop is not None else "At",
@@ -216,7 +216,7 @@ def notch_trial(
     )
 
 
-def _remarks(
+def _remarks_on_trial(
     filters: Sequence[TriedFilter],
     *,
     has_loop: bool,
@@ -293,14 +293,14 @@ def _filter_forms(filters: Sequence[TriedFilter], gyro_rate: float) -> Iterator[
     for title, tried_filter in zip(_titles(filters), filters, strict=True):
         yield FilterForm(
             title,
-            sliders=_sliders(tried_filter, gyro_rate),
+            sliders=_notch_sliders(tried_filter, gyro_rate),
             harmonics=_harmonics(tried_filter),
             harmonics_parameter=tried_filter.names.get("harmonics", ""),
             is_on=tried_filter.is_on,
         )
 
 
-def _sliders(tried_filter: TriedFilter, gyro_rate: float) -> tuple[NotchSlider, ...]:
+def _notch_sliders(tried_filter: TriedFilter, gyro_rate: float) -> tuple[NotchSlider, ...]:
     """Returns the sliders of a notch filter: one for each setting that the filter has as a parameter.
 
     Ranges are those of ``SLIDER_RANGES``, widened if the log has a value beyond them.
@@ -344,7 +344,7 @@ def _harmonics(tried_filter: TriedFilter) -> dict[int, bool]:
     return {k: bool(mask >> (k - 1) & 1) for k in range(1, OFFERED_HARMONICS + 1)}
 
 
-def _model(controller: Controller, filters: Sequence[TriedFilter]) -> JsonValues:
+def _filter_equations(controller: Controller, filters: Sequence[TriedFilter]) -> JsonValues:
     """Returns the filters, and the constants of their equations, for the script ``notch.js`` of the page.
 
     The script computes the response of the filters anew when a reader changes a setting.

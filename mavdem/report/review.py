@@ -133,7 +133,7 @@ def _last_lines(assessment: Assessment, light_line_count: int, columns: int) -> 
     """
     headline_and_next_step = [
         *wrap(headline(assessment.headline), columns),
-        *_wrapped(f"Next: {assessment.next_step}", columns),
+        *_wrapped_lines(f"Next: {assessment.next_step}", columns),
     ]
     # Of the title the first line is among the reserved ones.
     further_title_lines = _title_lines(review_title(assessment), columns)[1:]
@@ -185,7 +185,7 @@ def _log_name(log: Log) -> str:
     return f"{Path(log.source).name}:"
 
 
-def _wrapped(text: str, columns: int) -> Iterator[str]:
+def _wrapped_lines(text: str, columns: int) -> Iterator[str]:
     """Yields the lines of a text, of at most so many ``columns``.
 
     A command between backquotes stays on one line, so that it can be copied.

@@ -43,11 +43,11 @@ def truth_blocks(comparison: TruthComparison) -> Blocks:
     if not parameters:
         return [heading, *wind_sentences]
     header = ["", "estimate", "truth", "error", "unit", "inside"]
-    table = Table(header, [_row(parameter) for parameter in parameters])
+    table = Table(header, [_parameter_row(parameter) for parameter in parameters])
     return [heading, table, *wind_sentences]
 
 
-def _row(parameter: ComparedParameter) -> list[str]:
+def _parameter_row(parameter: ComparedParameter) -> list[str]:
     """Makes the table row of a parameter.
 
     The estimate counts as inside if its 90 % interval holds the truth. Times are shown in ms, angles in degrees.

@@ -460,9 +460,9 @@ class Api:
         # A thousand logs may wait: their places are found together.
         if not all(entry.is_done for entry in entries):
             places_in_queue = queue_places(self._library)
-        return {entry.id: self._progress_of(entry, places_in_queue) for entry in entries}
+        return {entry.id: self._flight_progress(entry, places_in_queue) for entry in entries}
 
-    def _progress_of(
+    def _flight_progress(
         self, entry: LibraryEntry, places_in_queue: Mapping[str, QueuePlace]
     ) -> Progress:
         """Returns the progress of a flight: its index entry, its place in the queue, and what its worker has reported.

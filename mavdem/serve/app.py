@@ -137,7 +137,7 @@ class Server:
         routes = []
         for method_and_path, endpoint in endpoints.items():
             method, path = method_and_path.split()
-            routes.append(Route(path, self._guarded(endpoint), methods=[method]))
+            routes.append(Route(path, self._guarded_endpoint(endpoint), methods=[method]))
         return Starlette(
             routes=routes,
             lifespan=self._lifespan,
@@ -162,7 +162,7 @@ class Server:
         await run_in_threadpool(self._reading.stop)
         self._library.close()
 
-    def _guarded(self, endpoint: Callable[[HttpRequest], Any]) -> Endpoint:
+    def _guarded_endpoint(self, endpoint: Callable[[HttpRequest], Any]) -> Endpoint:
         """Wraps an endpoint so that refusals become responses, and all responses get the security headers.
 
         Args:

@@ -150,7 +150,7 @@ class FieldStore:
         Raises:
             Refusal: the log cannot be read, has no such vehicle, or too many requests wait.
         """
-        with self._columns(log, document) as columns:
+        with self._columns_in_use(log, document) as columns:
             return columns.vehicle(vehicle).messages
 
     def samples(
@@ -169,7 +169,7 @@ class FieldStore:
         Raises:
             Refusal: the log cannot be read, has no such field, or too many requests wait.
         """
-        with self._columns(log, document) as columns:
+        with self._columns_in_use(log, document) as columns:
             telemetry = columns.telemetry(request.vehicle)
             try:
                 return field_samples(
@@ -181,7 +181,7 @@ class FieldStore:
     def remove(self, log: Path) -> None:
         """Removes the stored columns of a log, for example when the log is deleted.
 
-        Columns that another request is using are removed from the disk when that request ends (``_release``).
+        Columns that another request is using are removed from the disk when that request ends (``_release_columns``).
 
         Args:
             log: path of the log.
@@ -210,7 +210,7 @@ class FieldStore:
                 self._server_lock.release()
 
     @contextmanager
-    def _columns(self, log: Path, document: Path | None) -> Iterator[StoredLog]:
+    def _columns_in_use(self, log: Path, document: Path | None) -> Iterator[StoredLog]:
         """Yields the columns of a log, and counts the users of them, so that no other thread removes them meanwhile.
 
         Args:
@@ -236,9 +236,9 @@ class FieldStore:
                 columns = self._read_once(kept_log, log, document)
             yield columns
         finally:
-            self._release(version, kept_log)
+            self._release_columns(version, kept_log)
 
-    def _release(self, version: LogVersion, kept_log: KeptLog) -> None:
+    def _release_columns(self, version: LogVersion, kept_log: KeptLog) -> None:
         """Ends one use of a log's columns, and removes all columns that are not needed any more.
 
         These are the columns of a log whose reading was aborted, those that :meth:`remove` took out of the store while
@@ -290,14 +290,14 @@ class FieldStore:
                 # tried again.
                 if kept_log.columns is None and not kept_log.problem:
                     with self._reader_lock:
-                        self._read(kept_log, log, document)
+                        self._read_log(kept_log, log, document)
                 if kept_log.columns is None:
                     raise Refusal(RefusalReason.LOG_NOT_READ, reason=kept_log.problem)
                 return kept_log.columns
         finally:
             self._waiting.release()
 
-    def _read(self, kept_log: KeptLog, log: Path, document: Path | None) -> None:
+    def _read_log(self, kept_log: KeptLog, log: Path, document: Path | None) -> None:
         """Has a log read by the worker process, which writes its columns into a temporary folder.
 
         A failure that would repeat itself is stored as the log's ``problem``; any other one is only raised, so that the

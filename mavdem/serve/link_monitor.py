@@ -140,7 +140,7 @@ class LinkMonitor:
         self._frames_at_last_page = 0
         # Number of datagrams that the link had lost at the end of the latest session.
         self._lost_datagrams = 0
-        self._thread = Thread(target=self._run, daemon=True)
+        self._thread = Thread(target=self._run_sessions, daemon=True)
 
     def start(self) -> None:
         """Starts the thread with the first session."""
@@ -165,7 +165,7 @@ class LinkMonitor:
             raise Refusal(self.problem)
         return self._page
 
-    def _run(self) -> None:
+    def _run_sessions(self) -> None:
         """Runs in the thread: runs one session after the other until the server ends or a session fails."""
         try:
             with LearningProcess() as executor:
@@ -345,7 +345,7 @@ class LinkMonitor:
                 self._page = self._finished_page
                 return
             self._finished_page = ""
-        self._page = _page_of(session, status, latest_flight=self._latest_flight)
+        self._page = _session_page(session, status, latest_flight=self._latest_flight)
 
 
 def _recording_name(first_time: datetime) -> str:
@@ -363,7 +363,7 @@ def _awaits_vehicle(status: SessionStatus) -> bool:
     return status.vehicle is None and (reason is None or reason.code in NO_VEHICLE_CODES)
 
 
-def _page_of(
+def _session_page(
     session: LiveSession,
     status: SessionStatus,
     *,
@@ -413,7 +413,7 @@ def _finished_page(session: LiveSession, saved_flight: PageLink) -> str:
         rates=status_at_last_message.rates,
         watch_facts=status_at_last_message.watch_facts,
     )
-    return _page_of(session, status, saved_flight=saved_flight)
+    return _session_page(session, status, saved_flight=saved_flight)
 
 
 def _ignore(_: object) -> None:

@@ -58,7 +58,9 @@ class ReadingThreads:
         self._is_stopping = threading.Event()
         self._log_added = threading.Condition()
         count = MAX_CLUSTER_JOBS if cluster else processes
-        self._threads = [threading.Thread(target=self._run, daemon=True) for _ in range(count)]
+        self._threads = [
+            threading.Thread(target=self._read_waiting_logs, daemon=True) for _ in range(count)
+        ]
 
     def start(self) -> None:
         """Starts the threads."""
@@ -80,7 +82,7 @@ class ReadingThreads:
         for thread in self._threads:
             thread.join()
 
-    def _run(self) -> None:
+    def _read_waiting_logs(self) -> None:
         """Runs in each thread: reads waiting logs one after the other, and writes the fleet's table when none waits.
 
         Recordings have priority, since a visitor waits for them; then logs are read. The table is written when nothing

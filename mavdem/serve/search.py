@@ -118,7 +118,7 @@ def search_condition(text: str) -> SqlCondition:
     conditions = [SqlCondition("1")]
     for word in text.split()[:MAX_SEARCH_WORDS]:
         term = TERM_PATTERN.fullmatch(word)
-        condition = None if term is None else _comparison(*term.groups())
+        condition = None if term is None else _comparison_condition(*term.groups())
         if condition is None:
             condition = _contains(SEARCHED_TEXT_SQL, word)
         conditions.append(condition)
@@ -203,7 +203,7 @@ def _is_number(text: str) -> bool:
     return True
 
 
-def _comparison(name: str, operator: str, value: str) -> SqlCondition | None:
+def _comparison_condition(name: str, operator: str, value: str) -> SqlCondition | None:
     """Translates the comparison of one property in a search to SQL.
 
     The kinds of properties are tried in this order: lists, numbers, parameters, texts. Names of columns are taken from

@@ -74,12 +74,14 @@ class RecordingViewer:
                 self._server = server
                 self._recording = recording
                 # This thread ends the viewer when nobody uses it any more.
-                threading.Thread(target=self._watch, args=(server,), daemon=True).start()
+                threading.Thread(
+                    target=self._end_unused_viewer, args=(server,), daemon=True
+                ).start()
             self._opened = time.monotonic()
             self._last_visit = self._opened
             return server.page
 
-    def _watch(self, server: WebServer) -> None:
+    def _end_unused_viewer(self, server: WebServer) -> None:
         """Runs in a thread for each viewer: ends the viewer when nobody uses it any more.
 
         A viewer is unused if no browser was connected for ``MAX_SECONDS_WITHOUT_TAB``, or if its page did not request

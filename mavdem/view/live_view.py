@@ -110,10 +110,10 @@ class SinkThread(threading.Thread):
 
     def send_waiting(self) -> None:
         """Opens the sink if it is not open and an attempt is due, and sends what waits."""
-        self._attempt(self._open)
-        self._attempt(self._send)
+        self._call_safely(self._open_sink)
+        self._call_safely(self._send_queued)
 
-    def _attempt(self, function: Callable[[], None]) -> None:
+    def _call_safely(self, function: Callable[[], None]) -> None:
         """Calls a function that works with the sink, and catches all its errors.
 
         An error of one sink must not end the flight or disturb the other sinks. If the sink fails, ``problem`` gets the
@@ -140,8 +140,8 @@ class SinkThread(threading.Thread):
         """Reports the failure of the sink in ``problem``, which the user sees, and disconnects the recording.
 
         The sink is the file, viewer or server; the recording is Rerun's stream of data to it. After an error Rerun
-        writes nothing more to this stream. So the thread continues without a recording, until ``_open`` opens the sink
-        with a new one, which it does only for sinks with ``is_retried``.
+        writes nothing more to this stream. So the thread continues without a recording, until ``_open_sink`` opens the
+        sink with a new one, which it does only for sinks with ``is_retried``.
 
         Args:
             error: error of Rerun or the operating system while the sink was opened or data was sent.
@@ -159,7 +159,7 @@ class SinkThread(threading.Thread):
         with suppress(OSError):
             self.sink.end_batch(is_complete=False)
 
-    def _open(self) -> None:
+    def _open_sink(self) -> None:
         """Opens the sink with a new recording, if it is not open, rows are queued, and an attempt is due.
 
         A viewer that does not run yet is tried again every ``RETRY_SECONDS``, with the reason in ``problem``. A file
@@ -179,7 +179,7 @@ class SinkThread(threading.Thread):
         self._recording = recording
         self._writer = None
 
-    def _send(self) -> None:
+    def _send_queued(self) -> None:
         """Sends the queued rows and events, and the status if it is due, provided that the sink is open.
 
         While the view is paused rows stay in their queue, unless the flight is ending. Rows are drawn before events,

@@ -164,7 +164,9 @@ class LiveWriter:
         """
         motor_names = tuple(motor_position(name) for name in self.channels.input_names)
         motors = Lines("motors", motor_names, DISTINCT[: len(motor_names)])
-        self._draw(motors, [Sample(row.segment, row.timeline_time, row.inputs) for row in rows])
+        self._draw_samples(
+            motors, [Sample(row.segment, row.timeline_time, row.inputs) for row in rows]
+        )
         self._draw_predicted_angle(rows)
         self._draw_attitude(rows)
         self._draw_wind(rows)
@@ -177,7 +179,7 @@ class LiveWriter:
             if estimate.unusual:
                 angle_plot = f"axes/{self.channels.output_names[0]}"
                 mark = Lines(f"{angle_plot}/8_surprises", ("surprise",), (LIMITED,), is_filled=True)
-                self._mark(mark, estimate.seen + row.timeline_offset)
+                self._mark_time(mark, estimate.seen + row.timeline_offset)
         self._widen_axes()
 
     def mark_motor_torque(self, start_time: float) -> None:
@@ -194,7 +196,7 @@ class LiveWriter:
             if sample.time >= start_time:
                 # The number of the segment differs from alarm to alarm, so that their lines are not joined.
                 samples.append(Sample(int(start_time), sample.time, sample.values))
-        self._draw(Lines(MOTOR_TORQUE_PATH, ("of a motor",), (BAD,), 3.0), samples)
+        self._draw_samples(Lines(MOTOR_TORQUE_PATH, ("of a motor",), (BAD,), 3.0), samples)
 
     def mark_alarm(self, time: float) -> None:
         """Marks an alarm by a vertical line in every plot except the parameters', whose legend has no room left.
@@ -204,9 +206,9 @@ class LiveWriter:
         """
         for plot in self._plot_ranges:
             if plot != "parameters":
-                self._mark(Lines(f"{plot}/9_alarms", ("alarm",), (BAD,), is_filled=True), time)
+                self._mark_time(Lines(f"{plot}/9_alarms", ("alarm",), (BAD,), is_filled=True), time)
 
-    def _mark(self, line: Lines, time: float) -> None:
+    def _mark_time(self, line: Lines, time: float) -> None:
         """Marks a time by a vertical line over the range of the values that were drawn in a plot so far.
 
         Args:
@@ -238,7 +240,7 @@ class LiveWriter:
             self._recording.set_time(BOOT_CLOCK, duration=newest_time)
             self._recording.log(axis_path(plot), rr.Scalars(ends))
 
-    def _draw(self, lines: Lines, samples: Sequence[Sample], clip: bool = False) -> None:
+    def _draw_samples(self, lines: Lines, samples: Sequence[Sample], clip: bool = False) -> None:
         """Adds samples to lines; the lines are interrupted where a new segment begins.
 
         Only samples later than the last drawn one are added. Lines without any finite value so far, such as a setpoint
@@ -335,7 +337,7 @@ class LiveWriter:
         plot = f"axes/{self.channels.output_names[0]}"
         # The numbers in the paths put the band below the lines.
         measured_line = Lines(f"{plot}/1_measured", ("measured",), (MEASURED,), 1.2)
-        self._draw(
+        self._draw_samples(
             measured_line,
             [Sample(row.segment, row.timeline_time, scale * row.outputs[:1]) for row in rows],
         )
@@ -385,8 +387,8 @@ class LiveWriter:
             edges.append(Sample(segment, time, edge_values))
             line_samples.append(Sample(segment, time, [scale * value]))
         shade = colour_on_dark(line.colours[0], BAND_OPACITY)
-        self._draw(Lines(band_path, ("90 % band",), (shade,), is_filled=True), edges, clip)
-        self._draw(line, line_samples, clip)
+        self._draw_samples(Lines(band_path, ("90 % band",), (shade,), is_filled=True), edges, clip)
+        self._draw_samples(line, line_samples, clip)
         return line_samples
 
     def _draw_attitude(self, rows: list[DisplayRow]) -> None:
@@ -412,11 +414,11 @@ class LiveWriter:
         for number, axis in enumerate(AXES):
             if axis not in self.channels.output_names:
                 line = Lines(f"axes/{axis}/1_measured", (axis,), (MEASURED,))
-                self._draw(line, _of_one_line(angles, number))
+                self._draw_samples(line, _of_one_line(angles, number))
         for number, axis in enumerate(TILT_AXES):
             line = Lines(f"axes/{axis}/0_asked", ("setpoint",), (TRUTH,))
-            self._draw(line, _of_one_line(setpoints, number), clip=True)
-        self._draw(Lines("rates", AXES, DISTINCT[: len(AXES)]), rates)
+            self._draw_samples(line, _of_one_line(setpoints, number), clip=True)
+        self._draw_samples(Lines("rates", AXES, DISTINCT[: len(AXES)]), rates)
 
     def _draw_wind(self, rows: list[DisplayRow]) -> None:
         """Draws the estimated wind speed and the ends of its 90 % interval, m/s, as lines that no gap interrupts.
@@ -435,8 +437,8 @@ class LiveWriter:
         edge_colour = colour_on_dark(DISTURBANCE, WIND_EDGE_OPACITY)
         # Estimates are half a second apart, so that a band of vertical strokes would have gaps: its edges are lines.
         names = ("90 % band", "90 % band")
-        self._draw(Lines("air/0_band", names, (edge_colour, edge_colour)), edges)
-        self._draw(Lines("air/1_speed", ("wind",), (DISTURBANCE,)), speeds)
+        self._draw_samples(Lines("air/0_band", names, (edge_colour, edge_colour)), edges)
+        self._draw_samples(Lines("air/1_speed", ("wind",), (DISTURBANCE,)), speeds)
 
     def _draw_parameters(self, estimates: Sequence[tuple[DisplayRow, Estimate]]) -> None:
         """Draws control effectiveness, damping and motor time constant, each with its 90 % band.
@@ -516,13 +518,13 @@ class LiveWriter:
                 end_time = estimate.training_end_time + row.timeline_offset
                 per_sample = free_energy_per_sample(row.learned)
                 energies_per_sample.append(Sample(CONTINUOUS_SEGMENT, end_time, [per_sample]))
-        self._draw(Lines("free_energy/0_samples", ("F(t)",), (MEASURED,)), energies)
+        self._draw_samples(Lines("free_energy/0_samples", ("F(t)",), (MEASURED,)), energies)
         learning_runs = Lines("free_energy/1_runs", ("F̄ per sample",), (PREDICTED,), 3.0)
-        self._draw(learning_runs, energies_per_sample)
-        self._draw(Lines("free_energy_terms", TERM_NAMES, TERM_COLOURS), terms)
-        self._draw(Lines("free_energy_action", ("F̄",), (PREDICTED,)), actions)
+        self._draw_samples(learning_runs, energies_per_sample)
+        self._draw_samples(Lines("free_energy_terms", TERM_NAMES, TERM_COLOURS), terms)
+        self._draw_samples(Lines("free_energy_action", ("F̄",), (PREDICTED,)), actions)
         surprise_lines = Lines("surprise/samples", ("worst of 20", "surprise"), (BOUND, PREDICTED))
-        self._draw(surprise_lines, surprises)
+        self._draw_samples(surprise_lines, surprises)
 
 
 def _of_one_line(samples: Sequence[Sample], column: int) -> list[Sample]:

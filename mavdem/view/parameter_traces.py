@@ -48,13 +48,15 @@ def parameter_traces(physical: Physical, input_unit: str) -> tuple[ParameterTrac
     mean_effect, _ = physical.mean_effect()
     effect_unit = unit_per_input(TORQUE_UNIT, input_unit)
     return (
-        _trace("effectiveness", effect_unit, TORQUE_UNIT.scale, mean_effect, distinct(0)),
-        _trace("damping", "1/s", 1.0, physical.damping, distinct(1)),
-        _trace("time constant", "ms", 1e3, physical.lag, distinct(2)),
+        _parameter_trace("effectiveness", effect_unit, TORQUE_UNIT.scale, mean_effect, distinct(0)),
+        _parameter_trace("damping", "1/s", 1.0, physical.damping, distinct(1)),
+        _parameter_trace("time constant", "ms", 1e3, physical.lag, distinct(2)),
     )
 
 
-def _trace(name: str, unit: str, unit_scale: float, value: float, colour: str) -> ParameterTrace:
+def _parameter_trace(
+    name: str, unit: str, unit_scale: float, value: float, colour: str
+) -> ParameterTrace:
     """Chooses the power of ten in which a parameter is drawn.
 
     Args:

@@ -143,7 +143,7 @@ def fly_live(
     link = LossyLink(scenario)
     start_time = monotonic()
     try:
-        for now, frames in _ticks(link, simulation, transmitter, speed):
+        for now, frames in _frames_by_tick(link, simulation, transmitter, speed):
             outcome.flown = now
             progress(now)
             outcome.sent += sum(map(ground.send, frames))
@@ -173,7 +173,7 @@ class _Tick(NamedTuple):
     """Frames that have arrived at the ground station since the tick before."""
 
 
-def _ticks(
+def _frames_by_tick(
     link: LossyLink, simulation: Simulation, transmitter: Transmitter, speed: float
 ) -> Iterator[_Tick]:
     """Advances the simulation tick by tick, and yields the frames that arrive at the ground station.

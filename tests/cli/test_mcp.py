@@ -107,7 +107,7 @@ def test_a_log_of_many_messages_is_described_as_far_as_it_is_listed(monkeypatch)
     messages = {f"M{number}": columns for number in range(9)}
     vehicle = Telemetry(1, 1, "QUADROTOR", "PX4", messages)
     monkeypatch.setattr(assistant_tools, "MAX_LISTED_FIELDS", 5)
-    monkeypatch.setattr(assistant_tools, "_telemetry", lambda *_: vehicle)
+    monkeypatch.setattr(assistant_tools, "_vehicle_messages", lambda *_: vehicle)
     monkeypatch.setattr(assistant_tools, "with_all_messages", lambda telemetry, _: telemetry)
     describe = Mock(return_value=1.0)
     monkeypatch.setattr("mavdem.export.fields.rate_without_gaps", describe)

@@ -292,7 +292,7 @@ def test_no_recorded_frame_of_the_next_vehicle_is_lost_when_the_server_ends(idle
     numbers = count()
     monkeypatch.setattr(link_monitor, "_recording_name", lambda _: f"{next(numbers)}.tlog")
     live._log_added = live._is_stopping.set
-    live._run()
+    live._run_sessions()
     entries, _ = live._library.find("1", [], 10)
     systems = [systems_in(live._library.log_path(entry)) for entry in entries]
     assert sorted(map(sorted, systems)) == ([[1], [2]] if end == "after the session" else [[1, 2]])

@@ -170,7 +170,9 @@ def loop_of_axis(
     gray_box_fit = None
     if estimates is not None and other_gains_caution is None:
         gray_box_fit = estimates.physical
-    loop = loop_from_plant(_plant(signals, flights, gray_box_fit), Record.from_flights(flights))
+    loop = loop_from_plant(
+        _identified_plant(signals, flights, gray_box_fit), Record.from_flights(flights)
+    )
     if other_gains_caution is not None:
         # Sections with other gains are rated by the margins that the identified plant would have with those gains.
         other_gain_sets = (dict(changes) for _, changes in other_gains_caution.figures["parts"])
@@ -192,7 +194,9 @@ Inputs and outputs alone show the plant worse, so that the fit by these does not
 """
 
 
-def _plant(signals: Signals, flights: Flights, gray_box_fit: Physical | None) -> Physical:
+def _identified_plant(
+    signals: Signals, flights: Flights, gray_box_fit: Physical | None
+) -> Physical:
     """Identifies the plant of an axis, in its closed loop if possible, otherwise by the gray-box fit.
 
     Identification in the closed loop uses the logged controller and setpoints. If these are not known, the plant is

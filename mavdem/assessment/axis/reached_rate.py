@@ -81,7 +81,7 @@ def reached_rate(signals: Signals, segments: Segments) -> ReachedRate | None:
     rate, setpoint = signals.rate_and_setpoint
     if min(rate_between_outages(rate), rate_between_outages(setpoint)) < MIN_SLOW_MOTION_RATE:
         return None
-    turns = _turns(rate, setpoint, segments)
+    turns = _find_turns(rate, setpoint, segments)
     if not turns:
         return None
     turns.sort(key=lambda turn: turn.rates.share)
@@ -90,7 +90,7 @@ def reached_rate(signals: Signals, segments: Segments) -> ReachedRate | None:
     return typical_turn.rates._replace(at_limit_share=at_limit_share)
 
 
-def _turns(rate: TimeSeries, setpoint: TimeSeries, segments: Segments) -> list[_Turn]:
+def _find_turns(rate: TimeSeries, setpoint: TimeSeries, segments: Segments) -> list[_Turn]:
     """Finds the turns of a flight about one axis, with the largest rate and setpoint of each.
 
     A turn lasts as long as the setpoint exceeds half of its largest value in the flight, in one direction, and at least

@@ -111,7 +111,7 @@ def estimator_light(evidence: Evidence) -> Fact:
         missing_fix = None
     facts = [
         *innovation_facts,
-        *_glitches(evidence),
+        *_glitch_facts(evidence),
         *_spare_instances(evidence),
         *_poor_fixes(evidence),
     ]
@@ -262,7 +262,7 @@ def _spare_instances(evidence: Evidence) -> Iterator[Fact]:
                 )
 
 
-def _glitches(evidence: Evidence) -> Iterator[Fact]:
+def _glitch_facts(evidence: Evidence) -> Iterator[Fact]:
     """Yields a fact for each flight in which the filter flagged GPS (a "glitch"), by whether its position jumped.
 
     The flag is used only while a receiver has a position fix, since otherwise there is no position. It means that the

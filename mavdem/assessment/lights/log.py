@@ -91,7 +91,7 @@ def log_light(evidence: Evidence) -> Fact:
     motor_rate = _rate_in_flight(evidence, model_inputs)
     longest_gap = _longest_gap(evidence, attitude)
     telemetry = signals.telemetry
-    damage = _damage(evidence.log, telemetry)
+    damage = _damage_fact(evidence.log, telemetry)
     code = LogLight.RECORDED_FAST
     if min(rate, motor_rate) < MIN_STREAM_RATE:
         code = LogLight.RECORDED_SLOWLY
@@ -150,7 +150,7 @@ def _recorded_attitude_rate(evidence: Evidence, attitude: Attitude) -> float:
     return min(rates)
 
 
-def _damage(log: Log, telemetry: Telemetry) -> Fact | None:
+def _damage_fact(log: Log, telemetry: Telemetry) -> Fact | None:
     """Returns the fact about how much of a damaged log could not be read; None if it is sound, or only cut at its end.
 
     Args:
@@ -255,7 +255,7 @@ def _log_of_other_vehicle(evidence: Evidence) -> Fact:
     if attitude is None:
         return Fact(LogLight.ATTITUDE_NOT_RECORDED)
     longest_gap = _longest_gap(evidence, attitude)
-    damage = _damage(evidence.log, evidence.signals.telemetry)
+    damage = _damage_fact(evidence.log, evidence.signals.telemetry)
     code = LogLight.RECORDED_OTHER_VEHICLE
     if longest_gap > MAX_GAP or dropouts:
         code = LogLight.RECORDED_WITH_GAPS

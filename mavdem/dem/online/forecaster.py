@@ -219,7 +219,7 @@ class OnlineForecaster:
             with one_thread(wait=False) as is_free, suppress(LinAlgError):
                 if is_free:
                     self._samples_since_fit = 0
-                    self._fit(self.axis_mixer, statistics, self._scaling)
+                    self._refit(self.axis_mixer, statistics, self._scaling)
 
     def _channels(self, block: MemoryBlock, axis_mixer: Array) -> Array:
         """Returns the channels of a block, its outputs and the combinations of its inputs, in physical units.
@@ -281,7 +281,7 @@ class OnlineForecaster:
         self._statistics = statistics
         return statistics
 
-    def _fit(self, axis_mixer: Array, statistics: LagStatistics, scaling: ChannelScaling) -> None:
+    def _refit(self, axis_mixer: Array, statistics: LagStatistics, scaling: ChannelScaling) -> None:
         """Fits the model with the last hyperparameters and with one alternative, and keeps the better.
 
         Args:

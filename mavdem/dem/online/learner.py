@@ -319,7 +319,7 @@ class OnlineLearner:
         finished_fit = self._pending_fit
         # Also if its result cannot be adopted, the fit is not pending any more.
         self._pending_fit = None
-        self._adopt(finished_fit.result)
+        self._adopt_fit_result(finished_fit.result)
 
     def learn_now(self, timeout: float | None = None) -> Learned:
         """Learns a model from the samples in the memory at once, and returns it; the model in use is not changed.
@@ -505,7 +505,7 @@ class OnlineLearner:
         new_samples = round(NEW_SAMPLE_SHARE * len(record))
         self._next_fit_sample = self._sample_count + max(least_pause, new_samples)
         if self._executor is None:
-            self._adopt(lambda: _learn_and_monitor(record, self._settings, end_time))
+            self._adopt_fit_result(lambda: _learn_and_monitor(record, self._settings, end_time))
             return
         try:
             self._pending_fit = self._executor.submit(
@@ -517,7 +517,7 @@ class OnlineLearner:
         if self.no_model_reason == TOO_FEW_SAMPLES:
             self.no_model_reason = self._reason_before_first_model()
 
-    def _adopt(self, result: Callable[[], FreeEnergyMonitor]) -> None:
+    def _adopt_fit_result(self, result: Callable[[], FreeEnergyMonitor]) -> None:
         """Adopts the model of a finished fit; if the fit failed, keeps the old one and sets ``no_model_reason``.
 
         Surprise compares the free energy F(t) of a sample with its past values. These differ from model to model, so

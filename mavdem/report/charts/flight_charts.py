@@ -195,7 +195,7 @@ def loop_charts(loops: Mapping[str, Loop], loop_name: str = "rate") -> Charts:
         decibels = 20 * np.log10(abs(response))
         sensitivity = 1 / abs(1 + response)
         gains.append(line_with_quantile_band(name, colour, frequency, decibels))
-        phases.append(line_with_quantile_band(name, colour, frequency, _phase(response)))
+        phases.append(line_with_quantile_band(name, colour, frequency, _unwrapped_phase(response)))
         sensitivities.append(line_with_quantile_band(name, colour, frequency, sensitivity))
         margin = f"{open_loop.phase_margin:.0f}°"
         crossovers.append(Mark(open_loop.crossover, margin, colour))
@@ -232,7 +232,7 @@ def loop_charts(loops: Mapping[str, Loop], loop_name: str = "rate") -> Charts:
     )
 
 
-def _phase(response: Complex) -> Array:
+def _unwrapped_phase(response: Complex) -> Array:
     """Returns the phase, degrees, of open-loop responses without jumps of a whole turn.
 
     An angle is only known up to whole turns. Phases are unwrapped along frequency, and moved so that each response
@@ -358,7 +358,7 @@ def spectrogram_charts(spectrum: Spectrum) -> Sequence[Chart]:
     name = spectrum.name.removesuffix("_before").replace("_", " ").capitalize()
     frequency_axis = Axis("frequency (Hz)")
     order = np.argsort(spectrum.time)
-    over_time = _spectrogram(
+    over_time = _spectrogram_in_decibels(
         spectrum.time[order], spectrum.frequency, spectrum.total_density[order]
     )
     charts = [
@@ -366,13 +366,15 @@ def spectrogram_charts(spectrum: Spectrum) -> Sequence[Chart]:
     ]
     throttle_levels, density_by_level = spectrum.density_by_throttle
     if len(throttle_levels) > 1:
-        over_throttle = _spectrogram(100 * throttle_levels, spectrum.frequency, density_by_level)
+        over_throttle = _spectrogram_in_decibels(
+            100 * throttle_levels, spectrum.frequency, density_by_level
+        )
         title = f"{name} over throttle (Hz)"
         charts.append(Chart(title, Axis("throttle (%)"), frequency_axis, spectrogram=over_throttle))
     return charts
 
 
-def _spectrogram(x: Array, frequency: Array, density: Array) -> Spectrogram:
+def _spectrogram_in_decibels(x: Array, frequency: Array, density: Array) -> Spectrogram:
     """Returns spectral densities as the colours of a spectrogram, in dB.
 
     Args:

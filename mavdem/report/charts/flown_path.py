@@ -175,7 +175,7 @@ def flown_path(timeline: Timeline | None, wind: MapWind | None = None) -> Plan |
     bar_length = float(f"{size / 3:.0e}")
     svg = figure_as_svg(
         "path",
-        pieces=[*_pieces(x, y, height_classes, mode_numbers)],
+        pieces=[*_path_pieces(x, y, height_classes, mode_numbers)],
         start=start,
         end=_Place("end" if timeline.heading is None else "vehicle", x[-1], y[-1]),
         heading=timeline.heading,
@@ -236,7 +236,9 @@ def _mode_colour(number: int) -> str:
     return MEASURED if number < 0 else MODE_COLOURS[number % len(MODE_COLOURS)]
 
 
-def _pieces(x: Array, y: Array, height_classes: Array, mode_numbers: Array) -> Iterator[_Piece]:
+def _path_pieces(
+    x: Array, y: Array, height_classes: Array, mode_numbers: Array
+) -> Iterator[_Piece]:
     """Yields the path in pieces of one colour: a new piece begins where the class of height or the flight mode changes.
 
     Args:

@@ -103,13 +103,15 @@ def _controller_charts(evidence: Evidence, timeline: Timeline) -> Iterator[Chart
         temperatures[controller.name] = controller.temperature
         errors[controller.name] = controller.error_count
     yield _with_motor_command(
-        over_time("Motor speeds", "1/min", _lines(speeds, timeline)), evidence
+        over_time("Motor speeds", "1/min", _lines_of_series(speeds, timeline)), evidence
     )
-    yield over_time("Currents of the motors", "A", _lines(currents, timeline))
-    yield over_time("Temperatures of the controllers", "°C", _lines(temperatures, timeline))
+    yield over_time("Currents of the motors", "A", _lines_of_series(currents, timeline))
+    yield over_time(
+        "Temperatures of the controllers", "°C", _lines_of_series(temperatures, timeline)
+    )
     has_errors = any(series is not None and series.values.any() for series in errors.values())
     if has_errors:
-        yield over_time("Errors counted", "", _lines(errors, timeline))
+        yield over_time("Errors counted", "", _lines_of_series(errors, timeline))
 
 
 def _receiver_charts(evidence: Evidence, timeline: Timeline) -> Iterator[Chart]:
@@ -124,7 +126,7 @@ def _receiver_charts(evidence: Evidence, timeline: Timeline) -> Iterator[Chart]:
         series = recorded_series(evidence.signals.telemetry, message, "satellites_visible")
         if series is not None:
             satellites[f"receiver {number}"] = series.select(series.values != UNKNOWN_SATELLITES)
-    yield over_time("Satellites", "", _lines(satellites, timeline))
+    yield over_time("Satellites", "", _lines_of_series(satellites, timeline))
     yield _quantity_chart(
         "Accuracy stated", (HORIZONTAL_ACCURACY, VERTICAL_ACCURACY), evidence, timeline
     )
@@ -146,7 +148,7 @@ def _compass_charts(evidence: Evidence, timeline: Timeline) -> Iterator[Chart]:
     for number, field in compass_fields(evidence.signals).items():
         strengths[f"compass {number}"] = replace(field, values=np.linalg.norm(field.values, axis=1))
     yield _with_motor_command(
-        over_time("Magnetic field", "mGauss", _lines(strengths, timeline)), evidence
+        over_time("Magnetic field", "mGauss", _lines_of_series(strengths, timeline)), evidence
     )
 
 
@@ -173,7 +175,9 @@ def _sample_interval_charts(evidence: Evidence, timeline: Timeline) -> Iterator[
         return
     intervals = TimeSeries(angle.time[1:], angle.boot[1:], 1000 * np.diff(angle.time))
     quantity = "body rates" if is_attitude_resampled(evidence.signals) else "attitudes"
-    yield over_time(f"Time between {quantity}", "ms", _lines({"step": intervals}, timeline))
+    yield over_time(
+        f"Time between {quantity}", "ms", _lines_of_series({"step": intervals}, timeline)
+    )
 
 
 def _temperature_charts(evidence: Evidence, timeline: Timeline) -> Iterator[Chart]:
@@ -193,20 +197,20 @@ def _target_charts(evidence: Evidence, timeline: Timeline) -> Iterator[Chart]:
         for name, axis in LOCAL_AXES.items():
             field = f"{prefix}{axis}"
             target = recorded_series(telemetry, POSITION_TARGET_MESSAGE, field)
-            target_lines = _lines({"setpoint": target}, timeline, [TRUTH])
+            target_lines = _lines_of_series({"setpoint": target}, timeline, [TRUTH])
             if target_lines:
                 estimate = recorded_series(telemetry, POSITION_MESSAGE, field)
-                lines = _lines({name: estimate}, timeline, [PREDICTED])
+                lines = _lines_of_series({name: estimate}, timeline, [PREDICTED])
                 yield over_time(f"{title} {name}", unit, (*target_lines, *lines))
 
 
 def _stick_charts(evidence: Evidence, timeline: Timeline) -> Iterator[Chart]:
     """Yields the sticks and the switches, of which those that changed most come first."""
     inputs = pilot_input(evidence.signals)
-    yield over_time("Sticks", inputs.unit, _lines(inputs.sticks, timeline))
+    yield over_time("Sticks", inputs.unit, _lines_of_series(inputs.sticks, timeline))
     by_change = sorted(inputs.switches.items(), key=lambda item: -np.ptp(item[1].values))
     shown_switches = {f"channel {number}": series for number, series in by_change[:SHOWN_SWITCHES]}
-    yield over_time("Switches", "µs", _lines(shown_switches, timeline))
+    yield over_time("Switches", "µs", _lines_of_series(shown_switches, timeline))
 
 
 def _quantity_chart(
@@ -225,7 +229,7 @@ def _quantity_chart(
     for quantity in quantities:
         unit = quantity.unit
         series[quantity.name] = recorded_quantity(evidence.signals, quantity)
-    return over_time(title, unit, _lines(series, timeline))
+    return over_time(title, unit, _lines_of_series(series, timeline))
 
 
 def _with_motor_command(chart: Chart, evidence: Evidence) -> Chart:
@@ -246,7 +250,7 @@ def _with_motor_command(chart: Chart, evidence: Evidence) -> Chart:
     return chart._replace(lines=(*chart.lines, command), right_axis=Axis("motors (%)"))
 
 
-def _lines(
+def _lines_of_series(
     series_by_name: Mapping[str, TimeSeries | None],
     timeline: Timeline,
     colours: Names | list[str] = DISTINCT,

@@ -226,15 +226,15 @@ def _flight_charts(history: TimeHistory) -> Iterator[Chart]:
     Args:
         history: signals of one flight over time.
     """
-    yield over_time("Height", "m", _lines(history.height, ["height"]))
+    yield over_time("Height", "m", _lines_of_columns(history.height, ["height"]))
     motors = history.motors
     if motors is not None:
         names = [without_remark(name) for name in motors.names]
-        yield over_time("Motors", "%", _lines(motors.outputs, names))
-        yield over_time("Motors minus their mean", "%", _lines(motors.deviations, names))
+        yield over_time("Motors", "%", _lines_of_columns(motors.outputs, names))
+        yield over_time("Motors minus their mean", "%", _lines_of_columns(motors.deviations, names))
     voltage_lines: list[Line] = []
     for row, (name, voltage) in enumerate(history.voltages.items()):
-        voltage_lines += _lines(voltage, [name], DISTINCT[row % len(DISTINCT) :])
+        voltage_lines += _lines_of_columns(voltage, [name], DISTINCT[row % len(DISTINCT) :])
     yield over_time("Battery", "V", voltage_lines)
 
 
@@ -283,7 +283,7 @@ def _lines_with_setpoint(name: str, signal: FollowedSetpoint) -> list[Line]:
     return lines
 
 
-def _lines(
+def _lines_of_columns(
     signal: TimeSeries | None, names: Sequence[str], colours: Sequence[str] = DISTINCT
 ) -> Iterator[Line]:
     """Yields a line for each column of a signal.
@@ -314,7 +314,9 @@ def wind_speed_and_direction_charts(history: WindHistory) -> Iterator[Chart]:
     polar = wind.polar
     if wind.speed_identifiable:
         line = _speed_line("wind", wind.time, polar.speed, polar.speed_half_width)
-        autopilot_lines = _lines(history.autopilot_speed, ["autopilot's own"], [BASELINE])
+        autopilot_lines = _lines_of_columns(
+            history.autopilot_speed, ["autopilot's own"], [BASELINE]
+        )
         yield over_time("Wind", "m/s", [line, *autopilot_lines])
     if wind.direction_identifiable:
         line = _direction_line(

@@ -70,8 +70,8 @@ def vehicle_group(flights: Sequence[AxisRows]) -> Group | None:
             symbol, colour = HEALTH_MARKS[health]
             marks.append(Mark(float(number), symbol, colour))
     charts = []
-    for title, estimates in _quantities(flights):
-        lines = tuple(_lines(estimates))
+    for title, estimates in _charted_quantities(flights):
+        lines = tuple(_lines_of_estimates(estimates))
         if lines:
             charts.append(Chart(title, axis, Axis(""), lines, marks=tuple(marks)))
     if not charts:
@@ -90,7 +90,7 @@ def _flight_axis(flights: Sequence[AxisRows]) -> Axis:
     return Axis("flight", names=(dates[0] or "first", *empty_labels, dates[-1] or "last"))
 
 
-def _lines(estimates: Estimates) -> Iterator[Line]:
+def _lines_of_estimates(estimates: Estimates) -> Iterator[Line]:
     """Yields a line of dots with whiskers for each series of estimates; series without a finite value are left out.
 
     A dot is the estimate of one flight, and its whisker the 90 % interval. The abscissa is the number of the flight,
@@ -110,7 +110,7 @@ def _lines(estimates: Estimates) -> Iterator[Line]:
             yield Line.with_band(name, colour, flight_numbers, values, whiskers, LineStyle.DOTS)
 
 
-def _quantities(flights: Sequence[AxisRows]) -> Iterator[tuple[str, Estimates]]:
+def _charted_quantities(flights: Sequence[AxisRows]) -> Iterator[tuple[str, Estimates]]:
     """Yields the title of each chart, with the unit, and the estimates that it shows by the name of their line.
 
     First come the motors' shares of the mean output and the vibration, then ``AXIS_QUANTITIES`` with a line for each
@@ -120,12 +120,12 @@ def _quantities(flights: Sequence[AxisRows]) -> Iterator[tuple[str, Estimates]]:
         flights: rows of the vehicle's flights, in the order of date.
     """
     motors = _motor_names(flights)
-    shares = _estimates(flights, "trim_share", len(motors))
+    shares = _estimates_of_column(flights, "trim_share", len(motors))
     yield "Motor shares (mean 1)", dict(zip(motors, shares, strict=True))
-    vibration = _estimates(flights, "vibration", 3)
+    vibration = _estimates_of_column(flights, "vibration", 3)
     yield "Vibration, first IMU (m/s²)", dict(zip("xyz", vibration, strict=True))
     # Some firmware has a single level in the place of three components.
-    level = _estimates(flights, "vibration", 1)[0]
+    level = _estimates_of_column(flights, "vibration", 1)[0]
     yield "Vibration level, first IMU (m/s²)", {"level": level}
     inputs = sorted({row.per_input for flight in flights for row in flight if row.damping})
     for quantity in AXIS_QUANTITIES:
@@ -162,12 +162,12 @@ def _estimates_by_axis(
     """
     estimates = {}
     for axis in TILT_AXES:
-        (estimates_of_axis,) = _estimates(flights, quantity.column, 1, axis, input_unit)
+        (estimates_of_axis,) = _estimates_of_column(flights, quantity.column, 1, axis, input_unit)
         estimates[axis] = quantity.scale * estimates_of_axis
     return estimates
 
 
-def _estimates(
+def _estimates_of_column(
     flights: Sequence[AxisRows], column: str, count: int, axis: str = "", input_unit: str = ""
 ) -> Array:
     """Returns the estimates in one column of the flights' rows, with the half widths of their intervals.

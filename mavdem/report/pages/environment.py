@@ -55,12 +55,12 @@ def environment() -> Environment:
     }
     jinja.tests["table"] = lambda block: isinstance(block, Table)
     jinja.tests["chart"] = lambda panel: isinstance(panel, Chart)
-    jinja.filters["prose"] = _prose
+    jinja.filters["prose"] = _prose_as_html
     jinja.filters["evidence_text"] = evidence_text
     return jinja
 
 
-def _prose(text: str) -> Markup:
+def _prose_as_html(text: str) -> Markup:
     """Converts text to HTML: parts between backquotes become code, and percent signs stay on the line of their number.
 
     The text is escaped first, since it may come from a log. If a backquote has no partner, all are kept as they are.

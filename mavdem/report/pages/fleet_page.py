@@ -111,7 +111,7 @@ def fleet_page(
         light_counts=_light_counts(summaries),
         marks=LEVEL_MARKS,
         whole=WHOLE_FLIGHTS,
-        calendar=_calendar(lines),
+        calendar=_flight_calendar(lines),
         has_given_names=bool(names.vehicles),
         rose=_rose(summaries),
         bars=_bar_count(vehicles_with_section(summaries)),
@@ -317,8 +317,8 @@ def _vehicle_sections(
                 link=latest_line.link if latest_line is not None else "",
                 other_lights=_other_lights(vehicle.last),
                 flights=vehicle.flight_count,
-                bars=_bars(vehicle.levels, bar_count),
-                note=_note(vehicle),
+                bars=_level_bars(vehicle.levels, bar_count),
+                note=_note_on_vehicle(vehicle),
                 summary=vehicle.texts.all_flights,
                 changes=changes.get(name, ()),
                 # They are HTML of this program.
@@ -433,7 +433,7 @@ def _labels_of_serial_numbers(
     return labels
 
 
-def _note(vehicle: VehicleFlights) -> str:
+def _note_on_vehicle(vehicle: VehicleFlights) -> str:
     """Returns the note on a vehicle in the list of a fleet's vehicles: what is wrong, in one sentence.
 
     A vehicle of which nothing is known to be wrong has no note, since most vehicles of a fleet would have the same.
@@ -454,7 +454,7 @@ def _bar_count(vehicles: Mapping[str, VehicleFlights]) -> int:
     return max([MIN_BARS, *(len(vehicle.levels) for vehicle in vehicles.values())])
 
 
-def _calendar(lines: Sequence[FlightLine]) -> Calendar | None:
+def _flight_calendar(lines: Sequence[FlightLine]) -> Calendar | None:
     """Counts flights by days, weeks or four weeks, so that they need at most ``MAX_COLUMNS`` columns.
 
     Args:
@@ -505,7 +505,7 @@ def _level_counts_by_day(lines: Sequence[FlightLine]) -> dict[date, Counter[Leve
     return counts
 
 
-def _bars(levels: Sequence[Level], bar_count: int) -> FlightBars:
+def _level_bars(levels: Sequence[Level], bar_count: int) -> FlightBars:
     """Returns the latest flights of a vehicle as bars coloured by level, the newest at the right.
 
     All bars of one level are one SVG path, which keeps the page small.

@@ -37,12 +37,12 @@ def hardware_chapters(
     sensor_table = _sensor_table(evidence)
     if sensor_table.rows:
         tables[HardwarePart.CALIBRATION] = [sensor_table]
-    hardware = _chapter(HARDWARE_TITLE, hardware_facts(evidence, lights), charts, tables)
-    commands = _chapter(COMMANDS_TITLE, command_facts(evidence), charts, {})
+    hardware = _chapter_of_facts(HARDWARE_TITLE, hardware_facts(evidence, lights), charts, tables)
+    commands = _chapter_of_facts(COMMANDS_TITLE, command_facts(evidence), charts, {})
     return [chapter for chapter in (hardware, commands) if chapter.sections]
 
 
-def _chapter(
+def _chapter_of_facts(
     title: str, facts: NamedFacts, charts: dict[str, list[Group]], tables: dict[str, Blocks]
 ) -> Chapter:
     """Returns a folded chapter with a section for each fact, and the worst level of those that are judged.

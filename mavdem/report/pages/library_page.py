@@ -62,14 +62,14 @@ def script_hashes() -> Names:
     """Returns the SHA-256 hashes of the chart scripts, in the form in which a content security policy lists them."""
     hashes = []
     for name in CHART_SCRIPTS:
-        source = _environment().get_template(name).render()
+        source = _server_environment().get_template(name).render()
         digest = hashlib.sha256(source.encode()).digest()
         hashes.append(f"'sha256-{base64.b64encode(digest).decode()}'")
     return tuple(hashes)
 
 
 @cache
-def _environment() -> Environment:
+def _server_environment() -> Environment:
     """Returns Jinja's environment for the pages of the server.
 
     All templates are compiled at once, so that the first visitor does not wait for that.
@@ -138,7 +138,7 @@ def render_server_page(name: str, /, **values: Any) -> str:
     Returns:
         The page as HTML.
     """
-    return render_page(_environment().get_template(f"serve/{name}.html"), **values)
+    return render_page(_server_environment().get_template(f"serve/{name}.html"), **values)
 
 
 def first_plots(history: TimeHistory) -> str:
