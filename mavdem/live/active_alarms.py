@@ -57,7 +57,7 @@ class ActiveAlarms:
         """Returns whether the fault of an active alarm has not been found for long enough to end the alarm.
 
         Args:
-            quantity: quantity of the alarm.
+            quantity: what the alarm is about, such as the vibration.
             now: present time on the boot clock, s.
         """
         calm_seconds = self._calm_seconds.get(quantity, CALM_SECONDS)
@@ -67,7 +67,7 @@ class ActiveAlarms:
         """Ends an active alarm, and returns its fact. The next one of its quantity needs twice the time to end.
 
         Args:
-            quantity: quantity of the alarm.
+            quantity: what the alarm is about, such as the vibration.
         """
         self._calm_seconds[quantity] = 2 * self._calm_seconds.get(quantity, CALM_SECONDS)
         return self.facts.pop(quantity)

@@ -245,13 +245,14 @@ class ControlWatch:
 
     @staticmethod
     def awaits_impact(loss: Fact, moment: FlightMoment) -> bool:
-        """Returns whether a loss of control is so low and so new that its impact is awaited before it is reported.
+        """Returns whether the report of a new loss of control near the ground waits until the vehicle hits the ground.
 
-        Nobody can act in that time, and the impact then tells what happened: the vehicle hit the ground.
+        Nobody can act in that time, and the impact then shows what happened. The loss must be new, and lower than a
+        parachute needs to open.
 
         Args:
             loss: the loss, as :meth:`loss` returns it.
-            moment: present time.
+            moment: present time on the vehicle's clock.
         """
         is_new = moment.time - loss.start_time < MAX_IMPACT_WAIT
         height = loss.figures.get("height")
@@ -263,7 +264,7 @@ class ControlWatch:
         Autopilots report the landing of a crashed vehicle, and disarm, seconds late.
 
         Args:
-            moment: present time.
+            moment: present time, with the vehicle's parameters, time of take-off, and motion of the last seconds.
 
         Returns:
             How the flight ended; None while the vehicle is in the air, or if its height is not known.

@@ -46,7 +46,7 @@ class FlightLights:
         """Adds a fact on a part of the vehicle; it becomes the light of the latest flight unless that is worse.
 
         Args:
-            light: name of the part.
+            light: part of the vehicle, such as the motors.
             fact: what was found on it.
         """
         present = self.latest.get(str(light), fact)
@@ -56,7 +56,7 @@ class FlightLights:
         """Adds a fact on a part of the vehicle on which nothing has been found in the latest flight.
 
         Args:
-            light: name of the part.
+            light: part of the vehicle, such as the motors.
             fact: what was found; it is ignored if the part has a light already.
         """
         self.latest.setdefault(str(light), fact)
@@ -65,9 +65,9 @@ class FlightLights:
         """Replaces a light by a newer fact on the same fault, even if that is better.
 
         Args:
-            light: name of the part.
+            light: part of the vehicle, such as the motors.
             former_code: code of the fault. A light that states another fault stays as it is.
-            fact: the newer fact.
+            fact: what is known of this fault now.
         """
         present = self.latest.get(str(light))
         if present is not None and present.code is former_code:

@@ -117,7 +117,7 @@ class FlightPhase:
 
         Args:
             now: time of the review, s.
-            vehicle: identity and parameters.
+            vehicle: identity and parameters of the vehicle, without messages.
             collective: mean of the motors in the last seconds, as a share of their range; None if it is unknown.
         """
         boot = self._recent.boot
@@ -193,7 +193,7 @@ class FlightPhase:
 
         Args:
             now: present time on the boot clock, s.
-            vehicle: identity and parameters.
+            vehicle: identity and parameters of the vehicle, without messages.
 
         Returns:
             The vehicle with these messages alone.

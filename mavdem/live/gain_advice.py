@@ -84,7 +84,7 @@ class GainAdviser:
         Args:
             vehicle: "system:component".
             is_busy: whether the computer has no time for advice; then it is put off, except at the end.
-            is_at_end: whether the session ends.
+            is_at_end: whether the session ends, so that the call must wait for advice that is not ready.
 
         Returns:
             The facts of the advice, once, when it is ready; the fact that it is put off; otherwise nothing. The
@@ -187,7 +187,7 @@ def _write_gain_files(recording: Path, texts: Mapping[str, str], next_step: Fact
     """Writes files with new gains next to a recording, and returns the fact that says where they are.
 
     Args:
-        recording: path of the recording.
+        recording: path of the session's recording.
         texts: text of each file by the ending of its name.
         next_step: what the user should do with the files.
 
@@ -271,7 +271,7 @@ def _new_gains_fact(axis: str, advice: Advice) -> Fact:
     """Returns the fact with the new gains of an axis, and the lean errors in wind with and without them.
 
     Args:
-        axis: name of the axis.
+        axis: "roll", "pitch" or "yaw".
         advice: the advice on this axis, with new values of parameters.
     """
     return Fact(

@@ -61,16 +61,18 @@ class HeightWatch:
         self._disagreement: Fact | None = None
 
     def divergence(self, moment: FlightMoment) -> Fact | None:
-        """Returns the latest event in which the estimated height diverged from the barometer's in the last seconds.
+        """Returns the event that the autopilot's height estimate diverges from its barometer, if it does.
+
+        The estimate diverges if its climb rate contradicts the climb rate by the barometer for some seconds.
 
         Args:
-            moment: present time in flight.
+            moment: present time, with the vehicle's parameters, time of take-off, and motion of the last seconds.
 
         Returns:
-            The event; None if there was none in the last ``MEMORY_SECONDS``.
+            The latest such event of the last ``MEMORY_SECONDS``, with its times; None if there was none.
         """
         start = moment.time - MEMORY_SECONDS
-        # Comparing the two climb rates takes a small part of the time of the full judgement, which is needed only where
+        # This comparison of the climb rates is quick. The full judgement below takes much longer, and is needed only if
         # they contradict each other.
         columns = self._recent.columns((BAROMETER_MESSAGE, *CLIMB_RATE_FIELDS), start)
         comparison = height_comparison(
@@ -95,29 +97,34 @@ class HeightWatch:
         return self._divergence
 
     def disagreement(self, moment: FlightMoment) -> Fact | None:
-        """Returns the event that barometer and satellites disagree about the height in the last seconds.
+        """Returns the event that barometer and satellite receiver disagree about the height, if they do.
+
+        They disagree if the difference of their heights has changed since the take-off by more than their errors.
 
         Args:
-            moment: present time in flight.
+            moment: present time, with the vehicle's parameters, time of take-off, and motion of the last seconds.
 
         Returns:
-            The event, which has no end while they disagree; None if they agreed in the last ``MEMORY_SECONDS``.
+            The event, with the largest difference, m; it has no end time while they disagree. None if they agreed in
+            the last ``MEMORY_SECONDS``.
         """
-        whole_flight = moment.takeoff_time - SECONDS_BEFORE_TAKE_OFF
-        is_begun = self._initial_difference is not None
-        start = moment.time - MEMORY_SECONDS if is_begun else whole_flight
-        known = self._disagreement
-        is_known = known is not None and known.end_time is None
-        latest = self._disagreement_since(start, moment, is_known=is_known)
+        flight_start = moment.takeoff_time - SECONDS_BEFORE_TAKE_OFF
+        start = moment.time - MEMORY_SECONDS
+        if self._initial_difference is None:
+            # The difference at the take-off is needed, and follows from the messages since then.
+            start = flight_start
+        former_event = self._disagreement
+        lasts_from_before = former_event is not None and former_event.end_time is None
+        latest = self._disagreement_since(start, moment, is_known=lasts_from_before)
         if latest is None:
             return None
-        event = _with_known_start(latest, known)
+        event = _with_known_start(latest, former_event)
         is_new = event is latest
         if is_new:
-            # A drift that takes minutes began before the last seconds.
-            event = self._disagreement_since(whole_flight, moment) or latest
-        heights = [fact.figures["height"] for fact in (event, latest)]
-        self._disagreement = event.replace(height=max(heights, key=abs))
+            # A slow drift began long before the last seconds: its start is found in the whole flight.
+            event = self._disagreement_since(flight_start, moment) or latest
+        largest_difference = max(event.figures["height"], latest.figures["height"], key=abs)
+        self._disagreement = event.replace(height=largest_difference)
         return self._disagreement
 
     def _disagreement_since(
@@ -127,7 +134,7 @@ class HeightWatch:
 
         Args:
             start: messages before it are left out, s of the boot clock.
-            moment: present time in flight.
+            moment: present time, with the vehicle's parameters, time of take-off, and motion of the last seconds.
             is_known: whether they disagreed just before these messages.
         """
         columns = self._recent.columns((BAROMETER_MESSAGE, RECEIVER_MESSAGE), start)

@@ -315,7 +315,7 @@ class LiveHistory:
 
         Args:
             time: time on the timeline, s.
-            outputs: the m measured outputs.
+            outputs: measured values of the m outputs of the model, rad or rad/s.
 
         Returns:
             The angle that was predicted ``REPORTED_HORIZON`` before.

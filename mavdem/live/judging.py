@@ -82,7 +82,7 @@ class ModelJudging:
             return
         self._next_time = now + JUDGING_PERIOD
         named_model = learning.named_model(model, stream.parameters)
-        if not _has_motors_of(row_format, named_model):
+        if not _has_same_motors(row_format, named_model):
             return
         alarms = tuple(stream.motor_alarms.latest)
         # The executor raises RuntimeError when its processes are gone.
@@ -123,7 +123,7 @@ class ModelJudging:
             model says so.
         """
         try:
-            if model is None or row_format is None or not _has_motors_of(row_format, model):
+            if model is None or row_format is None or not _has_same_motors(row_format, model):
                 self.findings = model_findings(model, alarms=alarms)
                 self.judgement = None
                 return model
@@ -147,11 +147,11 @@ class ModelJudging:
         self.judgement = judgement
 
 
-def _has_motors_of(row_format: RowFormat, model: Learned) -> bool:
-    """Returns whether a model was learned with the same motors as its inputs that rows of a format have.
+def _has_same_motors(row_format: RowFormat, model: Learned) -> bool:
+    """Returns whether a model was learned from the same motors as the live samples (rows) contain.
 
     Args:
-        row_format: format of the rows.
-        model: a model with the names of its inputs.
+        row_format: format of the rows, with the names of their motors.
+        model: learned model, with the names of its inputs.
     """
     return model.record.input_names == row_format.geometry.names

@@ -60,7 +60,7 @@ class LandedStates:
         """Begins another phase.
 
         Args:
-            state: ``IN_AIR`` or ``ON_GROUND``.
+            state: landed state of the phase, ``IN_AIR`` or ``ON_GROUND``.
             now: time of the review that found it, s of the boot clock.
             last_review_time: time of the review before, until which the former phase certainly lasted, s.
         """

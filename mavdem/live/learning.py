@@ -126,7 +126,7 @@ class FlightLearning:
         """Returns a learner for rows of a format, which starts from the model of an earlier flight if that fits.
 
         Args:
-            row_format: format of the rows.
+            row_format: names of motors and outputs, units and time step of the rows.
         """
         prior = self._prior
         if prior is not None and prior.record.input_units != row_format.input_units:
@@ -168,13 +168,13 @@ class FlightLearning:
         self.learner.refits = of_model or not has_model
 
     def learn_row(self, row: AlignedRow, weak_since: float | None) -> Estimate | None:
-        """Updates the learner with a row of free flight, and keeps its model if that is new.
+        """Passes a row, the sample of one time in free flight, to the learner of the model, and keeps a new model.
 
-        A row that the learner refuses, for example with values that are not finite, is reported and skipped. The row's
-        segment must have begun (:meth:`begin`), which makes the learner.
+        A row that the learner refuses, for example with values that are not finite, is reported and skipped. Before the
+        first row of a segment :meth:`begin` must be called, which creates the learner.
 
         Args:
-            row: the row.
+            row: motor outputs and motion of the vehicle at one time.
             weak_since: time since which a motor has lost thrust, s of the boot clock; None if all are sound.
 
         Returns:

@@ -391,7 +391,7 @@ class Link:
         A large buffer holds what comes while this computer is busy.
 
         Args:
-            opened: the socket.
+            opened: the new socket, which is not bound to an address yet.
             address: address at which ``udpin`` listens, or to which ``udpout`` sends, in the form of the socket module.
 
         Raises:
@@ -557,7 +557,7 @@ class Link:
         distinguished by the error number.
 
         Args:
-            error: error of the system.
+            error: error with which the system refused to open the link.
 
         Raises:
             Unreadable: always.

@@ -72,7 +72,7 @@ def _reason_not_watched(
     """Returns why a quantity is not watched; None if it is.
 
     Args:
-        quantity: such as the vibration.
+        quantity: what may be watched, such as the vibration.
         watch_facts: since when each quantity is watched, or why it is not, by its name. A quantity may be missing just
             after the first messages, while it is not known yet which messages come; before them all are missing.
         reason: why there is no model, which is the reason before the first messages.
@@ -85,14 +85,16 @@ def _reason_not_watched(
 
 
 def _motors_light(watch_facts: Mapping[str, Fact], reason: Fact) -> Fact:
-    """Returns the light of the motors while no alarm about them was active: that none was at its limit so far.
+    """Returns the light (judgement) of the motors as long as there was no alarm about them.
+
+    It states that no motor was at its limit so far, or if not even that is watched, why the motors are not judged.
 
     Args:
         watch_facts: since when each quantity is watched, or why it is not, by its name.
         reason: why there is no model.
 
     Returns:
-        The fact, whose ``reason`` is why the balance of the motors is not tested; or why the motors are not judged.
+        The fact. Its figure ``reason`` is why a loss of thrust would not be detected; None if it would be.
     """
     why_not_watched = _reason_not_watched(WatchedQuantity.MOTOR_LIMITS, watch_facts, reason)
     if why_not_watched is not None:
@@ -102,15 +104,17 @@ def _motors_light(watch_facts: Mapping[str, Fact], reason: Fact) -> Fact:
 
 
 def _margins_light(watch_facts: Mapping[str, Fact], reason: Fact) -> Fact:
-    """Returns the light of the control loops' margins without an alarm: that no oscillation was seen so far.
+    """Returns the light (judgement) of the control loops' stability margins as long as there was no alarm about them.
+
+    Margins are computed from a model. Before there is one, the light states that no oscillation was seen so far, or if
+    not even that is watched, why the margins are not judged.
 
     Args:
         watch_facts: since when each quantity is watched, or why it is not, by its name.
         reason: why there is no model.
 
     Returns:
-        The fact, whose ``reason`` is why the margins themselves, which need a model, are not known; or why the margins
-        are not judged at all.
+        The fact. Its figure ``reason`` is why the margins themselves are not known.
     """
     why_not_watched = _reason_not_watched(WatchedQuantity.OSCILLATION, watch_facts, reason)
     if why_not_watched is not None:

@@ -262,7 +262,7 @@ def parameters_by_name(messages: Iterable[Message], autopilot: str) -> Parameter
     """Returns the finite values of an autopilot's parameters by name, by the rules for logs.
 
     Args:
-        messages: PARAM_VALUEs, at least one.
+        messages: Messages PARAM_VALUE of one vehicle, at least one.
         autopilot: name of the MAV_AUTOPILOT, which decides how integers are sent as floats.
     """
     ids = []

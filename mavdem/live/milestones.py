@@ -110,7 +110,7 @@ class Milestones:
         A restart of the autopilot after the landing resets the wind of the status.
 
         Args:
-            status: status of the session.
+            status: status of the session, with the estimated wind and whether the vehicle flies.
             now: present time on the boot clock, s.
         """
         if status.is_flying:

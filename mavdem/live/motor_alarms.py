@@ -90,20 +90,21 @@ class MotorAlarms:
     def add_sample(
         self, time: float, boot: int, motors: MotorOutputs, commands: list[float], heading: float
     ) -> Facts:
-        """Tests a sample of settled flight for a lasting change of the motors' balance, by ``MotorLossDetector``.
+        """Takes the motor outputs at one time of settled flight, and tests whether a motor has lost or regained thrust.
 
-        The first sample after a landing ends the alarms of the former flight. If a change is due to one motor, which
-        the test then names, all motors that are weak now are the active alarms from then on.
+        The test (``MotorLossDetector``) looks for a lasting change of the balance, the torque about each axis that the
+        commands of the motors make. If one motor explains the change, the alarms on all motors that are weak then
+        become the active ones. The first sample after a landing ends the alarms of the flight before.
 
         Args:
             time: time of the sample, s of the boot clock.
             boot: number of the boot; a boot lasts from one start of the autopilot to the next.
-            motors: geometry and range of the motors.
+            motors: the latest motor outputs, of which mixer geometry and range are used.
             commands: (k,) outputs of the k motors, as shares of the range.
             heading: yaw, rad; NaN where the attitude does not follow its setpoint.
 
         Returns:
-            One fact for each change.
+            A fact (coded finding) for each change that this sample completes; most samples complete none.
         """
         if self.has_landed:
             self.active = ()

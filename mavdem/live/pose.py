@@ -97,7 +97,7 @@ class PoseTracker:
 
         Args:
             time: time on the boot clock, s.
-            sample: angles and body rates.
+            sample: roll, pitch and yaw, rad, and body rates, rad/s.
 
         Returns:
             The pose.

@@ -246,7 +246,7 @@ def _repetition_key(fact: Fact) -> tuple[object, ...]:
     The detail is the text of a message from the autopilot, or the alarm of another vehicle; otherwise None.
 
     Args:
-        fact: the reported fact.
+        fact: the fact that is reported to the user.
 
     Returns:
         The key (code, subject, detail).

@@ -447,7 +447,7 @@ class RateRequest:
         """Reports a fact about a message, unless nothing is reported of that message.
 
         Args:
-            interval: the message.
+            interval: the requested message, with its interval.
             code: code of the reported fact.
             **figures: figures of the fact by name.
         """
@@ -472,7 +472,7 @@ class RateRequest:
         autopilots leave the target of a COMMAND_ACK at 0, which counts as meant for everyone.
 
         Args:
-            message: one of ``REPLY_MESSAGES``.
+            message: the decoded reply, a MESSAGE_INTERVAL or COMMAND_ACK.
         """
         if message.name == "MESSAGE_INTERVAL":
             message_id, microseconds = message.values
@@ -492,7 +492,7 @@ class RateRequest:
         the message's interval may be set at once.
 
         Args:
-            message_id: id of the message.
+            message_id: MAVLink's number of the message whose interval is stored.
             microseconds: interval that the vehicle reported, µs, or ``STOPPED``. Intervals below ``SHORTEST_INTERVAL``
                 are not real, and are ignored.
         """
@@ -565,7 +565,7 @@ class RateRequest:
         """Packs a COMMAND_LONG about the interval of a message.
 
         Args:
-            command: ``GET_INTERVAL`` or ``SET_INTERVAL``.
+            command: what is requested: ``GET_INTERVAL`` or ``SET_INTERVAL``.
             message_id: id of the message, the command's first parameter.
             microseconds: interval to set, the second parameter; ``STOPPED`` to send the message no more.
 

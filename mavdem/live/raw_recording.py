@@ -76,7 +76,7 @@ class RawRecording:
 
         Args:
             stamp: time when the link completed them, UNIX s.
-            frames: the frames.
+            frames: frames that were received together, in the order of arrival.
 
         Raises:
             OSError: they cannot be written.
@@ -139,8 +139,8 @@ class RawRecording:
         operating system has them in the other file, so that no failure loses a frame. An .mcap stays as it is.
 
         Args:
-            system: system id of the sender.
-            component: its component id.
+            system: MAVLink system id of the vehicle.
+            component: MAVLink component id of its autopilot.
             other: an open recording of the same format.
 
         Returns:

@@ -84,10 +84,13 @@ class ReportAlarms:
 
 
 def _latest_time(report: Fact, now: float) -> float:
-    """Returns when a fault was reported last, s of the boot clock: now, if it is a state that lasts.
+    """Returns when the autopilot last reported a fault, s of the boot clock.
+
+    A state that lasts counts as reported now: autopilots report only its beginning and its end.
 
     Args:
-        report: the text of a message, whose end is the time at which it came last, or the interval of a state.
+        report: a fact on the fault: a text of the autopilot, whose end is when it was received last, or a state with
+            its start and end.
         now: present time on the boot clock, s.
     """
     if is_lasting_state(report):
@@ -99,7 +102,7 @@ def is_lasting_state(report: Fact) -> bool:
     """Returns whether a report of the autopilot is a state that still lasts, such as no fix of the GPS receiver.
 
     Args:
-        report: the text of a message, or the interval of a state, which has no end while the state lasts.
+        report: a fact on the fault: a text of the autopilot, or a state, which has no end while it lasts.
     """
     is_state = isinstance(report.code, ReportedEvent) and "text" not in report.figures
     return is_state and report.end_time is None

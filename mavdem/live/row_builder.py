@@ -306,7 +306,7 @@ class RowBuilder:
 
         Args:
             messages: result of ``candidate_messages``, by message name.
-            vehicle: identity and parameters.
+            vehicle: identity and parameters of the vehicle, without messages.
             now: present time on the boot clock, s.
         """
         inputs = self._selector.select(messages, vehicle, now)

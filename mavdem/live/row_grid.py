@@ -294,7 +294,7 @@ def value_at(
     the value is interpolated or low-passed.
 
     Args:
-        stream: samples, at least one.
+        stream: samples of attitude or motor outputs in the order of time, at least one.
         sampling: resampling by which they become values.
         time: the point, s of the boot clock.
         dt: step of the grid, s.

@@ -9,11 +9,12 @@ from concurrent.futures import Executor
 from dataclasses import replace
 from math import inf
 
+from mavdem.assessment.judgement import Judgement
 from mavdem.dem import Estimate, Learned, Settings
 from mavdem.dem.online.learner import FIRST_FIT_RUNNING
 from mavdem.dem.parallel import LearningProcess
 from mavdem.errors import NotLearnable
-from mavdem.facts import Fact, Level
+from mavdem.facts import Fact, Facts, Level
 from mavdem.facts.event import Event
 from mavdem.facts.lights import Light
 from mavdem.facts.loops import GainFact
@@ -327,7 +328,7 @@ class LiveSession:
         The session of the silent vehicle is to end then; the caller begins another one for ``successor``.
 
         Args:
-            silent_vehicle: the followed vehicle.
+            silent_vehicle: the vehicle that is followed now, and sends nothing any more.
             frames: the latest frames, all from other senders.
         """
         if self._keeps_vehicle or self.successor is not None:
@@ -555,8 +556,8 @@ class LiveSession:
     def report_gain_advice(self, *, is_at_end: bool = False) -> None:
         """Starts to compute advice on controller gains after a landing, and reports advice that is ready.
 
-        The advice is computed from the recording by another process, together with a judgement of the whole flight. It
-        is called once in ``STATUS_PERIOD``, and at the end of the session.
+        The advice is computed from the recording by another process, together with a judgement of the whole flight.
+        This method is called once in ``STATUS_PERIOD``, and at the end of the session.
 
         Args:
             is_at_end: whether the session ends. Then a settled flight without a landing gets advice too, and the call
@@ -575,7 +576,20 @@ class LiveSession:
             if adviser.is_awaited:
                 self._presentation.log(Fact(GainFact.ADVICE_AWAITED, duration=MAX_WAIT_SECONDS))
         advice = adviser.update(vehicle.name, is_busy=self.backlog.is_late, is_at_end=is_at_end)
-        judgement = adviser.judgement
+        self._log_advice(advice, adviser.judgement)
+        # The judgement of the recording says more than the judgement of the live model, and replaces it. But in flight
+        # it is about an earlier flight, and must not hide what the model shows of this one.
+        is_of_latest_flight = is_at_end or not self.stream.is_flying
+        if adviser.judgement is not None and is_of_latest_flight:
+            self.judging.use_judgement_of_recording(adviser.judgement)
+
+    def _log_advice(self, advice: Facts, judgement: Judgement | None) -> None:
+        """Reports the stability margins that the recording shows, if they are known, and then the advice on gains.
+
+        Args:
+            advice: what to do with the gains of each axis; empty while no advice is ready.
+            judgement: judgement of the recorded flight; None before it is ready.
+        """
         if advice and judgement is not None:
             margins = judgement.lights[Light.MARGINS]
             # If the margins are not known, the advice states why.
@@ -583,11 +597,6 @@ class LiveSession:
                 self._presentation.log(margins)
         for fact in advice:
             self._presentation.log(fact)
-        # The judgement of the recording says more than the judgement of the live model, and replaces it. But in flight
-        # it is about an earlier flight, and must not hide what the model shows of this one.
-        is_of_latest_flight = is_at_end or not self.stream.is_flying
-        if judgement is not None and is_of_latest_flight:
-            self.judging.use_judgement_of_recording(judgement)
 
     def end(self) -> None:
         """Restores the vehicle's rates, which it must confirm, and ends the recording."""

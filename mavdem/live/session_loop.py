@@ -26,17 +26,17 @@ def run_session(
 ) -> None:
     """Runs a session until it has lasted for its duration, or the user requests its end.
 
-    Each step waits for messages itself, so the loop does not sleep. Meanwhile garbage collection is rare, since a full
-    one would hold up samples.
+    The loop does not sleep, since each step of the session waits for messages itself. While it runs, garbage collection
+    is rare, since a full one would delay the analysis of samples.
 
     Args:
         session: the session, whose ``step`` is called again and again; ending it is left to the caller.
         is_end_requested: function that returns whether the user has requested the end.
-        duration: s; None for no limit.
-        report_period: s between two calls of ``report``.
-        report: is called with the session.
+        duration: how long the session lasts, s; None for no limit.
+        report_period: time between two calls of ``report``, s.
+        report: function that shows the status of the session, for example on the terminal.
     """
-    # Loaded at its first use, a library would hold up samples then.
+    # Libraries are loaded now. Otherwise their first use would load them in flight, and delay samples.
     load_libraries()
     with _short_pauses():
         start_time = monotonic()

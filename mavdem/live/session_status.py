@@ -347,7 +347,7 @@ class SessionStatus(ImmutableResult):
         A bad event, such as a loss of control, comes before any lasting fault; otherwise a bad headline stays.
 
         Args:
-            headline: the headline so far.
+            headline: the first sentence of the screen, unless an alarm is more urgent.
         """
         bad_events = [alarm for alarm in self.active_alarms if alarm.is_bad and _is_event(alarm)]
         if bad_events and not _is_event(headline):

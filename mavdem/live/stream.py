@@ -206,7 +206,7 @@ class LiveStream:
 
         Args:
             stamp: time of reception, UNIX s.
-            data: the bytes.
+            data: bytes as they were received, which need not begin or end with a frame.
 
         Returns:
             The rows that these bytes complete, in order.
@@ -239,7 +239,7 @@ class LiveStream:
 
         Args:
             stamp: time when they were received, UNIX s.
-            frames: the frames.
+            frames: the frames of all senders, in the order of arrival.
         """
         for _ in self.process_frames(stamp, frames):
             pass
@@ -252,7 +252,7 @@ class LiveStream:
 
         Args:
             name: "system:component" of the vehicle, the subject of the reported facts.
-            frame: frame that it sent.
+            frame: the next frame that this vehicle sent.
         """
         if name not in self.other_vehicles:
             # Nothing is requested from this vehicle. With ``rates_requested`` no fact advises the user to do so.
@@ -358,14 +358,15 @@ class LiveStream:
 
     @property
     def watch_facts(self) -> Facts:
-        """What is monitored on each vehicle of the link, such as vibration or battery: one fact for each.
+        """Which quantities are monitored for faults, such as vibration or battery voltage, on each vehicle of the link.
 
-        A fact states since when something is monitored, s on that vehicle's boot clock, or why it is not, for example
-        because a message is missing. The followed vehicle comes first. The facts of other vehicles, each of which has a
-        separate stream, get the name of the vehicle here, since the user sees all of them in one list.
+        There is one fact (coded finding) for each quantity of each vehicle. It states since when the quantity is
+        monitored, s on that vehicle's boot clock, or why it is not, for example because a message is missing. The
+        followed vehicle comes first. Facts of other vehicles get the name of their vehicle as a figure.
         """
         facts = list(self._review.watchdog.watched.facts.values())
         for name, stream in self.other_vehicles.items():
+            # Each other vehicle has a stream of its own, which does not name it.
             for fact in stream.watch_facts:
                 facts.append(fact.replace(vehicle=name))
         return tuple(facts)
@@ -476,7 +477,7 @@ class LiveStream:
             self._takeoff_place.add_pressure(message.values[0])
         else:
             self._takeoff_place.add_fix(message.values)
-        self._takeoff_place.update(
+        self._takeoff_place.note_phase(
             is_flying=self.is_flying, is_takeoff_seen=isfinite(self.takeoff_time)
         )
 
@@ -524,7 +525,7 @@ class LiveStream:
         does not lean into the wind.
 
         Args:
-            message: an ATTITUDE or ATTITUDE_QUATERNION.
+            message: decoded ATTITUDE or ATTITUDE_QUATERNION.
             time: time on the boot clock, s.
 
         Returns:

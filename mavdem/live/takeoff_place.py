@@ -85,7 +85,7 @@ class TakeoffPlace:
         """Takes a position by satellites; one without a fix is ignored.
 
         Args:
-            values: fields of a GPS_RAW_INT.
+            values: fields of the message GPS_RAW_INT, with the position in units of 1e−7 degrees.
         """
         fix_type, _, _, latitude, longitude, _ = values
         if fix_type >= MIN_FIX_TYPE:
@@ -99,12 +99,15 @@ class TakeoffPlace:
             [altitude] = standard_altitude(np.array([pressure])).tolist()
             self._latest = self._latest._replace(altitude=altitude)
 
-    def update(self, *, is_flying: bool, is_takeoff_seen: bool) -> None:
-        """Takes the latest place for the ground before the take-off, or the ground for that of a take-off.
+    def note_phase(self, *, is_flying: bool, is_takeoff_seen: bool) -> None:
+        """Notes whether the vehicle flies, which decides what its latest measured place is.
+
+        On the ground it is where the vehicle stands. Where it stood last becomes the place of the take-off, once a
+        take-off was seen.
 
         Args:
             is_flying: whether the vehicle is in the air.
-            is_takeoff_seen: whether its take-off was seen in this boot.
+            is_takeoff_seen: whether the take-off was seen since the autopilot started.
         """
         if not is_flying:
             self._ground = self._latest

@@ -40,7 +40,7 @@ class TrackingWatch:
         """Keeps an attitude or a setpoint, unless it follows another one within ``SAMPLE_PERIOD``.
 
         Args:
-            message: ATTITUDE, ATTITUDE_QUATERNION or ATTITUDE_TARGET.
+            message: Decoded ATTITUDE, ATTITUDE_QUATERNION or ATTITUDE_TARGET.
             time: time on the boot clock, s.
         """
         samples = self._samples[message.name]

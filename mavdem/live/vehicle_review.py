@@ -280,7 +280,7 @@ class VehicleReview:
         """
         now = self._review_time
         inputs = self._rows.inputs
-        # This is the time for which reviews have followed each other without a pause.
+        # How long the vehicle has been heard without a pause.
         connected_seconds = now - self._connection_start
         if connected_seconds >= DECISION_SECONDS:
             self.no_rows_reason = self._check_messages() or self.phase.not_flying_reason

@@ -391,7 +391,7 @@ def _decoded_parameters(vehicle: Component, store: Component | None) -> Paramete
     """Returns the parameters of a vehicle by name, from its own messages and the messages of a store.
 
     Args:
-        vehicle: the vehicle.
+        vehicle: the autopilot whose parameters are decoded.
         store: component that sends parameters of the vehicle as it read them before; what the vehicle has sent itself
             replaces them. None without one.
     """

@@ -40,7 +40,7 @@ def vehicle_state(recent: RecentMessages, vehicle: Telemetry, now: float) -> Veh
     """Returns the state of a vehicle by its latest messages.
 
     Args:
-        recent: messages of the boot.
+        recent: slow messages of the present boot, such as battery and position.
         vehicle: identity and parameters of the vehicle, without messages.
         now: present time on the boot clock, s.
     """

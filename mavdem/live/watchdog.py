@@ -152,12 +152,12 @@ class _Review:
     facts: dict[WatchedQuantity, Fact] = field(default_factory=dict)
     """The fact that was found on each quantity, good or bad."""
 
-    found_times: dict[WatchedQuantity, float] = field(default_factory=dict)
+    last_found_times: dict[WatchedQuantity, float] = field(default_factory=dict)
     """When the faults of the last minute were there last, s of the boot clock; other faults are there now."""
 
-    def found_time(self, quantity: WatchedQuantity) -> float:
+    def last_found_time(self, quantity: WatchedQuantity) -> float:
         """Returns when the fault of a quantity was there last, s of the boot clock."""
-        return self.found_times.get(quantity, self.now)
+        return self.last_found_times.get(quantity, self.now)
 
 
 class Watchdog:
@@ -240,7 +240,7 @@ class Watchdog:
         """Takes an attitude or its setpoint, by which control and tracking are judged.
 
         Args:
-            message: ATTITUDE, ATTITUDE_QUATERNION or ATTITUDE_TARGET.
+            message: Decoded ATTITUDE, ATTITUDE_QUATERNION or ATTITUDE_TARGET.
             time: time on the boot clock, s.
         """
         self.control.add_message(message, time)
@@ -371,7 +371,7 @@ class Watchdog:
 
         Args:
             now: present time on the boot clock, s.
-            landed_state: ``IN_AIR`` or ``ON_GROUND``.
+            landed_state: present landed state, ``IN_AIR`` or ``ON_GROUND``.
         """
         states = self._landed_states
         if states.latest == landed_state:
@@ -432,13 +432,13 @@ class Watchdog:
             review.facts[WatchedQuantity.ESTIMATOR] = estimator
             if estimator.warns and estimator.time is not None and not is_lasting_state(estimator):
                 end_time = estimator.time + estimator.figures.get("duration", 0.0)
-                review.found_times[WatchedQuantity.ESTIMATOR] = end_time
+                review.last_found_times[WatchedQuantity.ESTIMATOR] = end_time
         if review.has_settled:
             vibration = vibration_light(evidence)
             review.facts[WatchedQuantity.VIBRATION] = vibration
             if vibration.warns:
                 limit = vibration.figures["acceptable_vibration"]
-                review.found_times[WatchedQuantity.VIBRATION] = latest_vibration_time(
+                review.last_found_times[WatchedQuantity.VIBRATION] = latest_vibration_time(
                     review.recent_signals, limit
                 )
 
@@ -580,15 +580,15 @@ class Watchdog:
 
     @staticmethod
     def _add_event(review: _Review, quantity: WatchedQuantity, event: Fact) -> None:
-        """Adds an event of the last minute to the facts of a review, with the time when it was there last.
+        """Adds an event of the last minute to the facts of a review, with the time until which it lasted.
 
         Args:
-            review: the review.
-            quantity: what the event is about.
-            event: the event; without an end it is there now.
+            review: the review, whose ``facts`` and ``last_found_times`` are changed.
+            quantity: watched quantity that the event is about, such as the height.
+            event: the event; it has no end time while it lasts.
         """
         review.facts[quantity] = event
-        review.found_times[quantity] = event.end_time or review.now
+        review.last_found_times[quantity] = event.end_time or review.now
 
     def _judge_control(self, review: _Review, moment: FlightMoment) -> list[Fact]:
         """Judges in flight whether control was lost, and whether the vehicle falls or has met the ground.
@@ -633,7 +633,7 @@ class Watchdog:
         """Notes how the flight was lost, and the contact with the ground that ended it, for the alarms of a review.
 
         Args:
-            loss: the loss so far.
+            loss: how control was lost, as it was found first.
             end: how the flight ended; None before the vehicle has met the ground.
             review: the review, whose ``facts`` get the loss.
         """
@@ -665,13 +665,15 @@ class Watchdog:
         other_fact = review.facts.get(WatchedQuantity.ESTIMATOR, invalid_attitude)
         review.facts[WatchedQuantity.ESTIMATOR] = worst_fact([invalid_attitude, other_fact])
         # The attitude is NaN now, whenever another fault of the estimator was there last.
-        review.found_times.pop(WatchedQuantity.ESTIMATOR, None)
+        review.last_found_times.pop(WatchedQuantity.ESTIMATOR, None)
 
     def _judge_motor_limits(self, review: _Review, motion: RecentMotion) -> None:
-        """Judges motors at the limits of their outputs: a limit cycle that begins, or one that stays at its maximum.
+        """Judges motors that reach the limits of their outputs.
+
+        Two faults show there: a limit cycle (oscillation) that begins, and a motor that stays at its upper limit.
 
         Args:
-            review: the review, whose ``facts`` are added to.
+            review: the review, to whose ``facts`` the faults are added.
             motion: attitude and motor outputs of the last seconds.
         """
         motors = motion.motors
@@ -689,7 +691,7 @@ class Watchdog:
                 review.now,
             )
             if cycle is not None:
-                # The same gains are to be lowered as the judgement of the recording says after the landing.
+                # The gains to lower follow by the same rule as in the judgement of the recording after the landing.
                 lowered_gains = gain_reduction_advice(cycle, review.vehicle.parameters)
                 review.facts[WatchedQuantity.OSCILLATION] = Fact(
                     MarginsLight.OSCILLATES, reason=lowered_gains, **cycle.figures
@@ -781,7 +783,7 @@ class Watchdog:
         """Returns the vehicle's status messages as signals of a log, so that the functions for logs can judge them.
 
         Args:
-            vehicle: identity and parameters.
+            vehicle: identity and parameters of the vehicle, without messages.
             now: time of the review, s of the boot clock.
             start_time: messages before it are left out, s.
             settled: intervals of settled flight, s; None if they are not needed.
@@ -802,13 +804,13 @@ class Watchdog:
         )
 
     def _new_reports(self, signals: Signals, vehicle: Telemetry, now: float) -> list[Fact]:
-        """Returns what the autopilot has reported since the last search, as far as it is certain.
+        """Returns what the autopilot itself has reported since the last search, such as a failsafe or a crash.
 
-        The motion must confirm two kinds of reports. A crash that it does not show is to be watched only. A landing is
-        reported by ``finish_review``, once the vehicle is found on the ground.
+        Two kinds of reports may be wrong. A crash that the motion does not show gets a lower level ("watch"). A report
+        of a landing is kept back: ``finish_review`` returns it once the vehicle is found on the ground.
 
         Args:
-            signals: signals of the last minute.
+            signals: time series and texts of the last minute of messages.
             vehicle: identity and parameters of the vehicle, without messages.
             now: present time on the boot clock, s.
         """
@@ -861,8 +863,8 @@ class Watchdog:
             Alarms, with the time of the review, and ends of alarms, with the time at which the fault was found last;
             s of the boot clock.
         """
-        for quantity, found_time in review.found_times.items():
-            is_past = review.now - found_time >= CALM_SECONDS
+        for quantity, last_found_time in review.last_found_times.items():
+            is_past = review.now - last_found_time >= CALM_SECONDS
             if is_past and quantity not in self.alarms.facts:
                 # After a loss of control, the fact may have been removed already (``EXPLAINED_BY_LOSS``).
                 review.facts.pop(quantity, None)
@@ -883,7 +885,7 @@ class Watchdog:
         for quantity, fact in review.facts.items():
             if not fact.warns:
                 continue
-            is_new = self.alarms.raise_alarm(quantity, fact, review.found_time(quantity))
+            is_new = self.alarms.raise_alarm(quantity, fact, review.last_found_time(quantity))
             # What the autopilot itself reports of the estimator was reported to the user when it came.
             was_reported = quantity is WatchedQuantity.ESTIMATOR and isinstance(
                 fact.code, ReportedEvent
@@ -922,21 +924,22 @@ class Watchdog:
         return ends
 
     def _is_alarm_over(self, quantity: WatchedQuantity, review: _Review) -> bool:
-        """Returns whether an active alarm is over: on the ground, or when its fault has not been found for long.
+        """Returns whether an active alarm is over: after the landing, or if its fault has not been found for some time.
 
-        There are two exceptions. The alarm of a loss of control stays on the ground. That of the tracking, which is
-        judged more rarely than others, stays until the tracking is judged again and found without a fault.
+        There are two exceptions. The alarm that control was lost stays after the landing. The alarm that the attitude
+        does not track its setpoint stays until the tracking, which is judged more rarely, is judged again as good.
 
         Args:
-            quantity: quantity of the alarm.
-            review: the review that ends.
+            quantity: what the alarm is about, such as the vibration.
+            review: the review that ends, with its time and whether the vehicle flies.
         """
         if not review.is_flying:
-            is_lost = self.loss is not None
-            return not (is_lost and quantity is WatchedQuantity.CONTROL)
-        was_found_by_latest_judgement = self.alarms.last_found(quantity) >= self._tracking_time
-        if quantity is WatchedQuantity.TRACKING and was_found_by_latest_judgement:
-            return False
+            is_lost_control = self.loss is not None and quantity is WatchedQuantity.CONTROL
+            return not is_lost_control
+        if quantity is WatchedQuantity.TRACKING:
+            was_found_by_latest_judgement = self.alarms.last_found(quantity) >= self._tracking_time
+            if was_found_by_latest_judgement:
+                return False
         return self.alarms.is_calm(quantity, review.now)
 
     def _is_end_reported(self, quantity: WatchedQuantity, review: _Review) -> bool:
@@ -947,7 +950,7 @@ class Watchdog:
 
         Args:
             quantity: quantity of the alarm, which is still active.
-            review: the review that ends.
+            review: the review that ends, with whether the vehicle flies.
         """
         if review.is_flying:
             return True
@@ -984,10 +987,11 @@ class Watchdog:
         return reasons
 
     def set_motors_watched(self, reason: Fact | None, now: float) -> None:
-        """Sets whether the balance of the motors is tested, and if so, that no loss of thrust was found yet.
+        """Notes whether motors that lose thrust are detected at present; ``MotorAlarms`` tests them, not this class.
 
-        A loss is an alarm of its own, which outranks this. After a loss of control, or while the vehicle oscillates,
-        the motors are not called sound: then they go from limit to limit, and are not compared with each other.
+        If so, the status of the motors (their light) becomes "no loss found" until something worse is found. There are
+        two exceptions: after a loss of control, and while the vehicle oscillates. Then the motors go from limit to
+        limit, so that they are not compared with each other, and must not be called sound.
 
         Args:
             reason: why a motor that loses thrust would not be detected; None if it would be.
@@ -995,7 +999,8 @@ class Watchdog:
         """
         self.watched.set(WatchedQuantity.MOTORS, reason, now)
         is_oscillating = WatchedQuantity.OSCILLATION in self.alarms.facts
-        if reason is None and self.loss is None and not is_oscillating:
+        can_detect_loss = reason is None
+        if can_detect_loss and self.loss is None and not is_oscillating:
             self.lights.add_first(Light.MOTORS, Fact(MotorWatchFact.NO_LOSS_FOUND, clock=now))
 
 

@@ -505,7 +505,7 @@ class LiveWind:
         the drag and of the level are the same in all of them, so that the mean is no more certain than one estimate.
 
         Args:
-            estimate: the latest estimate.
+            estimate: the latest estimate of the wind, with its 90 % interval.
         """
         self._estimate_count += 1
         # The first estimate is its own mean.

@@ -207,10 +207,13 @@ def _chart(title: str, unit: str, names: Names, time: Array, series: Array) -> C
 
 
 def scene_view(pose: Pose) -> rrb.View:
-    """Returns the 3D view of the vehicle; its title states the scale of the arrows.
+    """Returns the Rerun view that shows a simulated vehicle in 3D from the south-east, with arrows of thrust and wind.
 
     Args:
-        pose: the simulated flight to show.
+        pose: the simulated flight. Its arm, m, is the length that all distances of the view are multiples of.
+
+    Returns:
+        The view, with the scale of the arrows in its title.
     """
     centimetres = 100 * WIND_ARROW_SCALE * pose.arm
     title = (
