@@ -4,7 +4,6 @@ from collections.abc import Iterable
 from typing import NamedTuple
 
 import numpy as np
-import scipy.linalg
 from numpy.typing import NDArray
 
 from mavdem.arrays import Array, Flags
@@ -268,57 +267,17 @@ def _low_passed(time: Array, values: Array, cutoff: float) -> tuple[Array, Array
 def _butterworth_filtered(values: Array, rate: float, cutoff: float, padding: int) -> Array:
     """Applies a Butterworth low-pass filter forwards and backwards (zero phase).
 
-    ``scipy.signal.sosfiltfilt`` with the filter by ``scipy.signal.butter`` returns the same, but its import takes half
-    a second.
-
     Args:
         values: (N,) or (N, k) uniform samples.
         rate: Their rate, Hz.
         cutoff: Cut-off frequency, Hz.
-        padding: Number of samples by which both ends are extended first, by the series turned about its end.
+        padding: Number of samples by which both ends are extended first.
 
     Returns:
         Filtered samples with the shape of ``values``.
     """
-    before = 2 * values[:1] - values[padding:0:-1]
-    after = 2 * values[-1:] - values[-2 : -2 - padding : -1]
-    extended = np.concatenate([before, values, after])
-    forwards = _butterworth_filtered_once(extended, rate, cutoff)
-    filtered = _butterworth_filtered_once(forwards[::-1], rate, cutoff)[::-1]
-    return filtered[padding : padding + len(values)]
+    # SciPy's filters take half a second to import, and few flights need them.
+    from scipy.signal import butter, sosfiltfilt
 
-
-def _butterworth_filtered_once(values: Array, rate: float, cutoff: float) -> Array:
-    """Applies a Butterworth low-pass filter of order ``FILTER_ORDER`` forwards.
-
-    The filter is a product of sections of second order, made by the bilinear transform (Oppenheim and Schafer,
-    Discrete-Time Signal Processing, sec. 7.2). It begins as if all samples before had been equal to the first one.
-
-    Args:
-        values: (N,) or (N, k) uniform samples.
-        rate: Their rate, Hz.
-        cutoff: Cut-off frequency, Hz, below half of the rate.
-
-    Returns:
-        Filtered samples with the shape of ``values``.
-    """
-    # The gain at 0 Hz is 1, so that a filter at rest can be applied to the differences from the first sample.
-    columns = values.reshape(len(values), -1)
-    signal = columns - columns[0]
-    tangent = np.tan(np.pi * cutoff / rate)
-    for section in range(FILTER_ORDER // 2):
-        # Two of the poles, which are evenly spaced on a circle in the left half of the plane.
-        damping = 2 * np.sin(np.pi * (2 * section + 1) / (2 * FILTER_ORDER)) * tangent
-        scale = 1 + damping + tangent**2
-        # x_t + 2 x_{t−1} + x_{t−2}, and the coefficients of y_{t−1} and y_{t−2} on the other side of the equation.
-        padded = np.pad(signal, ((2, 0), (0, 0)))
-        sums = padded[2:] + 2 * padded[1:-1] + padded[:-2]
-        recursion = [2 * (tangent**2 - 1) / scale, (1 - damping + tangent**2) / scale]
-        # The recursion over all samples is a triangular system of equations with three diagonals. In LAPACK's band
-        # storage the first row is the main diagonal, the others are those below it.
-        diagonals = np.ones((3, len(signal)), order="F")
-        diagonals[1:] = np.array(recursion)[:, None]
-        signal, _ = scipy.linalg.lapack.dtbtrs(
-            diagonals, tangent**2 / scale * sums, uplo="L", diag="U"
-        )
-    return np.asarray(signal + columns[0]).reshape(values.shape)
+    sections = butter(FILTER_ORDER, cutoff, fs=rate, output="sos")
+    return sosfiltfilt(sections, values, axis=0, padlen=padding)

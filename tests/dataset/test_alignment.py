@@ -23,8 +23,6 @@ from mavdem.dataset.alignment import aligned_flight
 from mavdem.dataset.learnability import learnability_of
 from mavdem.dataset.phases import TRANSIENT_SECONDS
 from mavdem.dataset.resampling import (
-    FILTER_ORDER,
-    _butterworth_filtered,
     common_grid,
     common_step,
     low_pass_impulse_response,
@@ -339,16 +337,6 @@ def test_a_grid_has_the_last_sample_and_begins_where_the_low_pass_has_settled():
     response = low_pass_impulse_response(400.0, 0.02)
     gains = [response @ np.cos(np.pi * hz / 200 * np.arange(-40, 41)) for hz in (10, 20, 40)]
     assert gains == approx([256 / 257, 1 / 2, 1 / 257], abs=0.005)
-
-
-@mark.parametrize(("count", "cutoff", "padding"), [(5000, 20.0, 60), (300, 150.0, 299)])
-def test_the_low_pass_is_that_of_scipy(count, cutoff, padding):
-    from scipy.signal import butter, sosfiltfilt
-
-    values = np.cumsum(default_rng(4).standard_normal((count, 3)), axis=0)
-    sections = butter(FILTER_ORDER, cutoff, fs=400.0, output="sos")
-    expected = sosfiltfilt(sections, values, axis=0, padlen=padding)
-    assert_allclose(_butterworth_filtered(values, 400.0, cutoff, padding), expected, atol=1e-10)
 
 
 def test_lost_messages_and_jitter_part_nothing():
