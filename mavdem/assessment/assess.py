@@ -408,10 +408,11 @@ def without_flight_advice(wind: WindEvidence) -> WindEvidence:
     Returns:
         The same evidence with every such fact replaced by its form without advice (:attr:`mavdem.facts.Fact.grounded`).
     """
-    estimate, autopilot_estimate, reason_unknown = wind
+    estimate = wind.estimate
+    reason_unknown = wind.reason
     if estimate is not None:
         reasons = {name: fact.grounded for name, fact in estimate.reasons.items()}
         estimate = replace(estimate, reasons=reasons, advice=None)
     if reason_unknown is not None:
         reason_unknown = reason_unknown.grounded
-    return WindEvidence(estimate, autopilot_estimate, reason_unknown)
+    return wind._replace(estimate=estimate, reason=reason_unknown)

@@ -108,7 +108,7 @@ def wind_columns(signals: Signals, boot: int, time: Array) -> dict[str, Array]:
         Columns (T,): the north and east velocity of the air, m/s, and the half widths of their bands. They are NaN
         outside the flight whose wind was estimated. Empty if the wind of this boot is not identifiable.
     """
-    wind, _, _ = wind_evidence(signals)
+    wind = wind_evidence(signals).estimate
     if wind is None or not wind.speed_identifiable or wind.boot != boot:
         return {}
     series = {

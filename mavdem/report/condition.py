@@ -16,7 +16,7 @@ from mavdem.report.templates import render_section
 from mavdem.wind_velocity.compass import compass_text, meteorological_direction
 from mavdem.wind_velocity.estimation import WindVelocity
 from mavdem.wind_velocity.from_log import WindEvidence
-from mavdem.wind_velocity.vehicle_drag import Drag, ParameterValue
+from mavdem.wind_velocity.vehicle_drag import DRAG_MODEL_SETTINGS, Drag, ParameterValue
 
 WIND_LIGHTS = (Light.WIND, Light.ESTIMATOR)
 """Lights that bear on the wind: the estimate rests on the attitude and velocity of the autopilot's estimator."""
@@ -175,8 +175,8 @@ def wind_blocks(evidence: WindEvidence, tables: Sequence[Table] = ()) -> Blocks:
     # The reason why each quantity, such as the speed or the drag, has a wide interval or is not identifiable.
     reasons = dict(wind.reasons)
     is_blurred_by_drag = "speed" in reasons and bool(reasons["speed"].figures["by_drag"])
-    if is_blurred_by_drag and wind.speed_identifiable:
-        # The sentence on the intervals says that the drag widens them, so that the reason is not repeated.
+    if wind.speed_identifiable and (is_blurred_by_drag or wind.may_be_lean):
+        # The sentence on the intervals says that the drag or a lean widens them, so that the reason is not repeated.
         del reasons["speed"]
     typical_drag = None
     if wind.drag.source is DragSource.POPULATION:
@@ -188,6 +188,7 @@ def wind_blocks(evidence: WindEvidence, tables: Sequence[Table] = ()) -> Blocks:
         typical_drag=typical_drag,
         autopilot_wind=_autopilot_wind(evidence, wind),
         is_blurred_by_drag=is_blurred_by_drag,
+        drag_model_setting=DRAG_MODEL_SETTINGS.get(evidence.autopilot, ""),
         turned_wind=_turned_wind(wind),
     )
     sentences = [

@@ -145,6 +145,9 @@ class WindEvidence(NamedTuple):
     reason: Fact | None
     """Why there is no estimate; ``None`` if there is one."""
 
+    autopilot: str = ""
+    """Name of the autopilot, such as "PX4"; empty if it is not known."""
+
 
 UNKNOWN_WIND = WindEvidence(None, None, None)
 """The evidence before the wind is estimated."""
@@ -199,13 +202,14 @@ def wind_evidence(signals: Signals) -> WindEvidence:
         The estimates of this library and of the autopilot, and the reason if this library has none.
     """
     vehicle_type = signals.telemetry.vehicle
+    autopilot = signals.telemetry.autopilot
     if vehicle_type not in POSSIBLE_MULTIROTORS:
         reason = Fact(Unjudged.MULTIROTORS_ONLY, kind=vehicle_type)
-        return WindEvidence(None, signals.autopilot_wind, reason)
+        return WindEvidence(None, signals.autopilot_wind, reason, autopilot)
     try:
-        return WindEvidence(wind_of_signals(signals), signals.autopilot_wind, None)
+        return WindEvidence(wind_of_signals(signals), signals.autopilot_wind, None, autopilot)
     except NotLearnable as error:
-        return WindEvidence(None, None, error.fact)
+        return WindEvidence(None, None, error.fact, autopilot)
 
 
 def wind_of_signals(signals: Signals, drag: Drag | None = None) -> WindVelocity:

@@ -99,6 +99,15 @@ They are the momentum drag coefficient, 1/s at sea level, and the ballistic coef
 name), kg/m²: half of the air density over the quadratic drag.
 """
 
+DRAG_MODEL_SETTINGS = {
+    "ARDUPILOTMEGA": "EK3_DRAG_MCOEF above 0",
+    "PX4": "EKF2_DRAG_CTRL 1",
+}
+"""Setting with which each autopilot estimates the wind itself, from drag: it is off by default.
+
+Sources: ArduPilot ``AP_NavEKF3_Measurements.cpp`` (``SampleDragData``, from 0.001 1/s), PX4 ``drag_fusion.cpp``.
+"""
+
 MAX_BALLISTIC_COEFFICIENTS = {"ARDUPILOTMEGA": 1000.0, "PX4": 200.0}
 """Largest ballistic coefficient, kg/m², that each autopilot's documentation of its parameters allows.
 

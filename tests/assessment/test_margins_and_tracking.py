@@ -45,6 +45,7 @@ from mavdem.ingest.vocabulary import wrapped_angle
 from mavdem.loops.limit_cycles import Oscillation
 from mavdem.loops.measured_response import MeasuredResponse
 from mavdem.loops.resonance import Resonance
+from mavdem.wind_velocity.from_log import WindEvidence
 
 HOVER = Hover(hovering=40.0)
 TIME = HOVER.stamps(100.0)
@@ -436,4 +437,5 @@ def test_oscillation_a_loss_or_a_motor_at_its_stop_without_hover_grounds_a_vehic
     (found,) = oscillating(sound).reasons_not_to_fly
     assert found.code is Override.OSCILLATION and found.figures["turn_rate"] < 1
     doubt = Fact(NoWind.STUCK, lean=0.5, duration=9.0)
-    assert without_flight_advice((None, None, doubt)) == (None, None, doubt.grounded)
+    grounded = without_flight_advice(WindEvidence(None, None, doubt, "PX4"))
+    assert grounded == WindEvidence(None, None, doubt.grounded, "PX4")

@@ -234,6 +234,9 @@ def test_calm_air_is_below_a_speed():
     of_other_boot = replace(own, boot=own.boot + 1)
     shown = wind_blocks(WindEvidence(wind, of_other_boot, None))
     assert not any("own estimate" in block.text for block in shown)
+    # Where the autopilot makes none, the setting is named with which it does.
+    shown = wind_blocks(WindEvidence(wind, None, None, "PX4"))
+    assert any("makes one with EKF2_DRAG_CTRL 1" in block.text for block in shown)
     course = tuple(
         {
             "start": 60.0 * i,
