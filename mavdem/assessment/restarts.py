@@ -17,7 +17,7 @@ from mavdem.assessment.autopilot_messages import StatusText, status_texts
 from mavdem.assessment.flights import flights_in_boot
 from mavdem.containers import Names
 from mavdem.dataset.flight_states import armed_intervals
-from mavdem.dataset.intervals import in_intervals
+from mavdem.dataset.intervals import in_intervals, intersection
 from mavdem.dataset.segments import Segment
 from mavdem.dataset.signals import Signals
 from mavdem.dataset.time_series import series_of_boot
@@ -25,6 +25,7 @@ from mavdem.dataset.vehicle_cache import cached_per_vehicle
 from mavdem.facts import Fact
 from mavdem.facts.events import ReportedEvent
 from mavdem.ingest.joined import MAX_BOOT_CLOCK
+from mavdem.witnesses.accelerometer import rest_intervals
 
 FALL_SECONDS = 10.0
 """Duration from the beginning, s, in which the fall after a restart is sought: one from 400 m takes as long."""
@@ -164,7 +165,8 @@ def _ends_in_air(signals: Signals, boot: int) -> bool:
 def _begins_in_flight(signals: Signals, recorded_span: Segment) -> bool:
     """Returns whether the motors are armed and the vehicle flies from the beginning of a boot on.
 
-    Both must begin within ``MAX_LATE_TAKE_OFF``: nobody arms and takes off so soon after a start on the ground.
+    Both must begin within ``MAX_LATE_TAKE_OFF``: nobody arms and takes off so soon after a start on the ground. A
+    recording may begin shortly before a take-off: a vehicle that lay still without power before is on the ground.
 
     Args:
         signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.
@@ -176,6 +178,8 @@ def _begins_in_flight(signals: Signals, recorded_span: Segment) -> bool:
         return False
     first_arming, _ = armed_spans[0]
     first_take_off, _ = flights[0]
+    if intersection(rest_intervals(signals, recorded_span.boot), [(-np.inf, first_take_off)]):
+        return False
     return max(first_arming, first_take_off) <= recorded_span.start + MAX_LATE_TAKE_OFF
 
 

@@ -1,7 +1,9 @@
 """A restart of the autopilot in flight is told from one on the ground."""
 
+from dataclasses import replace
+
 import numpy as np
-from hover import Hover, changed, columns, evidence_of, with_texts
+from hover import ARMED, Hover, changed, columns, evidence_of, with_texts
 from pytest import mark
 
 from mavdem.assessment.judgement import judge
@@ -105,3 +107,27 @@ def test_a_reboot_between_flights_is_one_on_the_ground():
     }
     events = restart_events(changed(made, "ATTITUDE", **both))
     assert [event.code for event in events] == [ReportedEvent.RESTARTED]
+
+
+@mark.parametrize("is_still, code", [(True, RESTARTS[0]), (False, RESTARTS[1])])
+def test_a_recording_that_begins_three_seconds_before_the_take_off_begins_on_the_ground(
+    is_still, code
+):
+    """The log before ended in the air; in this one the motors run from 3 s on, and armed it is from the first on."""
+    made = Hover(hovering=8.0).telemetry(50.0, 50.0)
+    messages = {}
+    for name, table in made.messages.items():
+        is_kept = table["time"] >= 3.0
+        second = {key: values[is_kept] for key, values in table.items()}
+        is_before_landing = table["time"] < 20.0
+        first = {key: values[is_before_landing] for key, values in table.items()}
+        second = second | {"time": second["time"] - 3.0, "boot": second["boot"] + 1}
+        messages[name] = {key: np.concatenate([first[key], second[key]]) for key in table}
+    beat = messages["HEARTBEAT"]
+    messages["HEARTBEAT"] = beat | {"base_mode": np.full(len(beat["time"]), ARMED + 1)}
+    attitude = messages["ATTITUDE"]
+    is_at_rest = is_still & (attitude["boot"] == 1) & (attitude["time"] < 2.6)
+    rates = np.where(is_at_rest, 0.0, attitude["rollspeed"])
+    messages["ATTITUDE"] = attitude | {"rollspeed": rates}
+    (event,) = restart_events(replace(made, messages=messages))
+    assert event.code is code
