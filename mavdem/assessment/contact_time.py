@@ -25,6 +25,18 @@ KNOCK_SECONDS = 0.1
 MIN_FALL_SECONDS = 0.5
 """Seconds in which a vehicle that loses its attitude in the air falls 1.2 m. A knock that comes earlier came first."""
 
+VIBRATION_SECONDS = 1.0
+"""Duration, s, of the windows of flight whose largest specific forces show how large a knock by vibration may be."""
+
+MIN_VIBRATION_WINDOWS = 5
+"""Number of such windows from which on the scatter of their largest forces is known; a choice."""
+
+MAX_VIBRATION_DEVIATIONS = 5.0
+"""Standard deviations above the mean of the largest forces that vibration reaches in one window of 1000.
+
+The largest of many samples follows a Gumbel distribution, which exceeds that with a probability of 0.0009.
+"""
+
 IMPACT_SPEED_CHANGE = 3.0
 """Decrease of the speed downward, m/s, within ``IMPACT_SECONDS`` that shows an impact; also the least speed before it.
 
@@ -169,7 +181,10 @@ class ContactSearch:
         return None
 
     def _exceeds_vibration(self, knock: Fact, start: float) -> bool:
-        """Returns whether a knock is larger than the largest specific force in the flight before, by vibration.
+        """Returns whether a knock is larger than the specific forces by vibration, as the flight before shows them.
+
+        The larger of two forces counts: the largest one before, and the one that vibration reaches in the time of the
+        search by chance, since the largest of later samples is as often above the largest before as below it.
 
         Args:
             knock: fact that the accelerometer measured the knock.
@@ -177,7 +192,19 @@ class ContactSearch:
         """
         accelerometer = self.sensors.accelerometer
         assert accelerometer is not None
-        vibration = accelerometer.peak((self.flight_start + MAX_SETPOINT_DELAY, start))
+        vibration_start = self.flight_start + MAX_SETPOINT_DELAY
+        vibration = accelerometer.peak((vibration_start, start))
         if vibration is None:
             return True
-        return bool(knock.figures["acceleration"] > vibration.size)
+        largest_force = vibration.size
+        window_starts = np.arange(vibration_start, start - VIBRATION_SECONDS, VIBRATION_SECONDS)
+        window_peaks = []
+        for window_start in window_starts.tolist():
+            peak = accelerometer.peak((window_start, window_start + VIBRATION_SECONDS))
+            if peak is not None:
+                window_peaks.append(peak.size)
+        if len(window_peaks) >= MIN_VIBRATION_WINDOWS:
+            mean_peak = float(np.mean(window_peaks))
+            deviation = float(np.std(window_peaks))
+            largest_force = max(largest_force, mean_peak + MAX_VIBRATION_DEVIATIONS * deviation)
+        return bool(knock.figures["acceleration"] > largest_force)

@@ -514,6 +514,19 @@ def test_a_hard_landing_upright_is_to_be_watched():
     assert "sinking" not in Fact(MotionEvent.LANDED_HARD, time=3.0, speed=0.04).sentence
 
 
+@mark.parametrize("knock, is_hard", [(34.0, False), (80.0, True)])
+def test_the_largest_force_of_strong_vibration_is_no_hard_landing(knock, is_hard):
+    """It shakes by up to 33 m/s² in each second of the flight, and a little more in one that is close to the ground."""
+    telemetry = impact(2.5)
+    time = stamps(telemetry, "HIGHRES_IMU")
+    peaks = 24.0 + 9.0 * np.random.default_rng(1).random(len(time))
+    is_shaking = (time > 8.0) & (time < EVENT + 4.0)
+    force = telemetry.messages["HIGHRES_IMU"]["zacc"]
+    shaken = changed(telemetry, "HIGHRES_IMU", zacc=np.where(is_shaking, -peaks, force))
+    events, _ = judged(knocked(shaken, EVENT + 4.0, knock))
+    assert (MotionEvent.LANDED_HARD in events) is is_hard
+
+
 def test_a_setpoint_that_nothing_follows_is_no_tumble():
     """The attitude is 60° from its setpoint, but neither gyro nor height moves."""
     telemetry = instrumented("Stabilize")
