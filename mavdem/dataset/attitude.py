@@ -169,7 +169,7 @@ def attitude_from_messages(telemetry: Telemetry, axis: str) -> Attitude | None:
     pitch_rate = float_column(columns, "pitchspeed")
     yaw_rate = float_column(columns, "yawspeed")
 
-    is_impossible = _exceeds([roll, pitch, yaw], MAX_ANGLE) | _exceeds(
+    is_impossible = _exceeds_limit([roll, pitch, yaw], MAX_ANGLE) | _exceeds_limit(
         [roll_rate, pitch_rate, yaw_rate], MAX_BODY_RATE
     )
     # Kinematics of Z-Y-X Euler angles (Stevens and Lewis, "Aircraft Control and Simulation", chapter 1).
@@ -235,7 +235,7 @@ def down_in_body(roll: Array, pitch: Array) -> Array:
     return np.stack(components, axis=-1)
 
 
-def _exceeds(quantities: list[Array], limit: float) -> Flags:
+def _exceeds_limit(quantities: list[Array], limit: float) -> Flags:
     """Flags the samples in which the magnitude of some quantity exceeds a limit, so that the sample is impossible.
 
     Args:

@@ -133,7 +133,7 @@ def connected_batteries(telemetry: Telemetry) -> tuple[Battery, ...]:
     sys_status_battery = None
     second_battery = None
     for number, message, columns in battery_columns(telemetry):
-        battery = _battery(number, columns)
+        battery = _measured_battery(number, columns)
         if battery is None:
             continue
         if message == "SYS_STATUS":
@@ -179,7 +179,7 @@ def _battery_of_sys_status(
     return {FIRST_BATTERY: sys_status}
 
 
-def _battery(number: int, columns: Columns) -> Battery | None:
+def _measured_battery(number: int, columns: Columns) -> Battery | None:
     """Makes a battery from its messages.
 
     Impossible voltages, and outliers from the running median, are left out. If too few values remain, no battery is
@@ -192,7 +192,7 @@ def _battery(number: int, columns: Columns) -> Battery | None:
     Returns:
         The battery, with current and charge if they were measured; None without a measured voltage.
     """
-    volts = _volts(columns)
+    volts = _battery_voltage(columns)
     if volts is None:
         return None
     lowest, highest = POSSIBLE_VOLTAGE
@@ -229,7 +229,7 @@ def _series_or_none(columns: Columns, values: Array) -> TimeSeries | None:
     return series if len(series.time) else None
 
 
-def _volts(columns: Columns) -> Array | None:
+def _battery_voltage(columns: Columns) -> Array | None:
     """Returns the voltage in the messages of a battery.
 
     BATTERY_STATUS has the voltage of each cell, or of several cells, in up to 14 elements, whose sum is the battery's.

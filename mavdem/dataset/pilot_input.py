@@ -56,7 +56,7 @@ def pilot_input(signals: Signals) -> PilotInput:
     Returns:
         The sticks and switches; empty if none was recorded.
     """
-    channels = _channels(signals)
+    channels = _received_channels(signals)
     stick_channels = _stick_channels(signals.telemetry.parameters)
     switches = {}
     for number, series in channels.items():
@@ -88,7 +88,7 @@ def _stick_channels(parameters: Parameters) -> dict[str, int]:
     return channels
 
 
-def _channels(signals: Signals) -> dict[int, TimeSeries]:
+def _received_channels(signals: Signals) -> dict[int, TimeSeries]:
     """Returns the pulse width of each radio channel that was received.
 
     Args:

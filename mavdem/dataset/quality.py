@@ -168,8 +168,8 @@ def segment_quality(
     aligned_motion = resample(flight.time, flight.dt, time, motion).values
     aligned_angle, aligned_euler_rate = aligned_motion.T
     consistencies = [
-        _consistency(time, angle, euler_rate),
-        _consistency(flight.time, aligned_angle, aligned_euler_rate),
+        _rate_consistency(time, angle, euler_rate),
+        _rate_consistency(flight.time, aligned_angle, aligned_euler_rate),
     ]
 
     input_rows = rows_of_segment(inputs, segment)
@@ -344,7 +344,7 @@ def _fresh_rate(time: Array, rows: Array, steps: Array | float) -> float:
     return rate
 
 
-def _consistency(time: Array, angle: Array, euler_rate: Array) -> float | None:
+def _rate_consistency(time: Array, angle: Array, euler_rate: Array) -> float | None:
     """Computes which share of the angle's changes the integrated rate explains, 1 - var(Δangle - ∫rate) / var(Δangle).
 
     Changes over ``RATE_INTEGRATION_SPAN`` from each sample on are compared. A few of these spans are left out, those

@@ -103,7 +103,7 @@ def speed_controllers(signals: Signals) -> tuple[SpeedController, ...]:
     return ()
 
 
-def _series(columns: Columns, values: Array, rows: Flags | None = None) -> TimeSeries | None:
+def _field_series(columns: Columns, values: Array, rows: Flags | None = None) -> TimeSeries | None:
     """Returns the time series of a field of a message.
 
     Args:
@@ -131,7 +131,7 @@ def _measured_series(
     Returns:
         The finite values in the order of time; None if all are 0, so that nothing was measured.
     """
-    series = _series(columns, values, rows)
+    series = _field_series(columns, values, rows)
     return series if series is not None and series.values.any() else None
 
 
@@ -148,7 +148,7 @@ def _speed_series(columns: Columns, speed: Array, rows: Flags | None = None) -> 
     """
     size = abs(speed)
     is_possible = size <= MAX_SPEED
-    return _series(columns, size, is_possible if rows is None else is_possible & rows)
+    return _field_series(columns, size, is_possible if rows is None else is_possible & rows)
 
 
 def _controllers_of_esc(telemetry: Telemetry) -> Iterator[SpeedController]:
@@ -171,10 +171,10 @@ def _controllers_of_esc(telemetry: Telemetry) -> Iterator[SpeedController]:
             continue
         error_count = error_share = current = temperature = None
         if "ErrorCount" in controller:
-            error_count = _series(controller, float_column(controller, "ErrorCount"))
+            error_count = _field_series(controller, float_column(controller, "ErrorCount"))
         if "Err" in controller:
             # A percentage of the controller's messages.
-            error_share = _series(controller, float_column(controller, "Err") / 100)
+            error_share = _field_series(controller, float_column(controller, "Err") / 100)
         if "Curr" in controller:
             current = _measured_series(controller, float_column(controller, "Curr"))
         if "Temp" in controller:
@@ -264,7 +264,7 @@ def _errors_and_temperature(information: Columns, index_in_group: int) -> _Error
     if not len(information.get("time", ())):
         return _ErrorsAndTemperature()
     error_counts = _values_by_controller(information, "error_count")
-    errors = _series(information, error_counts[index_in_group])
+    errors = _field_series(information, error_counts[index_in_group])
     temperature = None
     if "temperature" in information:
         values = _values_by_controller(information, "temperature")[index_in_group]

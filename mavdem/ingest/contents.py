@@ -79,7 +79,7 @@ def file_bytes(path: PathName) -> bytes:
         Unreadable: It is missing, no plain file, not permitted, empty, larger than ``MAX_LOG_BYTES`` or than the
             memory, a damaged archive, or a zip archive of several logs or of none.
     """
-    return _content(path)
+    return _read_unpacked(path)
 
 
 FileContent = bytes | mmap.mmap
@@ -144,7 +144,7 @@ def file_beginning(path: PathName) -> bytes:
     Raises:
         Unreadable: As ``file_bytes``, as far as these bytes show it.
     """
-    return _content(path, limit=BEGINNING_BYTES)[:RECOGNITION_BYTES]
+    return _read_unpacked(path, limit=BEGINNING_BYTES)[:RECOGNITION_BYTES]
 
 
 def is_dataflash_text(content: bytes) -> bool:
@@ -155,7 +155,7 @@ def is_dataflash_text(content: bytes) -> bool:
     return DATAFLASH_TEXT_DEFINITION in b"\n" + content[:RECOGNITION_BYTES]
 
 
-def _content(path: PathName, limit: int | None = None) -> bytes:
+def _read_unpacked(path: PathName, limit: int | None = None) -> bytes:
     """Reads a file, and unpacks it if it is a ZIP or XZ archive.
 
     Every failure becomes an ``Unreadable`` with a fact that states the cause to the user: a folder, a device, a missing

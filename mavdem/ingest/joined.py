@@ -104,14 +104,14 @@ def join_logs(logs: Sequence[Log]) -> Log:
     """
     if len(logs) == 1:
         return logs[0]
-    recordings = _recordings_by_time([_recording(log) for log in logs])
+    recordings = _recordings_by_time([_recording_of_log(log) for log in logs])
     joined_recording = recordings[0]
     for recording in recordings[1:]:
-        joined_recording = _recording(_joined_pair(joined_recording, recording))
+        joined_recording = _recording_of_log(_joined_pair(joined_recording, recording))
     return joined_recording.log
 
 
-def _recording(log: Log) -> Recording:
+def _recording_of_log(log: Log) -> Recording:
     """Describes a log of one vehicle by its first and last boot.
 
     Args:

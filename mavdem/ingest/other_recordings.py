@@ -212,12 +212,14 @@ def blocks_of_other_recordings(
     # Where a cluster of the memory card holds data of another file, the log lacks the messages of that time.
     cluster_seconds = CLUSTER_BYTES * _seconds_per_byte(positions, time)
     max_gap = MAX_STAMP_DEVIATION + min(cluster_seconds, MAX_CLUSTER_SECONDS)
-    runs = _runs(StampedMessages(positions, time, content), log_starts, boots, rules)
+    runs = _runs_of_rising_clock(
+        StampedMessages(positions, time, content), log_starts, boots, rules
+    )
     # Each run is compared with all others, which would take too long.
     if len(runs) > MAX_RUNS:
         return []
     kept_chains: list[_Chain] = []
-    chains = _chains(runs, max_gap, rules)
+    chains = _chains_of_runs(runs, max_gap, rules)
     for chain in sorted(chains, key=_importance, reverse=True):
         if all(_may_be_same_recording(chain, kept_chain, rules) for kept_chain in kept_chains):
             kept_chains.append(chain)
@@ -282,7 +284,7 @@ def _seconds_per_byte(positions: StreamPositions, time: Array) -> float:
     return float(np.median(durations[is_rising] / sizes[is_rising]))
 
 
-def _runs(
+def _runs_of_rising_clock(
     messages: StampedMessages, log_starts: Integers, boots: BootTimesInUtc, rules: ClockRules
 ) -> list[_Run]:
     """Cuts messages into runs at which the clock goes back or jumps; short runs are left out.
@@ -362,7 +364,7 @@ def _repeated_blocks(messages: StampedMessages, falls: Integers) -> dict[int, in
     return end_row_of_block
 
 
-def _chains(runs: list[_Run], max_gap: float, rules: ClockRules) -> list[_Chain]:
+def _chains_of_runs(runs: list[_Run], max_gap: float, rules: ClockRules) -> list[_Chain]:
     """Joins runs of messages to chains: in a chain each run continues the boot clock of the run before.
 
     Between two runs of a recording there may be a block of another recording, with other times. Such a block becomes a

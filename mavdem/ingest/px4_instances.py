@@ -41,7 +41,7 @@ def sys_status(topics: Topics) -> Fields:
     Returns:
         Columns (N,) with ``time``, s; empty if no battery was logged.
     """
-    batteries = _batteries(topics)
+    batteries = _connected_batteries(topics)
     if not batteries:
         return {}
     return _battery_fields(batteries[min(batteries)])
@@ -60,7 +60,7 @@ def battery_status(topics: Topics) -> Fields:
         ``cell_count``, and if logged ``current_battery``, ``battery_remaining`` and ``charge_state``.
     """
     tables_of_batteries = []
-    batteries = _batteries(topics)
+    batteries = _connected_batteries(topics)
     has_further_battery = bool(batteries.keys() - {0})
     if not has_further_battery:
         return {}
@@ -91,7 +91,7 @@ def _battery_fields(battery: Columns) -> Fields:
     return columns
 
 
-def _batteries(topics: Topics) -> dict[int, Columns]:
+def _connected_batteries(topics: Topics) -> dict[int, Columns]:
     """Selects the messages of each battery while it is connected.
 
     The topic battery_status has the battery's number as ``id``, from 1, where 0 means no battery. Without that field,
@@ -156,7 +156,7 @@ def estimator_status(topics: Topics) -> Fields:
     Returns:
         Columns (N,) of ESTIMATOR_STATUS in the order of time; ``time`` is s since boot.
     """
-    instances = _estimators(topics)
+    instances = _estimator_status_by_instance(topics)
     tables_of_primary: list[Columns] = []
     for instance, columns in instances.items():
         is_primary = primary_estimators(topics, columns["time"]) == instance
@@ -179,7 +179,7 @@ def estimator_instances(topics: Topics) -> Fields:
         if only primary instances were logged.
     """
     tables_of_instances = []
-    for instance, columns in _estimators(topics).items():
+    for instance, columns in _estimator_status_by_instance(topics).items():
         is_primary = primary_estimators(topics, columns["time"]) == instance
         fields: Fields = {ratio: columns[field] for ratio, field in RATIO_FIELDS.items()}
         fields["time"] = columns["time"]
@@ -190,7 +190,7 @@ def estimator_instances(topics: Topics) -> Fields:
     return {} if instances.get("is_primary", np.ones(1)).all() else instances
 
 
-def _estimators(topics: Topics) -> dict[int, Fields]:
+def _estimator_status_by_instance(topics: Topics) -> dict[int, Fields]:
     """Returns the fields of ESTIMATOR_STATUS for each logged instance of estimator_status, with ``time``, s.
 
     PX4 1.15 and later low-pass the test ratios of estimator_status, so that a rejected sample may stay below 1 there.
@@ -368,11 +368,14 @@ def further_sensors() -> dict[str, tuple[str, Callable[[Topics], Fields]]]:
     makers: dict[str, tuple[str, Callable[[Topics], Fields]]] = {}
     for sensor in SENSOR_TOPICS:
         for instance, message in enumerate(sensor.further_messages, 1):
-            makers[message] = sensor.topic, partial(_sensor, sensor=sensor, instance=instance)
+            makers[message] = (
+                sensor.topic,
+                partial(_sensor_message, sensor=sensor, instance=instance),
+            )
     return makers
 
 
-def _sensor(topics: Topics, sensor: SensorTopic, instance: int) -> Fields:
+def _sensor_message(topics: Topics, sensor: SensorTopic, instance: int) -> Fields:
     """Makes a message from one instance of a sensor's topic.
 
     Args:

@@ -103,17 +103,17 @@ def messages_of_topics(topics: Topics, parameters: Parameters) -> TranslatedTopi
     """
     vehicle_type = mav_type(topics, parameters)
     vehicle = UNNAMED if vehicle_type is None else enum_name("MAV_TYPE", vehicle_type)
-    attitude = _message(attitude_quaternion, topics)
+    attitude = _message_with_boot(attitude_quaternion, topics)
     candidates = {
         "ATTITUDE_QUATERNION": (_attitude_topic(topics, attitude), attitude),
         "HIL_ACTUATOR_CONTROLS": (
             "actuator_motors",
-            _message(hil_actuator_controls, topics, vehicle, parameters),
+            _message_with_boot(hil_actuator_controls, topics, vehicle, parameters),
         ),
-        "HEARTBEAT": ("vehicle_status", _message(heartbeat, topics, vehicle_type or 0)),
+        "HEARTBEAT": ("vehicle_status", _message_with_boot(heartbeat, topics, vehicle_type or 0)),
     }
     for name, rule in TRANSLATION_RULES.items():
-        candidates[name] = rule["topics"][0], _message(renamed_message, topics, name)
+        candidates[name] = rule["topics"][0], _message_with_boot(renamed_message, topics, name)
     makers: dict[str, tuple[str, Callable[[Topics], Fields]]] = {
         "SERVO_OUTPUT_RAW": ("actuator_outputs", servo_output_raw),
         "ACTUATOR_CONTROL_TARGET": (_demand_topic(topics), actuator_control_target),
@@ -138,12 +138,15 @@ def messages_of_topics(topics: Topics, parameters: Parameters) -> TranslatedTopi
         **further_sensors(),
     }
     for name, (topic, maker) in makers.items():
-        candidates[name] = topic, _message(maker, topics)
+        candidates[name] = topic, _message_with_boot(maker, topics)
     for name in UNTRANSLATED_TOPICS:
-        candidates[name] = name, _message(untranslated_topic, topics, name)
+        candidates[name] = name, _message_with_boot(untranslated_topic, topics, name)
     for sensor, sample_topic in SAMPLE_TOPICS.items():
         topic = sample_topic.fifo if sample_topic.fifo in topics else "sensor_combined"
-        candidates[f"{sensor}_BEFORE"] = topic, _message(sensor_samples, topics, sample_topic)
+        candidates[f"{sensor}_BEFORE"] = (
+            topic,
+            _message_with_boot(sensor_samples, topics, sample_topic),
+        )
     messages: dict[str, Columns] = {}
     topic_names = {}
     for name, (topic, columns) in candidates.items():
@@ -155,7 +158,7 @@ def messages_of_topics(topics: Topics, parameters: Parameters) -> TranslatedTopi
     return TranslatedTopics(vehicle, messages, topic_names)
 
 
-def _message(maker: Callable[..., Fields], *arguments: Any) -> Fields:
+def _message_with_boot(maker: Callable[..., Fields], *arguments: Any) -> Fields:
     """Makes a message by one of the functions of ``px4_messages``, and adds the column ``boot``, all 0.
 
     Args:

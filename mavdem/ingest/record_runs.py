@@ -85,7 +85,7 @@ class RecordRuns:
         """
         is_in_searched_range = self._searched.start <= offset < self._searched.stop
         if not is_in_searched_range or self._searched.stop > end:
-            self._search(slice(offset, min(offset + self._search_bytes, end)))
+            self._search_range(slice(offset, min(offset + self._search_bytes, end)))
             self._search_bytes = min(2 * self._search_bytes, MAX_SEARCH_BYTES)
         first_row = int(np.searchsorted(self._starts, offset))
         if first_row == len(self._starts) or self._starts[first_row] != offset:
@@ -98,7 +98,7 @@ class RecordRuns:
         self._searched = slice(0, 0)
         self._search_bytes = MIN_SEARCH_BYTES
 
-    def _search(self, offsets: slice) -> None:
+    def _search_range(self, offsets: slice) -> None:
         """Finds what looks like a record in a range of the file and, for each, the last record of its run.
 
         The results of the range that was searched before are replaced.

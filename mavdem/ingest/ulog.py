@@ -83,7 +83,9 @@ def read_ulog(path: PathName) -> Log:
     initial_parameters = {
         name: value for name, value in initial_settings.items() if value != parameters[name]
     }
-    topics, outlier_count = _topics(parsed_records.topics, other_records.start_stamp / MICROSECONDS)
+    topics, outlier_count = _cleaned_topics(
+        parsed_records.topics, other_records.start_stamp / MICROSECONDS
+    )
     translation = messages_of_topics(topics, parameters)
     messages = translation.messages
     if not messages:
@@ -112,7 +114,7 @@ def read_ulog(path: PathName) -> Log:
         initial_parameters=initial_parameters,
         default_parameters=_default_parameters(other_records),
         source_names=translation.topic_names,
-        firmware=_firmware(information),
+        firmware=_firmware_name(information),
         dropouts=len(other_records.dropout_durations),
         board=str(information.get("sys_uuid", "")).lower(),
         hardware=str(information.get("ver_hw", "")),
@@ -132,7 +134,7 @@ def all_topics(path: PathName) -> dict[str, dict[int, Fields]]:
     """
     parsed_records = parse_records(_sound_records_of(path), has_all_fields=True)
     start = parsed_records.other.start_stamp / MICROSECONDS
-    topics, _ = _topics(parsed_records.topics, start)
+    topics, _ = _cleaned_topics(parsed_records.topics, start)
     fields_by_topic = {}
     for name, instances in topics.items():
         fields_by_topic[name] = {number: dict(columns) for number, columns in instances.items()}
@@ -236,7 +238,7 @@ def _default_parameters(other_records: OtherRecords) -> dict[str, float]:
     return {name: value for name, value in defaults.items() if isfinite(value)}
 
 
-def _topics(logged_topics: Sequence[LoggedTopic], start: float) -> tuple[Topics, int]:
+def _cleaned_topics(logged_topics: Sequence[LoggedTopic], start: float) -> tuple[Topics, int]:
     """Returns the topics that mavdem reads, sorted by time and without messages whose stamps are far from all others.
 
     A topic is a type of message of PX4, such as ``vehicle_attitude``. It has several instances if, for example, a
@@ -309,7 +311,7 @@ def _file_repairs(other_records: OtherRecords, loss: RecordLoss, outlier_count: 
     return damage + wrong_stamps + interruptions
 
 
-def _firmware(information: Mapping[str, object]) -> str:
+def _firmware_name(information: Mapping[str, object]) -> str:
     """Returns the name of the firmware, such as "PX4 v1.14.3 (1a2b3c4d)".
 
     Args:

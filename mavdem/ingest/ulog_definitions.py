@@ -446,7 +446,7 @@ class RecordDefinitions:
             name twice, or has more than ``MAX_FIELDS`` numbers.
         """
         try:
-            size = self._size(name)
+            size = self._size_of_type(name)
         except RecursionError:
             # The message contains itself.
             return None
@@ -488,7 +488,7 @@ class RecordDefinitions:
             offset += self._length(field)
         return None
 
-    def _size(self, type_name: str) -> _MessageSize | None:
+    def _size_of_type(self, type_name: str) -> _MessageSize | None:
         """Returns the size of a type: of a number, or of a message with the messages nested in it.
 
         Args:
@@ -526,7 +526,7 @@ class RecordDefinitions:
         byte_count = 0
         has_distinct_names = len({field.name for field in fields}) == len(fields)
         for field in fields:
-            element_size = self._size(field.type_name)
+            element_size = self._size_of_type(field.type_name)
             if element_size is None:
                 return None
             value_count += field.elements * element_size.numbers
@@ -536,7 +536,7 @@ class RecordDefinitions:
 
     def _length(self, field: _Field) -> int:
         """Returns the number of bytes of a field whose type is defined."""
-        size = self._size(field.type_name)
+        size = self._size_of_type(field.type_name)
         return field.elements * size.length if size is not None else 0
 
     def number_fields(self, name: str) -> Sequence[NumberField]:

@@ -471,15 +471,15 @@ class _RecordScan:
         Returns:
             The time, s, at least 0; 0 if one of the sides has no data record.
         """
-        stamps_before = sorted(self._stamps(before), reverse=True)
-        stamps_after = sorted(self._stamps(after))
+        stamps_before = sorted(self._stamps_of_records(before), reverse=True)
+        stamps_after = sorted(self._stamps_of_records(after))
         if not stamps_before or not stamps_after:
             return 0.0
         last = stamps_before[1] if len(stamps_before) > 2 else stamps_before[0]
         first = stamps_after[1] if len(stamps_after) > 2 else stamps_after[0]
         return max(first - last, 0) / MICROSECONDS
 
-    def _stamps(self, offsets: Sequence[int]) -> list[int]:
+    def _stamps_of_records(self, offsets: Sequence[int]) -> list[int]:
         """Returns the time stamps of some records, µs since boot; records without a stamp are passed over.
 
         Args:

@@ -72,13 +72,13 @@ def parse_records(records: SoundRecords, *, has_all_fields: bool = False) -> Par
             if not has_all_fields:
                 fields = _fields_to_read(layout.name, fields)
             body_offsets = data_offsets[rows_of_subscription[subscription]] + DATA_HEADER.size
-            columns = _columns(content, body_offsets, layout, fields)
+            columns = _decoded_columns(content, body_offsets, layout, fields)
         topics.append(LoggedTopic(layout.name, definitions.instances[subscription], columns))
     other = read_other_records(records, records.offsets[~is_data], data_offsets)
     return ParsedRecords(topics, len(data_offsets), other)
 
 
-def _columns(
+def _decoded_columns(
     content: Bytes, body_offsets: Offsets, layout: TopicLayout, fields: Sequence[NumberField]
 ) -> Columns:
     """Decodes fields of one topic, for all records at once.

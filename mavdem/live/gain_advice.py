@@ -96,17 +96,17 @@ class GainAdviser:
             if is_busy and not is_at_end:
                 return (Fact(GainFact.ADVICE_WAITS),)
             # At the end no sample waits for a core any more, and on a busy computer low priority would take too long.
-            self._begin(vehicle, niceness=0 if is_at_end else LOW_PRIORITY)
+            self._start_computation(vehicle, niceness=0 if is_at_end else LOW_PRIORITY)
         if self._pending is None:
             return ()
         # In flight nothing waits for the other process; only the end of a session does.
         if not is_at_end and not self._pending.done():
             return ()
-        self.facts, self.judgement = self._result(self._pending)
+        self.facts, self.judgement = self._awaited_result(self._pending)
         self.close()
         return self.facts
 
-    def _begin(self, vehicle: str, niceness: int) -> None:
+    def _start_computation(self, vehicle: str, niceness: int) -> None:
         """Starts the computation of advice in a new process; it is no longer due.
 
         Advice that is still being computed is given up: it lacks the latest flight.
@@ -120,7 +120,7 @@ class GainAdviser:
         executor = self._process.enter_context(self._start_executor(niceness))
         self._pending = executor.submit(advise_gains, self._recording, vehicle)
 
-    def _result(self, pending: Future[GainAdvice]) -> GainAdvice:
+    def _awaited_result(self, pending: Future[GainAdvice]) -> GainAdvice:
         """Waits for advice, ``MAX_WAIT_SECONDS`` at most, and returns it.
 
         Args:

@@ -246,7 +246,7 @@ class LiveHistory:
             self._segment = segment
             self._predictions.clear()
         output_values = outputs.tolist()
-        predicted_angle, predicted_band = self._compare(time, output_values)
+        predicted_angle, predicted_band = self._compare_predictions(time, output_values)
         torque = nan
         torque_band = nan
         if estimate is not None:
@@ -306,7 +306,7 @@ class LiveHistory:
             predictions = self._predictions.setdefault(horizon, deque())
             predictions.append(_Prediction(predicted_time, values, band, outputs))
 
-    def _compare(self, time: float, outputs: list[float]) -> _PredictedAngle:
+    def _compare_predictions(self, time: float, outputs: list[float]) -> _PredictedAngle:
         """Compares the predictions for one time with the measurement at that time, and adds the errors to the sums.
 
         The horizon of a prediction is how far ahead it was made, s. Each horizon has a queue in which its predictions

@@ -57,12 +57,14 @@ class LandedStates:
         return last_of_former_phase.time if last_of_former_phase.landed_state == IN_AIR else None
 
     def begin_phase(self, state: int, now: float, last_review_time: float) -> None:
-        """Begins another phase.
+        """Notes that the vehicle has changed to another landed state, in the air or on the ground.
+
+        The time of the change is known only to lie between two reviews, so that both ends are noted.
 
         Args:
             state: landed state of the phase, ``IN_AIR`` or ``ON_GROUND``.
-            now: time of the review that found it, s of the boot clock.
-            last_review_time: time of the review before, until which the former phase certainly lasted, s.
+            now: time of the review that found the new state, s of the boot clock.
+            last_review_time: time of the review before, which still found the former state, s.
         """
         # Before the first phase no other state is known.
         former_state = state if self.latest is None else self.latest

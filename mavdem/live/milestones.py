@@ -78,9 +78,9 @@ class Milestones:
     def update(
         self, learning: FlightLearning, status: SessionStatus, now: float, boot: int = 0
     ) -> None:
-        """Reports that physical parameters are known, and after each landing what the flight has shown.
+        """Reports that physical parameters are known, and after each flight what it has shown.
 
-        It is called once in a status period.
+        The session calls it about once a second.
 
         Args:
             learning: learning that has the latest estimates.

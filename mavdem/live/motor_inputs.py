@@ -94,7 +94,7 @@ class InputSelector:
                 continue
             if present_message is not None and name != present_message:
                 continue
-            columns = self._columns(name, port, stream)
+            columns = self._columns_of_port(name, port, stream)
             if name in messages:
                 columns = concatenated_columns([messages[name], columns])
             messages[name] = columns
@@ -139,7 +139,7 @@ class InputSelector:
         )
         return MotorInputs(recent, tuple(channels))
 
-    def _columns(self, name: str, port: int, stream: SampleStream) -> Fields:
+    def _columns_of_port(self, name: str, port: int, stream: SampleStream) -> Fields:
         """Returns the outputs of one port as the columns that a log would have.
 
         They have R rows: first the samples with the extremes of each channel since boot, then the latest samples; of a

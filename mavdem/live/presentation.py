@@ -169,7 +169,7 @@ class Presentation:
         self,
         latest: FormattedRow | None,
         pose: LatestPose | None,
-        displayed: RowFormat | None,
+        displayed_format: RowFormat | None,
     ) -> None:
         """Displays the latest sample while there are no rows.
 
@@ -179,14 +179,15 @@ class Presentation:
         Args:
             latest: the sample as a row, with its format; None without a sample, or while there are rows.
             pose: latest pose of the vehicle; None if it is not known.
-            displayed: format of the rows so far; None before the first row. Samples of other inputs cannot be
-                displayed.
+            displayed_format: format of the rows that the display has shown so far; None before the first row. Samples
+                of other motors cannot be added to the same display.
         """
         if latest is None:
             return
         if not self.has_display:
             self.open(latest.row_format)
-        if displayed is None or displayed.geometry.names == latest.row_format.geometry.names:
+        motor_names = latest.row_format.geometry.names
+        if displayed_format is None or displayed_format.geometry.names == motor_names:
             self.show(latest.row, pose)
 
     def log(self, fact: Fact) -> None:

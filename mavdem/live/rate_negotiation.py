@@ -70,7 +70,7 @@ class RateNegotiation:
             vehicle_seconds: seconds of the vehicle's clock so far; None if it runs as this computer's.
         """
         if self._requested_rate is None or self._intake.is_lost or is_busy:
-            # A new measurement, which begins with the next call.
+            # The measurement of rates is dropped, and a new one begins with the next call.
             self._arrival_rates = ArrivalRates()
             return
         last_contact = max(message_time, self._greeting_time)

@@ -320,7 +320,7 @@ class RateRequest:
             if interval.former_interval is None and interval.query_count < MAX_TRIES:
                 interval.query_count += 1
                 interval.request_time = now
-                frames.append(self._command(GET_INTERVAL, interval.message_id))
+                frames.append(self._interval_command(GET_INTERVAL, interval.message_id))
             elif now >= self._next_setting_time:
                 if rates is not None:
                     rate = rates.get(interval.message_id, 0.0)
@@ -349,7 +349,7 @@ class RateRequest:
             return []
         self._next_parameter_time = now + PARAMETER_PERIOD
         # Index −1: the parameter is requested by its name.
-        request = _frame(
+        request = _encoded_frame(
             "PARAM_REQUEST_READ",
             GROUND_STATION,
             target_system=self._vehicle.system,
@@ -398,7 +398,9 @@ class RateRequest:
             # A little less than the present rate is enough from now on, so that this branch is not entered again.
             interval.reachable_rate = rate
             interval.needed_rate = MIN_RATE_RATIO * rate
-            self._report(interval, RateFact.RATE_BELOW_ASKED, rate=rate, needed_rate=interval.rate)
+            self._report_message(
+                interval, RateFact.RATE_BELOW_ASKED, rate=rate, needed_rate=interval.rate
+            )
             if rate == 0:
                 self._report_absence(interval)
             return []
@@ -418,7 +420,7 @@ class RateRequest:
         # Confirmations do not name the message, so the next setting waits for this one's, or until it is lost.
         self._next_setting_time = now + RETRY_SECONDS
         microseconds = round(MICROSECONDS / interval.rate)
-        return [self._command(SET_INTERVAL, interval.message_id, microseconds)]
+        return [self._interval_command(SET_INTERVAL, interval.message_id, microseconds)]
 
     def _report_fall(self, interval: _MessageInterval, rate: float) -> None:
         """Reports that a message, once as fast as requested, is too slow again, and names the likely cause.
@@ -437,13 +439,13 @@ class RateRequest:
         if rate > 0:
             interval.fall_count += 1
         if interval.fall_count <= 1:
-            self._report(interval, RateFact.RATE_FELL, former_rate=interval.reachable_rate)
+            self._report_message(interval, RateFact.RATE_FELL, former_rate=interval.reachable_rate)
         is_contested = interval.is_reported and interval.fall_count == MAX_TRIES
         if is_contested and not self._is_contest_reported:
             self._is_contest_reported = True
             self.events.append(Fact(RateFact.RATES_CONTESTED))
 
-    def _report(self, interval: _MessageInterval, code: RateFact, **figures: Any) -> None:
+    def _report_message(self, interval: _MessageInterval, code: RateFact, **figures: Any) -> None:
         """Reports a fact about a message, unless nothing is reported of that message.
 
         Args:
@@ -527,7 +529,7 @@ class RateRequest:
         was_set = latest_interval.set_count > 0
         if was_set and not is_accepted:
             latest_interval.leave_as_it_is()
-            self._report(latest_interval, RateFact.RATE_REFUSED, result=result)
+            self._report_message(latest_interval, RateFact.RATE_REFUSED, result=result)
             if not latest_interval.was_received:
                 self._report_absence(latest_interval)
 
@@ -558,10 +560,10 @@ class RateRequest:
         for interval in self.unconfirmed:
             # Neither an unknown interval nor 0, the "default", is ever set.
             microseconds = interval.former_interval or STOPPED
-            frames.append(self._command(SET_INTERVAL, interval.message_id, microseconds))
+            frames.append(self._interval_command(SET_INTERVAL, interval.message_id, microseconds))
         return frames
 
-    def _command(self, command: int, message_id: int, microseconds: float = 0.0) -> bytes:
+    def _interval_command(self, command: int, message_id: int, microseconds: float = 0.0) -> bytes:
         """Packs a COMMAND_LONG about the interval of a message.
 
         Args:
@@ -572,7 +574,7 @@ class RateRequest:
         Returns:
             The bytes of the frame.
         """
-        return _frame(
+        return _encoded_frame(
             "COMMAND_LONG",
             GROUND_STATION,
             target_system=self._vehicle.system,
@@ -585,7 +587,7 @@ class RateRequest:
 
 def greeting() -> bytes:
     """Returns a HEARTBEAT, for vehicles that send only after they have received one."""
-    return _frame(
+    return _encoded_frame(
         "HEARTBEAT",
         GREETER,
         type=mavlink_constant("MAV_TYPE_GCS"),
@@ -598,7 +600,7 @@ def greeting() -> bytes:
 _frame_numbers = count()
 
 
-def _frame(name: str, sender: FrameSender, **fields: Any) -> bytes:
+def _encoded_frame(name: str, sender: FrameSender, **fields: Any) -> bytes:
     """Makes a frame of one message.
 
     Args:

@@ -84,7 +84,7 @@ class RawRecording:
         if frames and self.frame_count == 0:
             self.first_stamp = stamp
         for frame in frames:
-            self._write(stamp, frame.content)
+            self._write_frame(stamp, frame.content)
             self._size += STAMP_BYTES + len(frame.content)
             self._sizes_by_sender[frame.system, frame.component] = self._size
         self.frame_count += len(frames)
@@ -105,9 +105,9 @@ class RawRecording:
             OSError: the mark cannot be written.
         """
         if self.frame_count:
-            self._write(stamp, end_mark())
+            self._write_frame(stamp, end_mark())
 
-    def _write(self, stamp: float, content: bytes) -> None:
+    def _write_frame(self, stamp: float, content: bytes) -> None:
         """Writes one frame with its stamp, UNIX s.
 
         Raises:

@@ -285,6 +285,17 @@ class LiveSession:
         self.history.advance(self.stream.now, self.stream.boot)
         self._add_sample_to_history()
         self._withdraw_landing()
+        self._report_resumption(silence)
+        has_rebooted = self.stream.boot != former_boot
+        if has_rebooted or silence > SILENCE_SECONDS:
+            self._rates.restart()
+
+    def _report_resumption(self, silence: float) -> None:
+        """Reports that messages come again after a silence, of all messages or of attitude and motor outputs only.
+
+        Args:
+            silence: how long no message of the followed vehicle had come before the latest ones, s.
+        """
         motion_silence = self._silence_monitor.note_samples(self.stream.sample_count)
         self._silence_monitor.note_attitudes(self.stream.attitude_count)
         silences = ((MissingMessages.MESSAGES, silence), (MissingMessages.MOTION, motion_silence))
@@ -292,19 +303,16 @@ class LiveSession:
             resumption_fact = resumption(missing, seconds)
             if resumption_fact is not None:
                 self._presentation.log(resumption_fact)
-        has_rebooted = self.stream.boot != former_boot
-        if has_rebooted or silence > SILENCE_SECONDS:
-            self._rates.restart()
 
     def _note_messages(
         self, first_arrival: float, last_arrival: float, frames: Sequence[Frame]
     ) -> float:
-        """Tells the silence monitor which messages came: from the followed vehicle, from others only, or none intact.
+        """Notes for the silence monitor who sent the latest messages: the followed vehicle, others, or nobody intact.
 
         Args:
-            first_arrival: when the first of them arrived, s of the monotonic clock.
-            last_arrival: when the last of them arrived, s of that clock.
-            frames: their frames, which the stream has processed.
+            first_arrival: when the first of the messages arrived, s of the monotonic clock.
+            last_arrival: when the last of the messages arrived, s of that clock.
+            frames: frames of the messages, which the stream has processed.
 
         Returns:
             How long no message of the followed vehicle had come before these, s; 0 if none of these is from it.

@@ -146,7 +146,7 @@ class VehicleReview:
         if is_review_due:
             while self._pending_steps:
                 self._perform_next_step()
-            self._begin(now)
+            self._begin_review(now)
         if is_review_due or now - self._step_time >= STEP_PERIOD:
             self._step_time = now
             if self._pending_steps:
@@ -176,7 +176,7 @@ class VehicleReview:
         step = self._pending_steps.popleft()
         step()
 
-    def _begin(self, now: float) -> None:
+    def _begin_review(self, now: float) -> None:
         """Begins a review, with a queue of the steps that it consists of.
 
         Their order matters: the motors are chosen among the messages; the phase of flight needs the outputs of the

@@ -300,7 +300,7 @@ class VehicleSelector:
             sender: component that has just sent a message, which is counted already.
         """
         if sender.has_two_senders:
-            self._refuse(sender)
+            self._refuse_duplicate_ids(sender)
         elif self.followed is not None:
             self._report_other_vehicle(sender, self.followed)
         elif self._wanted is not None:
@@ -326,7 +326,7 @@ class VehicleSelector:
                 vehicle_type=sender.vehicle_type,
             )
 
-    def _refuse(self, sender: Component) -> None:
+    def _refuse_duplicate_ids(self, sender: Component) -> None:
         """Reports once that two vehicles send under the same ids, and follows neither of them.
 
         Their messages cannot be told apart, so that alarms about them would be false. Once one of them is silent, the

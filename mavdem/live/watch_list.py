@@ -156,7 +156,7 @@ def quantities_without_message(
 
 
 def reason_battery_not_judged(power: Fact) -> Fact | None:
-    """Returns why the judgement of the power says nothing of a battery; None if it judges one.
+    """Returns why no battery is judged by the judgement of the power supply; None if one is judged.
 
     Args:
         power: the judgement of the power, a fact with a level.

@@ -762,9 +762,10 @@ class Watchdog:
             self._fall = None
 
     def _judge_motors_after_loss(self, loss: Fact) -> None:
-        """Makes a loss of the flight a fault of the motors too, if a motor failed first.
+        """Updates the light (judgement) of the motors after the flight was lost.
 
-        Otherwise it is no longer certain that the motors are sound, as may have been found before.
+        If a motor failed first, the loss becomes the light. Otherwise a good light is removed, since it is no longer
+        certain that the motors are sound.
 
         Args:
             loss: how the flight was lost; its subject is the motor that failed first, if one is known.

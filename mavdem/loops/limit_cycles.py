@@ -139,7 +139,7 @@ def detect_limit_cycle(
                 axis, attitude, motor_series, segments, window_seconds, flight_duration
             )
     tilt_cycles = [cycle for cycle in cycles if cycle.axis in TILT_AXES]
-    return _strongest(tilt_cycles or cycles)
+    return _strongest_limit_cycle(tilt_cycles or cycles)
 
 
 def detect_starting_limit_cycle(
@@ -186,7 +186,7 @@ def detect_starting_limit_cycle(
             )
     fast_cycles = [cycle for cycle in starting_cycles if cycle.rate >= MIN_DANGEROUS_RATE]
     if fast_cycles:
-        return _strongest(fast_cycles)
+        return _strongest_limit_cycle(fast_cycles)
     short_window, long_window = WINDOW_LENGTHS
     # A cycle that the shortest windows show continues, so that a short time of the longer windows suffices to confirm
     # it. If they show none, it must last for ``MIN_DURATION`` up to now.
@@ -197,10 +197,10 @@ def detect_starting_limit_cycle(
         return None
     cycles = _cycles_at_limits(motor_series, tilts, segment, short_window, MIN_DURATION)
     if cycles:
-        return _strongest(cycles)
+        return _strongest_limit_cycle(cycles)
     segment = Segment(boot, max(start_time, now - long_window - SPAN_SLACK), now)
     slow_cycles = _cycles_at_limits(motor_series, tilts, segment, long_window, MIN_DURATION)
-    return _strongest(
+    return _strongest_limit_cycle(
         cycle
         for cycle in slow_cycles
         if cycle.rate >= MIN_DANGEROUS_RATE
@@ -269,7 +269,7 @@ def _cycles_at_limits(
     return [cycle for cycle in cycles if cycle.at_limit >= MIN_AT_LIMIT_SHARE]
 
 
-def _strongest(cycles: Iterable[Oscillation]) -> Oscillation | None:
+def _strongest_limit_cycle(cycles: Iterable[Oscillation]) -> Oscillation | None:
     """Combines limit cycles into one: that with the highest body rate, with the strongest of each other axis.
 
     One oscillation may be detected with several lengths of windows, and in several axes, but is reported once.

@@ -107,7 +107,7 @@ def loop_from_plant(plant: Physical, record: Record, controller: Controller | No
     if not effectiveness[ESTIMATE] > 0:
         raise NotLearnable(LoopFact.MIXER_REVERSED)
     loop = Loop(axis, plant, record, controller, effectiveness, draws.dynamics)
-    cautions = _cautions(loop)
+    cautions = _loop_cautions(loop)
     rate = loop.rate
     measured = None
     earlier_values = parameters_changed_in_flight(record, controller)
@@ -128,7 +128,7 @@ def loop_from_plant(plant: Physical, record: Record, controller: Controller | No
     return replace(loop, cautions=(*cautions, *controller.cautions), measured=measured)
 
 
-def _cautions(loop: Loop) -> list[Fact]:
+def _loop_cautions(loop: Loop) -> list[Fact]:
     """Returns cautions about a biased plant, frequencies that the record does not contain, and a fast crossover.
 
     A record contains frequencies up to its Nyquist frequency, half of the sampling rate. Above it the loop is an

@@ -90,11 +90,13 @@ def px4_controller(parameters: Parameters, axis: str, *, is_demand: bool) -> Con
         "gyro_rate": GYRO_FILTER_RATE,
         "notches": tuple(notches),
         "loop_period": 1 / max(loop_rate, MIN_LOOP_RATE),
-        "mixer": (1.0,) if is_demand else _mixer(_airframe(parameters))[axis],
+        "mixer": (1.0,)
+        if is_demand
+        else _mixer_of_airframe(_airframe_parameters(parameters))[axis],
     }
 
 
-def _airframe(parameters: Parameters) -> tuple[tuple[str, float], ...]:
+def _airframe_parameters(parameters: Parameters) -> tuple[tuple[str, float], ...]:
     """Returns the parameters that describe the airframe, which begin with ``CA_`` (control allocation).
 
     Args:
@@ -113,7 +115,7 @@ def _airframe(parameters: Parameters) -> tuple[tuple[str, float], ...]:
 
 
 @lru_cache
-def _mixer(airframe: tuple[tuple[str, float], ...]) -> dict[str, Numbers]:
+def _mixer_of_airframe(airframe: tuple[tuple[str, float], ...]) -> dict[str, Numbers]:
     """Returns PX4's mixer: the thrust of each motor for a torque demand of 1 about each axis.
 
     It is the inverse of the matrix of the motors' effects, normalised as in

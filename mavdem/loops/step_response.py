@@ -328,7 +328,7 @@ def _measured_step_response(
     spectra = welch_spectra_of_pieces(sampling_rate, pieces)
     if spectra is None:
         return setpoint_moves_too_little
-    decimation = _decimation(sampling_rate, min_rate, spectra)
+    decimation = _decimation_factor(sampling_rate, min_rate, spectra)
     pieces = decimated_pieces(pieces, decimation)
     impulse_response = estimate_impulse_response(
         sampling_rate / decimation, pieces, angle_gain, seconds, 1 / MAX_SAMPLING_RATES[loop]
@@ -355,7 +355,7 @@ def _with_setpoint_within_half_turn(piece: Array) -> Array:
     return np.array([angle + wrapped_angle(setpoint - angle), angle])
 
 
-def _decimation(sampling_rate: float, min_rate: float, spectra: WelchSpectra) -> int:
+def _decimation_factor(sampling_rate: float, min_rate: float, spectra: WelchSpectra) -> int:
     """Returns the whole number by which the rate of the samples is divided before a response is estimated.
 
     After the division, the rate is at least ``min_rate``, and at least ``SAMPLES_PER_COHERENT_PERIOD`` times the
@@ -479,7 +479,9 @@ class _Responses(NamedTuple):
     """Frequency responses (N, F)."""
 
 
-def _responses(estimate: ImpulseResponse, timing_error: float, max_frequency: float) -> _Responses:
+def _step_and_frequency_responses(
+    estimate: ImpulseResponse, timing_error: float, max_frequency: float
+) -> _Responses:
     """Computes step and frequency responses of an estimated impulse response, and of draws of its values.
 
     It is not known when between two messages a setpoint changed, so that the whole response may be earlier or later. To
@@ -537,7 +539,9 @@ def _step_response_with_figures(
     # Angle setpoints may not have their own time stamps, so only half of the usual band is trusted for them.
     nyquist_frequency = estimate.sampling_rate / 2
     usable_frequency = nyquist_frequency if loop == "rate" else nyquist_frequency / 2
-    responses = _responses(estimate, timing_error, MAX_FREQUENCY_RATIO * usable_frequency)
+    responses = _step_and_frequency_responses(
+        estimate, timing_error, MAX_FREQUENCY_RATIO * usable_frequency
+    )
     steps = responses.steps
     identified_responses = None
     if rate_loop is not None:

@@ -150,7 +150,7 @@ def build_twin(
     if wind is not None and not (wind.speed_identifiable and wind.direction_identifiable):
         wind = None
     mass_or_typical = mass or TYPICAL_MASS
-    arm = _arm(controller.parameters, mass_or_typical)
+    arm = _motor_arm(controller.parameters, mass_or_typical)
     autopilot = "px4" if px4 else "ardupilot"
     control = _control_parameters(controller.parameters, autopilot)
     # Lag and delay are means over roll and pitch.
@@ -197,7 +197,7 @@ class _Arm(NamedTuple):
     """Whether the autopilot's parameters have the position; else it is assumed from the mass."""
 
 
-def _arm(parameters: Parameters, mass: float) -> _Arm:
+def _motor_arm(parameters: Parameters, mass: float) -> _Arm:
     """Returns the distance of the motors of a quadrotor from its centre of mass.
 
     PX4's parameters ``CA_ROTORn_PX`` and ``PY`` have the positions. They are used only if all are set, and in metres:
@@ -270,21 +270,21 @@ def _with_inertia(twin: Twin, loops: LoopsByAxis) -> Twin:
         The twin with its inertia, kg m², and moment, m.
     """
     forward_arm, right_arm = twin.arm
-    inertia_roll = _inertia(twin, "roll", loops["roll"], lever=right_arm)
+    inertia_roll = _moment_of_inertia(twin, "roll", loops["roll"], lever=right_arm)
     inertia_pitch = inertia_roll
     if "pitch" in loops:
-        inertia_pitch = _inertia(twin, "pitch", loops["pitch"], lever=forward_arm)
+        inertia_pitch = _moment_of_inertia(twin, "pitch", loops["pitch"], lever=forward_arm)
     inertia_yaw = inertia_roll + inertia_pitch
     moment = twin.moment
     if "yaw" in loops:
         # About yaw, the lever of a motor is the moment of its propeller, which is not known yet. As the inertia is
         # proportional to the lever, the result with a lever of 1 m is the inertia per moment.
-        inertia_per_moment = _inertia(twin, "yaw", loops["yaw"], lever=1.0)
+        inertia_per_moment = _moment_of_inertia(twin, "yaw", loops["yaw"], lever=1.0)
         moment = inertia_yaw / inertia_per_moment
     return replace(twin, inertia=(inertia_roll, inertia_pitch, inertia_yaw), moment=moment)
 
 
-def _inertia(twin: Twin, axis: str, loop: Loop, lever: float) -> float:
+def _moment_of_inertia(twin: Twin, axis: str, loop: Loop, lever: float) -> float:
     """Returns the moment of inertia about an axis from the control effectiveness of its loop.
 
     It is M / α, with the torque M and the angular acceleration α for a demand of 1. α is the control effectiveness of

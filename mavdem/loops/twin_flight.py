@@ -99,7 +99,7 @@ def _replay_segment(loop: Loop, rows: slice) -> ReplaySegment | None:
     record = loop.record
     outputs = record.outputs[rows]
     if loop.axis == "yaw":
-        columns = _setpoints(loop, rows, ["yaw rate setpoint"])
+        columns = _interpolated_setpoints(loop, rows, ["yaw rate setpoint"])
         if columns is None:
             return None
         # Yaw is steered by its rate, so that the setpoint of its angle is 0. If the rate setpoint hardly changes, the
@@ -110,7 +110,9 @@ def _replay_segment(loop: Loop, rows: slice) -> ReplaySegment | None:
             return None
         angle_setpoint = np.zeros_like(yaw_rate_setpoint)
         return ReplaySegment(outputs, np.column_stack([angle_setpoint, yaw_rate_setpoint]))
-    columns = _setpoints(loop, rows, [f"{loop.axis} setpoint", f"{loop.axis} rate setpoint"])
+    columns = _interpolated_setpoints(
+        loop, rows, [f"{loop.axis} setpoint", f"{loop.axis} rate setpoint"]
+    )
     if columns is None:
         return None
     angle_setpoint, rate_setpoint = columns
@@ -125,7 +127,7 @@ def _replay_segment(loop: Loop, rows: slice) -> ReplaySegment | None:
     return ReplaySegment(outputs, np.column_stack([angle_setpoint, rate_setpoint]))
 
 
-def _setpoints(loop: Loop, rows: slice, names: Sequence[str]) -> list[Array] | None:
+def _interpolated_setpoints(loop: Loop, rows: slice, names: Sequence[str]) -> list[Array] | None:
     """Returns setpoints of a record in some of its rows, interpolated between messages.
 
     Args:

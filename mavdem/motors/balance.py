@@ -77,13 +77,13 @@ def balance_of_steady_flight(signals: Signals) -> BalanceFigures | None:
             SteadyRun(
                 time=time,
                 commands=motors.scale.fraction(motors.outputs[is_steady]),
-                lean=_lean(signals, segment, time),
+                lean=_lean_at(signals, segment, time),
             )
         )
     return balance_figures(runs, motor_signatures(motors.geometry), seconds)
 
 
-def _lean(signals: Signals, segment: Segment, time: Array) -> Array:
+def _lean_at(signals: Signals, segment: Segment, time: Array) -> Array:
     """Returns roll and pitch at the times of other samples, linearly interpolated.
 
     Args:

@@ -65,7 +65,7 @@ class BlockAverager:
         """Adds a sample; if it is the first one of a new block, the block before is complete and is returned.
 
         Args:
-            time: Seconds on the clock of the boot.
+            time: Time of the sample, seconds on the clock of the boot.
             commands: (k,) motor outputs as fractions of the range.
             heading: Heading, rad; NaN where the attitude does not follow its setpoint.
 
@@ -162,9 +162,9 @@ class BalanceBlocks:
         """Adds a block, later than those before it, and counts it if the vehicle did not turn.
 
         Args:
-            time: Its end, s.
-            balance: (a,) its balance.
-            heading: Its heading, rad; NaN in a turn.
+            time: End of the block, s.
+            balance: (a,) mean balance of the block, the torque of the motors about each axis relative to their thrust.
+            heading: Heading of the vehicle in the block, rad; NaN in a turn.
         """
         self.times.append(time)
         self.balances.append(balance)

@@ -105,7 +105,7 @@ class BalanceModel:
         Args:
             motor: Index of the motor, from 0.
             lowest_rise: Lower end of the interval of the rise of its command, as a fraction of the command before.
-            highest_rise: Upper end.
+            highest_rise: Upper end of that interval.
 
         Returns:
             Lower and upper end, fractions of the thrust.

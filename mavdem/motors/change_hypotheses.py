@@ -167,7 +167,7 @@ class ChangeHypotheses:
         Returns:
             The posterior probabilities, by cause and by motor.
         """
-        posterior = self._posterior(deviation, previous)
+        posterior = self._posterior_probabilities(deviation, previous)
         group_probabilities = {name: posterior[rows].sum() for name, rows in self.groups.items()}
 
         # (k, r): hypotheses of the motors are sorted by motor, then by rise.
@@ -186,7 +186,7 @@ class ChangeHypotheses:
             posterior=posterior,
         )
 
-    def _posterior(self, deviation: Deviation, previous: Array | None) -> Array:
+    def _posterior_probabilities(self, deviation: Deviation, previous: Array | None) -> Array:
         """Computes the posterior probabilities of the hypotheses by Bayes' rule.
 
         A hypothesis expects a change of the balance about roll, pitch and yaw, with a standard deviation (spread). The

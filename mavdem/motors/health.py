@@ -107,7 +107,7 @@ def assess_motor_health(
         evidence = _flight_evidence(flight, comparable_flights, previous)
         if is_in_sequence:
             latest_evidence[flight.geometry_key] = evidence
-        assessment = _assessment(flight, evidence, comparison)
+        assessment = _assessment_of_evidence(flight, evidence, comparison)
         if assessment.health is MotorHealth.OK and len(comparable_flights) < MIN_HEALTHY_FLIGHTS:
             # One flight shows a fault, but not by how much healthy flights differ, and so not that there is none.
             reason = _too_few_healthy_flights(flight, candidate_flights, comparison)
@@ -247,7 +247,7 @@ def _flight_evidence(
     )
 
 
-def _assessment(
+def _assessment_of_evidence(
     flight: HealthFigures, evidence: _FlightEvidence, comparison: JsonValues
 ) -> HealthAssessment:
     """Turns the evidence of a flight into an assessment: fault, drift, unknown or OK, tested in this order.
@@ -274,7 +274,7 @@ def _assessment(
     is_changed = change_probability >= MIN_REPORTED_PROBABILITY
     if is_changed or evidence.deviation.is_unusual:
         health = MotorHealth.DRIFT
-        fact = _drift(flight, evidence, change_probability, comparison)
+        fact = _drift_fact(flight, evidence, change_probability, comparison)
     elif not evidence.would_show_weak_motor:
         return HealthAssessment(MotorHealth.UNKNOWN, _imprecise_balance(evidence, comparison))
     else:
@@ -351,7 +351,7 @@ def _weak_motor(
     )
 
 
-def _drift(
+def _drift_fact(
     flight: HealthFigures,
     evidence: _FlightEvidence,
     change_probability: float,

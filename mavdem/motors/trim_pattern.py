@@ -218,13 +218,13 @@ def _uneven_trim(
         )
     return Fact(
         TrimFact.TRIM_OF_SEVERAL,
-        names=tuple(geometry.names[suspect] for suspect in _suspects(change)),
+        names=tuple(geometry.names[suspect] for suspect in _suspect_motors(change)),
         probability=change.group_probabilities["motor"],
         **figures,
     )
 
 
-def _suspects(change: ChangeProbabilities) -> list[int]:
+def _suspect_motors(change: ChangeProbabilities) -> list[int]:
     """Returns the motors of which one may be weak, if no other single cause of an uneven trim is more probable.
 
     They are the fewest motors that together have the probability ``MIN_NAMED_PROBABILITY``, given that one motor is

@@ -247,7 +247,9 @@ def identifiability(
     reasons = dict[str, Fact | None]()
     for name in PARAMETERS:
         failed_checks = [
-            check for check in _checks(name, figures) if check.status != Status.REPORTED
+            check
+            for check in _checks_of_parameter(name, figures)
+            if check.status != Status.REPORTED
         ]
         # The effect comes first in PARAMETERS, so that its status is known when damping and lag are judged.
         effect_status = statuses.get("effect", Status.REPORTED)
@@ -255,11 +257,11 @@ def identifiability(
         if effect_status != Status.REPORTED and effect_status not in failed_statuses:
             doubt = Fact(ParameterDoubt.FOLLOWS_FROM_EFFECT, status=effect_status)
             failed_checks.append(_Check(effect_status, doubt))
-        statuses[name], reasons[name] = _worst(failed_checks)
+        statuses[name], reasons[name] = _worst_status(failed_checks)
     return Identifiability(statuses, reasons)
 
 
-def _worst(failed_checks: list[_Check]) -> tuple[Status, Fact | None]:
+def _worst_status(failed_checks: list[_Check]) -> tuple[Status, Fact | None]:
     """Returns the status of a parameter by the worst of the checks that it failed, and the reason for it.
 
     If the parameter is not identifiable by any check, the reason states only these checks, and none by which
@@ -285,7 +287,7 @@ def _worst(failed_checks: list[_Check]) -> tuple[Status, Fact | None]:
     return status, Fact(ParameterDoubt.SEVERAL_DOUBTS, level, reason=doubts)
 
 
-def _checks(name: str, figures: IdentifiabilityFigures) -> Iterator[_Check]:
+def _checks_of_parameter(name: str, figures: IdentifiabilityFigures) -> Iterator[_Check]:
     """Compares the figures of a fit with their limits, and yields the result of each check for one parameter.
 
     Args:

@@ -131,13 +131,15 @@ class WindTorqueSmoother(NamedTuple):
         variance = error_ratio * (smoother_variance + omission_variance)
 
         # State 1 is the torque of the motors.
-        gradient = self._gradient(deviation, rate, commanded_torque, smoothed_torque.states[:, 1])
+        gradient = self._torque_gradient(
+            deviation, rate, commanded_torque, smoothed_torque.states[:, 1]
+        )
         variance += ((gradient @ parameters.covariance) * gradient).sum(axis=1)
         # The smoother estimates the wind torque about its mean, since the mean is contained in the commanded torque.
         mean = self.constant + parameters.effect @ self.trim_torque_gradient
         return np.column_stack([smoothed_torque.mean + mean, half_width(variance)])
 
-    def _gradient(
+    def _torque_gradient(
         self, deviation: Array, rate: Array, commanded_torque: Array, motor_torque: Array
     ) -> Array:
         """Returns the derivatives of the estimated wind torque by the physical parameters, approximately.
@@ -330,7 +332,7 @@ class OnlineWindTorque:
         if self._pending is not None and self._pending.done():
             pending = self._pending
             self._pending = None
-            self._adopt(pending.result)
+            self._adopt_fit(pending.result)
         if self._pending is None and may_start_fit and self._sample_count >= self._next_fit:
             self._start_fit()
         self._smooth_latest()
@@ -356,7 +358,7 @@ class OnlineWindTorque:
         self._next_fit = self._sample_count + pause
         record = record_from_blocks(self._blocks, self._dt, self._memory.effect_directions)
         if self._executor is None:
-            self._adopt(partial(fit_wind_torque_smoother, record, self._prior))
+            self._adopt_fit(partial(fit_wind_torque_smoother, record, self._prior))
             return
         try:
             self._pending = self._executor.submit(fit_wind_torque_smoother, record, self._prior)
@@ -364,7 +366,7 @@ class OnlineWindTorque:
             # The executor has been shut down; the learner reports it.
             return
 
-    def _adopt(self, fit_result: Callable[[], WindTorqueSmoother]) -> None:
+    def _adopt_fit(self, fit_result: Callable[[], WindTorqueSmoother]) -> None:
         """Adopts the result of a fit, unless it failed, or does not identify the effect although an earlier fit did.
 
         Args:

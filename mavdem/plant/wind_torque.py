@@ -224,7 +224,7 @@ def estimate_wind_torque(
         gusts=gusts_of_torque.gusts if is_resolved else (),
         gust_threshold=gusts_of_torque.threshold,
         false_gusts_per_minute=gusts_of_torque.false_per_minute,
-        spectrum=_spectrum(torque, is_wind, record, physical),
+        spectrum=_torque_spectrum(torque, is_wind, record, physical),
         resolved=is_resolved,
         reason=reason,
         left_out=left_out,
@@ -417,7 +417,7 @@ def _sections_of_flight(
     # searched for.
     if not is_wind.all():
         return _Sections(starts, step=None)
-    step = _step(_without_section_means(torque, starts), dt)
+    step = _sharp_step(_without_section_means(torque, starts), dt)
     if step is not None:
         step_sample, _ = step
         starts = sorted({*starts, step_sample})
@@ -441,7 +441,7 @@ def _without_section_means(values: Array, section_starts: Sequence[int]) -> Arra
     return np.concatenate(centred_sections, axis=-1)
 
 
-def _step(torque: Array, dt: float) -> tuple[int, float] | None:
+def _sharp_step(torque: Array, dt: float) -> tuple[int, float] | None:
     """Finds a single step in a torque, if one explains most of its variance and is sharp.
 
     At each sample the torque is split into what is before and what is after, each with its mean. The best split is the
@@ -585,7 +585,9 @@ def torque_balanced_by_trim(effect: Array, trim: Array, directions: Array | None
     return -float(trim @ effect)
 
 
-def _spectrum(torque: Array, is_wind: Flags, record: Record, physical: Physical) -> WindSpectrum:
+def _torque_spectrum(
+    torque: Array, is_wind: Flags, record: Record, physical: Physical
+) -> WindSpectrum:
     """Estimates the spectral density of the wind torque by Welch's method, for comparison with the model's.
 
     The record is cut into pieces at the ends of its segments, and where ``is_wind`` changes. Pieces in which it is

@@ -175,7 +175,7 @@ def cut_windows(record: Record) -> FlightWindows:
     rate = record.outputs[samples, column]
     responses = responses_to_innovations(scaled_inputs, rate)
     # The share of the inputs that the samples before do not predict: noise of the gyro, or jumps.
-    _, input_innovations = _innovations(scaled_inputs, rate)
+    _, input_innovations = _regression_innovations(scaled_inputs, rate)
     unpredicted_share = float(np.mean(input_innovations**2) / np.mean(scaled_inputs**2))
     # Thinned samples have a longer time step than the record.
     dt = (samples[0, 1] - samples[0, 0]) * record.dt
@@ -198,7 +198,7 @@ def responses_to_innovations(inputs: Array, rate: Array) -> Array:
     Returns:
         The responses (W, N, r), in the unit of the inputs; 0 in the first ``REGRESSION_LAGS`` samples of each window.
     """
-    rate_innovations, input_innovations = _innovations(inputs, rate)
+    rate_innovations, input_innovations = _regression_innovations(inputs, rate)
     gains = rate_innovations @ input_innovations / (rate_innovations @ rate_innovations)
     immediate_responses = rate_innovations[:, None] * gains
     responses = np.zeros_like(inputs)
@@ -206,7 +206,7 @@ def responses_to_innovations(inputs: Array, rate: Array) -> Array:
     return responses
 
 
-def _innovations(inputs: Array, rate: Array) -> ArrayPair:
+def _regression_innovations(inputs: Array, rate: Array) -> ArrayPair:
     """Returns the innovations of rate and inputs: what the ``REGRESSION_LAGS`` samples before do not predict of them.
 
     The prediction is a linear regression over all windows.

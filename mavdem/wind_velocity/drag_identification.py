@@ -210,7 +210,7 @@ def identify_drag(grid: MotionGrid, drag: Drag) -> DragPosterior:
     highest_value = np.nan
     values = list[float]()
     while len(values) < MAX_ITERATIONS:
-        expansion = _expand(mean, grid)
+        expansion = _expand_log_likelihood(mean, grid)
         information = expansion.information * np.sqrt(
             np.outer(information_shares, information_shares)
         )
@@ -267,7 +267,7 @@ def _has_settled(values: Sequence[float]) -> bool:
     return len(values) > USUAL_ITERATIONS and has_small_change
 
 
-def _expand(scaled_parameters: Array, grid: MotionGrid) -> _Expansion:
+def _expand_log_likelihood(scaled_parameters: Array, grid: MotionGrid) -> _Expansion:
     """Expands the log likelihood of the wind filter to second order, for one step of Fisher scoring.
 
     The derivatives are central differences. There are 21 sets of scaled parameters: the given one, and one on either

@@ -324,7 +324,7 @@ def estimate_wind(
     source = prior.source if remaining_sd > MAX_REMAINING_DRAG_SD else DragSource.FLIGHT
     flight_drag = replace(flight_drag, source=source)
     is_lean_worse = _is_lean_worse(winds.mean(axis=0), parameter_samples)
-    doubts = _doubts(
+    doubts = _doubts_on_wind(
         whole_flight, drag_sd, remaining_sd, is_lean_worse, posterior.steered_share, prior.source
     )
     status = dict.fromkeys(("speed", "direction", "drag"), Status.REPORTED)
@@ -369,7 +369,7 @@ def estimate_wind(
             np.column_stack([relative_velocity, fine.velocity[:, DOWN]])
         ),
         minutes=tuple(_mean_wind_by_minute(winds, variances, fine.time, fine.step)),
-        profile=tuple(_profile(winds, variances, step_heights, fine.step)),
+        profile=tuple(_wind_profile(winds, variances, step_heights, fine.step)),
         drag=flight_drag,
         status=status,
         reasons={doubt.figure: doubt.reason for doubt in doubts},
@@ -443,7 +443,9 @@ def _mean_wind_by_minute(
     return parts
 
 
-def _profile(winds: Array, variances: Array, heights: Array, step: float) -> list[dict[str, float]]:
+def _wind_profile(
+    winds: Array, variances: Array, heights: Array, step: float
+) -> list[dict[str, float]]:
     """Returns the mean wind by height, in layers of about ``LAYER_HEIGHT``.
 
     Layers in which the vehicle was for less than ``INDEPENDENT_SECONDS`` are left out, since a single gust would
@@ -575,7 +577,7 @@ def _explained_variance(values: Array, regressors: Array) -> float:
     return float(np.var(centred @ coefficients))
 
 
-def _doubts(
+def _doubts_on_wind(
     mean: _MeanWind,
     drag_sd: float,
     remaining_sd: float,

@@ -282,7 +282,7 @@ def _settled_seconds(signals: Signals, ground_motion: TimeSeries) -> float:
     duration = 0.0
     for boot in np.unique(ground_motion.boot).tolist():
         motion = ground_motion.of_boot(boot)
-        flights = _flights(signals, boot, motion.time, motion.values[:, HEIGHT])
+        flights = _settled_flights(signals, boot, motion.time, motion.values[:, HEIGHT])
         recorded_intervals = intervals.intersection(flights, [(motion.time[0], motion.time[-1])])
         duration += sum(end - start for start, end in recorded_intervals)
     return float(duration)
@@ -420,7 +420,7 @@ def _free_flight(
     yaw = attitude[YAW]
 
     # Times in free flight, between two velocities that are not too far apart.
-    flights = _flights(signals, boot, velocity_time, ground_values[:, HEIGHT])
+    flights = _settled_flights(signals, boot, velocity_time, ground_values[:, HEIGHT])
     is_usable = intervals.in_intervals(time, flights)
     is_usable &= (time >= velocity_time[0]) & (time <= velocity_time[-1])
     # The time between the two velocities around each stamp of the attitude.
@@ -432,7 +432,7 @@ def _free_flight(
     around_resets = [(reset - MAX_VELOCITY_GAP, reset + MAX_VELOCITY_GAP) for reset in reset_times]
     is_usable &= ~intervals.in_intervals(time, around_resets)
 
-    yaw_resets = _resets(time, yaw, YAW_RESET, period=2 * np.pi)
+    yaw_resets = _estimate_resets(time, yaw, YAW_RESET, period=2 * np.pi)
     # After the flight, a jump of the yaw is a fall or a spin.
     yaw_resets &= time[1:] < np.max(flights, initial=0)
     last_yaw_reset = np.max(time[1:][yaw_resets], initial=-np.inf)
@@ -461,8 +461,8 @@ def _motion_resets(time: Array, values: Array) -> Flags:
         Whether there is a reset between each two successive samples (N − 1,).
     """
     velocity_north, velocity_east = values[:, HORIZONTAL].T
-    resets = _resets(time, velocity_north, VELOCITY_RESET)
-    resets |= _resets(time, velocity_east, VELOCITY_RESET)
+    resets = _estimate_resets(time, velocity_north, VELOCITY_RESET)
+    resets |= _estimate_resets(time, velocity_east, VELOCITY_RESET)
     # The columns after the height are the position north and east, which may be missing.
     positions = values[:, HEIGHT + 1 :].T
     for position, speed in zip(positions, (velocity_north, velocity_east), strict=False):
@@ -534,7 +534,9 @@ def _longest_stuck(position: TimeSeries | None, boot: int, motion: _FlightMotion
     return intervals.longest_true_duration(motion.time, is_stuck)
 
 
-def _flights(signals: Signals, boot: int, time: Array, height: Array) -> intervals.Intervals:
+def _settled_flights(
+    signals: Signals, boot: int, time: Array, height: Array
+) -> intervals.Intervals:
     """Returns the intervals of settled flight in a boot.
 
     If neither motors nor landed state were recorded, the vehicle counts as flying while it is armed and more than
@@ -606,7 +608,9 @@ def is_position_reset(change: Any, speed_before: Any, speed_after: Any, dt: Any)
     return abs(change - covered_distance) > POSITION_RESET.offset + POSITION_RESET.rate * dt
 
 
-def _resets(time: Array, values: Array, limit: ResetLimit, period: float = np.inf) -> Flags:
+def _estimate_resets(
+    time: Array, values: Array, limit: ResetLimit, period: float = np.inf
+) -> Flags:
     """Finds the resets of an estimate: changes from one sample to the next that are larger than a limit.
 
     Args:

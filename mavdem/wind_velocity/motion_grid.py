@@ -193,7 +193,7 @@ class _Bins:
         return np.diff(sums[1:] / sums[0])
 
 
-def _bins(time: Array, step: float) -> _Bins:
+def _assigned_to_bins(time: Array, step: float) -> _Bins:
     """Assigns samples to the steps of an even grid.
 
     Args:
@@ -241,7 +241,7 @@ def motion_grid(
     # North and east components of body z per down component, (2, N): the tangent of the tilt.
     tilt = body_z[:2] / body_z[2]
 
-    bins = _bins(time, step)
+    bins = _assigned_to_bins(time, step)
     # A step without samples divides by 0, and becomes NaN.
     with np.errstate(divide="ignore", invalid="ignore"):
         body_axes = bins.triangular_means(np.vstack([body_x, body_y])).T.reshape(-1, 2, 3)
@@ -416,7 +416,7 @@ def _require_velocity_follows_tilt(samples: MotionSamples) -> None:
     if interval > FAST_SAMPLE_SECONDS:
         return
     step = max(FAST_SAMPLE_SECONDS, 2 * interval)
-    bins = _bins(samples.time, step)
+    bins = _assigned_to_bins(samples.time, step)
     _, _, body_z = _body_axes(samples.attitude)
     # Acceleration to north and east by the thrust of a vehicle that keeps its height, (2, N).
     expected_acceleration = -GRAVITY * body_z[:2] / body_z[2]

@@ -85,7 +85,7 @@ def flight_check(signals: Signals, boot: int) -> FlightCheck:
     if height is None:
         height = series_of_boot(signals.height, boot)
         source = "estimate"
-    rise = None if height is None else _rise(height, powered_spans)
+    rise = None if height is None else _rise_under_power(height, powered_spans)
     sensor_facts = (*_rise_facts(rise, source), *_rotation_facts(signals, boot))
     support = supporting_facts(sensor_facts)
     contradictions = contradicting_facts(sensor_facts)
@@ -191,7 +191,7 @@ def powered_intervals(signals: Signals, boot: int) -> Intervals:
     return true_intervals(collective.time, moving_average(collective) > min_collective)
 
 
-def _rise(height: TimeSeries, powered_spans: Intervals) -> float | None:
+def _rise_under_power(height: TimeSeries, powered_spans: Intervals) -> float | None:
     """Returns the height by which the vehicle rose above the ground while its motors could carry it.
 
     The ground is the lower of the heights ``CONTEXT_SECONDS`` before and after the time under power: a log may have
@@ -200,7 +200,7 @@ def _rise(height: TimeSeries, powered_spans: Intervals) -> float | None:
 
     Args:
         height: (N,) height, m, in one boot.
-        powered_spans: intervals under power, s.
+        powered_spans: intervals in which the motors gave enough thrust to fly, s.
 
     Returns:
         Largest rise of all intervals, m, at least 0; None without samples under power.

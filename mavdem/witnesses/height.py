@@ -114,7 +114,7 @@ def height_comparison(signals: Signals, boot: int) -> HeightComparison:
         barometer_noise=noise,
         barometer_climb=barometer_climb,
         estimated_climb=estimated_climb,
-        contradictions=_contradictions(barometer_climb, estimated_climb),
+        contradictions=_contradicted_intervals(barometer_climb, estimated_climb),
         climb_difference=_median_difference(barometer_climb, estimated_climb),
     )
 
@@ -190,7 +190,7 @@ def _climb_by_barometer(barometer: TimeSeries) -> TimeSeries | None:
     return TimeSeries(time, boot, (later - earlier) / SLOPE_SECONDS)
 
 
-def _contradictions(
+def _contradicted_intervals(
     barometer_climb: TimeSeries | None, estimated_climb: TimeSeries | None
 ) -> Intervals:
     """Returns the intervals in which estimate and barometer differ by more than ``MAX_CLIMB_DIFFERENCE`` for long.

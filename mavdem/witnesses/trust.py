@@ -130,7 +130,7 @@ class SensorTrust:
         """
         return Fact(
             TrustCheck.FLIGHT,
-            _level(self.flew),
+            _level_of_check(self.flew),
             flew=self.flew,
             is_assumed=self.flew is None and self.flight_check.had_power,
             witnesses=self.flight_check.sensor_facts,
@@ -152,7 +152,7 @@ class SensorTrust:
             first_contradiction_time, _ = self._contradictions[0]
         return Fact(
             TrustCheck.BAROMETER,
-            _level(agrees),
+            _level_of_check(agrees),
             time=first_contradiction_time,
             is_usable=is_usable,
             is_sound=is_sound,
@@ -177,7 +177,7 @@ class SensorTrust:
                 unsound_names.append(candidate.name)
         return Fact(
             TrustCheck.ACCELEROMETER,
-            _level(self.is_accelerometer_sound),
+            _level_of_check(self.is_accelerometer_sound),
             name="" if accelerometer is None else accelerometer.name,
             acceleration=None if accelerometer is None else accelerometer.gravity_at_rest,
             names=tuple(unsound_names),
@@ -195,7 +195,7 @@ class SensorTrust:
         is_powered = bool(self.powered)
         return Fact(
             TrustCheck.POSITION,
-            _level(has_mostly_fix),
+            _level_of_check(has_mostly_fix),
             share=share,
             is_powered=is_powered,
             boot=self.boot,
@@ -209,7 +209,7 @@ class SensorTrust:
         rotation = self.rotation
         return Fact(
             TrustCheck.ATTITUDE_RESPONSE,
-            _level(self.attitude_follows_setpoint),
+            _level_of_check(self.attitude_follows_setpoint),
             correlation=None if rotation is None else rotation.correlation,
             angle=None if rotation is None else rotation.median_error,
             boot=self.boot,
@@ -217,7 +217,7 @@ class SensorTrust:
 
     def _gyro_check(self) -> Fact:
         """Returns whether the changes of the attitude are the integrals of the gyro."""
-        return Fact(TrustCheck.GYRO, _level(self.gyro_agrees), boot=self.boot)
+        return Fact(TrustCheck.GYRO, _level_of_check(self.gyro_agrees), boot=self.boot)
 
     def _stick_check(self) -> Fact:
         """Returns the check of the pilot's throttle stick as a fact: whether it was recorded, and moved.
@@ -233,7 +233,7 @@ class SensorTrust:
         )
 
 
-def _level(is_passed: bool | None) -> Level:
+def _level_of_check(is_passed: bool | None) -> Level:
     """Returns the level of a check: GOOD if the sensor passed it, WATCH if not, UNKNOWN if it could not be checked.
 
     Args:

@@ -201,7 +201,7 @@ def test_an_effect_that_a_filter_biases_says_nothing_about_the_motors():
     assert [
         {
             check.doubt.code
-            for check in limits._checks("effect", figures)
+            for check in limits._checks_of_parameter("effect", figures)
             if check.status != Status.REPORTED
         }
         for figures in (contradicting, contradicting._replace(lag=0.001))

@@ -34,7 +34,7 @@ from mavdem.plant.sampled_plant import (
     gaussian_kernel_noise,
     sampled_plant,
 )
-from mavdem.plant.wind_torque import _step, estimate_wind_torque
+from mavdem.plant.wind_torque import _sharp_step, estimate_wind_torque
 from sitl_scenarios.turbulence import gaussian_noise
 
 DT = 0.01
@@ -199,9 +199,9 @@ def test_what_a_weak_motor_lacks_is_no_wind():
 def test_what_changes_slowly_is_no_step(seconds, is_step):
     rise = np.clip(DT * np.arange(-3000, 3000) / seconds, -0.5, 0.5)
     if is_step:
-        assert _step(rise, DT) is not None
+        assert _sharp_step(rise, DT) is not None
     else:
-        assert _step(rise, DT) is None
+        assert _sharp_step(rise, DT) is None
 
 
 WINDY = simulated(samples=3000, wind=2.0, lag=0.05)

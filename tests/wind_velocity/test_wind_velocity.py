@@ -39,7 +39,7 @@ from mavdem.wind_velocity.estimation import (
 from mavdem.wind_velocity.from_log import (
     YAW_RESET,
     WindEvidence,
-    _resets,
+    _estimate_resets,
     drag_settings,
     is_position_reset,
     wind_evidence,
@@ -319,7 +319,7 @@ def test_the_drag_of_fast_laps_is_searched_until_it_is_found():
 
 def test_resets_are_no_motion():
     yaw = np.array([6.2, 0.1, 0.2, 1.4, 1.5])  # past north, then a reset
-    assert np.flatnonzero(_resets(0.1 * np.arange(5.0), yaw, YAW_RESET, 2 * np.pi)) == [2]
+    assert np.flatnonzero(_estimate_resets(0.1 * np.arange(5.0), yaw, YAW_RESET, 2 * np.pi)) == [2]
     # Half a second at 3 m/s is 1.5 m; what is 1 m, and 2 m/s, off that is a reset.
     ways = np.array([-0.6, -0.4, 3.4, 3.6])
     assert is_position_reset(ways, 2.0, 4.0, 0.5).tolist() == [True, False, False, True]

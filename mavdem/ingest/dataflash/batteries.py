@@ -52,7 +52,7 @@ def sys_status(tables: Tables) -> NamedMessage:
         first_battery = logged_columns
         for instance_field in INSTANCE_FIELDS:
             first_battery = rows_of_instance(first_battery, instance_field, 0) or first_battery
-        voltage, other_measurements = _measurements(first_battery)
+        voltage, other_measurements = _battery_measurements(first_battery)
         fields = {"voltage_battery": voltage, **other_measurements}
         return NamedMessage(name, with_stamps(first_battery, fields))
     return NamedMessage(BATTERY_MESSAGES[0], {})
@@ -81,7 +81,7 @@ def battery_status(tables: Tables) -> NamedMessage:
             logged_names.append(name)
             for battery_id, rows in _rows_by_battery(logged_columns, number - 1).items():
                 battery_ids.add(battery_id)
-                voltage, fields = _measurements(rows)
+                voltage, fields = _battery_measurements(rows)
                 id_column = np.full(len(voltage), battery_id, np.uint8)
                 fields |= {"id": id_column, "voltages": voltage[:, None]}
                 tables_of_batteries.append(with_stamps(rows, fields))
@@ -115,7 +115,7 @@ def _rows_by_battery(logged_columns: Columns, default_id: int) -> dict[int, Colu
     return {default_id: logged_columns}
 
 
-def _measurements(logged_columns: Columns) -> tuple[Array, Fields]:
+def _battery_measurements(logged_columns: Columns) -> tuple[Array, Fields]:
     """Returns the voltage and the other measurements of messages of one battery, in MAVLink's units.
 
     They remain floats, to keep the decimals that MAVLink's integers would cut off. Old versions of ArduPilot logged

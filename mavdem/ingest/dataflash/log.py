@@ -87,8 +87,8 @@ def read_dataflash(path: PathName) -> Log:
         Unreadable: The file cannot be opened, or has no message of a flight.
     """
     source = os.fspath(path)
-    content, recording = _recording(path)
-    vehicle = _vehicle(recording, source, content)
+    content, recording = _open_recording(path)
+    vehicle = _translated_vehicle(recording, source, content)
     return log_of_vehicles(
         (vehicle,),
         frames=sum(recording.counts.values()),
@@ -106,7 +106,7 @@ def all_tables(path: PathName) -> Tables:
     Returns:
         Columns by name of the message, with ``time`` (s) and ``boot``; without messages that have no stamps.
     """
-    content, recording = _recording(path)
+    content, recording = _open_recording(path)
     recording = _without_old_blocks(recording, _logged_messages(recording), content).recording
     logged_tables = {name: usable_fields(recording.decode(name)) for name in recording.counts}
     tables, _ = on_boot_clock(logged_tables, log_clock(logged_tables))
@@ -123,7 +123,7 @@ class _Content(NamedTuple):
     """The log, whose messages are not decoded yet."""
 
 
-def _recording(path: PathName) -> _Content:
+def _open_recording(path: PathName) -> _Content:
     """Finds the messages of a DataFlash log, binary or text.
 
     Args:
@@ -171,7 +171,9 @@ def _last_and_changed_first_values(
     return _ParameterValues(last_values, changed_first_values)
 
 
-def _vehicle(recording: DataflashRecording, source: str, content: FileContent) -> Telemetry:
+def _translated_vehicle(
+    recording: DataflashRecording, source: str, content: FileContent
+) -> Telemetry:
     """Makes the vehicle of a recording: its messages on the boot clock, in MAVLink's vocabulary, and its parameters.
 
     Args:

@@ -113,21 +113,21 @@ def states_of(tables: Tables, vehicle_type: int) -> StateMessages:
     """
     # Cached, since all states need the stamps of each boot, and collecting them takes a pass over all messages.
     boot_stamps = cache(partial(_boot_stamps, tables))
-    changes_by_events = _changes(tables, "EV", "Id", ARMED_EVENTS, boot_stamps)
-    changes_by_arm_messages = _changes(tables, "ARM", "ArmState", ARM_STATES, boot_stamps)
+    changes_by_events = _state_changes(tables, "EV", "Id", ARMED_EVENTS, boot_stamps)
+    changes_by_arm_messages = _state_changes(tables, "ARM", "ArmState", ARM_STATES, boot_stamps)
     armed_changes = (
         changes_by_arm_messages
         if len(changes_by_arm_messages) > len(changes_by_events)
         else changes_by_events
     )
-    landed_changes = _changes(tables, "EV", "Id", LANDED_EVENTS, boot_stamps)
+    landed_changes = _state_changes(tables, "EV", "Id", LANDED_EVENTS, boot_stamps)
     return StateMessages(
-        _heartbeats(armed_changes, vehicle_type, boot_stamps),
+        _heartbeats_of_changes(armed_changes, vehicle_type, boot_stamps),
         _landed_states(landed_changes, boot_stamps),
     )
 
 
-def _changes(
+def _state_changes(
     tables: Tables,
     message: str,
     field: str,
@@ -136,8 +136,8 @@ def _changes(
 ) -> _StateChanges:
     """Collects the changes of a state from the events of a log.
 
-    So that the state is known from the beginning of a boot on, a change is added at the boot's first message. It
-    changes nothing: before and after it the state is the one before the first event of the boot.
+    At the first message of each boot an entry is added that repeats the state before the first event. So the state is
+    known from the beginning of a boot on.
 
     Args:
         tables: Columns of DataFlash's messages, by the name of the message ("ATT").
@@ -174,7 +174,9 @@ def _changes(
     return _StateChanges(*columns)
 
 
-def _heartbeats(changes: _StateChanges, vehicle_type: int, boot_stamps: BootStamps) -> Columns:
+def _heartbeats_of_changes(
+    changes: _StateChanges, vehicle_type: int, boot_stamps: BootStamps
+) -> Columns:
     """Converts the changes of the armed state to a table of HEARTBEATs, five for each change.
 
     The first has the state after the previous change, the next two the state before this change, the last two the state

@@ -67,7 +67,7 @@ def read_text(content: bytes) -> DataflashRecording:
         name_bytes, _, values = line.partition(b",")
         name = name_bytes.decode("latin-1").strip()
         if name == FORMAT.name:
-            definition = _definition(values)
+            definition = _definition_in_line(values)
             if definition is not None:
                 definitions.setdefault(FORMAT.name, FORMAT)
                 definitions.setdefault(definition.name, definition)
@@ -89,7 +89,7 @@ def read_text(content: bytes) -> DataflashRecording:
     return DataflashRecording(counts, decode, bytes_skipped, len(content), repairs)
 
 
-def _definition(values: bytes) -> FormatDefinition | None:
+def _definition_in_line(values: bytes) -> FormatDefinition | None:
     """Reads the definition of a message in an FMT line.
 
     Args:

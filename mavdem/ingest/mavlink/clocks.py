@@ -309,7 +309,7 @@ def _assign_times_to_unstamped_messages(
             rows_before = _last_rows_before(readings.positions, untimed.positions[first:])
             untimed.set_times(first, readings.time[rows_before], readings.boot[rows_before])
     if receive_times is not None:
-        for reboot in _reboots(timed_types):
+        for reboot in _unmixed_reboots(timed_types):
             for untimed in untimed_types:
                 untimed.move_to_next_boot(reboot, receive_times)
 
@@ -327,10 +327,11 @@ class _Reboot(NamedTuple):
     """Number of the boot that begins."""
 
 
-def _reboots(timed_types: Sequence[_ClockReadings]) -> list[_Reboot]:
-    """Returns the restarts in a stream before whose first stamp messages without one may have come.
+def _unmixed_reboots(timed_types: Sequence[_ClockReadings]) -> list[_Reboot]:
+    """Finds the restarts of the autopilot in a stream, with the stamped messages before and after each.
 
-    Where messages of both boots are mixed, as over two links, there is no place between them.
+    A restart is left out if messages from before it and after it are mixed in the stream, as they are over two links:
+    then no place in the stream separates the two boots.
 
     Args:
         timed_types: Stream positions, times and boots of the messages of each type.
@@ -348,6 +349,8 @@ def _reboots(timed_types: Sequence[_ClockReadings]) -> list[_Reboot]:
                 first_time=float(readings.time[row + 1]),
                 boot=boot,
             )
+            # Each message type shows the restart. The last stamp before it and the first one after it, of all types,
+            # are the nearest to the restart.
             other = reboots.get(boot, reboot)
             earliest = min(reboot, other, key=lambda candidate: candidate.first_position)
             last_position = max(reboot.last_position, other.last_position)

@@ -78,7 +78,7 @@ class _Dialect(NamedTuple):
 
 
 @cache
-def _dialect() -> _Dialect:
+def _load_dialect() -> _Dialect:
     """Reads ``dialect.json``, the messages and enumerations of pymavlink's ``all`` dialect.
 
     In the file a message has its ``id``, ``crc_extra``, ``fields`` ("uint8_t type, float[4] q", in the order on the
@@ -103,7 +103,7 @@ def _dialect() -> _Dialect:
 
 def definitions_by_name() -> Mapping[str, MessageDefinition]:
     """Returns every message of the dialect by name."""
-    return _dialect().messages
+    return _load_dialect().messages
 
 
 @cache
@@ -133,7 +133,9 @@ def mavlink_message_id(name: str) -> int:
 @cache
 def enum_entries() -> Mapping[str, int]:
     """Returns the number of every entry of MAVLink's enumerations by its whole name."""
-    return {name: number for enum in _dialect().enums.values() for name, number in enum.items()}
+    return {
+        name: number for enum in _load_dialect().enums.values() for name, number in enum.items()
+    }
 
 
 def mavlink_constant(name: str) -> int:
@@ -145,7 +147,8 @@ def mavlink_constant(name: str) -> int:
 def _short_names(enum: str) -> Mapping[int, str]:
     """Returns the names of an enumeration's entries, without the enumeration's own name, by number."""
     return {
-        number: name.removeprefix(f"{enum}_") for name, number in _dialect().enums[enum].items()
+        number: name.removeprefix(f"{enum}_")
+        for name, number in _load_dialect().enums[enum].items()
     }
 
 

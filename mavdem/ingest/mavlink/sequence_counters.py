@@ -202,7 +202,7 @@ class AttitudeComparison:
         self.has_found_two = False
         # Each counter has the latest attitude in each interval of ``MAX_COMPARED_SECONDS``, the oldest interval first.
         self._attitudes: list[OrderedDict[int, AttitudeReading]] = [OrderedDict(), OrderedDict()]
-        # Whether the latest comparisons contradict.
+        # Whether the attitudes contradicted each other in each of the latest comparisons.
         self._contradictions = deque[bool](maxlen=COMPARISONS)
         # The clock, s, of the attitude that was compared last.
         self._compared_clock = -inf
@@ -242,11 +242,11 @@ class AttitudeComparison:
                 nearest_seconds = abs(candidate.clock - reading.clock)
         if nearest is not None:
             self._compared_clock = reading.clock
-            self._contradictions.append(contradict(nearest, reading))
+            self._contradictions.append(attitudes_contradict(nearest, reading))
             self.has_found_two |= self.are_two
 
 
-def contradict(first: AttitudeReading, second: AttitudeReading) -> bool:
+def attitudes_contradict(first: AttitudeReading, second: AttitudeReading) -> bool:
     """Returns whether two attitudes differ by more than one vehicle can turn in the time between them.
 
     Args:
@@ -316,11 +316,11 @@ def attitude_reading(payload: bytes, message_id: int) -> AttitudeReading | None:
         return None
     rates = list(values[-3:])
     if layout is EULER_LAYOUT:
-        return AttitudeReading(clock, _quaternion(*attitude), rates)
+        return AttitudeReading(clock, _quaternion_of_angles(*attitude), rates)
     return AttitudeReading(clock, attitude, rates)
 
 
-def _quaternion(roll: float, pitch: float, heading: float) -> list[float]:
+def _quaternion_of_angles(roll: float, pitch: float, heading: float) -> list[float]:
     """Returns the quaternion (w, x, y, z) of rotations by heading, pitch and roll, rad, in this order."""
     cos_roll, sin_roll = cos(roll / 2), sin(roll / 2)
     cos_pitch, sin_pitch = cos(pitch / 2), sin(pitch / 2)

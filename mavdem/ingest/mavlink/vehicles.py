@@ -137,7 +137,7 @@ def assemble(stream: FrameStream) -> Log:
         if record.has_two_senders:
             shared_ids.append(f"{component.system}:{component.component}")
         else:
-            vehicles.append(_telemetry(stream, record, records, stream_repairs))
+            vehicles.append(_telemetry_of_component(stream, record, records, stream_repairs))
     if shared_ids and not vehicles:
         raise Unreadable(SourceFact.TWO_VEHICLES_ONE_ID, path=stream.source, names=shared_ids)
     return Log(
@@ -151,7 +151,7 @@ def assemble(stream: FrameStream) -> Log:
     )
 
 
-def _telemetry(
+def _telemetry_of_component(
     stream: FrameStream,
     record: _ComponentRecord,
     records: Sequence[_ComponentRecord],
@@ -315,7 +315,7 @@ def _component_record(
         The component, its messages by name, and facts that report what was repaired.
     """
     # A message that only the slower of two links delivered arrived after later messages.
-    messages, clock_repairs = _messages(
+    messages, clock_repairs = _messages_on_boot_clock(
         stream, frames_of_messages, is_in_order=not sender_stream.copies
     )
     vehicle_type, autopilot = UNNAMED, UNNAMED
@@ -419,7 +419,7 @@ def vehicle_identity(heartbeats: Columns) -> VehicleIdentity:
     return VehicleIdentity(enum_name("MAV_TYPE", mav_type), enum_name("MAV_AUTOPILOT", autopilot))
 
 
-def _messages(
+def _messages_on_boot_clock(
     stream: FrameStream, frames_of_messages: OffsetsByMessage, *, is_in_order: bool
 ) -> tuple[Tables, Facts]:
     """Puts the frames of one component on its boot clock. Of their fields only the stamps are decoded for this.

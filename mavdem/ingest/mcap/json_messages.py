@@ -141,14 +141,14 @@ def _field_value(value: Any, field_type: np.dtype[Any], default: Any) -> Any:
             raise ValueError("the text is too long")
         return text[: field_type.itemsize]
     if not is_array:
-        return _number(value, field_type)
+        return _number_of_json_value(value, field_type)
     if not isinstance(value, list) or len(value) > len(default):
         raise ValueError("the array is too long, or none")
-    elements = [_number(element, field_type.base) for element in value]
+    elements = [_number_of_json_value(element, field_type.base) for element in value]
     return elements + default[len(value) :]
 
 
-def _number(value: Any, field_type: np.dtype[Any]) -> float:
+def _number_of_json_value(value: Any, field_type: np.dtype[Any]) -> float:
     """Converts a JSON value to the number that a field has in the payload of a message.
 
     Args:

@@ -76,7 +76,7 @@ def read_mcap(path: PathName) -> Log:
     source = os.fspath(path)
     recording = McapRecording(file_bytes(path))
     try:
-        stream = _stream(source, recording)
+        stream = _mavlink_stream(source, recording)
     except Unreadable:
         if not flight_topics(recording):
             raise
@@ -97,7 +97,7 @@ def mcap_stream(path: PathName) -> FrameStream:
     Raises:
         Unreadable: It cannot be opened, or contains no MAVLink.
     """
-    return _stream(os.fspath(path), McapRecording(file_bytes(path)))
+    return _mavlink_stream(os.fspath(path), McapRecording(file_bytes(path)))
 
 
 class _RecordedBytes(NamedTuple):
@@ -111,7 +111,7 @@ class _RecordedBytes(NamedTuple):
     """Its bytes."""
 
 
-def _stream(source: str, recording: McapRecording) -> FrameStream:
+def _mavlink_stream(source: str, recording: McapRecording) -> FrameStream:
     """Collects the MAVLink in a recording as one stream of frames, whichever way it was recorded.
 
     Two ways of recording are read. Frames are taken as they are. JSON text is encoded as frames again, so that all

@@ -117,8 +117,8 @@ class McapRecording:
         # The summary at the end repeats channels and schemas, which helps where the first record is damaged.
         for location in locations:
             if location.opcode in (Opcode.CHANNEL, Opcode.SCHEMA):
-                self._register(self._decoded(location))
-        for record in self._records(locations):
+                self._register(self._decoded_record(location))
+        for record in self._records_at(locations):
             self._register(record)
             if isinstance(record, Message) and record.channel_id in self.channels:
                 yield record
@@ -172,7 +172,7 @@ class McapRecording:
                 offset = next_record
         self.cut = last_opcode != Opcode.FOOTER
 
-    def _decoded(self, location: RecordLocation) -> McapRecord | None:
+    def _decoded_record(self, location: RecordLocation) -> McapRecord | None:
         """Decodes one record.
 
         Args:
@@ -187,7 +187,7 @@ class McapRecording:
             return next(reader.records)
         return None
 
-    def _records(self, locations: list[RecordLocation]) -> Iterator[McapRecord | None]:
+    def _records_at(self, locations: list[RecordLocation]) -> Iterator[McapRecord | None]:
         """Yields the records at these locations, those inside chunks instead of the chunks; None for damaged ones.
 
         In a file with chunks all messages are in chunks. After damage, messages outside of them are the rest of a chunk
@@ -204,7 +204,7 @@ class McapRecording:
             if location.opcode == Opcode.CHUNK:
                 yield from self._records_in_chunk(location)
             elif location.opcode != Opcode.MESSAGE or not has_chunks:
-                yield self._decoded(location)
+                yield self._decoded_record(location)
 
     def _records_in_chunk(self, location: RecordLocation) -> list[McapRecord]:
         """Returns the records of a chunk.
@@ -220,7 +220,7 @@ class McapRecording:
             The records; empty if the chunk is damaged, whose size and duration are then added to ``damaged``,
             ``lost_bytes`` and ``lost_seconds``.
         """
-        chunk = self._decoded(location)
+        chunk = self._decoded_record(location)
         if isinstance(chunk, Chunk):
             max_size = min(self._allowance, MIN_UNPACKED_LIMIT)
             records = _unpacked_records(chunk.compression, chunk.data, max_size)

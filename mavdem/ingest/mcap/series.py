@@ -112,13 +112,13 @@ def write_series(
     definitions = b""
     for schema_record, channel_record in zip(schemas, channels, strict=True):
         definitions += _record_bytes(schema_record) + _record_bytes(channel_record)
-    messages = _messages(series)
+    messages = _encoded_messages(series)
     start = MAGIC + _record_bytes(Header(profile="", library=LIBRARY))
     file.write(start)
     offset = len(start)
     chunk_indexes = []
-    for records, chunk_messages in _chunks(messages, definitions, chunk_bytes):
-        content, chunk_index = _chunk(records, chunk_messages, offset)
+    for records, chunk_messages in _messages_by_chunk(messages, definitions, chunk_bytes):
+        content, chunk_index = _chunk_with_indexes(records, chunk_messages, offset)
         file.write(content)
         offset += len(content)
         chunk_indexes.append(chunk_index)
@@ -144,10 +144,10 @@ def write_series(
         Opcode.ATTACHMENT_INDEX: [],
         Opcode.METADATA_INDEX: [],
     }
-    file.write(_summary(groups, offset + len(data_end)) + MAGIC)
+    file.write(_summary_section(groups, offset + len(data_end)) + MAGIC)
 
 
-def _messages(series: Mapping[str, Series]) -> Messages:
+def _encoded_messages(series: Mapping[str, Series]) -> Messages:
     """Builds the heads and the JSON bodies of all messages, in the order of time.
 
     Each topic has a channel; channels have the numbers 1, 2, … in the order of the topics. Messages of the same time
@@ -210,7 +210,7 @@ def _json_rows(columns: Mapping[str, Array]) -> Iterator[str]:
     return (row_pattern % row for row in rows)
 
 
-def _chunks(
+def _messages_by_chunk(
     messages: Messages, definitions: bytes, chunk_bytes: int
 ) -> Iterator[tuple[bytes, Messages]]:
     """Divides messages into chunks, each of which ends with the message that makes it larger than a limit.
@@ -239,7 +239,9 @@ def _chunks(
         first = end
 
 
-def _chunk(definitions: bytes, messages: Messages, offset: int) -> tuple[bytes, ChunkIndex]:
+def _chunk_with_indexes(
+    definitions: bytes, messages: Messages, offset: int
+) -> tuple[bytes, ChunkIndex]:
     """Builds a chunk and the message indexes that follow it.
 
     Args:
@@ -302,7 +304,7 @@ def _message_index(channel: int, entries: StructuredArray) -> bytes:
     return RECORD_HEAD.pack(Opcode.MESSAGE_INDEX, len(content)) + content
 
 
-def _summary(groups: Mapping[Opcode, Sequence[McapRecord]], offset: int) -> bytes:
+def _summary_section(groups: Mapping[Opcode, Sequence[McapRecord]], offset: int) -> bytes:
     """Returns the summary of a file: groups of records, where each group is, and the footer with the checksum.
 
     Args:

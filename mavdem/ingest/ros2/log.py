@@ -133,7 +133,7 @@ def read_ros2(recording: McapRecording, source: str) -> Log:
             tables.append((topics[channel_id], table))
     vehicles = []
     for namespace, tables_of_vehicle in _tables_by_vehicle(tables):
-        telemetry = _telemetry(tables_of_vehicle, receive_times, source)
+        telemetry = _telemetry_of_namespace(tables_of_vehicle, receive_times, source)
         if telemetry is not None:
             vehicles.append((namespace, telemetry))
     if not vehicles:
@@ -204,7 +204,7 @@ def _tables_by_vehicle(
     return sorted(topics_of_vehicle.items())
 
 
-def _telemetry(
+def _telemetry_of_namespace(
     topics: Mapping[RosTopic, TopicColumns], receive_times: ReceiveTimes, source: str
 ) -> Telemetry | None:
     """Returns the vehicle of one namespace, from PX4's topics, or otherwise from MAVROS's topics.
@@ -366,7 +366,10 @@ def _on_boot_clock(
     """
     stamps: dict[str, Integers] = {}
     for name, table in tables.items():
-        summands = [_nanoseconds(table.columns[field], unit) for field, unit in stamp_units.items()]
+        summands = [
+            _stamps_in_nanoseconds(table.columns[field], unit)
+            for field, unit in stamp_units.items()
+        ]
         stamps[name] = np.sum(summands, axis=0)
     # A counter that wraps looks like a clock that is set; that is undone later.
     steady_stamps = {name: values for name, values in stamps.items() if name not in WRAP_PERIODS}
@@ -435,7 +438,7 @@ MAX_NANOSECONDS = 9 * 10**18
 """Bound of stamps, ns: 64 bits with a sign do not hold much more."""
 
 
-def _nanoseconds(values: Array, unit: int) -> Integers:
+def _stamps_in_nanoseconds(values: Array, unit: int) -> Integers:
     """Converts time stamps to integer nanoseconds.
 
     Nanoseconds since 1970 have 19 digits, of which a float holds only 16. So each number of a stamp, such as its

@@ -273,7 +273,7 @@ class DensityModel:
         """
         parameters = LoopParameters.from_logarithms(theta)
         loop = self._closed_loop(parameters)
-        components = self._components(parameters, loop, with_reference=with_reference)
+        components = self._source_components(parameters, loop, with_reference=with_reference)
         source_densities = _source_densities(components)
         steps = self._synchronous_steps(parameters, loop, with_reference=with_reference)
         density = self._logging_error + steps.quantity_density
@@ -300,7 +300,7 @@ class DensityModel:
         """
         parameters = LoopParameters.from_logarithms(theta)
         loop = self._closed_loop(parameters)
-        components = self._components(parameters, loop)
+        components = self._source_components(parameters, loop)
         source_densities = _source_densities(components)
         steps = self._synchronous_steps(parameters, loop)
         steps_density = steps.quantity_density
@@ -348,7 +348,7 @@ class DensityModel:
             parameters, self._controller, self._gyro_filter, self._angle_gain, self._s
         )
 
-    def _components(
+    def _source_components(
         self, parameters: LoopParameters, loop: ClosedLoopResponse, *, with_reference: bool = True
     ) -> list[DensityComponent]:
         """Returns the components of the densities of all sources except the synchronous steps.

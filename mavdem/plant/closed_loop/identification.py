@@ -269,7 +269,7 @@ def _mixture_of_modes(
     mean = weights @ mode_points
     # The law of total variance adds the mean covariance within the modes and the covariance of their means.
     covariance_within = sum(
-        weight * _covariance(posterior, mode.curvature)
+        weight * _sandwich_covariance(posterior, mode.curvature)
         for weight, mode in zip(weights, modes, strict=True)
     )
     covariance_between = (mode_points - mean).T * weights @ (mode_points - mean)
@@ -278,7 +278,7 @@ def _mixture_of_modes(
     )
 
 
-def _covariance(posterior: AxisPosterior, curvature: Array) -> Array:
+def _sandwich_covariance(posterior: AxisPosterior, curvature: Array) -> Array:
     """Returns the sandwich covariance of θ at a mode, H⁻¹ V H⁻¹.
 
     H is the curvature, and V the variance of the gradient. If the likelihood were exact, V would be H, and the

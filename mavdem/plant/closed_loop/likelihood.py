@@ -97,7 +97,7 @@ class AxisPosterior:
 
     def value(self, theta: Array) -> float:
         """Returns the log posterior density of θ (k,); minus infinity if the model has no likelihood."""
-        whitened_density = self._whiten(self.densities.density(theta))
+        whitened_density = self._whiten_spectra(self.densities.density(theta))
         return whitened_density.log_likelihood + self._log_prior(theta)
 
     def expand(self, theta: Array) -> QuadraticExpansion:
@@ -122,7 +122,7 @@ class AxisPosterior:
         """
         # The densities (J, C, C) of C quantities in J bands, and their derivatives (J, k, C, C).
         density, density_derivatives = self.densities.density_and_gradient(theta)
-        whitened_density = self._whiten(density)
+        whitened_density = self._whiten_spectra(density)
         # One row for each entry of θ: the derivatives A_j of all bands, whitened and multiplied by √n_j.
         derivative_rows = self._whitened_rows(density_derivatives, whitened_density.whitener)
         # I_j − Φ_j in the same form: Φ_j is the identity after whitening.
@@ -184,7 +184,7 @@ class AxisPosterior:
         """Returns the logarithm of the normal prior density of θ (k,), up to a constant."""
         return -0.5 * np.sum(((theta - self.prior_mean) / self.prior_sd) ** 2)
 
-    def _whiten(self, density: ComplexArray) -> WhitenedSpectra:
+    def _whiten_spectra(self, density: ComplexArray) -> WhitenedSpectra:
         """Whitens the estimated spectra by a model's density, and computes the log likelihood.
 
         With the Cholesky factor Φ = L Lᴴ, the log determinant is ln det Φ = 2 Σ ln diag L, and the trace tr(Φ⁻¹ I) is
