@@ -145,6 +145,15 @@ class Evidence:
         return time_history(self.signals, self.learnability.segments, self.wind, self.events)
 
     @cached_property
+    def history_of_all_flights(self) -> TimeHistory | None:
+        """The same signals, with the flights of other boots before and after them, to be drawn."""
+        if len(recorded_spans(self.signals)) == 1:
+            return self.time_history
+        return time_history(
+            self.signals, self.learnability.segments, self.wind, self.events, has_all_flights=True
+        )
+
+    @cached_property
     def reasons_not_to_fly(self) -> Facts:
         """Why the vehicle must not fly again as it is: it was lost, it oscillates, or a motor is at its limit.
 

@@ -1,7 +1,7 @@
 """Time history of a flight: the signals of the boot that was analysed, from shortly before arming to after disarming.
 
-A log may contain several boots: times between two starts of the autopilot, each with a clock that begins at 0. Times of
-different boots cannot share an axis, so a time history has one boot only. Page and dashboard draw it.
+A log may contain several boots: times between two starts of the autopilot, each with a clock that begins at 0. A time
+history is on the clock of one of them, and has this boot only or, for a page, the flights of all boots.
 """
 
 from collections.abc import Mapping
@@ -10,12 +10,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from mavdem.arrays import Array
+from mavdem.assessment.flights import flights_in_boot
+from mavdem.assessment.shown_time import ShownTime, one_part, successive_parts
 from mavdem.containers import Names
 from mavdem.dataset import flight_states
 from mavdem.dataset.axes import AXES
 from mavdem.dataset.batteries import battery_name
-from mavdem.dataset.segments import Segment, Segments, in_segments
-from mavdem.dataset.setpoints import Setpoint, held_setpoint
+from mavdem.dataset.segments import Segment, Segments
+from mavdem.dataset.setpoints import Setpoint
 from mavdem.dataset.signals import Signals
 from mavdem.dataset.time_series import TimeSeries
 from mavdem.facts import Facts
@@ -96,7 +98,7 @@ class TimeHistory:
     """
 
     segment: Segment
-    """The boot, with the first and the last time."""
+    """The boot on whose clock the times are, with the first and the last time that is shown."""
     height: TimeSeries | None
     """Height (N,), m."""
     motors: MotorHistory | None
@@ -110,15 +112,20 @@ class TimeHistory:
     modes: tuple[ModeInterval, ...]
     """Flight modes in the order of time."""
     events: tuple[Event, ...]
-    """What happened in the boot, or in a boot that is not known, in the order of time."""
+    """What happened in the shown boots, or in a boot that is not known, in the order of boot and time."""
     position: TimeSeries | None
     """Flown path (N, 3), m north, east and down."""
 
 
 def time_history(
-    signals: Signals, settled_segments: Segments, wind: WindEvidence, events: Facts
+    signals: Signals,
+    settled_segments: Segments,
+    wind: WindEvidence,
+    events: Facts,
+    *,
+    has_all_flights: bool = False,
 ) -> TimeHistory | None:
-    """Returns the signals of the boot that was analysed, over time.
+    """Returns the signals of the boot that was analysed, or of all flights, over time.
 
     Args:
         signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.
@@ -126,6 +133,8 @@ def time_history(
             with the most samples of the attitude.
         wind: evidence of the wind.
         events: events in the order of boot and time.
+        has_all_flights: whether the flights of other boots are shown too, before and after this boot. The wind and the
+            flown path, whose origin changes with a restart, are of this boot alone.
 
     Returns:
         The time history; None if the boot has less than two samples of the attitude.
@@ -133,21 +142,38 @@ def time_history(
     segment = _segment_of_flight(signals, settled_segments)
     if segment is None:
         return None
-    events_of_boot = []
-    for fact in events:
-        if fact.time is not None and fact.figures.get("boot", segment.boot) == segment.boot:
-            events_of_boot.append(Event(fact.time, fact))
+    shown = one_part(segment)
+    position = shown.within(signals.position)
+    if has_all_flights:
+        shown = successive_parts(_segments_of_flights(signals, segment), segment.boot)
+    shown_events = [shown.event(fact) for fact in events]
     return TimeHistory(
-        segment=segment,
-        height=_samples_within(signals.height, segment),
-        motors=_motor_history(signals, segment),
-        voltages=_battery_voltages(signals, segment),
-        axes={axis: _axis_history(signals.for_axis(axis), segment) for axis in AXES},
+        segment=shown.segment,
+        height=shown.within(signals.height),
+        motors=_motor_history(signals, shown),
+        voltages=_battery_voltages(signals, shown),
+        axes={axis: _axis_history(signals.for_axis(axis), shown) for axis in AXES},
         wind=wind_history(wind, segment),
-        modes=_mode_intervals(signals, segment),
-        events=tuple(events_of_boot),
-        position=_samples_within(signals.position, segment),
+        modes=_mode_intervals(signals, shown),
+        events=tuple(event for event in shown_events if event is not None),
+        position=position,
     )
+
+
+def _segments_of_flights(signals: Signals, segment: Segment) -> list[Segment]:
+    """Returns the part of each boot with a flight, and of the analysed one, in the order of the boots.
+
+    Args:
+        signals: logged time series of the vehicle, with at least one attitude.
+        segment: part of the boot that was analysed.
+    """
+    segments = [segment]
+    for boot in np.unique(signals.tilts[0].boot).tolist():
+        if boot != segment.boot and flights_in_boot(signals, boot):
+            other_segment = _segment_of_boot(signals, boot)
+            if other_segment is not None:
+                segments.append(other_segment)
+    return sorted(segments, key=lambda one: one.boot)
 
 
 def _segment_of_flight(signals: Signals, settled_segments: Segments) -> Segment | None:
@@ -164,11 +190,25 @@ def _segment_of_flight(signals: Signals, settled_segments: Segments) -> Segment 
     """
     if not signals.tilts:
         return None
-    tilt = signals.tilts[0]
     if settled_segments:
         boot = int(settled_segments[0].boot)
     else:
-        boot = int(np.bincount(tilt.boot, minlength=1).argmax())
+        boot = int(np.bincount(signals.tilts[0].boot, minlength=1).argmax())
+    return _segment_of_boot(signals, boot)
+
+
+def _segment_of_boot(signals: Signals, boot: int) -> Segment | None:
+    """Returns the part of a boot from shortly before arming to shortly after disarming.
+
+    Args:
+        signals: logged time series of the vehicle, with at least one attitude.
+        boot: number of the boot, from 0.
+
+    Returns:
+        The part, limited to the samples of the attitude; None with less than two of them. Without information on
+        arming it is the whole boot.
+    """
+    tilt = signals.tilts[0]
     time = tilt.time[tilt.boot == boot]
     if len(time) < 2:
         return None
@@ -180,32 +220,14 @@ def _segment_of_flight(signals: Signals, settled_segments: Segments) -> Segment 
     return Segment(boot, start, end)
 
 
-def _samples_within(signal: TimeSeries | None, segment: Segment) -> TimeSeries | None:
-    """Returns the samples of a signal within a segment.
-
-    Args:
-        signal: samples of the whole log; None if the signal was not recorded.
-        segment: boot, start and end.
-
-    Returns:
-        The samples; None if these are less than two, or it was not recorded.
-    """
-    if signal is None:
-        return None
-    is_inside = in_segments(signal, segment, slack=0)
-    if np.count_nonzero(is_inside) < 2:
-        return None
-    return signal.select(is_inside)
-
-
-def _motor_history(signals: Signals, segment: Segment) -> MotorHistory | None:
-    """Returns the outputs of the motors within a segment, in percent of their range.
+def _motor_history(signals: Signals, shown: ShownTime) -> MotorHistory | None:
+    """Returns the outputs of the motors in the shown time, in percent of their range.
 
     The deviations from the mean of all motors show the commands about the axes, without the common thrust.
 
     Args:
         signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.
-        segment: boot and time that are shown.
+        shown: the time that is shown.
 
     Returns:
         The outputs; None if they were not recorded.
@@ -216,38 +238,31 @@ def _motor_history(signals: Signals, segment: Segment) -> MotorHistory | None:
     percent = 100 * motors.scale.fraction(motors.outputs).clip(0.0)
     outputs = TimeSeries(motors.time, motors.boot, percent)
     deviations = replace(outputs, values=percent - percent.mean(axis=1, keepdims=True))
-    return MotorHistory(
-        motors.geometry.names,
-        _samples_within(outputs, segment),
-        _samples_within(deviations, segment),
-    )
+    return MotorHistory(motors.geometry.names, shown.within(outputs), shown.within(deviations))
 
 
-def _battery_voltages(signals: Signals, segment: Segment) -> dict[str, TimeSeries | None]:
-    """Collects the voltages of the batteries within a segment.
+def _battery_voltages(signals: Signals, shown: ShownTime) -> dict[str, TimeSeries | None]:
+    """Collects the voltages of the batteries in the shown time.
 
     Args:
         signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.
-        segment: boot, start and end.
+        shown: the time that is shown.
 
     Returns:
-        Voltage, V, by the battery's name, "battery" if there is only one; None if it was not recorded in the segment.
+        Voltage, V, by the battery's name, "battery" if there is only one; None if it was not recorded then.
     """
     batteries = signals.batteries
     if len(batteries) == 1:
-        return {"battery": _samples_within(batteries[0].voltage, segment)}
-    return {
-        battery_name(battery.number): _samples_within(battery.voltage, segment)
-        for battery in batteries
-    }
+        return {"battery": shown.within(batteries[0].voltage)}
+    return {battery_name(battery.number): shown.within(battery.voltage) for battery in batteries}
 
 
-def _axis_history(signals: Signals, segment: Segment) -> AxisHistory | None:
-    """Returns angle and rate of one axis within a segment, with their setpoints.
+def _axis_history(signals: Signals, shown: ShownTime) -> AxisHistory | None:
+    """Returns angle and rate of one axis in the shown time, with their setpoints.
 
     Args:
         signals: signals of the vehicle, for this axis.
-        segment: boot and time that are shown.
+        shown: the time that is shown.
 
     Returns:
         Angle and rate with their setpoints; None without an attitude.
@@ -261,15 +276,15 @@ def _axis_history(signals: Signals, segment: Segment) -> AxisHistory | None:
     is_in_degrees = np.nanstd(rate.values) > MIN_DEGREES_RATIO * np.nanstd(attitude.rate)
     rate_unit = "°/s" if is_in_degrees else "rad/s"
     return AxisHistory(
-        _followed_setpoint(attitude.angle_series, signals.angle_setpoint, "rad", segment),
-        _followed_setpoint(rate, rate_setpoint, rate_unit, segment),
+        _followed_setpoint(attitude.angle_series, signals.angle_setpoint, "rad", shown),
+        _followed_setpoint(rate, rate_setpoint, rate_unit, shown),
     )
 
 
 def _followed_setpoint(
-    signal: TimeSeries, setpoint: TimeSeries | None, unit: str, segment: Segment
+    signal: TimeSeries, setpoint: TimeSeries | None, unit: str, shown: ShownTime
 ) -> FollowedSetpoint | None:
-    """Returns a signal within a segment, with its setpoint at the same times.
+    """Returns a signal in the shown time, with its setpoint at the same times.
 
     A setpoint applies until the next one, so that the latest one at each sample of the signal is used.
 
@@ -277,19 +292,19 @@ def _followed_setpoint(
         signal: measured quantity.
         setpoint: commanded quantity; None if it was not recorded.
         unit: unit of both.
-        segment: boot and time that are shown.
+        shown: the time that is shown.
 
     Returns:
-        The signal with its setpoint, None if that was not recorded in the segment. The result is None with less than
+        The signal with its setpoint, None if that was not recorded in the shown time. The result is None with less than
         two samples of the signal there.
     """
-    measured_signal = _samples_within(signal, segment)
+    measured_signal = shown.within(signal)
     if measured_signal is None:
         return None
     latest_setpoint = None
     if setpoint is not None:
         recorded_setpoint = Setpoint(name="", unit=unit, message="", signal=setpoint)
-        setpoint_at_samples = held_setpoint(recorded_setpoint, segment.boot, measured_signal.time)
+        setpoint_at_samples = shown.setpoint_at_samples(recorded_setpoint, signal)
         if np.isfinite(setpoint_at_samples).any():
             latest_setpoint = setpoint_at_samples
     return FollowedSetpoint(measured_signal, latest_setpoint, unit)
@@ -315,27 +330,30 @@ def wind_history(evidence: WindEvidence, segment: Segment) -> WindHistory | None
     polar = wind.as_polar(autopilot.values, band=np.zeros_like(autopilot.values))
     speed = TimeSeries(autopilot.time, autopilot.boot, polar.speed)
     direction = TimeSeries(autopilot.time, autopilot.boot, polar.direction)
-    return WindHistory(wind, _samples_within(speed, segment), _samples_within(direction, segment))
+    shown = one_part(segment)
+    return WindHistory(wind, shown.within(speed), shown.within(direction))
 
 
-def _mode_intervals(signals: Signals, segment: Segment) -> tuple[ModeInterval, ...]:
-    """Lists the flight modes within a segment, each from its change to the next.
+def _mode_intervals(signals: Signals, shown: ShownTime) -> tuple[ModeInterval, ...]:
+    """Lists the flight modes in the shown time, each from its change to the next.
 
-    The mode in which the segment begins may have been set before it, so that intervals are cut at the segment's ends.
+    The mode in which a part begins may have been set before it, so that intervals are cut at the ends of each part.
 
     Args:
         signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.
-        segment: boot and time that are shown.
+        shown: the time that is shown.
 
     Returns:
         The modes in time order, with start and end of each.
     """
-    changes = signals.mode_changes(segment.boot)
-    end_times = [time for time, _ in changes[1:]] + [segment.end]
     modes = []
-    for (time, name), end_time in zip(changes, end_times, strict=False):
-        start = max(time, segment.start)
-        end = min(end_time, segment.end)
-        if start < end:
-            modes.append(ModeInterval(name, start, end))
+    for part in shown.parts:
+        segment = part.segment
+        changes = signals.mode_changes(segment.boot)
+        end_times = [time for time, _ in changes[1:]] + [segment.end]
+        for (time, name), end_time in zip(changes, end_times, strict=False):
+            start = max(time, segment.start)
+            end = min(end_time, segment.end)
+            if start < end:
+                modes.append(ModeInterval(name, start + part.shift, end + part.shift))
     return tuple(modes)

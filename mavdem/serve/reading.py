@@ -208,7 +208,9 @@ def _write_first_plots(log: Log, path: Path) -> None:
     """
     for telemetry in log.vehicles:
         signals = Signals(telemetry)
-        history = time_history(signals, (), UNKNOWN_WIND, reported_events(signals))
+        history = time_history(
+            signals, (), UNKNOWN_WIND, reported_events(signals), has_all_flights=True
+        )
         if history is not None:
             path.write_text(first_plots(history), "utf-8", "replace")
             return

@@ -1,13 +1,17 @@
 """The time history: one boot of a log, from shortly before arming to shortly after disarming, without short signals."""
 
+from dataclasses import replace
+
 import numpy as np
 from hover import Hover, asking, changed, columns
 from numpy.testing import assert_allclose
 from partial_records import partial_record
 from pytest import approx
 
+from mavdem.assessment.shown_time import SECONDS_BETWEEN_BOOTS
 from mavdem.assessment.time_history import SECONDS_AROUND_FLIGHT, time_history
 from mavdem.dataset.learnability import learnability_of
+from mavdem.dataset.segments import Segment
 from mavdem.dataset.signals import Signals
 from mavdem.facts import Fact
 from mavdem.facts.events import ReportedEvent
@@ -59,6 +63,35 @@ def test_motors_are_in_percent_of_their_range_and_of_their_mean():
     assert motors.outputs.values[hovering].mean() == approx(60.0, abs=5.0)
     assert_allclose(motors.deviations.values.mean(axis=1), 0.0, atol=1e-9)
     assert_allclose(np.diff(motors.deviations.values), np.diff(motors.outputs.values), atol=1e-9)
+
+
+def test_the_flights_of_all_boots_are_drawn_one_after_the_other():
+    # The same flight in two boots; the second is analysed.
+    telemetry = armed_from_20_to_40_s()
+    messages = {}
+    for name, table in telemetry.messages.items():
+        messages[name] = {
+            field: np.concatenate([values, values]) for field, values in table.items()
+        }
+        messages[name]["boot"] = np.repeat([0, 1], len(table["time"]))
+    signals = Signals(replace(telemetry, messages=messages))
+    settled = [Segment(1, 25.0, 35.0)]
+    events = [
+        Fact(ReportedEvent.MOTORS_ARMED, time=20.0, boot=0),
+        # Before the part of its boot that is shown: at its place is the end of the first flight.
+        Fact(ReportedEvent.MODE_CHANGED, time=10.0, boot=1),
+    ]
+    one_flight = time_history(signals, settled, NO_WIND, events)
+    history = time_history(signals, settled, NO_WIND, events, has_all_flights=True)
+    shown = history.segment
+    assert (shown.boot, shown.end) == (1, one_flight.segment.end)
+    period = one_flight.segment.duration + SECONDS_BETWEEN_BOOTS
+    assert shown.start == approx(one_flight.segment.start - period)
+    angle = history.axes["roll"].angle.measured
+    assert set(angle.boot) == {1} and (np.diff(angle.time) > 0).all()
+    earlier = angle.select(angle.time < one_flight.segment.start - 1.0)
+    assert_allclose(earlier.values, HOVER.roll(earlier.time + period), atol=1e-6)
+    assert [event.seconds for event in history.events] == [approx(20.0 - period)]
 
 
 def test_a_signal_with_a_single_sample_in_flight_is_left_out():

@@ -169,20 +169,26 @@ class Timeline(NamedTuple):
         return chart._replace(x=self._time_axis, marks=tuple(event_marks), spans=training_spans)
 
 
-def assessment_timeline(assessment: Assessment) -> Timeline | None:
-    """Returns the charts and events of the boot that was analysed, all over one axis of time.
+def assessment_timeline(
+    assessment: Assessment, *, has_all_flights: bool = False
+) -> Timeline | None:
+    """Returns the charts and events of the boot that was analysed, or of all flights, over one axis of time.
 
     Args:
         assessment: all that was found out about the log.
+        has_all_flights: whether the flights of other boots are drawn before and after this boot.
 
     Returns:
         The timeline; None if nothing was analysed, or the boot has less than two samples of the attitude.
     """
     analysis = assessment.analysis
     evidence = assessment.evidence
-    if analysis is None or evidence is None or evidence.time_history is None:
+    if analysis is None or evidence is None:
         return None
-    timeline = history_timeline(evidence.time_history)
+    history = evidence.history_of_all_flights if has_all_flights else evidence.time_history
+    if history is None:
+        return None
+    timeline = history_timeline(history)
     if assessment.drawn_wind is None:
         timeline = timeline._replace(wind_charts=())
     torque_chart = _wind_torque_chart(assessment.analyses)

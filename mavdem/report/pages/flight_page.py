@@ -164,7 +164,7 @@ def log_page(
         vehicle = assessment.evidence.signals.telemetry
         changes = gain_changes(name, vehicle, advice, assessment.next_step)
     with sentences_for(Medium(has_terminal=False, has_gain_table=changes is not None)):
-        timeline = assessment_timeline(assessment)
+        timeline = assessment_timeline(assessment, has_all_flights=True)
         texts_above = (str(assessment.next_step), evidence_text(assessment.headline))
         events = _numbered_events(assessment.events, timeline, *texts_above)
         if timeline is not None:

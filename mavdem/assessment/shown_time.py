@@ -1,0 +1,136 @@
+"""The time that plots of a flight show: a part of one boot of the autopilot, or of several, on one clock.
+
+Each boot has a clock that begins at 0. Parts of several boots are put on the clock of one of them, one after the other,
+``SECONDS_BETWEEN_BOOTS`` apart, since no clock says how long a restart took.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from mavdem.arrays import Array
+from mavdem.dataset.segments import Segment, in_segments
+from mavdem.dataset.setpoints import Setpoint, held_setpoint
+from mavdem.dataset.time_series import TimeSeries
+from mavdem.facts import Fact
+from mavdem.facts.event import Event
+
+SECONDS_BETWEEN_BOOTS = 5.0
+"""Time between the parts of two boots on one clock, s: a choice, wide enough to be seen as a gap."""
+
+
+@dataclass(frozen=True)
+class ShownPart:
+    """The part of one boot that a time history shows, and where it lies on the clock of the history."""
+
+    segment: Segment
+    """The part, s on the clock of its own boot."""
+    shift: float = 0.0
+    """What is added to its times, s, to put them on the clock of the history."""
+
+    @property
+    def end(self) -> float:
+        """Its end on the clock of the history, s."""
+        return self.segment.end + self.shift
+
+
+@dataclass(frozen=True)
+class ShownTime:
+    """The time that a time history shows: one part for each boot, in order."""
+
+    boot: int
+    """The boot on whose clock the history is."""
+    parts: tuple[ShownPart, ...]
+    """The parts, which do not overlap."""
+
+    @property
+    def segment(self) -> Segment:
+        """All parts from the first to the last time, on the clock of the history."""
+        first_part = self.parts[0]
+        start = first_part.segment.start + first_part.shift
+        return Segment(self.boot, start, self.parts[-1].end)
+
+    def within(self, signal: TimeSeries | None) -> TimeSeries | None:
+        """Returns the samples of a signal in all parts, on the clock of the history.
+
+        Args:
+            signal: samples of the whole log; None if the signal was not recorded.
+
+        Returns:
+            The samples; None if these are less than two, or it was not recorded.
+        """
+        if signal is None:
+            return None
+        samples = [signal.select(in_segments(signal, part.segment, slack=0)) for part in self.parts]
+        time = [
+            part_samples.time + part.shift
+            for part_samples, part in zip(samples, self.parts, strict=True)
+        ]
+        values = np.concatenate([part_samples.values for part_samples in samples])
+        if len(values) < 2:
+            return None
+        return TimeSeries(np.concatenate(time), np.full(len(values), self.boot), values)
+
+    def event(self, fact: Fact) -> Event | None:
+        """Returns a fact as an event on the clock of the history; None without a time.
+
+        An event of a boot without a part, or between two parts, has no place either: there, another boot is shown.
+
+        Args:
+            fact: the fact, of the history's boot unless it has a figure ``boot``.
+        """
+        boot = fact.figures.get("boot", self.boot)
+        for part in self.parts:
+            if part.segment.boot != boot or fact.time is None:
+                continue
+            is_shown = part.segment.start <= fact.time <= part.segment.end
+            if is_shown or len(self.parts) == 1:
+                return Event(fact.time + part.shift, fact)
+        return None
+
+    def setpoint_at_samples(self, setpoint: Setpoint, signal: TimeSeries) -> Array:
+        """Returns a setpoint at the samples (N,) of a signal that are shown, as :meth:`within` returns them.
+
+        Args:
+            setpoint: recorded values of the setpoint.
+            signal: samples of the whole log.
+
+        Returns:
+            (N,) the last setpoint before each sample; NaN where none holds.
+        """
+        setpoints = []
+        for part in self.parts:
+            time = signal.select(in_segments(signal, part.segment, slack=0)).time
+            setpoints.append(held_setpoint(setpoint, part.segment.boot, time))
+        return np.concatenate(setpoints)
+
+
+def one_part(segment: Segment) -> ShownTime:
+    """Returns the shown time of a single part, on the clock of its boot."""
+    return ShownTime(segment.boot, (ShownPart(segment),))
+
+
+def successive_parts(segments: Sequence[Segment], boot: int) -> ShownTime:
+    """Returns the shown time of parts of several boots, one after the other.
+
+    Args:
+        segments: a part of each boot, in the order of the boots.
+        boot: the boot on whose clock all are put; one of theirs.
+    """
+    # The parts are put on the clock of the first boot, then all on that of the chosen one.
+    shifts: list[float] = []
+    chosen_shift = 0.0
+    next_start = 0.0
+    for segment in segments:
+        shifts.append(next_start - segment.start)
+        next_start += segment.duration + SECONDS_BETWEEN_BOOTS
+        if segment.boot == boot:
+            chosen_shift = shifts[-1]
+    parts = [
+        ShownPart(segment, shift - chosen_shift)
+        for segment, shift in zip(segments, shifts, strict=True)
+    ]
+    return ShownTime(boot, tuple(parts))
