@@ -38,5 +38,6 @@ class WatchFact(Code):
     NO_ALARM = "no_alarm"
     STOPPED_IN_AIR = "stopped_in_air"
     FALLS_AT_IDLE = "falls_at_idle"
+    SINKS_AT_LIMIT = "sinks_at_limit"
     ALARM_OVER = "alarm_over"
     OTHER_VEHICLE_ALARM = "other_vehicle_alarm"

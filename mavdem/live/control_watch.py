@@ -26,7 +26,7 @@ from mavdem.assessment.reported import has_sunk_after, stopped_in_air
 from mavdem.containers import Names
 from mavdem.dataset.attitude import ATTITUDE_MESSAGES
 from mavdem.dataset.axes import TILT_AXES
-from mavdem.dataset.flight_states import min_airborne_collective
+from mavdem.dataset.flight_states import MANUAL_THROTTLE_MODES, min_airborne_collective
 from mavdem.dataset.grounded import MAX_GROUND_HEIGHT, MAX_SETPOINT_DELAY
 from mavdem.dataset.intervals import TimeInterval
 from mavdem.dataset.motor_outputs import MotorOutputs
@@ -43,6 +43,7 @@ from mavdem.live.messages import IMU_MESSAGES, MESSAGE_FIELDS, STICK_MESSAGES, M
 from mavdem.live.pose import LatestPose
 from mavdem.live.recent_messages import RecentMessages, TimedValues, columns_from
 from mavdem.witnesses.boot_sensors import MIN_SINK_RATE, BootSensors
+from mavdem.witnesses.sensors import BAROMETERS
 
 SLOW_MESSAGES = (
     "HEARTBEAT",
@@ -258,6 +259,29 @@ class ControlWatch:
         height = loss.figures.get("height")
         return is_new and height is not None and height < MIN_PARACHUTE_HEIGHT
 
+    def held_climb_rate(self, moment: FlightMoment) -> TimeSeries | None:
+        """Returns the estimated speed upward in the last seconds, m/s, where the autopilot is to hold the height.
+
+        Args:
+            moment: present time.
+
+        Returns:
+            The speed; None in a mode that lands or leaves the throttle to the pilot, where the sensors contradict each
+            other, or where no speed comes.
+        """
+        start = moment.time - MEMORY_SECONDS
+        signals = self.signals(
+            moment.vehicle, moment.motion, (BAROMETERS[0],), start, has_accelerometer=False
+        )
+        boot = self._recent.boot
+        landing = signals.landing
+        is_landing = landing is not None and bool(landing.values[-1])
+        is_manual = signals.mode_at(boot, moment.time) in MANUAL_THROTTLE_MODES
+        sensors = BootSensors(signals, boot, moment.takeoff_time)
+        if is_landing or is_manual or sensors.height.contradictions:
+            return None
+        return series_of_boot(signals.climb_rate, boot)
+
     def crash_after_loss(self, moment: FlightMoment) -> FlightEnd | None:
         """Judges whether a vehicle that lost control has met the ground, while the autopilot reports it as flying.
 
@@ -294,7 +318,7 @@ class ControlWatch:
             Whether the motors stopped in the air, whether the vehicle has sunk since, and how it was lost, as the
             review of its recording would find; no loss before it has met the ground.
         """
-        signals = self.signals(moment.vehicle, moment.motion)
+        signals = self.signals(moment.vehicle, moment.motion, (BAROMETERS[0],))
         boot = self._recent.boot
         take_off = moment.takeoff_time
         sensors = BootSensors(signals, boot, take_off)
@@ -309,9 +333,8 @@ class ControlWatch:
             # The attitude was lost in an earlier flight.
             attitude_loss = None
         if attitude_loss is None and not is_in_air:
+            # A vehicle that hits the ground upright, since it cannot hold its height, has none.
             attitude_loss = self._toppling(sensors, error, (take_off, end_time))
-            if attitude_loss is None:
-                return FlightEnd(is_in_air, is_falling, loss=None)
         contact = ground_contact(sensors, error, (take_off, end_time), attitude_loss, reports)
         losses = flight_losses(attitude_loss, contact)
         if losses.contact is None:

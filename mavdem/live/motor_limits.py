@@ -6,10 +6,13 @@ import numpy as np
 
 from mavdem.arrays import Flags
 from mavdem.assessment.failure_by_commands import SPENT_THRUST_SHARE
+from mavdem.assessment.height_divergence import MIN_TRUE_CLIMB
 from mavdem.containers import Names
 from mavdem.dataset.motor_outputs import MotorOutputs
-from mavdem.facts import Fact
+from mavdem.dataset.time_series import TimeSeries
+from mavdem.facts import Fact, Level
 from mavdem.facts.motors import MotorsLight
+from mavdem.facts.watch import WatchFact
 from mavdem.live.samples import DECISION_SECONDS
 from mavdem.motors.saturation import most_limited_motors
 
@@ -18,6 +21,9 @@ ALARMING_SHARE = 0.7
 
 Healthy vehicles that yaw or climb reach about half of it.
 """
+
+MIN_CLIMB_RATES = 3
+"""Least number of estimated speeds in these seconds by which a vehicle sinks, a choice: they come at 2 to 10 Hz."""
 
 MIN_LIMIT_SAMPLES = 10
 """Least number of outputs by which a motor is said to stay at its limit, a choice: a single one may be of a gust."""
@@ -48,6 +54,43 @@ def motor_at_upper_limit(motors: MotorOutputs, is_at_upper: Flags, now: float) -
     if fact is None or not has_reserve:
         return None
     return fact.replace(duration=now - motors.time[recent][0])
+
+
+def sinks_at_limit(
+    motors: MotorOutputs, is_at_upper: Flags, climb_rate: TimeSeries, now: float
+) -> Fact | None:
+    """Returns the fact that a vehicle sinks although motors are at their upper limit: it cannot hold its height.
+
+    Args:
+        motors: outputs of k motors in the last seconds, N samples.
+        is_at_upper: (N, k) whether each output is at its motor's upper limit.
+        climb_rate: estimated speed upward, m/s.
+        now: present time on the boot clock, s.
+
+    Returns:
+        The fact, with the present speed, and the names of the motors that have been at their limit for most of the last
+        ``DECISION_SECONDS``, or none where all were. None if no motor was, or if the vehicle has not sunk faster than
+        ``MIN_TRUE_CLIMB`` all that time.
+    """
+    start = now - DECISION_SECONDS
+    recent_rates = climb_rate.values[climb_rate.time >= start]
+    recent_flags = is_at_upper[motors.time >= start]
+    if len(recent_rates) < MIN_CLIMB_RATES or len(recent_flags) < MIN_LIMIT_SAMPLES:
+        return None
+    shares = recent_flags.mean(axis=0)
+    is_sinking = bool((recent_rates <= -MIN_TRUE_CLIMB).all())
+    if not is_sinking or shares.max() < ALARMING_SHARE:
+        return None
+    has_reserve = shares.min() < ALARMING_SHARE
+    names = most_limited_motors(motors.geometry.names, shares) if has_reserve else ()
+    return Fact(
+        WatchFact.SINKS_AT_LIMIT,
+        Level.BAD,
+        subject=names[0] if len(names) == 1 else "",
+        names=names,
+        share=shares.max(),
+        speed=-float(recent_rates[-1]),
+    )
 
 
 def with_earlier_motors(limited_motor: Fact, alarm: Fact | None) -> Fact:

@@ -62,6 +62,10 @@ EMPTYING_BATTERY = (ReportedEvent.BATTERY_WARNED, PowerLight.BATTERY_LOW, PowerL
 """Lights of the power that advise a landing in flight, even if they are to be watched only."""
 
 
+FALLS = (WatchFact.FALLS_AT_IDLE, WatchFact.STOPPED_IN_AIR, WatchFact.SINKS_AT_LIMIT)
+"""Facts that a vehicle loses its height against its will."""
+
+
 class Latency(NamedTuple):
     """Seconds from the arrival of a packet on this computer to the estimate that it completes; NaN before any."""
 
@@ -491,7 +495,7 @@ def _is_event(fact: Fact) -> bool:
     """Returns whether a fact, or what it says is over, is an event: a loss, or what motion or autopilot report."""
     if fact.code is WatchFact.ALARM_OVER:
         fact = fact.figures["reason"]
-    is_fall = fact.code in (WatchFact.FALLS_AT_IDLE, WatchFact.STOPPED_IN_AIR)
+    is_fall = fact.code in FALLS
     return is_fall or isinstance(fact.code, (Ending, MotionEvent, ReportedEvent))
 
 

@@ -25,7 +25,7 @@ from mavdem.dataset.quality import samples_at_limits
 from mavdem.dataset.setpoints import SETPOINT_MESSAGE
 from mavdem.dataset.signals import Signals
 from mavdem.facts import Fact, Facts, Level
-from mavdem.facts.ending import Ending, MotionEvent
+from mavdem.facts.ending import Ending, FailedFirst, MotionEvent
 from mavdem.facts.estimator import EstimatorLight
 from mavdem.facts.events import ReportedEvent
 from mavdem.facts.lights import Light
@@ -48,7 +48,11 @@ from mavdem.live.live_signals import (
     live_evidence,
 )
 from mavdem.live.messages import STATUS_MESSAGES, Message
-from mavdem.live.motor_limits import motor_at_upper_limit, with_earlier_motors
+from mavdem.live.motor_limits import (
+    motor_at_upper_limit,
+    sinks_at_limit,
+    with_earlier_motors,
+)
 from mavdem.live.recent_messages import MAX_EVENTS, RecentMessages
 from mavdem.live.report_alarms import ReportAlarms, is_lasting_state
 from mavdem.live.report_search import ReportSearch
@@ -102,6 +106,10 @@ NEEDS_ATTITUDE = (
 
 LOSSES_IN_AIR = (Ending.CONTROL_LOST, WatchFact.STOPPED_IN_AIR)
 """Losses of vehicles that are still in the air: how they meet the ground, which ends the flight, is not known yet."""
+
+OPEN_LOSSES = (*LOSSES_IN_AIR, Ending.LOSS_REPORTED)
+"""Losses that a contact with the ground replaces: by the motion a flight is known to be lost better, as in a log, than
+by the autopilot's report."""
 
 EXPLAINED_BY_LOSS = (
     WatchedQuantity.OSCILLATION,
@@ -569,7 +577,7 @@ class Watchdog:
             if height_events:
                 self._add_event(review, WatchedQuantity.HEIGHT, worst_fact(height_events))
         if moment.motion is not None:
-            self._judge_motor_limits(review, moment.motion)
+            self._judge_motor_limits(review, moment, moment.motion)
         if WatchedQuantity.OSCILLATION in review.facts:
             # In a limit cycle the motors go from limit to limit, and cannot be compared with each other.
             self.lights.remove_good(Light.MOTORS)
@@ -614,6 +622,10 @@ class Watchdog:
                 if may_wait and self.control.awaits_impact(loss, moment):
                     return []
             self._take_loss(loss, flight_end, review)
+        elif self.loss is None and self._is_sinking:
+            flight_end = self.control.crash_after_loss(moment)
+            if flight_end is not None and flight_end.loss is not None:
+                self._take_loss(flight_end.loss, flight_end, review)
         if self.loss is not None:
             self._fall = None
             return []
@@ -629,6 +641,12 @@ class Watchdog:
         self._fall = None
         return [end]
 
+    @property
+    def _is_sinking(self) -> bool:
+        """Whether the alarm is active that the vehicle cannot hold its height."""
+        alarm = self.alarms.facts.get(WatchedQuantity.MOTOR_LIMITS)
+        return alarm is not None and alarm.code is WatchFact.SINKS_AT_LIMIT
+
     def _take_loss(self, loss: Fact, end: FlightEnd | None, review: _Review) -> None:
         """Notes how the flight was lost, and the contact with the ground that ended it, for the alarms of a review.
 
@@ -639,6 +657,7 @@ class Watchdog:
         """
         if end is not None and end.loss is not None:
             loss = end.loss
+        loss = self._with_motor_at_limit(loss)
         is_contact = loss.code not in LOSSES_IN_AIR
         if end is not None and end.contact is not None and not is_contact:
             # The loss in the air came first, and stays what the flight is judged by.
@@ -652,6 +671,22 @@ class Watchdog:
         self.loss = loss
         review.facts[WatchedQuantity.CONTROL] = loss
         self._judge_motors_after_loss(loss)
+
+    def _with_motor_at_limit(self, loss: Fact) -> Fact:
+        """Adds to a loss without a known cause the motor at whose limit the vehicle could not hold its height before.
+
+        Motors reach their limit many seconds before such a vehicle meets the ground, and the seconds of outputs that
+        are kept no longer show it.
+
+        Args:
+            loss: how the flight was lost.
+        """
+        sinking = self.alarms.facts.get(WatchedQuantity.MOTOR_LIMITS)
+        has_cause = loss.figures.get("cause") is not None or loss.code not in Ending
+        if sinking is None or has_cause or not (self._is_sinking and sinking.subject):
+            return loss
+        cause = Fact(FailedFirst.LIMIT_FIRST, subject=sinking.subject)
+        return loss.replace(subject=sinking.subject, cause=cause, mode="")
 
     def _judge_attitude_estimate(self, review: _Review) -> None:
         """Judges whether the estimated attitude is NaN, by which the estimator has failed for certain.
@@ -667,13 +702,17 @@ class Watchdog:
         # The attitude is NaN now, whenever another fault of the estimator was there last.
         review.last_found_times.pop(WatchedQuantity.ESTIMATOR, None)
 
-    def _judge_motor_limits(self, review: _Review, motion: RecentMotion) -> None:
+    def _judge_motor_limits(
+        self, review: _Review, moment: FlightMoment, motion: RecentMotion
+    ) -> None:
         """Judges motors that reach the limits of their outputs.
 
         Two faults show there: a limit cycle (oscillation) that begins, and a motor that stays at its upper limit.
+        A vehicle that sinks meanwhile, where its height is to be held, is the more urgent fact of the two.
 
         Args:
             review: the review, to whose ``facts`` the faults are added.
+            moment: present time.
             motion: attitude and motor outputs of the last seconds.
         """
         motors = motion.motors
@@ -698,9 +737,17 @@ class Watchdog:
                 )
         has_just_taken_off = review.now - review.phase_start < DECISION_SECONDS
         limited_motor = motor_at_upper_limit(motors, is_at_upper, review.now)
+        alarm = self.alarms.facts.get(WatchedQuantity.MOTOR_LIMITS)
         if limited_motor is not None and not has_just_taken_off:
-            alarm = self.alarms.facts.get(WatchedQuantity.MOTOR_LIMITS)
-            review.facts[WatchedQuantity.MOTOR_LIMITS] = with_earlier_motors(limited_motor, alarm)
+            # A vehicle that could not hold its height has not become sound while a motor is at its limit.
+            if alarm is None or not self._is_sinking:
+                alarm = with_earlier_motors(limited_motor, alarm)
+            review.facts[WatchedQuantity.MOTOR_LIMITS] = alarm
+        climb_rate = self.control.held_climb_rate(moment) if is_at_upper.any() else None
+        if climb_rate is not None:
+            sinking = sinks_at_limit(motors, is_at_upper, climb_rate, review.now)
+            if sinking is not None:
+                review.facts[WatchedQuantity.MOTOR_LIMITS] = sinking
 
     def _judge_heights_on_ground(self, review: _Review, moment: FlightMoment) -> list[Fact]:
         """Judges what drifted, barometer or satellites, by the heights at rest before and after the latest flight.
@@ -755,9 +802,15 @@ class Watchdog:
             # The motors stopped between the last review in flight and the first one after it.
             fall_start = review.phase_start if self._fall is None else self._fall.time
             loss = Fact(WatchFact.STOPPED_IN_AIR, Level.BAD, time=fall_start)
-        # A loss in the air is replaced once it is known how the vehicle met the ground. Any other loss stays.
-        is_earlier_loss_final = self.loss is not None and self.loss.code not in LOSSES_IN_AIR
-        if loss is not None and not is_earlier_loss_final:
+        # A loss is replaced once it is known how the vehicle met the ground, unless it says so already.
+        earlier_loss = self.loss
+        is_earlier_loss_final = earlier_loss is not None and earlier_loss.code not in OPEN_LOSSES
+        is_known_report = (
+            earlier_loss is not None
+            and loss is not None
+            and earlier_loss.code is loss.code is Ending.LOSS_REPORTED
+        )
+        if loss is not None and not is_earlier_loss_final and not is_known_report:
             self._take_loss(loss, end, review)
             self._fall = None
 

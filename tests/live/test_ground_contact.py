@@ -8,10 +8,11 @@ import mavdem
 from mavdem.experiments.paper.flights import write_log
 from mavdem.facts.ending import Ending, MotionEvent
 from mavdem.facts.session import SessionFact
+from mavdem.facts.watch import WatchFact
 from mavdem.ingest.formats import read_stream
 from mavdem.live import LiveStream
 from mavdem.report.live import vehicle_text
-from sitl_scenarios.mishaps.specs import MotorStop
+from sitl_scenarios.mishaps.specs import MotorFade, MotorStop
 from sitl_scenarios.scenario import Scenario, StreamSpec
 from sitl_scenarios.simulation import fly
 
@@ -27,6 +28,36 @@ def flown(request, tmp_path_factory, coarse_physics):
     path = tmp_path_factory.mktemp("stopped") / "flight.tlog"
     write_log(path, scenario, fly(scenario))
     return path
+
+
+def alarms_of(path):
+    """The alarms of a live session that receives a log, as it reports them, and its stream."""
+    stream = LiveStream()
+    alarms = []
+    for stamp, frame in read_stream(path).stamped_frames():
+        stream.feed(stamp / 1e6, frame)
+        alarms += [event.fact for event in stream.drain_events()]
+    return stream, [fact for fact in alarms if fact.code is SessionFact.ALARM]
+
+
+def test_a_vehicle_that_sinks_with_a_motor_at_its_limit_is_said_to_before_it_hits_the_ground(
+    tmp_path,
+):
+    stream = StreamSpec(autopilot="ardupilot", rate=25.0, instruments=True)
+    mishap = MotorFade(kind="motor_fade", start=10.0, motor=3, seconds=12.0, thrust=0.3)
+    scenario = Scenario(duration=45.0, height=15.0, seed=3, stream=stream, mishap=mishap)
+    path = tmp_path / "flight.tlog"
+    write_log(path, scenario, fly(scenario))
+    session, alarms = alarms_of(path)
+    reasons = [alarm.figures["reason"] for alarm in alarms]
+    codes = [reason.code for reason in reasons]
+    assert codes.index(WatchFact.SINKS_AT_LIMIT) < codes.index(Ending.CRASHED)
+    sinking = reasons[codes.index(WatchFact.SINKS_AT_LIMIT)]
+    assert sinking.subject == "motor 3 (front left)" and sinking.figures["speed"] > 1.0
+    assert "Land at once" in alarms[codes.index(WatchFact.SINKS_AT_LIMIT)].remedy
+    # Which motor it was is said with the impact, and of one impact there is one alarm.
+    assert codes.count(Ending.CRASHED) == 1
+    assert "motor 3 (front left)" in session.status().loss.sentence
 
 
 def test_a_loss_is_said_before_its_impact_and_no_lost_vehicle_is_in_flight(flown):
