@@ -341,10 +341,10 @@ GROWTH_HEADER = [
 """Header of the table of a fleet's growth."""
 
 
-@main.command()
+@main.command("growth")
 @click.argument("logs", nargs=-1, required=True, type=click.Path(path_type=Path))
 @click.option("--plot", type=click.Path(path_type=Path), help="File for a picture of it.")
-def growth(logs: tuple[Path, ...], plot: Path | None) -> None:
+def measure_growth(logs: tuple[Path, ...], plot: Path | None) -> None:
     """Adds one log to fleets of 100, 1,000 and 10,000 logs, and opens their pages.
 
     The fleets are made of the LOGS, the first of which is the one that is added.
@@ -439,17 +439,17 @@ def draw_growth(table: Sequence[Sequence[str]], path: Path) -> None:
     figure.savefig(path, metadata={"Date": None})
 
 
-@main.command()
+@main.command("make")
 @click.argument("fleet", type=click.Path(path_type=Path))
 @click.argument("logs", nargs=-1, required=True, type=click.Path(path_type=Path))
-@click.option("--logs", "count", default=FLEET_SIZES[-1], help="Number of logs.")
-def make(fleet: Path, logs: tuple[Path, ...], count: int) -> None:
+@click.option("--logs", "log_count", default=FLEET_SIZES[-1], help="Number of generated logs.")
+def generate_fleet(fleet: Path, logs: tuple[Path, ...], log_count: int) -> None:
     """Makes a FLEET of --logs generated logs, copies of LOGS, whose pages can be opened."""
     with TemporaryDirectory() as folder:
         real_fleet = Path(folder, "real")
         run_mavdem("track", *logs, "--out", real_fleet)
         with open_store(fleet) as store:
-            fill_store(store, read_rows(real_fleet), count)
+            fill_store(store, read_rows(real_fleet), log_count)
     write_stand_in_pages(fleet)
     run_mavdem("track", logs[0], "--out", fleet)
 
@@ -501,10 +501,10 @@ CLUSTER_HEADER = ["workers", "s", "logs/s", "times one worker", "flights in the 
 """Header of the table of clusters."""
 
 
-@main.command()
+@main.command("cluster")
 @click.argument("logs", nargs=-1, required=True, type=click.Path(path_type=Path))
 @click.option("--logs", "max_logs", default=8, help="Logs that are read, the smallest ones.")
-def cluster(logs: tuple[Path, ...], max_logs: int) -> None:
+def measure_clusters(logs: tuple[Path, ...], max_logs: int) -> None:
     """Reads LOGS on clusters of 1, 2 and 4 workers, and again where a worker is killed half way.
 
     The time includes the start of the command and of the readers. Each row is printed as soon as it is measured.

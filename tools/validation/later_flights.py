@@ -129,18 +129,18 @@ def evaluate_vehicle(seed: int, margins: str) -> list[Values]:
     target = MARGIN_TARGETS[margins]
     first_scenario, first_loops = _first_flight(seed)
     rows = {}
-    for axis, first in first_loops.items():
-        rows[axis] = _row_by_first_plant(axis, first, margins)
+    for axis, first_loop in first_loops.items():
+        rows[axis] = _row_by_first_plant(axis, first_loop, margins)
     gains: dict[str, float] = {}
     loops: dict[str, Loop | NoLoop] = {
-        axis: first.identified for axis, first in first_loops.items()
+        axis: first_loop.identified for axis, first_loop in first_loops.items()
     }
     for number in range(1, MAX_FLIGHTS + 1):
         changes = _advised_changes([loops[axis] for axis in first_loops], margins)
         gains = {**gains, **changes}
-        for axis, first in first_loops.items():
+        for axis, first_loop in first_loops.items():
             row = rows[axis]
-            row["met"] = meets(first.with_gains(gains), target)
+            row["met"] = meets(first_loop.with_gains(gains), target)
             if row["met"] and "flown again" not in row:
                 row["flown again"] = number
         if not changes:
@@ -174,25 +174,26 @@ def _first_flight(seed: int) -> tuple[Scenario, dict[str, FirstLoop]]:
     return scenario, first_loops
 
 
-def _row_by_first_plant(axis: str, first: FirstLoop, margins: str) -> Values:
-    """Tunes an axis by the plant of the first flight alone, and returns the beginning of its row in the table.
+def _row_by_first_plant(axis: str, first_loop: FirstLoop, margins: str) -> Values:
+    """Counts how often gains must be advised for an axis, by the plant of the first flight alone, as a row of results.
 
     mavdem limits the change of a gain in one flight. Here the advice is repeated with the plant of the first flight
     until nothing is left to change (at most ``MAX_FLIGHTS`` times), as if no later flight were needed.
 
     Args:
         axis: "roll", "pitch" or "yaw".
-        first: the loop that the first flight identified, and the true plant.
+        first_loop: the loop that the first flight identified, and the true plant, which judges the gains.
         margins: name of the stability margins that are the goal, a key of ``MARGIN_TARGETS``.
 
     Returns:
-        "axis"; "met before", whether the first flight's gains meet the goal with the true plant; "lost", False so far;
-        and, if the goal is met, "first plant", how often gains were advised until then.
+        "axis"; "met before", whether the first flight's gains meet the goal with the true plant; if the goal is met,
+        "first plant", how often gains were advised until then; and "lost", False until a later flight tumbles.
     """
     target = MARGIN_TARGETS[margins]
-    row: Values = {"axis": axis, "met before": meets(first.with_gains({}), target), "lost": False}
-    for number, gains in enumerate(advised_gains(first.identified, margins), start=1):
-        if meets(first.with_gains(gains), target):
+    meets_goal_before = meets(first_loop.with_gains({}), target)
+    row: Values = {"axis": axis, "met before": meets_goal_before, "lost": False}
+    for number, gains in enumerate(advised_gains(first_loop.identified, margins), start=1):
+        if meets(first_loop.with_gains(gains), target):
             row["first plant"] = number
             break
     return row

@@ -218,8 +218,9 @@ def learner_marks(flight: Flight) -> list[Mark]:
 def event_row(flight: Flight, start: float) -> Values | None:
     """Decides the cause of the largest surprise of an event, by a model of the time before the event.
 
-    The surprise of each sample is computed as the online learner does, and averaged over about a second. The cause is
-    decided at the sample with the largest average, from the samples up to it.
+    The surprise of a sample is its drop of the free energy F(t), standardised by earlier samples: how unusual it is for
+    the model. It is computed as the online learner does, and averaged over about a second. The cause, a disturbance or
+    a misfit of the model, is decided at the sample with the largest average, from the samples up to it.
 
     Args:
         flight: uniformly sampled inputs and outputs of one segment of flight.

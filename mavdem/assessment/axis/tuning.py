@@ -395,18 +395,15 @@ def _advice_on_loop(
 ) -> Advice:
     """Returns the advice on the gains of one identified loop, with a notch filter if one is to be set.
 
-    The advice is for the gains at the end of the log, with which the next flight begins. It is computed again if
-
-    - the axis is too slow, but the advice is to raise the angle gain (``Stage.ANGLE``), which would only demand more of
-      the slow rate loop: then without raising gains that have enough margin;
-    - a notch filter is to be set, whose phase lag costs margin: then for the loop with the filter.
+    The advice is for the gains at the end of the log, with which the next flight begins. If a notch filter is to be
+    set, whose phase lag costs margin, the advice is computed again for the loop with the filter.
 
     Args:
         flown_loop: rate and attitude loop of the axis, with the gains that flew.
         margins: name of the margins to have, in ``MARGIN_TARGETS``.
         doubts: reasons why gains must not be computed from the loop; empty if they may be.
         notch_parameters: parameters that set the notch filter; empty without one.
-        raises_sound_gains: whether the user wants higher gains even if the loop has enough margin.
+        raises_sound_gains: whether the user wants higher gains even if the loop has the wanted margins already.
         is_too_slow: whether the axis follows its setpoint too slowly, so that its gains are raised in any case.
     """
     loop = loop_at_end_of_log(flown_loop)
@@ -416,6 +413,7 @@ def _advice_on_loop(
     raises_gains = raises_sound_gains or is_too_slow
     advice = advise(loop, margins, doubts, raises_sound_gains=raises_gains)
     if is_too_slow and not raises_sound_gains and advice.stage is Stage.ANGLE:
+        # A higher angle gain would only demand more of a rate loop that is too slow, so no gain is raised.
         raises_gains = False
         advice = advise(loop, margins, doubts, raises_sound_gains=False)
     may_be_advised = not advice.refusals

@@ -61,7 +61,7 @@ class PredictionMaps(NamedTuple):
 
     @may_overflow
     def predict(self, inputs: Array, outputs: Array) -> Array:
-        """Predicts from the latest samples.
+        """Predicts the outputs at all horizons from the latest samples, and the latest sample from those before it.
 
         Args:
             inputs: Inputs of the latest samples, (T, r). If T is below L + 1, the samples before the first are assumed
