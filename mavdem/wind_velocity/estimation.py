@@ -170,6 +170,15 @@ class WindVelocity(ImmutableResult):
         return not is_only_by_drag
 
     @property
+    def gust_time(self) -> float:
+        """Middle of the strongest gust, s, on the clock of ``time``; NaN if the speed is not identifiable."""
+        if not len(self.time):
+            return nan
+        steps = max(round(self.gust_seconds / np.median(np.diff(self.time))), 1)
+        start = int(_running_means(np.hypot(*self.velocity.T)[:, np.newaxis], steps).argmax())
+        return float(self.time[start : start + steps].mean())
+
+    @property
     def polar(self) -> PolarWind:
         """The course of the wind as speed and direction, each (T,), with half widths of their bands."""
         return self.as_polar(self.velocity, self.band)
@@ -345,7 +354,7 @@ def estimate_wind(
         advice = advised_flight(errors, flight_drag)
 
     gust_steps = max(round(GUST_SECONDS / fine.step), 1)
-    gust = float(_largest_running_mean(np.hypot(*wind_velocity.T)[:, np.newaxis], gust_steps)[0])
+    gust = float(_running_means(np.hypot(*wind_velocity.T)[:, np.newaxis], gust_steps).max())
     gust_low, gust_high = _gust_interval(winds, variances, gust_steps, gust)
     if not lowest_speed:
         # Still air has no gusts. The samples have, since the speed of a scattered velocity is above 0.
@@ -377,10 +386,10 @@ def estimate_wind(
     )
 
 
-def _largest_running_mean(values: Array, steps: int) -> Array:
-    """Returns the largest mean over so many ``steps`` of each column of values (T, N), as (N,)."""
+def _running_means(values: Array, steps: int) -> Array:
+    """Returns the means of each column of values (T, N) over successive ``steps``, as (T − steps + 1, N)."""
     sums = np.cumsum(np.vstack([np.zeros(values.shape[1]), values]), axis=0)
-    return (sums[steps:] - sums[:-steps]).max(axis=0) / steps
+    return (sums[steps:] - sums[:-steps]) / steps
 
 
 def _gust_interval(winds: Array, variances: Array, steps: int, gust: float) -> Interval:
@@ -399,7 +408,7 @@ def _gust_interval(winds: Array, variances: Array, steps: int, gust: float) -> I
         Lower and upper end, m/s, widened if they do not contain the reported value.
     """
     speeds = np.hypot(winds[..., 0], winds[..., 1])
-    gusts = _largest_running_mean(speeds, steps)
+    gusts = _running_means(speeds, steps).max(axis=0)
     # The standard deviation of the noise of each posterior sample (N,), averaged over time and both components.
     noise_sd = np.sqrt(variances.mean(axis=(0, 2)))
     noise = default_rng(NOISE_SEED).standard_normal((DIRECTION_DRAWS, len(gusts)))

@@ -145,6 +145,11 @@ def test_band_holds_and_a_jump_is_followed():
     assert speeds[wind.time < 55].mean() < 6.5 and speeds[wind.time > 65].mean() > 8.5
     gusts = uniform_filter1d(np.hypot(*air.T), 30)
     assert wind.gust_interval[0] < gusts.max() < wind.gust_interval[1] < 1.5 * gusts.max()
+    # The strongest gust is found where it blew, and its time is shown.
+    assert wind.gust_time == approx(time[gusts.argmax()], abs=2.0)
+    shown = wind_blocks(WindEvidence(wind, None, None))
+    assert f"at {wind.gust_time:.0f} s" in shown[0].text
+    assert "the mean from 0 to 119 s; each" in shown[1].text
     assert wind.gust > 9 and [round(one["speed"] / 5) for one in wind.minutes] == [1, 2]
     assert np.diff([(one["start"], one["end"]) for one in wind.minutes]) == approx(60.0, abs=1.0)
     layers = [(one["height"], round(one["speed"] / 5)) for one in wind.profile]
