@@ -186,6 +186,24 @@ def longest_rejection(time: Array, ratios: Array, failsafe_limit: float) -> Reje
     )
 
 
+def latest_time_above(telemetry: Telemetry, name: EstimatorRatio, limit: float) -> float | None:
+    """Returns when an innovation was last at or above a limit.
+
+    Args:
+        telemetry: messages of the vehicle.
+        name: the innovation.
+        limit: its ratio to the limit of the filter's test.
+
+    Returns:
+        The time, s since boot; None if it never was, or is not recorded.
+    """
+    ratios = innovation_ratios(telemetry)
+    if ratios is None:
+        return None
+    is_above = ratios.values[:, INNOVATIONS.index(name)] >= limit
+    return float(ratios.time[is_above][-1]) if is_above.any() else None
+
+
 def is_low_passed(telemetry: Telemetry, name: EstimatorRatio) -> bool:
     """Returns whether the ratios of an innovation are low-passed, so that single samples may have been larger.
 

@@ -14,6 +14,7 @@ from math import inf
 from mavdem.assessment.condition import Condition
 from mavdem.assessment.ending import REPORTS_OF_LOSS, find_ending
 from mavdem.assessment.flights import RECOVERY_SECONDS
+from mavdem.assessment.innovations import INNOVATION_LIMIT, INNOVATIONS, latest_time_above
 from mavdem.assessment.judgement import light_of_event
 from mavdem.assessment.lights.estimator import estimator_light
 from mavdem.assessment.lights.power import POWER_REPORTS, power_light
@@ -439,8 +440,9 @@ class Watchdog:
         if estimator.code is not EstimatorLight.ESTIMATOR_UNMEASURED:
             review.facts[WatchedQuantity.ESTIMATOR] = estimator
             if estimator.warns and estimator.time is not None and not is_lasting_state(estimator):
-                end_time = estimator.time + estimator.figures.get("duration", 0.0)
-                review.last_found_times[WatchedQuantity.ESTIMATOR] = end_time
+                review.last_found_times[WatchedQuantity.ESTIMATOR] = latest_estimator_time(
+                    review.recent_signals, estimator
+                )
         if review.has_settled:
             vibration = vibration_light(evidence)
             review.facts[WatchedQuantity.VIBRATION] = vibration
@@ -1056,6 +1058,26 @@ class Watchdog:
         can_detect_loss = reason is None
         if can_detect_loss and self.loss is None and not is_oscillating:
             self.lights.add_first(Light.MOTORS, Fact(MotorWatchFact.NO_LOSS_FOUND, clock=now))
+
+
+def latest_estimator_time(signals: Signals, estimator: Fact) -> float:
+    """Returns when a fault of the estimator was there last.
+
+    Args:
+        signals: signals of the last minute, in which the estimator was judged.
+        estimator: the fault, with its time.
+
+    Returns:
+        The time, s of the boot clock: of an innovation when it was last beyond its limit, of another fault its end by
+        its duration.
+    """
+    name = estimator.figures.get("name")
+    if name in INNOVATIONS:
+        limit = estimator.figures.get("failsafe_limit", INNOVATION_LIMIT)
+        latest_time = latest_time_above(signals.telemetry, name, limit)
+        if latest_time is not None:
+            return latest_time
+    return estimator.start_time + float(estimator.figures.get("duration", 0.0))
 
 
 def latest_vibration_time(signals: Signals, limit: float) -> float:

@@ -179,6 +179,20 @@ def test_the_estimator_is_judged_in_flight_as_in_a_log():
     assert len(said(made, EstimatorLight.FILTER_DOUBTED)) == 1
 
 
+@mark.slow
+def test_a_fault_of_the_estimator_is_over_when_its_innovation_was_last_beyond_its_limit():
+    """Its duration is counted from its start, not from the time of the largest innovation, which its sentence has."""
+    reports = {
+        at: {"velocity_variance": 0.1, "pos_horiz_variance": at / 10 if 12.0 < at < 18.0 else 0.1}
+        for at in np.arange(4.0, 34.0, 0.5).tolist()
+    }
+    made = told(*((at, "EKF_STATUS_REPORT", fields) for at, fields in reports.items()), until=33.0)
+    facts = said(made, EstimatorLight.FILTER_DOUBTED)
+    [end] = [fact for fact in facts if fact.code is WatchFact.ALARM_OVER]
+    assert end.figures["reason"].time == approx(17.5, abs=0.3)
+    assert end.time == approx(17.5, abs=0.3)
+
+
 def test_a_receiver_without_a_fix_is_not_said_to_be_over_while_it_has_none():
     """The report is of the moment when the fix was lost, and the state lasts until the end, after the landing too."""
     fixes = [
