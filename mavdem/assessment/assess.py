@@ -276,7 +276,7 @@ def _evidence_without_loops(
     # 2. The event with which the flight was lost, if it was (the ending).
     ending = find_ending(signals, events, analysis.condition.collective)
     # 3. Losses of motor thrust until then.
-    changes = _motor_changes(analysis, _first_loss(events, ending))
+    changes = _motor_changes(analysis, _first_event_distorting_outputs(events, ending))
     events += with_sensor_evidence(signals, changes, reports)
     saturation = saturation_losses(signals, events, ending)
     saturation = with_sensor_evidence(signals, saturation, reports)
@@ -327,7 +327,7 @@ def loss_of_flight(signals: Signals) -> Fact | None:
     return ending.replace(subject="", cause=None, word=None)
 
 
-def _first_loss(events: Sequence[Fact], ending: Fact | None) -> Fact | None:
+def _first_event_distorting_outputs(events: Sequence[Fact], ending: Fact | None) -> Fact | None:
     """Finds the first event after which the outputs of the motors do not describe the motors themselves.
 
     Such events are the loss of control, a motor that stood still, and a height estimate that diverged: a vehicle that

@@ -343,7 +343,7 @@ def headline_of(evidence: Evidence, lights: NamedFacts) -> Fact:
     if urgent:
         return urgent[0]
     if bad_lights:
-        return _largest_with_first_code(bad_lights)
+        return _largest_of_first_kind(bad_lights)
     if open_ends:
         return open_ends[0]
     if not evidence.has_operated:
@@ -386,7 +386,7 @@ def _worst_event(bad_events: Sequence[Fact]) -> Fact:
         The largest of the events with the code of the first. A spent battery is worse than a critical one: if the first
         is a critical battery, and a battery was spent too, the event of the spent one.
     """
-    worst_event = _largest_with_first_code(bad_events)
+    worst_event = _largest_of_first_kind(bad_events)
     if worst_event.code is ReportedEvent.BATTERY_ALARMED:
         for event in bad_events:
             if event.code is ReportedEvent.BATTERY_SPENT:
@@ -434,7 +434,7 @@ def _reason_on_ground(evidence: Evidence) -> Fact:
     return evidence.learnability.reason
 
 
-def _largest_with_first_code(bad_facts: Sequence[Fact]) -> Fact:
+def _largest_of_first_kind(bad_facts: Sequence[Fact]) -> Fact:
     """Returns the fact that the headline names: the largest one of those with the same code as the first.
 
     Only losses of thrust have a size: their figure ``rise``, by which the command of a motor rose to compensate its

@@ -72,10 +72,10 @@ class Dashboard:
             return
         # Rerun takes a second to import, and 60 MB of memory.
         from mavdem.view.live_view import LiveView
-        from mavdem.view.sinks import RecordingFile, WebServer, sinks_for
+        from mavdem.view.sinks import RecordingFile, WebServer, requested_sinks
 
         try:
-            sinks = sinks_for(rrd, serve, connect)
+            sinks = requested_sinks(rrd, serve, connect)
         except ValueError as error:
             raise click.BadParameter(f"{error}.", param_hint="--connect") from error
         except OSError as error:

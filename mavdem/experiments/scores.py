@@ -89,14 +89,16 @@ def mspe(measured: ArrayLike, predicted: ArrayLike) -> Mspe:
     Raises:
         ValueError: the shapes differ, or there are no samples.
     """
-    y = as_real_array(measured, "measured")
-    yhat = as_real_array(predicted, "predicted")
-    if y.shape != yhat.shape or y.ndim != 2 or not len(y):
+    measured_values = as_real_array(measured, "measured")
+    predicted_values = as_real_array(predicted, "predicted")
+    has_same_shape = measured_values.shape == predicted_values.shape
+    if not has_same_shape or measured_values.ndim != 2 or not len(measured_values):
         raise ValueError(
-            f"measured and predicted must be (H, m) alike, not {y.shape} and {yhat.shape}"
+            "measured and predicted must be (H, m) alike, "
+            f"not {measured_values.shape} and {predicted_values.shape}"
         )
     # The forecast of an unstable model may overflow.
-    squares = (y - yhat) ** 2
+    squares = (measured_values - predicted_values) ** 2
     per_output = np.where(np.isnan(squares), np.inf, squares).mean(axis=0)
     return Mspe(per_output, float(per_output.sum()))
 

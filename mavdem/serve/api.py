@@ -46,7 +46,7 @@ from mavdem.serve.requests import (
     valid_unicode,
 )
 from mavdem.serve.search import UNFINISHED_SQL, SqlCondition
-from mavdem.serve.uploads import MAX_FILES, UploadForm, receive_form, refuse_other_files
+from mavdem.serve.uploads import MAX_FILES, UploadForm, receive_form, require_log_file
 from mavdem.serve.visible_library import VisibleLibrary
 
 MAX_UPLOADS = 32
@@ -188,7 +188,7 @@ class Api:
                 file_name = PureWindowsPath(valid_unicode(file.filename or "")).name
                 name = file_name[:MAX_NAME_LETTERS] or "log"
                 try:
-                    refuse_other_files(path, name)
+                    require_log_file(path, name)
                     entry = self._library.add(path, name, **columns)
                     if self._rights.allows(request, Permission.WRITE):
                         sharing = columns.get("sharing", Sharing.PRIVATE)

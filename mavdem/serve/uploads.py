@@ -147,7 +147,7 @@ async def receive_form(request: HttpRequest, library: Library) -> UploadForm:
     return form
 
 
-def refuse_other_files(path: Path, name: str) -> None:
+def require_log_file(path: Path, name: str) -> None:
     """Checks that an uploaded file is a log, before it waits with the others to be read.
 
     Args:

@@ -328,7 +328,7 @@ class WebServer(Viewer):
             self.process.wait()
 
 
-def sinks_for(
+def requested_sinks(
     rrd: PathName | None = None, serve: bool = False, connect: str | None = None
 ) -> list[Sink]:
     """Returns the sinks that a user has requested; without a request, a viewer in a new window if there is a screen.

@@ -47,7 +47,7 @@ from mavdem.serve.recovery import dead_servers, recover
 from mavdem.serve.run import ServerOptions, serve
 from mavdem.serve.search import search_condition, search_problems, unknown_terms
 from mavdem.serve.stored_files import stored_file_name
-from mavdem.serve.uploads import refuse_other_files
+from mavdem.serve.uploads import require_log_file
 
 ALL = search_condition("")
 
@@ -122,7 +122,7 @@ def test_what_is_no_log_is_refused_as_its_name_says(tmp_path, name, code):
     path = tmp_path / "incoming"
     path.write_bytes(bytes(range(1, 200)) * 20)
     with raises(Unreadable) as refusal:
-        refuse_other_files(path, name)
+        require_log_file(path, name)
     assert refusal.value.fact.code is code
 
 

@@ -38,7 +38,7 @@ from mavdem.plant.online_wind_torque import is_torque_resolved
 from mavdem.plant.sampled_plant import GAUSSIAN_KERNEL, WindComponent
 from mavdem.view.live_content import Channels, figure_texts, status_document
 from mavdem.view.live_view import LiveView, SinkThread
-from mavdem.view.sinks import RecordingFile, Viewer, WebServer, sinks_for
+from mavdem.view.sinks import RecordingFile, Viewer, WebServer, requested_sinks
 
 DT = 0.01
 HORIZONS = (1, 25, 50)
@@ -422,9 +422,13 @@ def test_what_was_asked_for_is_shown_or_refused(monkeypatch, tmp_path):
     # With a screen too: a server keeps what the file has.
     for has_screen in (True, False):
         monkeypatch.setattr("mavdem.view.sinks.has_screen", lambda shown=has_screen: shown)
-        assert [type(sink) for sink in sinks_for(rrd=tmp_path / "flight.rrd")] == [RecordingFile]
-    assert sinks_for() == []
-    assert [type(sink) for sink in sinks_for(connect="rerun+http://127.0.0.1:1/proxy")] == [Viewer]
+        assert [type(sink) for sink in requested_sinks(rrd=tmp_path / "flight.rrd")] == [
+            RecordingFile
+        ]
+    assert requested_sinks() == []
+    assert [type(sink) for sink in requested_sinks(connect="rerun+http://127.0.0.1:1/proxy")] == [
+        Viewer
+    ]
     for url in ("http://127.0.0.1:9876/proxy", "rerun+http://:1/proxy", "rerun://x:99999/proxy"):
         with raises(ValueError, match="looks like rerun\\+http://127.0.0.1:9876/proxy"):
             Viewer(url)

@@ -25,7 +25,7 @@ COLUMN_COUNTS = (2, 4, 2, 4, 1, 5, 1, 1, 2, 2)
 """Columns of each channel, as in a learned flight."""
 
 
-def made_up_series() -> dict[str, Series]:
+def random_series() -> dict[str, Series]:
     """Returns ten channels of random numbers."""
     random = np.random.default_rng(1)
     series: dict[str, Series] = {}
@@ -72,7 +72,7 @@ def fastest(write: Callable[[], None]) -> float:
 @click.command()
 def bench() -> None:
     """Writes 65,000 messages as an MCAP file with mavdem and with the package mcap, and prints the processor times."""
-    series = made_up_series()
+    series = random_series()
     seconds_by_columns = fastest(partial(write_by_columns, series))
     seconds_by_message = fastest(partial(write_by_message, series))
     rows = [

@@ -479,11 +479,11 @@ def local_cluster(workers: int) -> Iterator[LocalCluster]:
     python = [sys.executable, "-m"]
     quiet: dict[str, Any] = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
     port = address.rpartition(":")[2]
-    scheduler_words = ["distributed.cli.dask_scheduler", "--port", port, "--no-dashboard"]
-    worker_words = ["--nthreads", "1", "--no-nanny", "--no-dashboard"]
+    scheduler_arguments = ["distributed.cli.dask_scheduler", "--port", port, "--no-dashboard"]
+    worker_arguments = ["--nthreads", "1", "--no-nanny", "--no-dashboard"]
     with TemporaryDirectory() as folder:
-        processes = [subprocess.Popen([*python, *scheduler_words], **quiet)]
-        worker_command = [*python, "distributed.cli.dask_worker", address, *worker_words]
+        processes = [subprocess.Popen([*python, *scheduler_arguments], **quiet)]
+        worker_command = [*python, "distributed.cli.dask_worker", address, *worker_arguments]
         worker_command += ["--local-directory", folder]
         for _ in range(workers):
             processes.append(subprocess.Popen(worker_command, **quiet))

@@ -119,7 +119,7 @@ def scenario(kind: str, number: int, rate: float) -> Scenario:
     return scenario_from_values(values, "SERVO_OUTPUT_RAW")
 
 
-def hours_and_alarms(flight: Scenario) -> tuple[float, tuple[MotorAlarm, ...]]:
+def flight_hours_and_alarms(flight: Scenario) -> tuple[float, tuple[MotorAlarm, ...]]:
     """Simulates a flight, and returns its hours of settled flight and the alarms on motors and loads.
 
     Args:
@@ -161,7 +161,7 @@ def evaluate_flight(case: tuple[str, int], rate: float) -> list[Values]:
     """
     kind, number = case
     flight = scenario(kind, number, rate)
-    hours, alarms = hours_and_alarms(flight)
+    hours, alarms = flight_hours_and_alarms(flight)
     fault_time = start_of_fault(flight)
     faulty_motor = flight.propeller.motor or flight.vehicle.weak_motor
     delay = np.inf

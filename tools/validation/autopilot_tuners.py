@@ -108,14 +108,14 @@ def quicktune(loop: Loop) -> Parameters:
     Returns:
         The new gains by the autopilot's parameter names.
     """
-    logged = _logged_gains(loop)
-    least_p = MIN_GAIN_FACTOR * logged.p
-    least_d = MIN_GAIN_FACTOR * logged.d
-    gains = logged
-    if logged.d:
+    gains_before = _logged_gains(loop)
+    least_p = MIN_GAIN_FACTOR * gains_before.p
+    least_d = MIN_GAIN_FACTOR * gains_before.d
+    gains = gains_before
+    if gains_before.d:
         d = QUICKTUNE_FACTOR * _gain_at_oscillation(loop, gains, "d")
-        ratio_of_d = min(d / logged.d, 1.0)
-        p = logged.p * max(ratio_of_d, MIN_PROPORTIONAL_FACTOR)
+        ratio_of_d = min(d / gains_before.d, 1.0)
+        p = gains_before.p * max(ratio_of_d, MIN_PROPORTIONAL_FACTOR)
         gains = gains._replace(d=max(d, least_d), p=max(p, least_p))
     p = QUICKTUNE_FACTOR * _gain_at_oscillation(loop, gains, "p")
     gains = gains._replace(p=max(p, least_p))

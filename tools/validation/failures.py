@@ -280,7 +280,7 @@ def states_mishap(reported: ReportedFact, kind: str, failed_motor: int) -> bool:
     return is_serious and failed_motor in motors_named(fact.subject)
 
 
-def permitted_codes_of(kind: str, review: Assessment) -> set[str]:
+def permitted_headline_codes(kind: str, review: Assessment) -> set[str]:
     """Returns the codes of facts that are not wrong in the headline of a review of a mishap.
 
     Args:
@@ -315,7 +315,7 @@ def review_result(kind: str, failed_motor: int, review: Assessment) -> str:
     Returns:
         One of ``REVIEW_RESULTS``.
     """
-    permitted_codes = permitted_codes_of(kind, review)
+    permitted_codes = permitted_headline_codes(kind, review)
     all_facts = list(reported_facts(review))
     if any(is_wrong_fact(reported, failed_motor, permitted_codes) for reported in all_facts):
         return "wrong"

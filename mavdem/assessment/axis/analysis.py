@@ -206,7 +206,7 @@ def _analysis_without_model(
         if with_motors:
             alarms = motor_alarms(signals)
             trim = trim_of_signals(signals)
-        motors_are_watched = _motors_are_watched(signals)
+        motors_are_watched = _is_motor_loss_detectable(signals)
     # The tier says what the rates of the log allow: "a" a full model, "b" one of the slow motion, "c" no model.
     tier = log_tier(learnability, condition)
     reason = None if tier.allows_full_model else tier.tier_reason
@@ -225,7 +225,7 @@ def _analysis_without_model(
     )
 
 
-def _motors_are_watched(signals: Signals) -> bool:
+def _is_motor_loss_detectable(signals: Signals) -> bool:
     """Returns whether a motor that weakens in flight would have been detected.
 
     The detector of lost thrust needs the positions of the motors, and their outputs at ``MIN_SAMPLE_RATE`` or faster.

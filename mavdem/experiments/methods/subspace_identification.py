@@ -38,11 +38,11 @@ do not determine the gain. In normalized units, in which outputs and states have
 def subspace(train: TrainingData, order: int = 2) -> Identified:
     """Identifies a state-space model of ``order`` states from projections, without iterations.
 
-    The states are the combinations of the past that predict the future best, given the future inputs: canonical
-    correlations (CVA, Larimore 1990). y is regressed on them for C, their successors on them and u for A and B, and K
-    is the steady Kalman gain of the residuals' covariances (Van Overschee and De Moor, Subspace Identification for
-    Linear Systems, 1996, ch. 4; Katayama, Subspace Methods for System Identification, 2005, ch. 10). Biased in closed
-    loop.
+    The states are the combinations of past samples that predict the future best, given the future inputs: canonical
+    correlations (CVA, Larimore 1990). C follows from a regression of the outputs on the states, and A and B from one of
+    the next states on states and inputs. K is the steady-state Kalman gain for the covariances of the residuals (Van
+    Overschee and De Moor, Subspace Identification for Linear Systems, 1996, ch. 4; Katayama, Subspace Methods for
+    System Identification, 2005, ch. 10). The estimate is biased in closed loop.
 
     Past and future are as long as the number of samples allows, up to 20. The state in which a segment begins is
     estimated from that segment.

@@ -519,9 +519,9 @@ def _level_bars(levels: Sequence[Level], bar_count: int) -> FlightBars:
         # A rectangle of height 1 and width 0.8, which leaves a gap before the next bar.
         paths[level] += f"M{column} 0v1h.8v-1z"
     counts = Counter(levels)
-    words = listed(f"{counts[level]} {level}" for level in LEVEL_MARKS if counts[level])
+    count_text = listed(f"{counts[level]} {level}" for level in LEVEL_MARKS if counts[level])
     drawn_paths = {level: path for level, path in paths.items() if path}
-    return FlightBars(f"Latest flights: {words}", drawn_paths)
+    return FlightBars(f"Latest flights: {count_text}", drawn_paths)
 
 
 def _light_counts(summaries: Sequence[VehicleSummary]) -> list[LightCounts]:

@@ -173,7 +173,7 @@ def log_page(
         chapters += _model_chapters(assessment)
         if contents is not None:
             chapters.append(Chapter(LOG_TITLE, log_blocks(contents), folded=True))
-        chapters = [*opened_where_not_good(chapters, assessment.lights, assessment.headline)]
+        chapters = [*unfold_chapters_of_warnings(chapters, assessment.lights, assessment.headline)]
         head = Head(
             assessment.headline.level,
             lights=lights_with_reason_once(assessment.lights),
@@ -197,7 +197,7 @@ def log_page(
         return render_document(name, subtitle, summary, chapters, back, head, max_points)
 
 
-def opened_where_not_good(
+def unfold_chapters_of_warnings(
     chapters: Sequence[Chapter], lights: NamedFacts, headline: Fact
 ) -> Iterator[Chapter]:
     """Yields the chapters of a page with their levels, and opens those that explain the worst lights.

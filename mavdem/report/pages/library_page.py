@@ -242,7 +242,7 @@ def refusal_page(fact: Fact, *, asks_for_token: bool, **values: Any) -> str:
     """Renders the page that is shown instead of a refused one, with the reason.
 
     Args:
-        fact: reason of the refusal.
+        fact: fact (a coded finding) with the reason of the refusal, and what to do.
         asks_for_token: whether the page has a form for the token, by which a visitor signs in.
         **values: further values that the template uses, by name.
 

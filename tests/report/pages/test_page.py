@@ -30,7 +30,12 @@ from mavdem.live.history import LiveHistory
 from mavdem.live.session_status import SessionStatus
 from mavdem.report.blocks import headline_sentence
 from mavdem.report.charts.timeline import assessment_timeline, live_timeline
-from mavdem.report.pages.flight_page import flight_page, live_page, log_page, opened_where_not_good
+from mavdem.report.pages.flight_page import (
+    flight_page,
+    live_page,
+    log_page,
+    unfold_chapters_of_warnings,
+)
 from mavdem.report.pages.page import Chapter, Head, PageEvent, Section, render_document
 from mavdem.report.screen import analysis_blocks
 
@@ -386,11 +391,11 @@ def test_of_chapters_to_be_watched_two_are_open_first_that_of_the_headline():
         Light.WIND: Fact(Unjudged.MULTIROTORS_ONLY, Level.WATCH),
     }
     chapters = [Chapter(title) for title in ("Three axes", "Spectra", "Wind", "Motors")]
-    opened = [*opened_where_not_good(chapters, lights, lights[Light.WIND])]
+    opened = [*unfold_chapters_of_warnings(chapters, lights, lights[Light.WIND])]
     assert [chapter.title for chapter in opened if not chapter.folded] == ["Three axes", "Wind"]
     assert [chapter.level for chapter in opened] == [*3 * [Level.WATCH], None]
     bad = {light: fact.replace(Level.BAD) for light, fact in lights.items()}
-    opened = [*opened_where_not_good(chapters, bad, lights[Light.WIND])]
+    opened = [*unfold_chapters_of_warnings(chapters, bad, lights[Light.WIND])]
     assert sum(not chapter.folded for chapter in opened) == 3
 
 
