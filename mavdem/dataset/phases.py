@@ -127,8 +127,8 @@ def without_transients(
         is_inside = (climb_rate.time >= level_start) & (climb_rate.time <= level_end)
         is_rising = speed >= MAX_LEVEL_FLIGHT_SPEED
         is_sinking = speed <= -MAX_LEVEL_FLIGHT_SPEED
-        # No vehicle sinks in a whole flight, from take-off to landing. If the climb rate says so, the estimate of the
-        # height has diverged, and its rate is not used.
+        # No vehicle sinks in a whole flight, from take-off to landing. If the climb rate shows that, the estimate of
+        # the height has diverged, and its rate is not used.
         is_whole_flight = not isinf(start) and not isinf(end)
         sinks_throughout = bool(is_sinking[is_inside].all())
         has_diverged = is_whole_flight and sinks_throughout

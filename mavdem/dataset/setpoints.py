@@ -84,6 +84,7 @@ def recorded_setpoints(telemetry: Telemetry, axis: str) -> tuple[Setpoint, ...]:
     columns = telemetry.messages.get(SETPOINT_MESSAGE)
     if columns is None:
         return ()
+    # The bits of the type mask mark the setpoints of a message that the autopilot ignores.
     type_mask = columns.get("type_mask", np.zeros(len(columns["time"])))
     mask_bits = np.asarray(type_mask).astype(int)
 
@@ -100,7 +101,8 @@ def recorded_setpoints(telemetry: Telemetry, axis: str) -> tuple[Setpoint, ...]:
         angles = euler_angles(quaternions / lengths)[AXES.index(axis)]
     is_angle_ignored = mask_bits & IGNORED_SETPOINT_BITS["attitude"]
     angle_series = clean_series(columns, np.where(is_angle_ignored, np.nan, angles))
-    if axis in TILT_AXES or np.any(np.diff(angle_series.values)):
+    is_controlled = axis in TILT_AXES or bool(np.any(np.diff(angle_series.values)))
+    if is_controlled:
         setpoints.append(Setpoint(f"{axis} setpoint", "rad", SETPOINT_MESSAGE, angle_series))
     return tuple(setpoint for setpoint in setpoints if len(setpoint.signal.time))
 

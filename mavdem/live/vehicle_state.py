@@ -5,7 +5,7 @@ from dataclasses import replace
 from types import MappingProxyType
 from typing import NamedTuple
 
-from mavdem.dataset.batteries import BATTERY_MESSAGES
+from mavdem.dataset.batteries import BATTERY_MESSAGES, Battery
 from mavdem.dataset.signals import Signals
 from mavdem.ingest.telemetry import Telemetry
 from mavdem.live.recent_messages import RecentMessages
@@ -56,10 +56,7 @@ def vehicle_state(recent: RecentMessages, vehicle: Telemetry, now: float) -> Veh
     for battery in signals.batteries:
         battery_voltage = float(battery.voltage.values[-1])
         voltages[battery.number] = battery_voltage
-        battery_charge = None
-        # An autopilot that does not know the charge sends −1.
-        if battery.charge is not None and battery.charge.values[-1] >= 0:
-            battery_charge = float(battery.charge.values[-1])
+        battery_charge = _latest_charge(battery)
         is_emptier = battery_charge is not None and (charge is None or battery_charge < charge)
         if voltage is None or is_emptier:
             voltage = battery_voltage
@@ -72,3 +69,16 @@ def vehicle_state(recent: RecentMessages, vehicle: Telemetry, now: float) -> Veh
         charge=charge,
         voltages=voltages,
     )
+
+
+def _latest_charge(battery: Battery) -> float | None:
+    """Returns the latest remaining charge of a battery, percent; None if the autopilot does not send it.
+
+    Args:
+        battery: voltage and charge of one battery in the last seconds.
+    """
+    if battery.charge is None:
+        return None
+    charge = float(battery.charge.values[-1])
+    # An autopilot that does not know the charge sends −1.
+    return charge if charge >= 0 else None

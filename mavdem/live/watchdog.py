@@ -618,7 +618,7 @@ class Watchdog:
             loss = known_loss or loss
             flight_end = None
             if self.ground_contact is None:
-                # The contact tells more exactly when the vehicle hit, and how fast, than the attitude does.
+                # The contact shows more exactly than the attitude when the vehicle hit the ground, and how fast.
                 flight_end = self.control.crash_after_loss(moment)
                 may_wait = loss.code in LOSSES_IN_AIR and flight_end is None and known_loss is None
                 if may_wait and self.control.awaits_impact(loss, moment):
@@ -631,6 +631,18 @@ class Watchdog:
         if self.loss is not None:
             self._fall = None
             return []
+        return self._judge_fall(review, moment)
+
+    def _judge_fall(self, review: _Review, moment: FlightMoment) -> list[Fact]:
+        """Judges in flight whether the vehicle falls with its motors at idle, or has been caught.
+
+        Args:
+            review: the review, with its time and the vehicle's parameters.
+            moment: present time, and the motion.
+
+        Returns:
+            The alarm of a fall that begins, or its end once the motors carry the vehicle again.
+        """
         fall = self.control.fall(moment)
         if fall is not None:
             is_new = self._fall is None

@@ -262,6 +262,7 @@ class GainSearch:
         closest_gains: Parameters = {}
         closest_score = -inf
         for ratio in self._derivative_ratios():
+            # The factors are descending: once the margins are kept, a smaller P would only be slower.
             for number, factor in enumerate(FACTORS):
                 gains = self._rate_gains(factor, ratio)
                 controller = self.models.controller.with_parameters(gains)
@@ -271,15 +272,9 @@ class GainSearch:
                 score = self.margin_score(loop.rate)
                 if score > closest_score:
                     closest_gains, closest_score = gains, score
-                # The factors are descending: a smaller P than the first one with enough margin is only slower.
-                if score >= 1:
-                    lean = inf
-                    if loop.attitude.is_stable:
-                        lean = loop.angle_deviation(self.models.wind)
-                    slower = FACTORS[number:]
-                    designs.append(
-                        _RateDesign(ratio, slower, bandwidth_of_estimate(loop.rate), lean)
-                    )
+                has_margins = score >= 1
+                if has_margins:
+                    designs.append(self._rate_design_of(loop, ratio, FACTORS[number:]))
                     break
         if not designs:
             return closest_gains
@@ -289,6 +284,25 @@ class GainSearch:
         ]
         steadiest = min(fast_designs, key=lambda design: design.lean)
         return self._gains_for_all_models(steadiest)
+
+    def _rate_design_of(
+        self, loop: Loop, derivative_ratio: float, factors: tuple[float, ...]
+    ) -> _RateDesign:
+        """Returns a design of the rate controller with the two figures by which designs are compared.
+
+        Args:
+            loop: loop with the gains of the design, for the plant models of the search.
+            derivative_ratio: ratio of D to P, s.
+            factors: factor on the logged P, and the smaller ones that may be tried instead.
+
+        Returns:
+            The design, with the bandwidth of the rate loop, Hz, and the deviation of the angle in wind, degrees, which
+            is infinite if the attitude loop is unstable.
+        """
+        lean = inf
+        if loop.attitude.is_stable:
+            lean = loop.angle_deviation(self.models.wind)
+        return _RateDesign(derivative_ratio, factors, bandwidth_of_estimate(loop.rate), lean)
 
     def _gains_for_all_models(self, design: _RateDesign) -> Parameters:
         """Lowers P, I and D of a design until the rate loop has its margins with all models that choose gains.

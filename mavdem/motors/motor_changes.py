@@ -124,6 +124,33 @@ def thrust_losses(changes: Sequence[MotorAlarm]) -> list[Fact]:
     Returns:
         The facts. Each has the names of all motors whose losses are bad.
     """
+    lasting_losses, ended_losses = _losses_by_outcome(changes)
+    smallest_lasting_size = min((loss.size for loss in lasting_losses), default=inf)
+    losses = [loss.fact for loss in lasting_losses]
+    for loss, end_time in ended_losses:
+        level = Level.BAD if loss.size > smallest_lasting_size else Level.WATCH
+        losses.append(loss.fact.replace(level, end_time=end_time))
+    # Bad losses are sorted before others, and within each group by descending rise.
+    losses.sort(key=lambda loss: (loss.level is Level.WATCH, -loss.figures["rise"]))
+    bad_motors = dict.fromkeys(loss.subject for loss in losses if loss.is_bad)
+    return [loss.replace(names=tuple(bad_motors)) for loss in losses]
+
+
+class _LossesByOutcome(NamedTuple):
+    """The losses of thrust in a flight, of each motor the largest before it recovers."""
+
+    lasting: list[MotorAlarm]
+    """Losses without a recovery."""
+    ended: list[tuple[MotorAlarm, float]]
+    """Losses that ended, and when the motor recovered, s since boot; none that ended within ``MIN_LOSS_SECONDS``."""
+
+
+def _losses_by_outcome(changes: Sequence[MotorAlarm]) -> _LossesByOutcome:
+    """Sorts the losses of thrust in a flight by whether the motor recovered.
+
+    Args:
+        changes: All changes of the flight, in the order of time.
+    """
     # By boot and name of the motor: its largest loss since it last gave its full thrust.
     lasting_losses: dict[tuple[int, str], MotorAlarm] = {}
     ended_losses: list[tuple[MotorAlarm, float]] = []
@@ -137,16 +164,7 @@ def thrust_losses(changes: Sequence[MotorAlarm]) -> list[Fact]:
             loss = lasting_losses.pop(motor)
             if change.onset_time - loss.onset_time >= MIN_LOSS_SECONDS:
                 ended_losses.append((loss, change.onset_time))
-
-    smallest_lasting_size = min((loss.size for loss in lasting_losses.values()), default=inf)
-    losses = [loss.fact for loss in lasting_losses.values()]
-    for loss, end_time in ended_losses:
-        level = Level.BAD if loss.size > smallest_lasting_size else Level.WATCH
-        losses.append(loss.fact.replace(level, end_time=end_time))
-    # Bad losses are sorted before others, and within each group by descending rise.
-    losses.sort(key=lambda loss: (loss.level is Level.WATCH, -loss.figures["rise"]))
-    bad_motors = dict.fromkeys(loss.subject for loss in losses if loss.is_bad)
-    return [loss.replace(names=tuple(bad_motors)) for loss in losses]
+    return _LossesByOutcome(list(lasting_losses.values()), ended_losses)
 
 
 def lasting_changes(changes: Sequence[MotorAlarm]) -> list[MotorAlarm]:

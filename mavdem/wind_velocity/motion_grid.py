@@ -377,10 +377,7 @@ def validated_motion(time: Array, attitude: Array, velocity: Array) -> MotionSam
     speeds = as_real_array(velocity, "velocity")
     if stamps.ndim != 1 or angles.shape != (len(stamps), 3) or speeds.shape != angles.shape:
         raise ValueError("time, attitude and velocity must have shapes (T,), (T, 3) and (T, 3)")
-    if not np.isfinite(stamps).all() or (np.diff(stamps) < 0).any():
-        raise ValueError("time must be finite and ascend")
-    if len(stamps) and np.ptp(stamps) > MAX_FLIGHT_SECONDS:
-        raise ValueError("time must be in s, of one flight")
+    _require_stamps_of_flight(stamps)
     is_finite = np.asarray(np.isfinite(np.hstack([angles, speeds])).all(axis=1))
     if is_finite.sum() < MIN_SAMPLES:
         has_roll = np.isfinite(angles[:, ROLL]).sum() >= MIN_SAMPLES
@@ -392,6 +389,18 @@ def validated_motion(time: Array, attitude: Array, velocity: Array) -> MotionSam
         raise ValueError("attitude seems to be in degrees: give rad")
     _require_velocity_follows_tilt(samples)
     return samples
+
+
+def _require_stamps_of_flight(stamps: Array) -> None:
+    """Checks that time stamps (T,), s, can be the stamps of one flight.
+
+    Raises:
+        ValueError: they are not finite, do not ascend, or span more than ``MAX_FLIGHT_SECONDS``.
+    """
+    if not np.isfinite(stamps).all() or (np.diff(stamps) < 0).any():
+        raise ValueError("time must be finite and ascend")
+    if len(stamps) and np.ptp(stamps) > MAX_FLIGHT_SECONDS:
+        raise ValueError("time must be in s, of one flight")
 
 
 def _require_velocity_follows_tilt(samples: MotionSamples) -> None:

@@ -285,9 +285,10 @@ def _gyro_agrees(signals: Signals, boot: int, times: Array) -> bool | None:
         rates.
     """
     grid = np.arange(times[0], times[-1], TURN_SECONDS)
-    # Only windows that are under power throughout count.
+    # Only steps of the grid with both ends under power count.
     nearest = np.searchsorted(times, grid)
-    is_inside = abs(times[np.minimum(nearest, len(times) - 1)] - grid) < TURN_SECONDS
+    has_power = abs(times[np.minimum(nearest, len(times) - 1)] - grid) < TURN_SECONDS
+    is_used = has_power[1:] & has_power[:-1]
     changes = []
     differences = []
     for tilt in signals.tilts:
@@ -295,15 +296,12 @@ def _gyro_agrees(signals: Signals, boot: int, times: Array) -> bool | None:
         time, angle, euler_rate = tilt.time[rows], tilt.angle[rows], tilt.euler_rate[rows]
         if len(time) < 2 or not _is_resolved(euler_rate):
             return None
-        # Trapezoidal integral of the rate of the Euler angle, which is computed from the gyro.
-        steps = np.diff(time)
-        means = (euler_rate[1:] + euler_rate[:-1]) / 2
-        integral = np.concatenate([[0.0], np.cumsum(steps * means)])
+        # The rate of the Euler angle is computed from the gyro.
+        integrated_rate = _trapezoidal_integral(time, euler_rate)
         change = np.diff(np.interp(grid, time, angle))
-        expected_changes = np.diff(np.interp(grid, time, integral))
-        is_used = is_inside[1:] & is_inside[:-1]
+        expected_change = np.diff(np.interp(grid, time, integrated_rate))
         changes.append(change[is_used])
-        differences.append((change - expected_changes)[is_used])
+        differences.append((change - expected_change)[is_used])
     change = abs(np.concatenate(changes))
     difference = abs(np.concatenate(differences))
     is_turn = change > MIN_TURN
@@ -311,6 +309,20 @@ def _gyro_agrees(signals: Signals, boot: int, times: Array) -> bool | None:
         return None
     # The median leaves out the tumble of a crash, in which Euler angles jump.
     return bool(np.median(difference[is_turn] / change[is_turn]) <= MAX_AGREEING_RATIO)
+
+
+def _trapezoidal_integral(time: Array, values: Array) -> Array:
+    """Integrates a signal over time by the trapezoidal rule.
+
+    Args:
+        time: (N,) times of the samples, s, ascending.
+        values: (N,) samples.
+
+    Returns:
+        (N,) integral from the first sample to each one, 0 at the first.
+    """
+    means = (values[1:] + values[:-1]) / 2
+    return np.concatenate([[0.0], np.cumsum(np.diff(time) * means)])
 
 
 def _is_resolved(rate: Array) -> bool:

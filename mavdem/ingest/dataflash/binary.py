@@ -475,8 +475,8 @@ class _MessageScan:
 
         The results are stored in ``definitions``, ``sharing_definitions`` and ``repairs``.
         """
-        # Definitions whose length and fields disagree, by message id: the second choice.
-        contradictory: dict[int, FormatDefinition] = {}
+        # Definitions whose stated length is not the length of their fields, by message id.
+        contradictory_definitions: dict[int, FormatDefinition] = {}
         defined_names = {FORMAT.name}
         for match in DEFINITION_START.finditer(self.content):
             parsed_definition = self._definition_at(match.start())
@@ -495,8 +495,20 @@ class _MessageScan:
             if is_sound and definition.length >= HEADER_BYTES:
                 self.definitions[message_id] = definition
             elif definition.length_by_fields > HEADER_BYTES:
-                contradictory.setdefault(message_id, definition)
-        for message_id, definition in contradictory.items():
+                contradictory_definitions.setdefault(message_id, definition)
+        self._adopt_contradictory_definitions(contradictory_definitions)
+
+    def _adopt_contradictory_definitions(
+        self, contradictory_definitions: Mapping[int, FormatDefinition]
+    ) -> None:
+        """Uses definitions with a wrong stated length for those messages that have no other definition.
+
+        The length of the fields replaces the stated one, which a fact in ``repairs`` reports.
+
+        Args:
+            contradictory_definitions: Definitions whose stated length is not the length of their fields, by message id.
+        """
+        for message_id, definition in contradictory_definitions.items():
             if message_id in self.definitions:
                 continue
             field_length = definition.length_by_fields

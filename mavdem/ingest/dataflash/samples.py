@@ -9,6 +9,7 @@ samples, the instances with filtered ones count on from those of the sensors. So
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from mavdem.arrays import Array
 from mavdem.containers import Names
@@ -194,16 +195,32 @@ def _batch_samples(tables: Tables, batch_type: int, instance: int) -> Columns:
     batch_start = _sample_time(headers, headers["SampleUS"])
     is_wanted = (headers["type"] == batch_type) & (headers["instance"] == instance)
     is_sound = (headers["mul"] > 0) & (headers["smp_rate"] > 0)
+    no_rows = np.zeros(0, np.intp)
     batches = []
     for row in np.flatnonzero(is_wanted & is_sound):
-        # The messages of this batch in the order of its samples.
-        data_rows = data_rows_of_batch.get(int(headers["N"][row]), np.zeros(0, np.intp))
-        data_rows = data_rows[np.argsort(data["seqno"][data_rows], kind="stable")]
-        scale = float(headers["mul"][row])
-        axes = {axis: data[axis][data_rows].ravel() / scale for axis in "xyz"}
+        data_rows = data_rows_of_batch.get(int(headers["N"][row]), no_rows)
+        axes = _samples_by_axis(data, data_rows, scale=float(headers["mul"][row]))
         count = len(axes["x"])
-        if count == headers["smp_cnt"][row]:
+        is_complete = count == headers["smp_cnt"][row]
+        if is_complete:
             time = batch_start[row] + np.arange(count) / float(headers["smp_rate"][row])
             boot = np.full(count, headers["boot"][row])
             batches.append({"time": time, "boot": boot, **axes})
     return concatenated_columns(batches) if batches else {}
+
+
+def _samples_by_axis(
+    data: Columns, rows: NDArray[np.signedinteger], scale: float
+) -> dict[str, Array]:
+    """Returns the samples in some messages ISBD, in the order in which they were taken.
+
+    Args:
+        data: Columns of all messages ISBD: ``seqno``, the number of a message in its batch, and ``x``, ``y`` and ``z``.
+        rows: Rows of the messages of one batch, in any order.
+        scale: Factor by which the values were multiplied to be logged as integers.
+
+    Returns:
+        Samples (n,) of each axis by name, rad/s or m/s².
+    """
+    ordered_rows = rows[np.argsort(data["seqno"][rows], kind="stable")]
+    return {axis: data[axis][ordered_rows].ravel() / scale for axis in "xyz"}

@@ -129,11 +129,7 @@ def _message_table(definition: FormatDefinition, lines: list[_Line]) -> MessageT
     line_numbers = []
     rows = []
     for line in lines:
-        # A text that is the last field may hold commas.
-        texts = line.values.split(b",", len(is_numeric) - 1)
-        row = _parsed_values(texts, is_numeric)
-        if row is None:
-            row = _parsed_values(_texts_with_decimal_points(line.values, definition), is_numeric)
+        row = _values_of_line(line, definition, is_numeric)
         if row is not None:
             rows.append(row)
             line_numbers.append(line.number)
@@ -151,6 +147,27 @@ def _message_table(definition: FormatDefinition, lines: list[_Line]) -> MessageT
     valid_line_numbers = np.array(line_numbers, dtype=np.int64)[is_valid]
     unreadable_count = len(lines) - len(valid_line_numbers)
     return MessageTable(valid_line_numbers, selected_rows(columns, is_valid), unreadable_count)
+
+
+def _values_of_line(
+    line: _Line, definition: FormatDefinition, is_numeric: list[bool]
+) -> list[float | bytes] | None:
+    """Parses the values of a line, written with decimal points or else with decimal commas.
+
+    Args:
+        line: The line of one message.
+        definition: Definition of the message.
+        is_numeric: For each field, whether its values are numbers.
+
+    Returns:
+        Numbers and texts in the order of the fields; None if the line cannot be read in either way.
+    """
+    # A text that is the last field may hold commas.
+    texts = line.values.split(b",", len(is_numeric) - 1)
+    values = _parsed_values(texts, is_numeric)
+    if values is None:
+        values = _parsed_values(_texts_with_decimal_points(line.values, definition), is_numeric)
+    return values
 
 
 def _parsed_values(texts: list[bytes], is_numeric: list[bool]) -> list[float | bytes] | None:

@@ -328,16 +328,17 @@ class VehicleTracks:
             self._count_at_recognition = self._reading_counts[Contradiction.CLOCK]
 
 
-LIMIT_MARGIN = 1e-9
-"""Fraction by which limits are lowered where readings are compared as arrays: more than the difference by rounding."""
+LIMIT_FACTOR = 1 - 1e-9
+"""Factor by which limits are lowered where readings are compared as arrays: by more than the difference by rounding."""
 
 
 def _may_contradict(readings: ReadingColumns) -> Flags:
     """Flags readings that may contradict the readings before them; all others certainly do not.
 
-    The test of ``_VehicleTrack.contradiction`` is applied to all readings at once, with limits that are lowered a
-    little for rounding. The first reading, and the first with a heading or a position, are flagged too, since no
-    reading precedes them.
+    The test of ``_VehicleTrack.contradiction`` is applied to all readings at once: clock, position and heading may
+    change only by as much as one vehicle can move or turn in the time between. The limits are lowered a little, since
+    arrays may be rounded differently. The first reading, and the first with a heading or a position, are flagged too,
+    since no reading precedes them.
 
     Args:
         readings: The readings (n,), NaN where a message has no heading or no position.
@@ -345,30 +346,57 @@ def _may_contradict(readings: ReadingColumns) -> Flags:
     Returns:
         Flags (n,).
     """
-    limit_factor = 1 - LIMIT_MARGIN
     # A comparison with NaN is false, so that a reading with NaN is flagged.
-    is_clock_near = abs(np.diff(readings.clock)) <= MAX_LATE_SECONDS * limit_factor
+    is_clock_near = abs(np.diff(readings.clock)) <= MAX_LATE_SECONDS * LIMIT_FACTOR
     flags = np.concatenate([[True], ~is_clock_near])[: len(readings.clock)]
 
     # Each position is compared with the one before; messages without a position may come between them.
     position_rows = np.flatnonzero(~np.isnan(readings.latitude))
-    latitude = readings.latitude[position_rows]
-    north = np.diff(latitude)
-    east = np.diff(readings.longitude[position_rows]) * np.cos(np.radians(latitude[1:]))
-    distance = METERS_PER_DEGREE * np.hypot(north, east)
-    seconds = abs(np.diff(readings.clock[position_rows]))
-    max_distance = MAX_POSITION_DIFFERENCE + MAX_SPEED * seconds
-    is_position_near = distance <= max_distance * limit_factor
     flags[position_rows[:1]] = True
-    flags[position_rows[1:]] |= ~is_position_near
+    flags[position_rows[1:]] |= ~_are_positions_near(
+        readings.latitude[position_rows],
+        readings.longitude[position_rows],
+        readings.clock[position_rows],
+    )
 
-    # Each heading is compared with the one before, by the shorter way around the circle.
+    # Each heading is compared with the one before, too.
     heading_rows = np.flatnonzero(~np.isnan(readings.heading))
-    turn = abs(np.diff(readings.heading[heading_rows])) % (2 * pi)
-    turn = np.minimum(turn, 2 * pi - turn)
-    seconds = abs(np.diff(readings.clock[heading_rows]))
-    max_turn = MAX_HEADING_DIFFERENCE + MAX_YAW_RATE * seconds
-    is_heading_near = turn <= max_turn * limit_factor
     flags[heading_rows[:1]] = True
-    flags[heading_rows[1:]] |= ~is_heading_near
+    flags[heading_rows[1:]] |= ~_are_headings_near(
+        readings.heading[heading_rows], readings.clock[heading_rows]
+    )
     return flags
+
+
+def _are_positions_near(latitude: Array, longitude: Array, clock: Array) -> Flags:
+    """Flags positions that one vehicle can reach from the position before.
+
+    Args:
+        latitude: (m,) degrees.
+        longitude: (m,) degrees.
+        clock: (m,) times of the positions since boot, s.
+
+    Returns:
+        Flags (m − 1,), of all positions but the first.
+    """
+    north = np.diff(latitude)
+    east = np.diff(longitude) * np.cos(np.radians(latitude[1:]))
+    distance = METERS_PER_DEGREE * np.hypot(north, east)
+    max_distance = MAX_POSITION_DIFFERENCE + MAX_SPEED * abs(np.diff(clock))
+    return np.asarray(distance <= max_distance * LIMIT_FACTOR)
+
+
+def _are_headings_near(heading: Array, clock: Array) -> Flags:
+    """Flags headings to which one vehicle can turn from the heading before, by the shorter way around the circle.
+
+    Args:
+        heading: (m,) rad.
+        clock: (m,) times of the headings since boot, s.
+
+    Returns:
+        Flags (m − 1,), of all headings but the first.
+    """
+    turn = abs(np.diff(heading)) % (2 * pi)
+    turn = np.minimum(turn, 2 * pi - turn)
+    max_turn = MAX_HEADING_DIFFERENCE + MAX_YAW_RATE * abs(np.diff(clock))
+    return np.asarray(turn <= max_turn * LIMIT_FACTOR)

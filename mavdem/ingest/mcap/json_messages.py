@@ -50,7 +50,8 @@ def read_json_message(body: bytes, definition: MessageDefinition) -> JsonMessage
     """
     fields = _parsed_json(body)
     sequence = None
-    if isinstance(fields, dict) and isinstance(fields.get("message"), dict):
+    is_in_blueos_layout = isinstance(fields, dict) and isinstance(fields.get("message"), dict)
+    if is_in_blueos_layout:
         sequence = _sequence_number(fields.get("header"))
         fields = fields["message"]
         message_name = fields.pop("type", definition.name)
