@@ -290,7 +290,7 @@ class MotorHealth(Document):
     recoveries: list[MotorAlarm]
     """motors that gave their thrust again in flight"""
     torque_changes: list[MotorAlarm]
-    """lasting changes of the torque in roll and pitch that no motor explains"""
+    """lasting changes of the torque in roll and pitch that name no motor"""
     false_alarms_per_hour: FalseAlarms
     """rate of false alarms"""
 

@@ -13,7 +13,8 @@ import numpy as np
 
 from mavdem.arrays import Array
 from mavdem.dataset.axes import AXES, TILT_AXES
-from mavdem.dataset.intervals import intersection, total_duration
+from mavdem.dataset.intervals import Intervals, TimeInterval, intersection, total_duration
+from mavdem.dataset.motor_outputs import MotorOutputs
 from mavdem.dataset.segments import Segment, in_segments, settled_segments
 from mavdem.dataset.signals import Signals
 from mavdem.dataset.steady_flight import steady_intervals
@@ -70,17 +71,51 @@ def balance_of_steady_flight(signals: Signals) -> BalanceFigures | None:
         steady = steady_intervals(signals, segment.boot)
         intervals = intersection([(segment.start, segment.end)], steady)
         seconds += total_duration(intervals)
-        steady_segments = [Segment(segment.boot, start, end) for start, end in intervals]
-        is_steady = in_segments(motors, *steady_segments)
-        time = motors.time[is_steady]
-        runs.append(
-            SteadyRun(
-                time=time,
-                commands=motors.scale.fraction(motors.outputs[is_steady]),
-                lean=_lean_at(signals, segment, time),
-            )
-        )
+        runs.append(steady_run(signals, motors, segment, intervals))
     return balance_figures(runs, motor_signatures(motors.geometry), seconds)
+
+
+def steady_run(
+    signals: Signals, motors: MotorOutputs, segment: Segment, intervals: Intervals
+) -> SteadyRun:
+    """Collects the commands and the lean of a vehicle in intervals of one segment of flight.
+
+    Args:
+        signals: Logged time series of the vehicle, such as attitude, setpoints and motor outputs.
+        motors: Outputs of its motors.
+        segment: Segment of flight, with the boot whose clock the times are on.
+        intervals: Intervals of steady flight in this segment, s.
+    """
+    steady_segments = [Segment(segment.boot, start, end) for start, end in intervals]
+    is_steady = in_segments(motors, *steady_segments)
+    time = motors.time[is_steady]
+    return SteadyRun(
+        time=time,
+        commands=motors.scale.fraction(motors.outputs[is_steady]),
+        lean=_lean_at(signals, segment, time),
+    )
+
+
+def run_around(
+    signals: Signals, motors: MotorOutputs, boot: int, time: float, interval: TimeInterval
+) -> SteadyRun | None:
+    """Collects commands and lean in the segment of settled flight that contains a time, steady or not.
+
+    Args:
+        signals: Logged time series of the vehicle, such as attitude, setpoints and motor outputs.
+        motors: Outputs of its motors.
+        boot: Number of the boot; a boot lasts from one start of the autopilot to the next.
+        time: Time that the segment must contain, s since boot.
+        interval: Interval to which the run is limited, s since boot.
+
+    Returns:
+        The run; None if the time is in no segment of settled flight.
+    """
+    for segment in settled_segments(signals):
+        if segment.boot == boot and segment.start <= time <= segment.end:
+            intervals = intersection([(segment.start, segment.end)], [interval])
+            return steady_run(signals, motors, segment, intervals)
+    return None
 
 
 def _lean_at(signals: Signals, segment: Segment, time: Array) -> Array:
@@ -123,7 +158,7 @@ def balance_figures(
     """
     blocks = []
     for run in runs:
-        blocks += _block_means(run, signatures)
+        blocks += block_means(run, signatures)
     if len(blocks) < MIN_BLOCKS or len(signatures.axes) == 1:
         return None
     balance, lean = np.split(np.array(blocks), [len(AXES)], axis=1)
@@ -140,7 +175,7 @@ def balance_figures(
         freedom -= len(TILT_AXES)
         effect_variance_factor = np.broadcast_to(np.diag(inverse), lean_effect.shape)
     # Each of roll, pitch and yaw has its own variance and correlation.
-    inflation = [_variance_inflation(column) for column in residuals.T]
+    inflation = [variance_inflation(column) for column in residuals.T]
     # From few blocks the variance itself is uncertain, so that the errors follow a Student's t distribution. They are
     # used as normal ones of the same variance, which is larger by freedom / (freedom - 2).
     block_variance = (residuals**2).sum(axis=0) / (freedom - 2)
@@ -155,7 +190,7 @@ def balance_figures(
     )
 
 
-def _block_means(run: SteadyRun, signatures: MotorSignatures) -> list[Array]:
+def block_means(run: SteadyRun, signatures: MotorSignatures) -> list[Array]:
     """Averages a run over blocks of equal length, ``BLOCK_SECONDS`` or a little more.
 
     The torque commands of a block are divided by its thrust, so that neither climb nor battery changes the balance.
@@ -195,7 +230,7 @@ def _block_means(run: SteadyRun, signatures: MotorSignatures) -> list[Array]:
     return blocks
 
 
-def _variance_inflation(residuals: Array) -> float:
+def variance_inflation(residuals: Array) -> float:
     """Estimates the factor by which the variance of a mean exceeds the variance with independent blocks.
 
     Neighbouring blocks are correlated, since gusts last longer than a block, so that their mean is less precise than

@@ -334,8 +334,9 @@ class MotorLossDetector:
         1. A change in roll and pitch alone, called load, that has lasted ``REFERENCE_SECONDS``, longer than a gust. Its
            Bayes factor must reach the threshold, and its odds against all other causes must be strong evidence. It is
            recorded, unless a turn of the vehicle in wind explains it.
-        2. A change of any cause, even an unknown one, that has lasted ``STALE_SECONDS``. It is not recorded, but flight
-           before it is no longer comparable.
+        2. A change of any cause, even an unknown one, that has lasted ``STALE_SECONDS``: flight before it is no longer
+           comparable. It is recorded without a cause if roll and pitch changed, by strong evidence, and no turn in wind
+           explains that: a shifted load and a weak motor both fit.
 
         In both cases only the blocks since the change are kept, and are the new reference.
 
@@ -355,29 +356,63 @@ class MotorLossDetector:
             0.0,
         ]
         log_odds = load - log_sum(rivals)
-        # (w,) the sum of the Bayes factors of all causes, by window.
-        any_cause = log_sum(
+        # (w,) the sum of the Bayes factors of all causes that change roll and pitch, by window, then of all causes.
+        tilt_causes = log_sum(
             [
-                evidence.yaw_log_factors,
                 evidence.all_axes_log_factors,
                 evidence.load_log_factors,
                 *evidence.motor_log_factors_by_window,
             ]
         )
-        stale_change = np.where(seconds >= STALE_SECONDS, 0.0, -inf) + any_cause
+        any_cause = log_sum([evidence.yaw_log_factors, tilt_causes])
+        is_lasting = np.where(seconds >= STALE_SECONDS, 0.0, -inf)
+        stale_change = is_lasting + any_cause
         if load >= self._threshold and log_odds >= STRONG_EVIDENCE_NATS:
             window = int(np.argmax(lasting_load))
             change = _DatedChange(changes, window, int(windows[window]))
             block_count = change.block_count
-            size = float(np.linalg.norm(change.size * self._model.tilt_axes))
             if self._is_independent_of_heading(change):
-                self._add_alarm(None, block_count, log_odds, size)
+                block_count = self._add_torque_change(change, float(log_odds))
         elif stale_change.max() >= self._threshold:
-            block_count = int(windows[np.argmax(stale_change)])
+            window = int(np.argmax(stale_change))
+            change = _DatedChange(changes, window, int(windows[window]))
+            block_count = change.block_count
+            # Against a change in yaw alone, and against no change at all.
+            log_odds = log_sum(is_lasting + tilt_causes) - log_sum(
+                [log_sum(evidence.yaw_log_factors), 0.0]
+            )
+            if log_odds >= STRONG_EVIDENCE_NATS and self._is_independent_of_heading(change):
+                block_count = self._add_torque_change(change, float(log_odds))
         else:
             return
         # The reference of later flight begins with the change.
         self._blocks.keep_last(block_count)
+
+    def _add_torque_change(self, change: _DatedChange, log_odds: float) -> int:
+        """Records a change in roll and pitch that names no motor.
+
+        The windows are seconds apart, so that the beginning is dated anew: at the block that divides the blocks kept
+        into two parts with the largest difference of their means, by the likelihood of independent normal noise.
+
+        Args:
+            change: The change of the balance.
+            log_odds: Logarithm of the odds that something changed in roll and pitch.
+
+        Returns:
+            Number of blocks since the change began.
+        """
+        balances = np.array(self._blocks.balances)
+        scaled = (balances - balances.mean(axis=0)) / np.sqrt(change.variance)
+        count = len(balances)
+        # Numbers of blocks since the beginning; the window before and the one after are half as long and twice.
+        candidates = np.arange(change.block_count // 2, min(2 * change.block_count, count - 1) + 1)
+        sums_since = np.cumsum(scaled[::-1], axis=0)[candidates - 1]
+        # The sums before are the opposite: n m / (n + m) times the squared difference of the means of n and m blocks.
+        likelihoods = (sums_since**2).sum(axis=1) * count / (candidates * (count - candidates))
+        block_count = int(candidates[np.argmax(likelihoods)])
+        size = float(np.linalg.norm(change.size * self._model.tilt_axes))
+        self._add_alarm(None, block_count, log_odds, size)
+        return block_count
 
     def _is_independent_of_heading(self, change: _DatedChange) -> bool:
         """Returns whether a change shows at each heading, so that no turn of the vehicle in wind explains it.

@@ -41,7 +41,7 @@ class MotorAlarm(NamedTuple):
     onset_time: float
     """When it began, s on the boot clock, to within a second or two."""
     motor: int | None
-    """Number of the motor, from 1. None: the steady torque in roll and pitch changed, by wind or a shifted load."""
+    """Number of the motor, from 1. None: the steady torque in roll and pitch changed, as by a shifted load."""
     name: str
     """Name of the motor; empty without one."""
     size: float

@@ -41,6 +41,14 @@ def weak(begin, end=np.inf):
     return lambda time: np.outer([0, 1, 0, 0], 125.0 * ((time > begin) & (time < end)))
 
 
+def test_trims_that_shifted_in_flight_are_to_be_watched_and_name_no_motor():
+    flight = evidence()
+    shift = Fact(MotorWatchFact.STEADY_TORQUE_CHANGED, time=40.0, rise=0.05, boot=0)
+    light = motors_light(replace(flight, events=(shift,)))
+    assert light == shift and light.level is Level.WATCH
+    assert "what the vehicle carries" in light.remedy
+
+
 @mark.slow
 @mark.parametrize(
     "pulses, code, level",

@@ -138,6 +138,17 @@ def test_a_shifted_load_is_called_that_once_it_has_lasted(shift):
     assert first.fact.code is MotorWatchFact.STEADY_TORQUE_CHANGED
 
 
+@mark.parametrize("shift", [(0.05, -0.04, -0.03), (-0.02, 0.05, -0.025)])
+def test_a_load_that_shifts_in_wind_is_reported_without_a_cause_once_it_has_lasted(shift):
+    """The wind's drag acts off the centre of mass, so that yaw changes too, as no single motor would change it."""
+    first = only_change(7, 0.6 * quad(0.0, *shift))
+    assert first.motor is None
+    assert BREAKS + 8.0 <= first.time - 100.0 < BREAKS + 17.0
+    assert first.onset_time - 100.0 == approx(BREAKS, abs=0.6)
+    assert first.size == approx(np.hypot(*shift[:2]), abs=0.015)
+    assert "a shifted load can do that, a weak motor, or rarely the wind" in first.fact.sentence
+
+
 def turned(*turns):
     """The heading at a time: so much, rad, is turned evenly from a beginning to an end, s, for each of the turns."""
     return lambda at: sum(angle * np.clip((at - a) / (b - a), 0, 1) for a, b, angle in turns)

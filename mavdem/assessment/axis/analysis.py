@@ -7,6 +7,7 @@ baselines.
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from math import inf
 
 import numpy as np
 
@@ -48,10 +49,13 @@ from mavdem.flight import Flights
 from mavdem.immutable import ReadOnlyDict
 from mavdem.ingest import Log
 from mavdem.ingest.motors import POSSIBLE_MULTIROTORS
+from mavdem.motors.balance import run_around
 from mavdem.motors.balance_blocks import MIN_SAMPLE_RATE
 from mavdem.motors.gradual_loss import gradual_loss
+from mavdem.motors.lean_check import is_beyond_lean
 from mavdem.motors.loss_detection import MotorLossDetector
 from mavdem.motors.motor_changes import MotorAlarm, lasting_changes
+from mavdem.motors.signatures import motor_signatures
 from mavdem.motors.trim_pattern import trim_of_signals
 from mavdem.plant.wind_torque import estimate_wind_torque
 
@@ -374,6 +378,8 @@ def motor_alarms(signals: Signals) -> tuple[MotorAlarm, ...]:
     The samples of settled flight are passed one by one to the detector that live sessions use. A live session detects
     the end of the climb-out half a second late, and a landing only after it, so that its times differ by the same
     amount. Flight in which no motor changed suddenly is also searched as a whole for a motor that lost thrust slowly.
+    Shifts of the trims that name no motor are left out if the lean against the wind explains them, which takes all of
+    the flight.
 
     Args:
         signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.
@@ -399,12 +405,40 @@ def motor_alarms(signals: Signals) -> tuple[MotorAlarm, ...]:
         )
         for time, command, heading in settled_samples:
             detector.update(time, command, heading)
-        changes = lasting_changes(detector.alarms)
+        changes = _without_shifts_by_wind(signals, motors, lasting_changes(detector.alarms))
         # Headings are NaN while the attitude does not follow its setpoint. Then the balance of
         # the motors does not show which of them lost thrust.
         commands_with_heading = commands.select(np.isfinite(headings))
         alarms += changes + _lasting_losses(signals, motors, commands_with_heading, boot, changes)
     return tuple(alarms)
+
+
+def _without_shifts_by_wind(
+    signals: Signals, motors: MotorOutputs, changes: Sequence[MotorAlarm]
+) -> list[MotorAlarm]:
+    """Removes the shifts of the trims that name no motor and that the lean against the wind may explain.
+
+    Args:
+        signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.
+        motors: outputs and geometry of its motors.
+        changes: all changes of the motors' balance in one boot, in the order of time.
+
+    Returns:
+        The other changes, in the same order.
+    """
+    onset_times = [change.onset_time for change in changes]
+    remaining = []
+    for change in changes:
+        if change.motor is None:
+            # Flight between the changes before and after this one.
+            start = max((time for time in onset_times if time < change.onset_time), default=-inf)
+            end = min((time for time in onset_times if time > change.onset_time), default=inf)
+            run = run_around(signals, motors, change.boot, change.onset_time, (start, end))
+            signatures = motor_signatures(motors.geometry)
+            if run is None or not is_beyond_lean(run, signatures, change.onset_time):
+                continue
+        remaining.append(change)
+    return remaining
 
 
 def _lasting_losses(

@@ -216,15 +216,16 @@ def _events_of_motors(evidence: Evidence) -> list[Fact]:
     1. How the flight was lost, such as by a crash, if a motor failed first, or all thrust was used up.
     2. Warnings in flight without a figure of the lost thrust, such as a motor that was off.
     3. Losses of thrust, the largest first, equal ones by their duration.
-    4. Reports of the autopilot about a motor.
-    5. The motor that was longest at its limit, if no hover was measured, or if it alone was there for
+    4. Lasting shifts of the trims in flight, which name no motor: the weak one may hide behind a shifted load.
+    5. Reports of the autopilot about a motor.
+    6. The motor that was longest at its limit, if no hover was measured, or if it alone was there for
        ``MIN_LOSS_SECONDS`` at a time, such as in a descent. In a hover the share of the time is judged.
 
     Args:
         evidence: signals, events and measurements of the vehicle.
 
     Returns:
-        Facts whose subject is a motor, or, where all thrust was used up, all motors.
+        Facts whose subject is a motor, or, where all thrust was used up or the trims shifted, all motors.
     """
     codes: list[Code] = [
         MotorWatchFact.MOTOR_LOST_THRUST,
@@ -243,6 +244,7 @@ def _events_of_motors(evidence: Evidence) -> list[Fact]:
     # event without it, such as a motor that was off, counts as infinitely large.
     warnings.sort(key=lambda fact: (-fact.figures.get("rise", inf), -_duration(fact)))
     facts += warnings
+    facts += evidence.warnings_in_flight([MotorWatchFact.STEADY_TORQUE_CHANGED])
     # The autopilot names a motor by its number only.
     numbered_names = {name_without_place(name) for name in names}
     for fact in evidence.warnings_in_flight(REPORTS_OF_MOTOR):

@@ -1,0 +1,77 @@
+"""Whether a lasting shift of the trims in flight is beyond what the vehicle's lean against the wind explains.
+
+Wind that freshens or turns for good asks for another steady torque, as a load does that shifts. But the vehicle leans
+against that wind too, and the torque is about linear in the lean (``balance.py``). So the balance b of the motors in
+blocks of steady flight is fitted by least squares with the lean l of each block and a step at the time of the shift,
+
+    b = b₀ + E l + c · (1 after the shift, 0 before) + noise,
+
+and the shift is beyond the lean if the step c is significant in roll or pitch.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import scipy
+
+from mavdem.arrays import Flags
+from mavdem.dataset.axes import AXES, TILT_AXES
+from mavdem.motors.balance import SteadyRun, block_means, variance_inflation
+from mavdem.motors.motor_changes import MAX_ONSET_ERROR
+from mavdem.motors.signatures import MotorSignatures
+
+MIN_FREEDOM = 3
+"""Fewest blocks beyond the coefficients of the fit, with which its errors are known at all; a choice."""
+
+FALSE_SHARE = 0.01
+"""Share of shifts by wind alone that may pass for beyond the lean, by the design of the test; a choice."""
+
+
+def is_beyond_lean(run: SteadyRun, signatures: MotorSignatures, onset_time: float) -> bool:
+    """Returns whether the trims shifted in roll or pitch by more than the lean of the vehicle explains.
+
+    The step and its error are those of the fit at the head of this file, where the error allows for the correlation of
+    neighbouring blocks. Samples within the error of the onset belong to neither side.
+
+    Args:
+        run: motor outputs and lean in steady flight before and after the shift, with no other change of the motors.
+        signatures: mixer of the vehicle.
+        onset_time: when the trims shifted, s.
+
+    Returns:
+        Whether the step is significant in roll or pitch; False if too little flight or an unknown lean leaves it open.
+    """
+    blocks_before = block_means(_selected(run, run.time < onset_time - MAX_ONSET_ERROR), signatures)
+    blocks_after = block_means(_selected(run, run.time > onset_time + MAX_ONSET_ERROR), signatures)
+    blocks = np.array(blocks_before + blocks_after)
+    coefficients = 2 + len(TILT_AXES)
+    freedom = len(blocks) - coefficients
+    if not blocks_before or not blocks_after or freedom < MIN_FREEDOM:
+        return False
+    balance, lean = np.split(blocks, [len(AXES)], axis=1)
+    is_after = np.arange(len(blocks)) >= len(blocks_before)
+    design = np.column_stack([np.ones(len(blocks)), is_after, lean - lean.mean(axis=0)])
+    if not np.isfinite(blocks).all() or np.linalg.matrix_rank(design) < coefficients:
+        return False
+    inverse = np.linalg.inv(design.T @ design)
+    fit = inverse @ design.T @ balance
+    residuals = balance - design @ fit
+    inflation = np.array([variance_inflation(column) for column in residuals.T])
+    block_variance = (residuals**2).sum(axis=0) / freedom
+    step_row = 1
+    step_error = np.sqrt(block_variance * inflation * inverse[step_row, step_row])
+    tilt_columns = [AXES.index(axis) for axis in TILT_AXES]
+    scores = abs(fit[step_row] / step_error)[tilt_columns]
+    # Two axes are tested, each on both sides.
+    limit = scipy.special.stdtrit(freedom, 1 - FALSE_SHARE / (2 * len(TILT_AXES)))
+    return bool((scores > limit).any())
+
+
+def _selected(run: SteadyRun, selection: Flags) -> SteadyRun:
+    """Returns the selected samples of a run.
+
+    Args:
+        run: motor outputs and lean in steady flight, N samples.
+        selection: (N,) whether each sample is selected.
+    """
+    return SteadyRun(run.time[selection], run.commands[selection], run.lean[selection])
