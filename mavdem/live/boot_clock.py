@@ -11,6 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from mavdem.dataset.attitude import ATTITUDE_MESSAGES
+from mavdem.dataset.intervals import TimeInterval
 from mavdem.facts import Fact
 from mavdem.facts.session import VehicleFact
 from mavdem.ingest.mavlink.clocks import (
@@ -54,12 +55,15 @@ class BootClock:
     Attributes:
         now: the latest attitude stamp, s; NaN before any.
         boot: number of the boot, from 0 on.
+        latest_restart: when the last attitude of the former clock and the first one of the present clock were received,
+            UNIX s; None before any restart. The vehicle restarted between.
     """
 
     def __init__(self, report: Callable[[Fact], None]) -> None:
         """Begins without a time; ``report`` is called with each reboot and each jump."""
         self.now = nan
         self.boot = 0
+        self.latest_restart: TimeInterval | None = None
         self._report = report
         # Time of the latest message of any name, s; messages without a stamp get it.
         self._latest_time = nan
@@ -67,6 +71,8 @@ class BootClock:
         self._wraps = 0
         # Successive attitude stamps that continue each other, but not the clock, s.
         self._stamps_of_new_clock: list[float] = []
+        # When the first of these was received, UNIX s.
+        self._new_clock_reception = nan
         # When the latest message was received, and when the clock read 0 by the latest attitude, UNIX s.
         self._reception_time = nan
         self._boot_time = nan
@@ -146,6 +152,7 @@ class BootClock:
             stamps.append(stamp)
         else:
             stamps[:] = [stamp]
+            self._new_clock_reception = self._reception_time
         if not self._is_new_clock(stamps):
             return False
         self._restart(stamps[0])
@@ -230,6 +237,7 @@ class BootClock:
         self.now = first_stamp
         if first_stamp < former_now:
             self.boot += 1
+            self.latest_restart = (self._boot_time + former_now, self._new_clock_reception)
             # Times on this computer's clock, UNIX s: when the new clock read 0, and the last message of the former one.
             new_clock_start = self._reception_time - self._stamps_of_new_clock[-1]
             last_former_reception = self._boot_time + former_now

@@ -5,9 +5,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 from math import nan
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
+from mavdem.dataset.intervals import TimeInterval
 from mavdem.errors import Unreadable, error_message
 from mavdem.extras import require_extra_of_file
 from mavdem.facts.session import LinkFact
@@ -135,8 +137,7 @@ class RawRecording:
     def move_after(self, system: int, component: int, other: RawRecording) -> list[ReceivedPiece]:
         """Moves all frames after the last frame of a vehicle from its closed .tlog to the recording of another vehicle.
 
-        They were sent by other vehicles, after this one had become silent. They are cut off here only once the
-        operating system has them in the other file, so that no failure loses a frame. An .mcap stays as it is.
+        They were sent by other vehicles, after this one had become silent. An .mcap stays as it is.
 
         Args:
             system: MAVLink system id of the vehicle.
@@ -150,12 +151,68 @@ class RawRecording:
             OSError: one of the files cannot be read, written or cut.
         """
         end = self._sizes_by_sender.get((system, component))
-        if self._mcap is not None or end is None:
+        return [] if end is None else self._move_from(end, other)
+
+    def move_since_restart(
+        self, restart: TimeInterval, system: int, component: int, other: RawRecording
+    ) -> list[ReceivedPiece]:
+        """Moves all frames since a restart of a vehicle from its closed .tlog to the recording of its next flight.
+
+        The vehicle was silent while it restarted, so that its longest silence in the interval is the restart.
+
+        Args:
+            restart: an interval in which the vehicle restarted, UNIX s.
+            system: system id of the vehicle.
+            component: its component id.
+            other: an open recording of the same format.
+
+        Returns:
+            The moved frames with their stamps.
+
+        Raises:
+            OSError: one of the files cannot be read, written or cut.
+        """
+        if self._mcap is not None:
+            return []
+        with open(self._path, "rb") as file:
+            records = _stamped_records(file.read(self._size))
+        first_stamp, last_stamp = restart
+        longest_silence = 0.0
+        latest_stamp = first_stamp
+        # Where the frames before the restart end, and where those before the present one end.
+        restart_end = self._size
+        former_end = 0
+        for record in records:
+            if record.sender == (system, component) and first_stamp < record.stamp <= last_stamp:
+                silence = record.stamp - latest_stamp
+                if silence > longest_silence:
+                    longest_silence = silence
+                    restart_end = former_end
+                latest_stamp = record.stamp
+            former_end = record.end
+        return self._move_from(restart_end, other)
+
+    def _move_from(self, start: int, other: RawRecording) -> list[ReceivedPiece]:
+        """Moves the records after a number of bytes of the closed .tlog to another recording; none of an .mcap.
+
+        They are cut off here only once the operating system has them in the other file, so that no failure loses one.
+
+        Args:
+            start: number of bytes that stay.
+            other: an open recording of the same format.
+
+        Returns:
+            The moved frames with their stamps.
+
+        Raises:
+            OSError: one of the files cannot be read, written or cut.
+        """
+        if self._mcap is not None:
             return []
         with open(self._path, "r+b") as file:
-            file.seek(end)
-            pieces = other._add_records(file.read(self._size - end))
-            file.truncate(end)
+            file.seek(start)
+            pieces = other._add_records(file.read(self._size - start))
+            file.truncate(start)
         self.frame_count -= len(pieces)
         return pieces
 
@@ -173,16 +230,41 @@ class RawRecording:
         """
         self._file.write(records)
         self._file.flush()
-        frames = find_frames(np.frombuffer(records, dtype=np.uint8), crc_extra_table(), STAMP_BYTES)
-        ends = frames.end.tolist()
-        senders = zip(frames.system.tolist(), frames.component.tolist(), strict=True)
         pieces = []
-        for sender, start, end in zip(senders, frames.start.tolist(), ends, strict=True):
-            self._sizes_by_sender[sender] = self._size + end
-            microseconds = int.from_bytes(records[start - STAMP_BYTES : start], "big")
-            pieces.append(ReceivedPiece(microseconds / 1e6, records[start:end]))
+        for record in _stamped_records(records):
+            self._sizes_by_sender[record.sender] = self._size + record.end
+            pieces.append(ReceivedPiece(record.stamp, records[record.start : record.end]))
         if pieces and self.frame_count == 0:
             self.first_stamp = pieces[0].arrival_time
         self.frame_count += len(pieces)
         self._size += len(records)
         return pieces
+
+
+class _StampedRecord(NamedTuple):
+    """One frame in the bytes of a .tlog."""
+
+    stamp: float
+    """When it arrived, UNIX s."""
+    start: int
+    """Its first byte, which follows the time stamp."""
+    end: int
+    """The byte after its last."""
+    sender: tuple[int, int]
+    """System and component id of its sender."""
+
+
+def _stamped_records(records: bytes) -> list[_StampedRecord]:
+    """Returns the frames in the bytes of a .tlog.
+
+    Args:
+        records: complete records: a time stamp, UNIX µs in ``STAMP_BYTES`` bytes, and a MAVLink frame each.
+    """
+    frames = find_frames(np.frombuffer(records, dtype=np.uint8), crc_extra_table(), STAMP_BYTES)
+    senders = zip(frames.system.tolist(), frames.component.tolist(), strict=True)
+    ends = frames.end.tolist()
+    stamped_records = []
+    for sender, start, end in zip(senders, frames.start.tolist(), ends, strict=True):
+        microseconds = int.from_bytes(records[start - STAMP_BYTES : start], "big")
+        stamped_records.append(_StampedRecord(microseconds / 1e6, start, end, sender))
+    return stamped_records

@@ -12,6 +12,7 @@ from mavdem.assessment.wind_drifts import MAX_POSE_AGE, drift_sample
 from mavdem.containers import Numbers
 from mavdem.dataset.attitude import ATTITUDE_MESSAGES
 from mavdem.dataset.axes import TILT_AXES
+from mavdem.dataset.intervals import TimeInterval
 from mavdem.dataset.setpoints import SETPOINT_MESSAGE
 from mavdem.facts import Fact, Facts
 from mavdem.facts.event import Event
@@ -355,6 +356,11 @@ class LiveStream:
             return self._vehicles.not_followed_reason
         has_attitude = not isnan(self._clock.now)
         return self._review.no_rows_reason if has_attitude else self._rate_check.no_attitude
+
+    @property
+    def latest_restart(self) -> TimeInterval | None:
+        """An interval in which the followed vehicle restarted last, UNIX s of reception; None without a restart."""
+        return self._clock.latest_restart
 
     @property
     def watch_facts(self) -> Facts:

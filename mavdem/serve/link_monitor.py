@@ -9,6 +9,7 @@ from threading import Event as ThreadEvent
 from threading import Thread
 from typing import NamedTuple
 
+from mavdem.dataset.intervals import TimeInterval
 from mavdem.dem import Settings
 from mavdem.dem.parallel import LearningProcess
 from mavdem.errors import Refusal, fact_from_error
@@ -83,8 +84,9 @@ class LinkMonitor:
     """Runs live sessions on a link, one after the other, in a thread; nothing is sent to the vehicle unless asked for.
 
     A session ends when its vehicle is silent for a minute, or for ``SUCCESSION_SECONDS`` while another one sends, which
-    the next session follows; and when the server ends. After an error, such as a full disk, no further session begins;
-    what was recorded until then is kept.
+    the next session follows; when its vehicle restarts after a landing, since its next flight is one of its own; and
+    when the server ends. After an error, such as a full disk, no further session begins; what was recorded until then
+    is kept.
 
     Attributes:
         problem: why no session runs any more; None while one does.
@@ -135,6 +137,9 @@ class LinkMonitor:
         self._next_vehicle: str | None = None
         # The recording of that session, where it has messages of that vehicle already.
         self._next_recording: _IncomingRecording | None = None
+        # Whether the vehicle has landed in its session, and has restarted since.
+        self._has_landed = False
+        self._has_restarted = False
         self._is_stopping = ThreadEvent()
         self._silent_pages = 0
         self._frames_at_last_page = 0
@@ -217,12 +222,14 @@ class LinkMonitor:
         self._silent_pages = 0
         self._frames_at_last_page = 0
         self._next_vehicle = None
+        self._has_landed = False
+        self._has_restarted = False
         try:
             try:
                 self._update_page(session)
                 run_session(
                     session,
-                    lambda: self._is_over() or session.successor is not None,
+                    lambda: self._is_over() or self._has_restarted or session.successor is not None,
                     None,
                     PAGE_SECONDS,
                     self._update_page,
@@ -231,6 +238,8 @@ class LinkMonitor:
                 session.report_end(session.status, None)
                 # Where the server ends, no other session follows.
                 successor = None if self._is_stopping.is_set() else session.successor
+                if successor is None and self._has_restarted and not self._is_stopping.is_set():
+                    successor = session.stream.followed_vehicle
                 if successor is None:
                     session.intake.record_rest()
                 else:
@@ -239,7 +248,8 @@ class LinkMonitor:
                 session.end()
             vehicle = session.stream.followed_vehicle
             if successor is not None and vehicle is not None:
-                self._next_recording = self._recording_of_successor(recording, vehicle)
+                restart = session.stream.latest_restart if self._has_restarted else None
+                self._next_recording = self._recording_of_successor(recording, vehicle, restart)
         finally:
             newly_lost = self._link.dropped_datagrams - self._lost_datagrams
             self._lost_datagrams += newly_lost
@@ -265,22 +275,28 @@ class LinkMonitor:
         return _IncomingRecording(RawRecording(path), path)
 
     def _recording_of_successor(
-        self, recording: RawRecording, vehicle: Component
+        self, recording: RawRecording, vehicle: Component, restart: TimeInterval | None = None
     ) -> _IncomingRecording:
         """Creates the recording of the next session, and moves what came of its vehicle already to it.
 
         Args:
             recording: recording of the session that ends.
             vehicle: vehicle of that session.
+            restart: an interval in which it restarted, UNIX s, if its next flight is to be recorded; otherwise None.
 
         Raises:
             OSError: the frames cannot be moved. Then there is no recording of the next session.
         """
         next_recording = self._new_recording()
         try:
-            pieces = recording.move_after(
-                vehicle.system, vehicle.component, next_recording.recording
-            )
+            if restart is None:
+                pieces = recording.move_after(
+                    vehicle.system, vehicle.component, next_recording.recording
+                )
+            else:
+                pieces = recording.move_since_restart(
+                    restart, vehicle.system, vehicle.component, next_recording.recording
+                )
         except OSError:
             next_recording.recording.close()
             next_recording.path.unlink()
@@ -299,6 +315,11 @@ class LinkMonitor:
         fact = event.fact
         if fact.code is LinkFact.STREAM_RECORDING_ENDED:
             raise OSError(fact.figures["error"])
+        if fact.code in (ReportedEvent.OFF_GROUND, ReportedEvent.ON_GROUND):
+            self._has_landed = fact.code is ReportedEvent.ON_GROUND
+        elif fact.code is VehicleFact.VEHICLE_REBOOTED:
+            # A vehicle that restarts in the air goes on with the same flight.
+            self._has_restarted = self._has_landed
         if fact.warns or fact.code in REPORTED_CODES:
             # What the sentences advise is to be done with this server's options, not with those of `mavdem live`.
             with sentences_for(Medium(has_terminal=False)):

@@ -18,11 +18,11 @@ OTHERS = [frame(64_000, b"abc", seed=3), frame(33, bytes(range(28)), seed=1)]
 NOW = 1.7e9
 
 
-def taken(recording, pieces, step):
-    """Takes what pieces of a stream, ``step`` s apart, complete."""
+def taken(recording, pieces, step, start=0.0):
+    """Takes what pieces of a stream complete, ``step`` s apart, from ``start`` s on."""
     reader = FrameReader()
     for row, piece in enumerate(pieces):
-        recording.add(NOW + step * row, reader.feed(piece))
+        recording.add(NOW + start + step * row, reader.feed(piece))
 
 
 def recorded(path):
@@ -112,3 +112,18 @@ def test_what_others_sent_after_the_last_frame_of_a_vehicle_is_moved_for_its_suc
     successor.close()
     third = RawRecording(tmp_path / "flight-3.tlog")
     assert [piece.data for piece in successor.move_after(4, 1, third)] == FRAMES
+
+
+def test_what_a_vehicle_sent_since_its_restart_is_moved_to_its_next_flight(tmp_path):
+    """Whatever others sent meanwhile."""
+    recording = RawRecording(tmp_path / "flight.tlog")
+    former, restarted, other = flight([100.0, 100.1]), flight([0.1, 0.2]), [heartbeat(9)]
+    taken(recording, former, 0.005)
+    taken(recording, other, 0.005, start=1.0)
+    taken(recording, [*restarted, *other], 0.005, start=3.0)
+    recording.close()
+    next_recording = RawRecording(tmp_path / "flight-2.tlog")
+    pieces = recording.move_since_restart((NOW, NOW + 3.1), 1, 1, next_recording)
+    assert [piece.data for piece in pieces] == [*restarted, *other]
+    assert [frame for _, frame in recorded(tmp_path / "flight.tlog")] == [*former, *other]
+    assert recording.frame_count == len(former) + 1

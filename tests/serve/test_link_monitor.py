@@ -10,6 +10,7 @@ from threading import Event
 from unittest.mock import Mock
 
 from command_line import free_port
+from mavlink_streams import flight, heartbeat
 from patience import PATIENCE, until
 from pytest import fixture, mark, raises
 from recorded_flights import FLIGHT
@@ -297,3 +298,44 @@ def test_no_recorded_frame_of_the_next_vehicle_is_lost_when_the_server_ends(idle
     systems = [systems_in(live._library.log_path(entry)) for entry in entries]
     assert sorted(map(sorted, systems)) == ([[1], [2]] if end == "after the session" else [[1, 2]])
     assert not [*live._library.new_incoming_path("f.tlog").parent.iterdir()]
+
+
+@mark.parametrize("lands", [True, False])
+def test_each_flight_of_a_vehicle_that_restarts_after_landing_is_a_log(idle, monkeypatch, lands):
+    """A restart in the air is one flight."""
+    live, _ = idle
+    vehicles = []
+
+    def fly(session, is_over, *_):
+        vehicles.append(session.stream.status().no_model_reason.subject)
+        if len(vehicles) > 1:
+            return
+        # The restart takes three seconds, and the clock goes back to zero.
+        reader = session.stream.frame_reader
+        for start, first_time in ((1.7e9, 100.0), (1.7e9 + 4.0, 0.1)):
+            for number in range(9):
+                time = first_time + number / 10
+                sent = [heartbeat(), *flight([time], sequence=2 * number)]
+                stamp = start + number / 10
+                frames = reader.feed(b"".join(sent))
+                session.intake.recording.add(stamp, frames)
+                list(session.stream.process_frames(stamp, frames))
+        assert session.stream.boot == 1
+        if lands:
+            live._take_event(HappenedEvent(90.0, Fact(ReportedEvent.ON_GROUND)))
+        live._take_event(HappenedEvent(1.0, Fact(VehicleFact.VEHICLE_REBOOTED, clock=100.2)))
+        assert is_over() is lands
+
+    monkeypatch.setattr(link_monitor, "live_page", Mock(return_value=""))
+    monkeypatch.setattr(link_monitor, "run_session", fly)
+    numbers = count()
+    monkeypatch.setattr(link_monitor, "_recording_name", lambda _: f"{next(numbers)}.tlog")
+    for _ in range(2):
+        live._run_one_session(None)
+    entries, _ = live._library.find("1", [], 10)
+    assert vehicles == ["", "1:1" if lands else ""]
+    attitudes = []
+    for entry in entries:
+        (vehicle,) = read_log(live._library.log_path(entry)).vehicles
+        attitudes.append(len(vehicle.messages["ATTITUDE"]["time"]))
+    assert sorted(attitudes) == ([9, 9] if lands else [18])
