@@ -14,7 +14,7 @@ from mavdem.cli.output import print_json, progress
 from mavdem.cli.output_files import check_output_file
 from mavdem.cli.streams import print_to_stderr, print_to_stdout
 from mavdem.containers import JsonValues, Names
-from mavdem.export.conversion import STREAM_WRITERS
+from mavdem.export.stream_writers import STREAM_WRITERS
 from mavdem.files import atomic_writes, reporting_write_errors
 from mavdem.ingest.parameter_file import read_parameters
 from sitl_scenarios.files import (

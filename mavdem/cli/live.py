@@ -26,7 +26,7 @@ from mavdem.dem.parallel import LearningProcess
 from mavdem.documents.session import Live as LiveDocument
 from mavdem.documents.session import live_document
 from mavdem.errors import Unreadable, error_message
-from mavdem.export.conversion import STREAM_WRITERS
+from mavdem.export.stream_writers import STREAM_WRITERS
 from mavdem.facts import Fact
 from mavdem.facts.session import LinkFact
 from mavdem.files import write_text_atomically

@@ -1,6 +1,6 @@
 """Resampling of recorded streams to a uniform grid of time, with a low-pass filter if the grid is slower."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -103,7 +103,7 @@ def _sampling_interval(time: Array) -> float:
     return interval if is_on_cycles and has_shorter_steps and is_near_mean else mean
 
 
-def mean_rate(time: Array) -> float:
+def mean_rate(time: Array | Sequence[float]) -> float:
     """Returns the mean rate, Hz, of samples with the stamps ``time`` (N,), s; there must be two at least."""
     return float((len(time) - 1) / (time[-1] - time[0]))
 

@@ -1,7 +1,6 @@
 """Conversion of a log to another stream format, or of its flight to a table or a path, by the file's ending."""
 
 from pathlib import Path
-from typing import BinaryIO
 
 import numpy as np
 
@@ -13,35 +12,15 @@ from mavdem.dataset.segments import longest_recorded_segment
 from mavdem.dataset.signals import Signals
 from mavdem.errors import NotLearnable
 from mavdem.export.geographic_paths import geographic_paths, write_geojson, write_kml
+from mavdem.export.stream_writers import STREAM_WRITERS
 from mavdem.export.tables import TIME_COLUMN, columns, wind_columns, write_csv, write_parquet
 from mavdem.extras import require_extra_of_file
 from mavdem.files import PathName, atomic_write, reporting_write_errors, writable_target
 from mavdem.flight import boot_number
 from mavdem.ingest import read_log
 from mavdem.ingest.formats import read_stream
-from mavdem.ingest.mavlink.frame_stream import MAX_NANOSECOND_STAMP, FrameStream
+from mavdem.ingest.mavlink.frame_stream import MAX_NANOSECOND_STAMP
 from mavdem.ingest.mavlink.framing import CHECKSUM_MATCHES
-from mavdem.ingest.tlog import write_tlog
-
-
-def write_mcap(file: BinaryIO, stream: FrameStream) -> int:
-    """Writes every frame of a stream as an MCAP recording.
-
-    Args:
-        file: the file, open for writing.
-        stream: the frames of MAVLink, with their receive times.
-
-    Returns:
-        Number of frames that were written.
-    """
-    # The libraries of MCAP are an extra, checked where the file is named.
-    from mavdem.ingest.mcap.records import write_mcap as write
-
-    return write(file, stream)
-
-
-STREAM_WRITERS = {".tlog": write_tlog, ".mcap": write_mcap}
-"""Writers of streams of MAVLink frames, by the ending of the file."""
 
 TABLE_WRITERS = {".csv": write_csv, ".parquet": write_parquet}
 """Writers of tables, by the ending of the file."""

@@ -1,6 +1,6 @@
 """Messages and samples of a live flight in the form that logs have, so that functions for logs can judge them."""
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
@@ -51,10 +51,16 @@ class RecentMotion(NamedTuple):
     @property
     def rate(self) -> float:
         """Mean rate of the slowest of these streams, Hz; 0 where one has fewer than two samples."""
-        streams = [self.motors.time]
-        for tilt in self.tilts.values():
-            streams.append(tilt.time)
-        return min(mean_rate(time) if len(time) > 1 else 0.0 for time in streams)
+        return slowest_rate([self.motors.time, *(tilt.time for tilt in self.tilts.values())])
+
+
+def slowest_rate(streams: Iterable[Array | Sequence[float]]) -> float:
+    """Returns the mean rate of the slowest of some streams, Hz; 0 where one has fewer than two samples.
+
+    Args:
+        streams: the stamps of each stream, s.
+    """
+    return min(mean_rate(time) if len(time) > 1 else 0.0 for time in streams)
 
 
 class FlightMoment(NamedTuple):

@@ -10,7 +10,6 @@ from typing import NamedTuple
 import numpy as np
 
 from mavdem.arrays import Array, Indices
-from mavdem.containers import Numbers
 from mavdem.dataset import motor_outputs
 from mavdem.dataset.motor_outputs import MotorOutputs
 from mavdem.dataset.signals import Signals
@@ -63,6 +62,16 @@ class MotorInputs:
         return self.motors.message, self.motors.geometry.channels, self.channels
 
 
+class _TimedSamples(NamedTuple):
+    """Some samples of one stream of motor outputs."""
+
+    time: Array
+    """(R,) Stamps, s of the boot clock."""
+
+    values: Array
+    """(R, channels) Outputs, in the unit of the message."""
+
+
 class InputSelector:
     """Finds out which output channels drive the motors, by the last seconds and each channel's extremes in this boot.
 
@@ -72,7 +81,7 @@ class InputSelector:
     def __init__(self, boot: int = 0) -> None:
         self._boot = boot
         # Each stream has time, s, and values of the samples in which a channel was lowest or highest so far.
-        self._extremes: dict[StreamKey, list[tuple[float, Numbers]]] = {}
+        self._extremes: dict[StreamKey, _TimedSamples] = {}
 
     def candidate_messages(
         self, streams: Mapping[StreamKey, SampleStream], present_message: str | None
@@ -156,12 +165,15 @@ class InputSelector:
         """
         # Every ``stride``-th sample is used, so that at most ``MAX_USED_SAMPLES`` are.
         stride = 1 + len(stream.time) // MAX_USED_SAMPLES
-        rows = list(self._extremes.get((name, port), ()))
-        rows += zip(stream.time[::stride], stream.values[::stride], strict=True)
-        times, values = zip(*rows, strict=True)
-        table = np.array(values, float)
-        self._extremes[name, port] = [rows[row] for row in _rows_with_extremes(table)]
-        columns = {"time": np.array(times), "boot": np.full(len(rows), self._boot)}
+        time = np.array(stream.time[::stride])
+        table = stream.table()[::stride]
+        if (name, port) in self._extremes:
+            extremes = self._extremes[name, port]
+            time = np.concatenate([extremes.time, time])
+            table = np.concatenate([extremes.values, table])
+        rows = _rows_with_extremes(table)
+        self._extremes[name, port] = _TimedSamples(time[rows], table[rows])
+        columns = {"time": time, "boot": np.full(len(time), self._boot)}
         layout = MOTOR_MESSAGES[name]
         if not layout.is_ported:
             columns[layout.field] = table
@@ -169,7 +181,7 @@ class InputSelector:
         # The message has one field for each channel, numbered from 1, and a field with the number of its port.
         for number, channel_values in enumerate(table.T, 1):
             columns[layout.field.format(number)] = channel_values
-        columns["port"] = np.full(len(rows), port)
+        columns["port"] = np.full(len(time), port)
         return columns
 
 

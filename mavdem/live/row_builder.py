@@ -6,6 +6,7 @@ from operator import itemgetter
 
 import numpy as np
 
+from mavdem.arrays import Array
 from mavdem.containers import Numbers
 from mavdem.dataset.attitude import ATTITUDE_MESSAGES
 from mavdem.dataset.phases import MAX_TILT
@@ -14,7 +15,7 @@ from mavdem.facts import Fact
 from mavdem.facts.session import RowsFact
 from mavdem.ingest.telemetry import Fields, Telemetry
 from mavdem.live.flight_phase import FlightPhase
-from mavdem.live.live_signals import RecentMotion, attitude_from_samples
+from mavdem.live.live_signals import RecentMotion, attitude_from_samples, slowest_rate
 from mavdem.live.motor_inputs import InputSelector, MotorInputs, StreamKey
 from mavdem.live.row_grid import GridPoint, RowGrid
 from mavdem.live.rows import AlignedRow, FormattedRow, RowFormat
@@ -138,10 +139,10 @@ class RowBuilder:
             return None
         outputs = []
         for channel in self.inputs.channels:
-            values = self._streams[self.inputs.motors.message, channel.port].values
+            values = self._streams[self.inputs.motors.message, channel.port].latest
             if not values:
                 return None
-            outputs.append(values[-1][channel.offset])
+            outputs.append(values[channel.offset])
         return outputs
 
     def completed_rows(self, name: str, stream: SampleStream) -> list[AlignedRow]:
@@ -257,8 +258,7 @@ class RowBuilder:
             The row.
         """
         attitude, *port_values = point.values
-        roll, pitch, roll_rate, pitch_rate = attitude
-        angle_and_rate = (roll, roll_rate) if self.axis == "roll" else (pitch, pitch_rate)
+        roll, pitch, _, _ = attitude
         values_by_port = dict(zip(inputs.ports, port_values, strict=True))
         motors = []
         for channel in inputs.channels:
@@ -267,11 +267,20 @@ class RowBuilder:
         return AlignedRow(
             point.time,
             np.array(motors),
-            np.array(angle_and_rate),
+            self._angle_and_rate(attitude),
             self._grid.segment,
             is_settled=is_upright and self._phase.is_settled(point.time),
             is_free=is_upright and self._phase.is_free(point.time),
         )
+
+    def _angle_and_rate(self, attitude: Numbers) -> Array:
+        """Returns angle, rad, and body rate, rad/s, of the learned axis.
+
+        Args:
+            attitude: roll and pitch, rad, and their body rates, rad/s.
+        """
+        roll, pitch, roll_rate, pitch_rate = attitude
+        return np.array((roll, roll_rate) if self.axis == "roll" else (pitch, pitch_rate))
 
     def choose_attitude_message(self, now: float) -> None:
         """Chooses which message rows take attitude from; within a segment it stays.
@@ -358,7 +367,7 @@ class RowBuilder:
         attitude = self._row_streams[0]
         if not attitude.time:
             return None
-        roll, pitch, roll_rate, pitch_rate = np.array(attitude.values).T
+        roll, pitch, roll_rate, pitch_rate = attitude.table().T
         time = np.array(attitude.time)
         message = self.attitude_message
         tilts = {
@@ -376,31 +385,34 @@ class RowBuilder:
         Returns:
             A format that is made for this row, and the row; None while there are rows, or where samples are missing.
         """
-        if self._grid.is_running:
+        if self._grid.is_running or self.inputs is None or self.attitude_message is None:
             return None
-        motion = self.recent_motion()
         outputs = self.latest_motor_outputs()
-        # Without a rate, from two samples of each stream, the format would have no step.
-        if motion is None or outputs is None or not motion.rate:
+        if outputs is None:
             return None
-        motors = motion.motors
-        attitude = motion.tilts[self.axis]
+        motors = self.inputs.motors
+        # The streams are attitude, then the ports of the motors.
+        attitude = self._row_streams[0]
+        rate = slowest_rate([motors.time, attitude.time])
+        # Without a rate, from two samples of each stream, the format would have no step.
+        if not rate:
+            return None
         time = attitude.time[-1]
         row_format = RowFormat(
             self._boot,
-            dt=1 / motion.rate,
-            attitude_message=attitude.message,
+            dt=1 / rate,
+            attitude_message=self.attitude_message,
             motor_message=motors.message,
             geometry=motors.geometry,
             scale=motors.scale,
-            rates=(motion.rate, motion.rate),
+            rates=(rate, rate),
             grid_start=time,
         )
         row = AlignedRow(
             time,
-            # The outputs in ``motion`` are older: they were selected in the latest review.
+            # The outputs in ``motors`` are older: they were selected in the latest review.
             np.array(outputs),
-            np.array([attitude.angle[-1], attitude.rate[-1]]),
+            self._angle_and_rate(attitude.latest),
             self._grid.segment,
             is_settled=False,
             is_free=False,

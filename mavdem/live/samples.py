@@ -1,5 +1,6 @@
 """The latest samples of one live stream of attitude or motor outputs, in the order of their time stamps."""
 
+from array import array
 from bisect import bisect_left
 from math import inf, isfinite, nextafter
 
@@ -33,7 +34,6 @@ class SampleStream:
 
     Attributes:
         time: stamps, s of the boot clock, ascending.
-        values: the values of each stamp.
         gap: step before the latest sample, s, if it is longer than ``MAX_GAP_SECONDS``; otherwise 0.
         added_count: number of samples so far.
         late_count: number of samples that were dropped, since they came after the row they belong to.
@@ -43,11 +43,14 @@ class SampleStream:
     def __init__(self) -> None:
         """Begins without a sample."""
         self.time: list[float] = []
-        self.values: list[Numbers] = []
         self.gap = 0.0
         self.added_count = 0
         self.late_count = 0
         self.completed_time = -inf
+        # The k values of each stamp, one sample after the other: a review of the flight needs the latest seconds as an
+        # array twice a second, and these become one without a conversion of each number.
+        self._values = array("d")
+        self._value_count = 0
         # First time after the latest gap, s; earlier samples count no more.
         self._gap_end = -inf
 
@@ -88,18 +91,38 @@ class SampleStream:
             self.gap = time - stamps[-1]
             self._gap_end = time
         stamps.insert(row, time)
-        self.values.insert(row, values)
+        self._value_count = len(values)
+        start = row * self._value_count
+        self._values[start:start] = array("d", values)
         self.added_count += 1
         if self.added_count % SAMPLES_PER_CLEANING == 0:
             self._drop_old_samples()
         return True
+
+    def sample(self, row: int) -> Numbers:
+        """Returns the values of one sample.
+
+        Args:
+            row: number of the sample in ``time``, from 0.
+        """
+        start = row * self._value_count
+        return tuple(self._values[start : start + self._value_count])
+
+    @property
+    def latest(self) -> Numbers:
+        """Values of the latest sample by its stamp; empty before any."""
+        return self.sample(len(self.time) - 1) if self.time else ()
+
+    def table(self) -> Array:
+        """Returns the values of all samples, of which there must be one, as a copy: (N, k) in the order of ``time``."""
+        return np.array(self._values).reshape(len(self.time), -1)
 
     def _drop_old_samples(self) -> None:
         """Drops samples older than ``MEMORY_SECONDS``, and the oldest ones beyond ``MAX_SAMPLES``."""
         old_count = bisect_left(self.time, self.time[-1] - MEMORY_SECONDS)
         count = max(old_count, len(self.time) - MAX_SAMPLES)
         del self.time[:count]
-        del self.values[:count]
+        del self._values[: count * self._value_count]
 
     def break_off(self) -> None:
         """Separates the samples so far from the next one, as a gap does, since the next ones have another rate."""
@@ -125,7 +148,7 @@ class SampleStream:
         count = self.recent_count(now)
         if count < 2:
             return 0.0
-        return resampling.mean_rate(np.array(self.time[-count:]))
+        return resampling.mean_rate(self.time[-count:])
 
     def rate_since_gap(self) -> float | None:
         """Returns the mean rate over the last ``DECISION_SECONDS``, or since the latest gap if that is shorter.
@@ -137,7 +160,7 @@ class SampleStream:
         stamps = self.time[bisect_left(self.time, start_time) :]
         if len(stamps) <= segments.MEDIAN_STEPS:
             return None
-        return resampling.mean_rate(np.array(stamps))
+        return resampling.mean_rate(stamps)
 
     def nearest(self, time: float) -> Numbers | None:
         """Returns the values of the sample at a time, or of the nearest one within the resolution of stamps.
@@ -160,7 +183,7 @@ class SampleStream:
                     nearest_distance = distance
         if nearest_row is None or nearest_distance > resampling.STAMP_RESOLUTION:
             return None
-        return self.values[nearest_row]
+        return self.sample(nearest_row)
 
     def weighted_sum(self, time: float, weights: Array, offsets: Array) -> Numbers:
         """Returns the weighted sum of interpolated values around a time: a finite impulse response (FIR) filter.
@@ -181,6 +204,8 @@ class SampleStream:
         first_row = max(first_row, bisect_left(self.time, self.start_time))
         last_row = bisect_left(self.time, time + offsets[-1])
         stamps = self.time[first_row : last_row + 1]
-        columns = np.array(self.values[first_row : last_row + 1]).T
+        start = first_row * self._value_count
+        end = (last_row + 1) * self._value_count
+        columns = np.array(self._values[start:end]).reshape(-1, self._value_count).T
         interpolated = [np.interp(time + offsets, stamps, column) for column in columns]
         return tuple((np.array(interpolated) @ weights).tolist())
