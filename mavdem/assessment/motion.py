@@ -89,7 +89,9 @@ def _with_causes_of_swings(events: Sequence[Fact]) -> list[Fact]:
     completed_events = []
     for event in events:
         if event.code is MotionEvent.ATTITUDE_SWUNG:
-            concurrent_events = [other for other in events if _overlap(event, other)]
+            concurrent_events = [
+                other_event for other_event in events if _overlap(event, other_event)
+            ]
             event = _with_causes(event, concurrent_events)
         completed_events.append(event)
     return completed_events
@@ -132,12 +134,12 @@ def _with_causes(swing: Fact, concurrent_events: Sequence[Fact]) -> Fact:
     return swing
 
 
-def _overlap(event: Fact, other: Fact) -> bool:
+def _overlap(event: Fact, other_event: Fact) -> bool:
     """Returns whether two events of one boot share a time; one without an end lasts to the end of the record."""
-    if event.figures["boot"] != other.figures["boot"]:
+    if event.figures["boot"] != other_event.figures["boot"]:
         return False
-    start = max(event.start_time, other.start_time)
-    return start <= min(event.latest_time, other.latest_time)
+    start = max(event.start_time, other_event.start_time)
+    return start <= min(event.latest_time, other_event.latest_time)
 
 
 def _events_of_other_vehicle(

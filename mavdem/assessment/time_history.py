@@ -142,19 +142,19 @@ def time_history(
     segment = _segment_of_flight(signals, settled_segments)
     if segment is None:
         return None
-    shown = one_part(segment)
-    position = shown.within(signals.position)
+    shown_time = one_part(segment)
+    position = shown_time.within(signals.position)
     if has_all_flights:
-        shown = successive_parts(_segments_of_flights(signals, segment), segment.boot)
-    shown_events = [shown.event(fact) for fact in events]
+        shown_time = successive_parts(_segments_of_flights(signals, segment), segment.boot)
+    shown_events = [shown_time.event(fact) for fact in events]
     return TimeHistory(
-        segment=shown.segment,
-        height=shown.within(signals.height),
-        motors=_motor_history(signals, shown),
-        voltages=_battery_voltages(signals, shown),
-        axes={axis: _axis_history(signals.for_axis(axis), shown) for axis in AXES},
+        segment=shown_time.segment,
+        height=shown_time.within(signals.height),
+        motors=_motor_history(signals, shown_time),
+        voltages=_battery_voltages(signals, shown_time),
+        axes={axis: _axis_history(signals.for_axis(axis), shown_time) for axis in AXES},
         wind=wind_history(wind, segment),
-        modes=_mode_intervals(signals, shown),
+        modes=_mode_intervals(signals, shown_time),
         events=tuple(event for event in shown_events if event is not None),
         position=position,
     )
@@ -173,7 +173,7 @@ def _segments_of_flights(signals: Signals, segment: Segment) -> list[Segment]:
             other_segment = _segment_of_boot(signals, boot)
             if other_segment is not None:
                 segments.append(other_segment)
-    return sorted(segments, key=lambda one: one.boot)
+    return sorted(segments, key=lambda each_segment: each_segment.boot)
 
 
 def _segment_of_flight(signals: Signals, settled_segments: Segments) -> Segment | None:
@@ -220,14 +220,14 @@ def _segment_of_boot(signals: Signals, boot: int) -> Segment | None:
     return Segment(boot, start, end)
 
 
-def _motor_history(signals: Signals, shown: ShownTime) -> MotorHistory | None:
+def _motor_history(signals: Signals, shown_time: ShownTime) -> MotorHistory | None:
     """Returns the outputs of the motors in the shown time, in percent of their range.
 
     The deviations from the mean of all motors show the commands about the axes, without the common thrust.
 
     Args:
         signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.
-        shown: the time that is shown.
+        shown_time: the time that is shown.
 
     Returns:
         The outputs; None if they were not recorded.
@@ -238,31 +238,35 @@ def _motor_history(signals: Signals, shown: ShownTime) -> MotorHistory | None:
     percent = 100 * motors.scale.fraction(motors.outputs).clip(0.0)
     outputs = TimeSeries(motors.time, motors.boot, percent)
     deviations = replace(outputs, values=percent - percent.mean(axis=1, keepdims=True))
-    return MotorHistory(motors.geometry.names, shown.within(outputs), shown.within(deviations))
+    return MotorHistory(
+        motors.geometry.names, shown_time.within(outputs), shown_time.within(deviations)
+    )
 
 
-def _battery_voltages(signals: Signals, shown: ShownTime) -> dict[str, TimeSeries | None]:
+def _battery_voltages(signals: Signals, shown_time: ShownTime) -> dict[str, TimeSeries | None]:
     """Collects the voltages of the batteries in the shown time.
 
     Args:
         signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.
-        shown: the time that is shown.
+        shown_time: the time that is shown.
 
     Returns:
         Voltage, V, by the battery's name, "battery" if there is only one; None if it was not recorded then.
     """
     batteries = signals.batteries
     if len(batteries) == 1:
-        return {"battery": shown.within(batteries[0].voltage)}
-    return {battery_name(battery.number): shown.within(battery.voltage) for battery in batteries}
+        return {"battery": shown_time.within(batteries[0].voltage)}
+    return {
+        battery_name(battery.number): shown_time.within(battery.voltage) for battery in batteries
+    }
 
 
-def _axis_history(signals: Signals, shown: ShownTime) -> AxisHistory | None:
+def _axis_history(signals: Signals, shown_time: ShownTime) -> AxisHistory | None:
     """Returns angle and rate of one axis in the shown time, with their setpoints.
 
     Args:
         signals: signals of the vehicle, for this axis.
-        shown: the time that is shown.
+        shown_time: the time that is shown.
 
     Returns:
         Angle and rate with their setpoints; None without an attitude.
@@ -276,13 +280,13 @@ def _axis_history(signals: Signals, shown: ShownTime) -> AxisHistory | None:
     is_in_degrees = np.nanstd(rate.values) > MIN_DEGREES_RATIO * np.nanstd(attitude.rate)
     rate_unit = "°/s" if is_in_degrees else "rad/s"
     return AxisHistory(
-        _followed_setpoint(attitude.angle_series, signals.angle_setpoint, "rad", shown),
-        _followed_setpoint(rate, rate_setpoint, rate_unit, shown),
+        _followed_setpoint(attitude.angle_series, signals.angle_setpoint, "rad", shown_time),
+        _followed_setpoint(rate, rate_setpoint, rate_unit, shown_time),
     )
 
 
 def _followed_setpoint(
-    signal: TimeSeries, setpoint: TimeSeries | None, unit: str, shown: ShownTime
+    signal: TimeSeries, setpoint: TimeSeries | None, unit: str, shown_time: ShownTime
 ) -> FollowedSetpoint | None:
     """Returns a signal in the shown time, with its setpoint at the same times.
 
@@ -292,19 +296,19 @@ def _followed_setpoint(
         signal: measured quantity.
         setpoint: commanded quantity; None if it was not recorded.
         unit: unit of both.
-        shown: the time that is shown.
+        shown_time: the time that is shown.
 
     Returns:
         The signal with its setpoint, None if that was not recorded in the shown time. The result is None with less than
         two samples of the signal there.
     """
-    measured_signal = shown.within(signal)
+    measured_signal = shown_time.within(signal)
     if measured_signal is None:
         return None
     latest_setpoint = None
     if setpoint is not None:
         recorded_setpoint = Setpoint(name="", unit=unit, message="", signal=setpoint)
-        setpoint_at_samples = shown.setpoint_at_samples(recorded_setpoint, signal)
+        setpoint_at_samples = shown_time.setpoint_at_samples(recorded_setpoint, signal)
         if np.isfinite(setpoint_at_samples).any():
             latest_setpoint = setpoint_at_samples
     return FollowedSetpoint(measured_signal, latest_setpoint, unit)
@@ -330,24 +334,24 @@ def wind_history(evidence: WindEvidence, segment: Segment) -> WindHistory | None
     polar = wind.as_polar(autopilot.values, band=np.zeros_like(autopilot.values))
     speed = TimeSeries(autopilot.time, autopilot.boot, polar.speed)
     direction = TimeSeries(autopilot.time, autopilot.boot, polar.direction)
-    shown = one_part(segment)
-    return WindHistory(wind, shown.within(speed), shown.within(direction))
+    shown_time = one_part(segment)
+    return WindHistory(wind, shown_time.within(speed), shown_time.within(direction))
 
 
-def _mode_intervals(signals: Signals, shown: ShownTime) -> tuple[ModeInterval, ...]:
+def _mode_intervals(signals: Signals, shown_time: ShownTime) -> tuple[ModeInterval, ...]:
     """Lists the flight modes in the shown time, each from its change to the next.
 
     The mode in which a part begins may have been set before it, so that intervals are cut at the ends of each part.
 
     Args:
         signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.
-        shown: the time that is shown.
+        shown_time: the time that is shown.
 
     Returns:
         The modes in time order, with start and end of each.
     """
     modes = []
-    for part in shown.parts:
+    for part in shown_time.parts:
         segment = part.segment
         changes = signals.mode_changes(segment.boot)
         end_times = [time for time, _ in changes[1:]] + [segment.end]

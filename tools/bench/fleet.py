@@ -313,9 +313,9 @@ def page_times(index: Path) -> PageTimes:
         profile = f"--user-data-dir={folder}/profile"
         command = [chromium, *options, profile, page.as_uri()]
         text = subprocess.run(command, check=True, capture_output=True, text=True).stdout
-    found = re.search(r"<title>measured (\S+) (\S+) (\S+)</title>", text)
-    assert found is not None, "the page has not been measured"
-    return PageTimes(*map(float, found.groups()))
+    title_match = re.search(r"<title>measured (\S+) (\S+) (\S+)</title>", text)
+    assert title_match is not None, "the page has not been measured"
+    return PageTimes(*map(float, title_match.groups()))
 
 
 def echo_header(header: list[str]) -> None:

@@ -44,7 +44,9 @@ MEMORY = Path("/dev/shm")
 def pieces() -> Iterator[bytes]:
     """Yields six pieces of 600 bytes of each telemetry log of the repository, evenly spread, as a first corpus."""
     for content in (path.read_bytes() for path in sorted(LOGS.glob("*.tlog"))):
-        yield from (content[at : at + 600] for at in range(0, len(content), len(content) // 6))
+        yield from (
+            content[start : start + 600] for start in range(0, len(content), len(content) // 6)
+        )
 
 
 def check(kind: str, content: bytes) -> None:

@@ -247,11 +247,11 @@ def is_wrong_fact(reported: ReportedFact, failed_motor: int, permitted_codes: se
     Returns:
         False also for a fact that says of nothing that it is wrong: its level is neither bad nor watch.
     """
-    fact, place = reported
+    fact, place_in_review = reported
     if fact.level not in SERIOUS:
         return False
-    is_prominent = place in PROMINENT_PLACES
-    blames_motors = is_prominent or place == "motors"
+    is_prominent = place_in_review in PROMINENT_PLACES
+    blames_motors = is_prominent or place_in_review == "motors"
     sound_motors = motors_named(fact.subject) - {failed_motor}
     if blames_motors and sound_motors:
         return True
@@ -266,13 +266,13 @@ def states_mishap(reported: ReportedFact, kind: str, failed_motor: int) -> bool:
         kind: what went wrong, a key of ``KINDS``.
         failed_motor: number of the motor that failed; 0 for none.
     """
-    fact, place = reported
+    fact, place_in_review = reported
     code = str(fact.code)
     if code not in codes(kind, "expected"):
         return False
     is_serious = fact.level in SERIOUS
     # A good light or an event without a fault does not tell the pilot of the mishap.
-    if not is_serious and place not in PROMINENT_PLACES:
+    if not is_serious and place_in_review not in PROMINENT_PLACES:
         return False
     must_name_motor = KINDS[kind].get("names_motor", False)
     if not must_name_motor or code in codes(kind, "without_motor"):

@@ -234,8 +234,8 @@ class Head(NamedTuple):
         """
         if self.is_newest_first:
             newest_alarms = [event for event in self.events if event.event.is_alarm]
-            shown = (*self.events[:MAX_NEWEST_EVENTS], *newest_alarms[:MAX_BRIEF_EVENTS])
-            return [event for event in self.events if event in shown]
+            shown_events = (*self.events[:MAX_NEWEST_EVENTS], *newest_alarms[:MAX_BRIEF_EVENTS])
+            return [event for event in self.events if event in shown_events]
         if len(self.events) <= MAX_BRIEF_EVENTS:
             return self.events
         facts = [page_event.event.fact for page_event in self.events]
