@@ -169,7 +169,7 @@ def height_above_take_off(
 
 
 def _ignored_tilt_setpoints(signals: Signals, boot: int, flight_interval: TimeInterval) -> bool:
-    """Returns whether a vehicle was held: it never rose in a flight, and hardly tilted although setpoints asked it to.
+    """Returns whether a vehicle was held: it never rose in a flight, and hardly tilted although its setpoints did.
 
     Such a vehicle is on a test stand, or in somebody's hand. If the height was not recorded, it counts as free.
 
@@ -241,10 +241,7 @@ def grounded_intervals(signals: Signals, boot: int) -> Intervals:
     is_flown = in_intervals(collective.time, landed_state_intervals(signals, boot, OFF_GROUND))
     if not is_flown.any():
         return []
-    # The hover collective is the median in flight. Times below half of a high quantile are left out, since the vehicle
-    # stands on the ground or falls then.
-    is_carrying = mean > np.quantile(mean[is_flown], HIGH_QUANTILE) / 2
-    hover_collective = float(np.median(mean[is_flown & is_carrying]))
+    hover_collective = _hover_collective(mean[is_flown])
     # The rotation is judged relative to the fastest rotation of this vehicle in flight, a high quantile.
     square_rates = _mean_square_tilt_rates(signals, boot, collective.time)
     flight_square_rate = np.quantile(square_rates[is_flown], HIGH_QUANTILE)
@@ -255,6 +252,18 @@ def grounded_intervals(signals: Signals, boot: int) -> Intervals:
     is_deviating = _motor_deviations(signals, boot, collective, is_rotating) > max_deviation
     is_carried = mean < MIN_CARRYING_RATIO * hover_collective
     return true_intervals(collective.time, is_carried | (is_still & is_deviating))
+
+
+def _hover_collective(collective: Array) -> float:
+    """Returns the mean output of all motors with which a vehicle hovers: its median in flight.
+
+    Times below half of a high quantile are left out, since the vehicle stands on the ground or falls then.
+
+    Args:
+        collective: (N,) mean output of all motors at the times that count as flight, as a share of their range.
+    """
+    is_carrying = collective > np.quantile(collective, HIGH_QUANTILE) / 2
+    return float(np.median(collective[is_carrying]))
 
 
 def _motor_deviations(

@@ -287,7 +287,7 @@ def _seconds_per_byte(positions: StreamPositions, time: Array) -> float:
 def _runs_of_rising_clock(
     messages: StampedMessages, log_starts: Integers, boots: BootTimesInUtc, rules: ClockRules
 ) -> list[_Run]:
-    """Cuts messages into runs at which the clock goes back or jumps; short runs are left out.
+    """Cuts messages into runs, in each of which the clock rises without a jump; short runs are left out.
 
     Args:
         messages: The messages with sound stamps.
@@ -383,25 +383,43 @@ def _chains_of_runs(runs: list[_Run], max_gap: float, rules: ClockRules) -> list
     for run in runs:
         if run.is_repeated:
             continue
-        nearest_chain = None
-        nearest_gap = inf
-        for chain in chains:
-            gap = run.start_time - chain.end_time
-            goes_back = gap < -rules.max_fall
-            if goes_back or abs(gap) >= nearest_gap:
-                continue
-            if chain.utc_at_boot is not None and run.utc_at_boot is not None:
-                is_same_boot = abs(run.utc_at_boot - chain.utc_at_boot) <= MAX_UTC_DIFFERENCE
-            else:
-                is_same_boot = abs(gap) <= max_gap
-            if is_same_boot:
-                nearest_chain = chain
-                nearest_gap = abs(gap)
-        if nearest_chain is None:
+        chain = _continued_chain(run, chains, max_gap, rules)
+        if chain is None:
             chains.append(_Chain(run))
         else:
-            nearest_chain.add(run)
+            chain.add(run)
     return chains
+
+
+def _continued_chain(
+    run: _Run, chains: Sequence[_Chain], max_gap: float, rules: ClockRules
+) -> _Chain | None:
+    """Returns the chain that a run of messages continues; of several the one whose end is nearest in time.
+
+    Args:
+        run: The run, which comes after all chains in the file.
+        chains: The chains so far.
+        max_gap: Longest time, s, between two runs of a chain, unless their UTC shows that they are of one boot.
+        rules: Limits of what the clock may do.
+
+    Returns:
+        The chain; None if the run continues none of them.
+    """
+    nearest_chain = None
+    nearest_gap = inf
+    for chain in chains:
+        gap = run.start_time - chain.end_time
+        goes_back = gap < -rules.max_fall
+        if goes_back or abs(gap) >= nearest_gap:
+            continue
+        if chain.utc_at_boot is not None and run.utc_at_boot is not None:
+            is_same_boot = abs(run.utc_at_boot - chain.utc_at_boot) <= MAX_UTC_DIFFERENCE
+        else:
+            is_same_boot = abs(gap) <= max_gap
+        if is_same_boot:
+            nearest_chain = chain
+            nearest_gap = abs(gap)
+    return nearest_chain
 
 
 def _may_be_same_recording(chain: _Chain, kept_chain: _Chain, rules: ClockRules) -> bool:

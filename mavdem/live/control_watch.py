@@ -312,7 +312,7 @@ class ControlWatch:
         Args:
             moment: present time, at or after the end.
             end_time: when the flight ended, s of the boot clock.
-            reports: events that the autopilot reports, which may say why the motors were stopped.
+            reports: events that the autopilot reports, which may state why the motors were stopped.
 
         Returns:
             Whether the motors stopped in the air, whether the vehicle has sunk since, and how it was lost, as the
@@ -329,8 +329,8 @@ class ControlWatch:
         if error is None:
             return FlightEnd(is_in_air, is_falling, loss=None)
         attitude_loss = self._attitude_loss
-        if attitude_loss is not None and attitude_loss.start_time < take_off:
-            # The attitude was lost in an earlier flight.
+        was_in_earlier_flight = attitude_loss is not None and attitude_loss.start_time < take_off
+        if was_in_earlier_flight:
             attitude_loss = None
         if attitude_loss is None and not is_in_air:
             # A vehicle that hits the ground upright, since it cannot hold its height, has none.

@@ -127,7 +127,7 @@ class GainAdviser:
             pending: the advice that an executor computes.
 
         Returns:
-            The advice. If computing it failed or took too long, it contains only the fact that says so.
+            The advice. If computing it failed or took too long, it contains only the fact that states it.
         """
         try:
             return pending.result(MAX_WAIT_SECONDS)
@@ -184,7 +184,7 @@ def advise_gains(recording: Path, vehicle: str) -> GainAdvice:
 
 
 def _write_gain_files(recording: Path, texts: Mapping[str, str], next_step: Fact) -> Fact:
-    """Writes files with new gains next to a recording, and returns the fact that says where they are.
+    """Writes files with new gains next to a recording, and returns the fact with their path.
 
     Args:
         recording: path of the session's recording.
@@ -247,7 +247,7 @@ def facts_of_tuning(tuning: Tuning) -> Facts:
         tuning: the advice on all axes.
 
     Returns:
-        The new gains, and then the decisions on other axes that ask for an action. If there is neither, one fact: why
+        The new gains, and then the decisions on other axes that need an action. If there is neither, one fact: why
         the gains stay as they are, for the axis whose advice is least certain.
     """
     facts = []

@@ -120,7 +120,7 @@ class ModelJudging:
 
         Returns:
             The model to show. If a limit cycle or a weak motor caused the torque that was estimated as the wind's, the
-            model says so.
+            model is marked so.
         """
         try:
             if model is None or row_format is None or not _has_same_motors(row_format, model):

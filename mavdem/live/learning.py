@@ -286,7 +286,7 @@ class FlightLearning:
             The model.
 
         Raises:
-            NotLearnable: there is no model; the reason says why.
+            NotLearnable: there is no model; the error states why.
         """
         if self.learner is None or (self.learned_rows and not self.has_settled):
             # A model of the climb alone may have been reported as the first one, but is not kept.

@@ -111,10 +111,10 @@ class LinkKind(StrEnum):
 
 
 class LinkLost(Exception):
-    """The TCP connection or the serial port is lost; ``fact`` says why."""
+    """The TCP connection or the serial port is lost; ``fact`` states why."""
 
     def __init__(self, name: str, cause: LinkError, error: OSError | None = None) -> None:
-        """Makes the fact that tells the user which link is lost and why.
+        """Makes the fact that reports to the user which link is lost and why.
 
         Args:
             name: connection string of the link.
@@ -611,8 +611,8 @@ def _ids_of_autopilot(datagram: bytes) -> bytes | None:
 def _parse_name(name: str) -> _LinkAddress:
     """Parses a connection string, whose forms the module's documentation lists.
 
-    What is no network address must be the absolute path of a serial device, or a name as COM3. Whether it is one shows
-    when it is opened.
+    A name that is no network address must be the absolute path of a serial device, or a name such as COM3. Whether
+    there is such a device is found out when it is opened.
 
     Args:
         name: the connection string, such as "udp:0.0.0.0:14550" or "/dev/ttyUSB0".
@@ -646,7 +646,7 @@ def _parse_name(name: str) -> _LinkAddress:
 def _cannot_open(
     name: str, cause: LinkError, host: str = "", port: int = 0, message: str = ""
 ) -> Unreadable:
-    """Returns the error for a link that cannot be opened; its sentence says why and what to do.
+    """Returns the error for a link that cannot be opened; its sentence states why, and what to do.
 
     Args:
         name: connection string of the link.

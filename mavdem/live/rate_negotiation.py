@@ -123,7 +123,7 @@ class RateNegotiation:
         """Restores the vehicle's own message rates at the end of a session, and waits for its confirmation.
 
         Rates that the vehicle does not confirm are sent again, ``MAX_TRIES`` times in all, since radios lose frames. If
-        some rate remains unconfirmed, a fact tells the user, as the vehicle may keep the requested rates.
+        some rate remains unconfirmed, a fact reports it, as the vehicle may keep the requested rates.
         """
         request = self._request
         if request is None:

@@ -46,8 +46,8 @@ class ReportAlarms:
             now: present time on the boot clock, s.
 
         Returns:
-            What to tell the user: an alarm of the report's level with the report as its reason, or the report itself
-            where it is not alarming.
+            What to report to the user: an alarm of the report's level with the report as its reason; or the report
+            itself where it is not alarming.
         """
         if not is_alarming(report):
             return report

@@ -250,8 +250,8 @@ class SessionStatus(ImmutableResult):
     def _judgement_by_model(self) -> Judgement:
         """The judgement of the latest model; before one is judged, that nothing which needs a model is known.
 
-        The judgement of a model knows nothing of tracking and estimator, which are judged without it. If they are not
-        judged yet, their lights get the reason from the list of what is watched.
+        Tracking and estimator are judged without a model, so that the judgement of the model does not contain them. If
+        they are not judged yet, their lights get the reason from the list of what is watched.
         """
         reason = self._reason_without_model
         watch_facts = self._followed_watch_facts

@@ -400,8 +400,9 @@ class LiveStream:
     def _messages_of_followed_vehicle(self, frame: Frame) -> list[tuple[Message, float]]:
         """Counts a frame for its sender, and returns its message if the sender is the followed vehicle.
 
-        From the messages of all senders the vehicle to follow is chosen, perhaps by this very message. Until then they
-        are kept, since a vehicle may take off meanwhile, and the vehicle's earlier messages are returned with this one.
+        The vehicle to follow is chosen by the messages of all senders. Until it is known, messages are kept, since the
+        vehicle may take off meanwhile. The message that decides the choice is returned with the earlier ones of the
+        chosen vehicle.
 
         Args:
             frame: the next frame, intact or not.

@@ -77,7 +77,7 @@ class VehicleReview:
         """Discards messages, phase and alarms at a reboot, after which the clock begins again.
 
         The rest of the present review is dropped too: it would judge the former boot by times of the new one. What the
-        watchdog knows of a loss stays, since an autopilot may well reboot in a crash.
+        watchdog has found on a loss of control stays, since an autopilot may well reboot in a crash.
 
         Args:
             boot: number of the new boot.

@@ -204,7 +204,7 @@ class Component:
         return is_long_gap and not is_next
 
     def add_message(self, message: Message) -> None:
-        """Takes what a message tells about its component: a parameter, or from a HEARTBEAT its type and autopilot.
+        """Stores what a message states about its component: a parameter, or from a HEARTBEAT type and autopilot.
 
         Other messages change nothing. The number of parameters is bounded, against hostile input.
 
@@ -329,8 +329,8 @@ class VehicleSelector:
     def _refuse_duplicate_ids(self, sender: Component) -> None:
         """Reports once that two vehicles send under the same ids, and follows neither of them.
 
-        Their messages cannot be told apart, so that alarms about them would be false. Once one of them is silent, the
-        other may be followed.
+        Their messages cannot be distinguished, so that alarms about them would be false. Once one of them is silent,
+        the other may be followed.
 
         Args:
             sender: component that has just sent a message.

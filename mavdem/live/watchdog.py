@@ -900,7 +900,7 @@ class Watchdog:
         return reports
 
     def _update_restart(self, restart: Fact) -> None:
-        """Sets the light that states a restart of the autopilot in flight; its cause decides which light that is.
+        """Makes a restart of the autopilot in flight the light (judgement) of the part that caused it, such as power.
 
         Args:
             restart: the restart, with its cause as far as that is known now.
@@ -965,8 +965,8 @@ class Watchdog:
     def _end_alarms(self, review: _Review) -> list[Fact]:
         """Removes the active alarms that are over, and returns their ends as facts.
 
-        If the fault was one of the moment (``PRESENT_FAULTS``), its light says that it is over; all other lights keep
-        stating what was wrong in the flight.
+        If the fault was one of the present moment (``PRESENT_FAULTS``), its light then states that it is over. All
+        other lights keep stating what was wrong in the flight.
 
         Args:
             review: the review that ends; its warnings are among the active alarms already.
@@ -1037,7 +1037,7 @@ class Watchdog:
             motion: attitude and motor outputs of the last seconds; None if they do not come.
 
         Returns:
-            For each quantity that cannot be watched, the fact that says why; quantities that can be are left out.
+            For each quantity that cannot be watched, the fact that states why; quantities that can be are left out.
         """
         reasons = quantities_without_motion(motion)
         received_names = self._recent.names_since(now - MEMORY_SECONDS)

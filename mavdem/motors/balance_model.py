@@ -64,7 +64,7 @@ class BalanceModel:
     ) -> RiseEstimate:
         """Estimates by how much the motors' commands rose in a change, relative to the commands before it.
 
-        A hypothesis says which motors changed, and in which ratio (``rises``), but not by how much. That is one factor,
+        A hypothesis states which motors changed and in which ratio (``rises``), but not by how much. That is a factor,
         the size of the change, by which all rises are multiplied. It is the weighted least-squares estimate along the
         signature g, the change of the balance that ``rises`` themselves would make: with the balance before and after
         the change, b₀ and b₁, and the variance V, it is gᵀ V⁻¹ (b₁ − b₀) / (gᵀ V⁻¹ g).

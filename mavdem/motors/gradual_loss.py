@@ -97,7 +97,7 @@ def gradual_loss(
 
     Returns:
         The loss, with the beginning of the ramp as ``onset_time`` and the end of the run as ``time``; None if no motor
-        lost thrust, the flight is too short, or motors cannot be told apart.
+        lost thrust, the flight is too short, or two motors cannot be distinguished.
     """
     signatures = motor_signatures(geometry)
     if not signatures.is_motor_identifiable or len(time) < 2:

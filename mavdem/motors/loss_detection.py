@@ -442,7 +442,8 @@ class MotorLossDetector:
         the rise and the interval of the lost thrust are recorded.
 
         Args:
-            rises: (k,) rises of the motors' commands of the hypothesis, up to their size.
+            rises: (k,) rises of the motors' commands under the cause that was found, in their ratio to each other: 0
+                for motors that did not change, negative for motors that recovered.
             change: The change of the balance.
             log_odds: Logarithm of the odds that this is the cause.
         """
@@ -459,13 +460,12 @@ class MotorLossDetector:
         for motor in moved_motors:
             previous = self.weak_motors.pop(motor, None)
             previous_rise = 0.0 if previous is None else previous.size
-            # The estimate of the rise with both ends of its 90 % interval.
-            lowest, rise, highest = (
-                (1 + previous_rise)
-                * (1 + estimate.rises[motor] + sign * estimate.half_widths[motor])
-                - 1
-                for sign in (-1, 0, 1)
-            )
+            # The rise since the motor was sound, with both ends of its 90 % interval.
+            change_of_command = float(estimate.rises[motor])
+            half_width = float(estimate.half_widths[motor])
+            rise = (1 + previous_rise) * (1 + change_of_command) - 1
+            lowest = (1 + previous_rise) * (1 + change_of_command - half_width) - 1
+            highest = (1 + previous_rise) * (1 + change_of_command + half_width) - 1
             is_sound_again = rise < max(RISES[0], previous_rise * MAX_RECOVERED_SHARE)
             if rises[motor] < 0 and (len(moved_motors) > 1 or is_sound_again):
                 self._add_alarm(motor, block_count, log_odds, 0.0)

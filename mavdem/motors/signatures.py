@@ -18,7 +18,7 @@ from mavdem.dataset.axes import AXES
 from mavdem.ingest.motors import MotorGeometry
 
 MAX_SIGNATURE_COSINE = 0.99
-"""Cosine of the angle between two motors' signatures, from which the two motors cannot be told apart; a choice."""
+"""Cosine of the angle between two motors' signatures from which on they cannot be distinguished; a choice."""
 
 
 @dataclass(frozen=True)

@@ -51,7 +51,7 @@ A choice: without half of a motor's thrust a vehicle flies on, but hardly in gus
 """
 
 ALL_AXES = ("thrust", "roll", "pitch", "yaw")
-"""Axes that a mixer must be known for before a pattern can be told from others."""
+"""Axes that a mixer must be known for before a pattern can be distinguished from others."""
 
 
 def trim_of_signals(signals: Signals) -> Fact | None:

@@ -338,7 +338,7 @@ def _checks_of_parameter(name: str, figures: IdentifiabilityFigures) -> Iterator
 
     # The prior of the motors' effects is the mixer. Where a flight contradicts it, a motor does not answer its command,
     # or the model does not describe the axis: neither single effects nor their errors are right. An effect that is
-    # biased by a filter that was taken for lag contradicts the mixer too, and says nothing about the motors.
+    # biased by a filter that was taken for lag contradicts the mixer too, and shows nothing about the motors.
     if name == "effect" and not figures.lag_unresolved:
         is_contradicted = figures.motor_deviation > SIGNIFICANT_SIGMAS * figures.motor_deviation_sd
         motors_differ = Fact(ParameterDoubt.MOTORS_DIFFER, share=figures.motor_deviation)

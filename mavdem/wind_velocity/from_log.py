@@ -568,8 +568,8 @@ def drag_settings(drag: Drag, telemetry: Telemetry) -> dict[str, ParameterValue]
     """Returns the parameters of the autopilot's own drag model that should be set to make its wind estimate better.
 
     A parameter is left out if its interval is so wide that the autopilot's own value may be as good, and if a DataFlash
-    log, which has all parameters of the firmware, does not contain it. There are none for the drag of the population,
-    which need not be this vehicle's.
+    log, which has all parameters of the firmware, does not contain it. No parameter is returned if the drag was not
+    estimated for this vehicle, but is that of the population of vehicles.
 
     Args:
         drag: linear and quadratic drag of the vehicle, with their uncertainty.

@@ -45,7 +45,7 @@ SELECTED_IMU = 0
 """Number of the series of the IMU that PX4 selects at each time, if several IMUs were logged."""
 
 USE_PARAMETERS = {1: "INS_USE", 2: "INS_USE2", 3: "INS_USE3"}
-"""ArduPilot's parameters that say whether each IMU is used, 0 or 1, by its number."""
+"""ArduPilot's parameters that state whether each IMU is used, 0 or 1, by its number."""
 
 IMU_MASK_PARAMETERS = ("EK3_IMU_MASK", "EK2_IMU_MASK")
 """ArduPilot's parameters with a bit for each IMU that has a core of the estimator, the newer first."""
@@ -68,7 +68,7 @@ class AccelerometerRecord:
     number: int
     """Number of its IMU, from 1; ``SELECTED_IMU`` for that which PX4 selects."""
     is_used: bool | None
-    """Whether the parameters of the autopilot use it; None if they do not say so."""
+    """Whether the parameters of the autopilot use it; None if they do not state it."""
     time: Array
     """(N,) s since boot."""
     magnitude: Array
@@ -182,7 +182,7 @@ def _measured_accelerometer(
         signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.
         boot: number of the boot; a boot lasts from one start of the autopilot to the next.
         number: number of the IMU (inertial measurement unit), from 1.
-        is_used: whether the parameters use it; None if they do not say so.
+        is_used: whether the parameters use it; None if they do not state it.
         specific_forces: specific force (N, 3) of all boots, m/s².
 
     Returns:

@@ -79,7 +79,7 @@ class RotationUnderPower:
     powered_seconds: float
     """Time with motors that could carry the vehicle, s."""
     follows_setpoint: bool | None
-    """Whether roll and pitch follow their setpoints; None if the setpoints ask for too little to tell."""
+    """Whether roll and pitch follow their setpoints; None if the setpoints change too little to decide."""
     correlation: float | None
     """Largest correlation of a setpoint with its angle; None if no setpoint varies enough."""
     median_error: float | None
@@ -157,7 +157,7 @@ class _SetpointResponse(NamedTuple):
     """How roll and pitch follow their setpoints."""
 
     follows_setpoint: bool | None = None
-    """Whether they do; None if the setpoints ask for too little to tell."""
+    """Whether they do; None if the setpoints change too little to decide."""
     correlation: float | None = None
     """Largest correlation of a setpoint with its angle; None if no setpoint varies enough."""
     median_error: float | None = None

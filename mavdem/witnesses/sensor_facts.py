@@ -1,6 +1,6 @@
 """Sensor facts: what one sensor shows for or against an event, such as a knock for a crash. They decide its level.
 
-The code of a sensor fact says what the sensor shows, such as that the vehicle rotated. Its figure ``side`` says whether
+The code of a sensor fact states what the sensor shows, such as that the vehicle rotated. Its figure ``side`` is whether
 it supports the event or contradicts it; its other figures are measured, such as the largest body rate. The facts of an
 event are its figure ``witnesses``.
 """

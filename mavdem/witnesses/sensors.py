@@ -49,7 +49,7 @@ COMPASSES = {1: ("SCALED_IMU", "RAW_IMU"), 2: ("SCALED_IMU2",), 3: ("SCALED_IMU3
 """Messages of each compass, the preferred first, by its number: ArduPilot sends the first one as RAW_IMU."""
 
 COMPASS_USE_PARAMETERS = {1: "COMPASS_USE", 2: "COMPASS_USE2", 3: "COMPASS_USE3"}
-"""ArduPilot's parameters that say whether each compass is used, 0 or 1."""
+"""ArduPilot's parameters that state whether each compass is used, 0 or 1."""
 
 SEA_LEVEL_PRESSURE = 1013.25
 """Pressure at sea level of the International Standard Atmosphere, hPa."""
@@ -102,7 +102,7 @@ def barometer_altitude(signals: Signals) -> TimeSeries | None:
 
 
 def primary_barometer(telemetry: Telemetry) -> int:
-    """Returns the index in ``BAROMETERS`` of the barometer that is used; 0 if the parameters do not say it."""
+    """Returns the index in ``BAROMETERS`` of the barometer that is used; 0 if the parameters do not state it."""
     number = int(telemetry.parameters.get(BAROMETER_PARAMETER, 0))
     return number if 0 <= number < len(BAROMETERS) else 0
 
@@ -150,7 +150,7 @@ def compass_fields(signals: Signals) -> dict[int, TimeSeries]:
 
 
 def is_compass_used(telemetry: Telemetry, number: int) -> bool | None:
-    """Returns whether ArduPilot's parameters use a compass, by its number; None if they do not say it."""
+    """Returns whether ArduPilot's parameters use a compass, by its number; None if they do not state it."""
     value = telemetry.parameters.get(COMPASS_USE_PARAMETERS[number])
     return None if value is None else value > 0
 

@@ -32,7 +32,7 @@ MIN_FIX_SHARE = 0.95
 
 @dataclass(frozen=True, eq=False)
 class SensorTrust:
-    """Which sensors of one boot can be trusted; None is the answer to what the log does not show."""
+    """Which sensors of one boot can be trusted; a result is None if the log does not show it."""
 
     boot: int
     """Number of the boot."""
@@ -96,7 +96,7 @@ class SensorTrust:
 
     @property
     def attitude_follows_setpoint(self) -> bool | None:
-        """Whether roll and pitch follow their setpoints; None if the setpoints ask for too little to tell."""
+        """Whether roll and pitch follow their setpoints; None if the setpoints change too little to decide."""
         return None if self.rotation is None else self.rotation.follows_setpoint
 
     @property

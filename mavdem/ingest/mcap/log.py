@@ -114,9 +114,9 @@ class _RecordedBytes(NamedTuple):
 def _mavlink_stream(source: str, recording: McapRecording) -> FrameStream:
     """Collects the MAVLink in a recording as one stream of frames, whichever way it was recorded.
 
-    Two ways of recording are read. Frames are taken as they are. JSON text is encoded as frames again, so that all
-    messages are decoded in one way. If a sender was recorded in both ways, its JSON messages are skipped, so that
-    nothing counts twice. A recording counts as MAVLink if the checksum of any frame matches.
+    A channel of the recording has MAVLink either as frames, which are taken as they are, or as JSON text, which is
+    encoded as frames again. If a sender was recorded in both ways, its JSON messages are skipped, so that nothing
+    counts twice. A recording counts as MAVLink if the checksum of any frame matches.
 
     Args:
         source: Name of the file, for error messages and the report.

@@ -354,19 +354,7 @@ class LoopPosterior:
         for segment in self.likelihoods(np.vstack([theta, theta + step * np.eye(k)])):
             value += float(segment.log_likelihood[0])
             gradient += (segment.log_likelihood[1:] - segment.log_likelihood[0]) / step
-            # With F = G Gᵀ, the whitener is G⁻¹: each product with F⁻¹ is one of whitened derivatives, which are
-            # flattened to one row for each parameter.
-            whitener = np.linalg.inv(np.linalg.cholesky(segment.covariance[0]))
-            derivatives = (segment.innovations[1:] - segment.innovations[0]) / step @ whitener.T
-            derivatives = derivatives.reshape(k, -1)
-            covariance_derivatives = (segment.covariance[1:] - segment.covariance[0]) / step
-            covariance_derivatives = whitener @ covariance_derivatives @ whitener.T
-            covariance_derivatives = covariance_derivatives.reshape(k, -1)
-            samples = segment.innovations.shape[1]
-            information_of_covariance = (
-                0.5 * samples * covariance_derivatives @ covariance_derivatives.T
-            )
-            curvature += derivatives @ derivatives.T + information_of_covariance
+            curvature += _fisher_information(segment, step)
         return QuadraticExpansion(theta, value, gradient, curvature)
 
     def limited_step(self, step: Array) -> Array:
@@ -376,6 +364,33 @@ class LoopPosterior:
     def _log_prior(self, theta: Array) -> float:
         """Returns the logarithm of the normal prior density of (k,), up to a constant."""
         return -0.5 * float(np.sum(((theta - self.prior.mean) / self.prior.sd) ** 2))
+
+
+def _fisher_information(likelihood: SteadyLikelihood, step: float) -> Array:
+    """Returns the Fisher information on the parameters in the innovations of one segment.
+
+    It is Σ_t (e_aᵀ F⁻¹ e_b + ½ tr(F⁻¹ F_a F⁻¹ F_b)) for parameters a and b (:meth:`LoopPosterior.expand`). With the
+    Cholesky factor G of the covariance F = G Gᵀ, the derivatives are whitened by G⁻¹, so that each term is a product of
+    whitened derivatives.
+
+    Args:
+        likelihood: innovations e and their covariance F, in row 0 at the point, in row i + 1 with parameter i changed.
+        step: change of each parameter, by which the derivatives are differences.
+
+    Returns:
+        Information (k, k).
+    """
+    parameter_count = len(likelihood.log_likelihood) - 1
+    whitener = np.linalg.inv(np.linalg.cholesky(likelihood.covariance[0]))
+    derivatives = (likelihood.innovations[1:] - likelihood.innovations[0]) / step @ whitener.T
+    covariance_derivatives = (likelihood.covariance[1:] - likelihood.covariance[0]) / step
+    covariance_derivatives = whitener @ covariance_derivatives @ whitener.T
+    # One row for each parameter.
+    derivatives = derivatives.reshape(parameter_count, -1)
+    covariance_derivatives = covariance_derivatives.reshape(parameter_count, -1)
+    samples = likelihood.innovations.shape[1]
+    information_of_covariance = 0.5 * samples * covariance_derivatives @ covariance_derivatives.T
+    return np.asarray(derivatives @ derivatives.T + information_of_covariance)
 
 
 def fit_closed_loop(posterior: LoopPosterior) -> QuadraticExpansion:
