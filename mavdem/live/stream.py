@@ -496,7 +496,12 @@ class LiveStream:
                 m/s, the position north, east and down, m, follows.
             time: time on the boot clock, s.
         """
-        first_wind = self.wind.add_velocity(message.name, time, message.values[:3])
+        first_wind = None
+        if self._review.watchdog.loss is None:
+            first_wind = self.wind.add_velocity(message.name, time, message.values[:3])
+        else:
+            # A vehicle out of control, or on the ground, does not lean into the wind.
+            self.wind.stop()
         if message.name == "LOCAL_POSITION_NED":
             position = message.values[3:]
             north_and_east = message.values[1:3]

@@ -121,6 +121,9 @@ EXPLAINED_BY_LOSS = (
 )
 """Quantities in which a vehicle out of control has faults however sound it is: they are not judged after a loss."""
 
+CAUSED_LOSSES = (Ending.CONTROL_LOST, Ending.CRASHED)
+"""Losses that a motor at its limit may have caused."""
+
 FALL_SECONDS = 2 * RECOVERY_SECONDS
 """Time after a flight in which a vehicle whose motors were stopped in the air meets the ground and lies still, s."""
 
@@ -687,20 +690,20 @@ class Watchdog:
         self._judge_motors_after_loss(loss)
 
     def _with_motor_at_limit(self, loss: Fact) -> Fact:
-        """Adds to a loss without a known cause the motor at whose limit the vehicle could not hold its height before.
+        """Adds to a loss without a known cause the motor that had its alarm for staying at its upper limit before.
 
-        Motors reach their limit many seconds before such a vehicle meets the ground, and the seconds of outputs that
-        are kept no longer show it.
+        A motor may reach its limit many seconds before the vehicle meets the ground, so that the seconds of outputs
+        that are kept no longer show it.
 
         Args:
             loss: how the flight was lost.
         """
-        sinking = self.alarms.facts.get(WatchedQuantity.MOTOR_LIMITS)
-        has_cause = loss.figures.get("cause") is not None or loss.code not in Ending
-        if sinking is None or has_cause or not (self._is_sinking and sinking.subject):
+        limited = self.alarms.facts.get(WatchedQuantity.MOTOR_LIMITS)
+        has_cause = loss.figures.get("cause") is not None or loss.code not in CAUSED_LOSSES
+        if limited is None or has_cause or not limited.subject:
             return loss
-        cause = Fact(FailedFirst.LIMIT_FIRST, subject=sinking.subject)
-        return loss.replace(subject=sinking.subject, cause=cause, mode="")
+        cause = Fact(FailedFirst.LIMIT_FIRST, subject=limited.subject)
+        return loss.replace(subject=limited.subject, cause=cause, mode="")
 
     def _judge_attitude_estimate(self, review: _Review) -> None:
         """Judges whether the estimated attitude is NaN, by which the estimator has failed for certain.

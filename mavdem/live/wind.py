@@ -298,6 +298,13 @@ class LiveWind:
         self._step_end = inf
         self._check_time = -inf
 
+    def stop(self) -> None:
+        """Ends the estimates of a flight that was lost; its mean stays, which is of the motion before."""
+        self.latest = None
+        self._filter = None
+        self._attitudes.clear()
+        self._velocities.clear()
+
     def add_attitude(self, time: float, roll: float, pitch: float, yaw: float) -> None:
         """Adds an attitude of free flight, unless it comes sooner than ``MIN_SAMPLE_STEP`` after the last one.
 

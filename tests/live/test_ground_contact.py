@@ -60,6 +60,18 @@ def test_a_vehicle_that_sinks_with_a_motor_at_its_limit_is_said_to_before_it_hit
     assert "motor 3 (front left)" in session.status().loss.sentence
 
 
+def test_the_wind_before_a_loss_stays_known(flown):
+    stream = LiveStream()
+    mean = None
+    for stamp, frame in read_stream(flown).stamped_frames():
+        stream.feed(stamp / 1e6, frame)
+        if stream.status().loss is None:
+            mean = stream.wind.mean
+    assert mean is not None
+    assert stream.wind.mean is mean and stream.wind.latest is None
+    assert stream.wind.no_estimate_reason is None
+
+
 def test_a_loss_is_said_before_its_impact_and_no_lost_vehicle_is_in_flight(flown):
     stream = LiveStream()
     losses = []
