@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from math import nan
+from math import ceil, nan
 from typing import Any, NamedTuple, Self
 
 import numpy as np
@@ -36,6 +36,12 @@ from mavdem.wind_velocity.vehicle_drag import DRAG_PARAMETERS, LEAN, LOG_COEFFIC
 
 INDEPENDENT_SECONDS = 10.0
 """Time after which the error of the wind by noise is independent, s: a choice."""
+
+PART_SECONDS = 60.0
+"""Longest part of a flight whose mean wind is given, s: wind is reported by the minute."""
+
+PART_TOLERANCE = 0.05
+"""Number of parts by which a flight may be longer than its parts: an odd second makes no further part."""
 
 LAYER_HEIGHT = 10.0
 """Height of a layer of the wind profile, m."""
@@ -174,9 +180,26 @@ class WindVelocity(ImmutableResult):
         """Middle of the strongest gust, s, on the clock of ``time``; NaN if the speed is not identifiable."""
         if not len(self.time):
             return nan
-        steps = max(round(self.gust_seconds / np.median(np.diff(self.time))), 1)
-        start = int(_running_means(np.hypot(*self.velocity.T)[:, np.newaxis], steps).argmax())
-        return float(self.time[start : start + steps].mean())
+        start = int(self._means_over_gusts.argmax())
+        return float(self.time[start : start + self._gust_steps].mean())
+
+    @property
+    def lull(self) -> float:
+        """Smallest mean speed over ``gust_seconds``, m/s; NaN if the speed is not identifiable."""
+        if not len(self.time):
+            return nan
+        return float(self._means_over_gusts.min())
+
+    @property
+    def _gust_steps(self) -> int:
+        """Number of time steps in ``gust_seconds``."""
+        return max(round(self.gust_seconds / np.median(np.diff(self.time))), 1)
+
+    @property
+    def _means_over_gusts(self) -> Array:
+        """Means of the speed over ``gust_seconds`` from each step on, m/s; those that would end later are left out."""
+        speeds = np.hypot(*self.velocity.T)
+        return _running_means(speeds[:, np.newaxis], self._gust_steps)[:, 0]
 
     @property
     def polar(self) -> PolarWind:
@@ -421,7 +444,7 @@ def _mean_wind_by_minute(
 ) -> list[dict[str, float]]:
     """Returns the mean wind of each minute of a flight.
 
-    The flight is cut into equal parts of about a minute.
+    The flight is cut into equal parts of half a minute to a minute.
 
     Args:
         winds: N posterior samples of the wind velocity, north and east (T, N, 2), m/s.
@@ -434,8 +457,8 @@ def _mean_wind_by_minute(
         ``direction`` that the wind comes from, degrees; and ``start`` and ``end``, the times of its first and last
         step, s.
     """
-    flight_minutes = len(winds) * step / 60
-    part_count = max(round(flight_minutes), 1)
+    # A flight of more than a minute has two parts, so that a wind that rose is seen.
+    part_count = max(ceil(len(winds) * step / PART_SECONDS - PART_TOLERANCE), 1)
     parts = []
     for rows in np.array_split(np.arange(len(winds)), part_count):
         mean = _mean_wind(winds[rows], variances[rows], step)

@@ -149,6 +149,11 @@ def test_band_holds_and_a_jump_is_followed():
     assert wind.gust_time == approx(time[gusts.argmax()], abs=2.0)
     shown = wind_blocks(WindEvidence(wind, None, None))
     assert f"at {wind.gust_time:.0f} s" in shown[0].text
+    assert wind.lull == approx(gusts[15:-15].min(), abs=1.0)
+    assert f"lulls to {wind.lull:.1f} m/s" in shown[0].text
+    # A jump in a flight of little more than a minute is seen in its parts.
+    short = mavdem.estimate_wind(*(values[200:1000] for values in (time, attitude, velocity)))
+    assert [round(one["speed"] / 5) for one in short.minutes] == [1, 2]
     assert "the mean from 0 to 119 s; each" in shown[1].text
     assert wind.gust > 9 and [round(one["speed"] / 5) for one in wind.minutes] == [1, 2]
     assert np.diff([(one["start"], one["end"]) for one in wind.minutes]) == approx(60.0, abs=1.0)
@@ -241,7 +246,7 @@ def test_calm_air_is_below_a_speed():
     assert not any("own estimate" in block.text for block in shown)
     # Where the autopilot makes none, the setting is named with which it does.
     shown = wind_blocks(WindEvidence(wind, None, None, "PX4"))
-    assert any("makes one with EKF2_DRAG_CTRL 1" in block.text for block in shown)
+    assert any("(EKF2_DRAG_CTRL 1 switches it on)" in block.text for block in shown)
     course = tuple(
         {
             "start": 60.0 * i,
