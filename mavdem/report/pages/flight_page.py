@@ -115,9 +115,6 @@ SECONDS_PER_MINUTE = 60
 CHAPTER_LEVELS = (Level.BAD, Level.WATCH, Level.UNKNOWN, Level.GOOD)
 """Levels of a chapter from the worst to the best; one that is not known may hide a bad one."""
 
-MAX_WATCHED_CHAPTERS = 2
-"""Chapters to be watched that are open at first: a choice, so that a page stays short; the contents mark all."""
-
 TRACKING_FIGURES = {
     "angle_error": "angle error (RMS)",
     "error_limit": "bad from",
@@ -203,9 +200,9 @@ def unfold_chapters_of_warnings(
     """Yields the chapters of a page with their levels, and opens those that explain the worst lights.
 
     A light is the judgement of one part of the vehicle, with a level. The level of a chapter is the worst one of the
-    lights that it explains. Chapters with a bad light are open or, if nothing is bad, those with a light to be watched;
-    all others are folded. Of those to be watched at most ``MAX_WATCHED_CHAPTERS`` are open, the headline's first. The
-    chapter of the log is never open, since its light says everything.
+    lights that it explains. Chapters with a bad light are open or, if nothing is bad, one of those with a light to be
+    watched, so that the page stays short: the headline's, if it has one. All others are folded. The chapter of the log
+    is never open, since its light says everything.
 
     Args:
         chapters: the chapters.
@@ -230,7 +227,7 @@ def unfold_chapters_of_warnings(
             if light in lights and lights[light].code is headline.code
         }
         titles_to_open.sort(key=lambda title: title not in titles_of_headline)
-        del titles_to_open[MAX_WATCHED_CHAPTERS:]
+        del titles_to_open[1:]
     for chapter in judged_chapters:
         yield chapter._replace(folded=chapter.title not in titles_to_open)
 
