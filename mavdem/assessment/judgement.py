@@ -164,7 +164,7 @@ def lights_with_event(lights: NamedFacts, headline: Fact) -> dict[str, Fact]:
 
     Args:
         lights: the facts of the eight lights, by name.
-        headline: the headline, an event or another fact.
+        headline: fact that the first sentence of a result states: an event or a status light.
     """
     light = light_of_event(headline)
     if light is None or not headline.warns:
@@ -270,7 +270,7 @@ def with_action_on_loops(light: Fact, decisions: DecisionsByAxis) -> Fact:
     """Adds to the fact of a status light about loops the action that was decided for the axes that the fact names.
 
     Args:
-        light: fact of the light of tracking or of margins.
+        light: status light of tracking or of margins: a fact with a level.
         decisions: decisions on the loops, by axis.
 
     Returns:
@@ -574,7 +574,7 @@ def _step_against_faults(headline: Fact, lights: NamedFacts) -> Fact:
 
     Args:
         headline: headline of the judgement, with a fault.
-        lights: the facts of all lights, by name.
+        lights: all status lights by name: facts with a level.
 
     Returns:
         The fact that advises the step, with the headline as ``reason`` and the facts of the other lights as ``also``.

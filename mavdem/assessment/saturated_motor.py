@@ -60,7 +60,7 @@ def saturation_losses(signals: Signals, events: Sequence[Fact], ending: Fact | N
 
     Args:
         signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.
-        events: events of the log, among them the events of motors at their limit.
+        events: events of the log (facts with a time), among them those of motors at their limit.
         ending: event with which the flight was lost; None if it was not.
 
     Returns:
@@ -88,7 +88,7 @@ def _limits_before_trouble(events: Sequence[Fact], ending: Fact | None) -> Itera
     or after the fault that caused it, since a state must last that long to be an event.
 
     Args:
-        events: events of the log, among them the events of motors at their limit.
+        events: events of the log (facts with a time), among them those of motors at their limit.
         ending: event with which the flight was lost; None if it was not.
     """
     latest_start = _latest_start_before_ending(ending)
@@ -155,7 +155,7 @@ def with_saturated_motor(
         ending: event with which the flight was lost; None if it was not. Its figure ``cause`` is what failed first, if
             that is known already, and its subject the motor that the autopilot reported, if it did.
         losses: losses of motors (:func:`saturation_losses`), in any boot and in the order of time.
-        events: events of the log, among them the events of motors at their limit.
+        events: events of the log (facts with a time), among them those of motors at their limit.
 
     Returns:
         The event with cause and motor. It is unchanged if it has a cause, is no loss of control, or no motor is clearly
@@ -185,7 +185,7 @@ def with_motors_limited_before(ending: Fact | None, events: Sequence[Fact]) -> F
 
     Args:
         ending: event with which the flight was lost, with its cause; None if it was not.
-        events: events of the log, among them the events of motors at their limit.
+        events: events of the log (facts with a time), among them those of motors at their limit.
 
     Returns:
         The event. Its cause has ``limited_names``, the motors that had been at their limit for ``MIN_LIMIT_SECONDS``
@@ -216,7 +216,7 @@ def _was_other_motor_limited(loss: Fact, events: Sequence[Fact]) -> bool:
 
     Args:
         loss: the loss, with the motor as subject.
-        events: events of the log, among them the events of motors at their limit.
+        events: events of the log (facts with a time), among them those of motors at their limit.
     """
     assert loss.time is not None
     for event in events:
@@ -244,7 +244,7 @@ def _saturation_loss(
     Args:
         signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.
         motors: outputs and geometry of its k motors.
-        event: event that one of them was at its limit.
+        event: fact (a coded finding) that one of them was at its limit, with its time.
         is_lost: whether the vehicle was lost after that.
     """
     boot = event.figures["boot"]
@@ -288,7 +288,7 @@ def _conspicuous_excess(
     Args:
         signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.
         motors: outputs and geometry of its k motors.
-        event: event that one of them was at its limit.
+        event: fact (a coded finding) that one of them was at its limit, with its time.
         interval: start and end of the event, s since boot; the end may be infinite.
 
     Returns:

@@ -106,7 +106,7 @@ def _is_reported_in(event: Fact, interval: TimeInterval) -> bool:
     failsafe acts only seconds after the loss begins.
 
     Args:
-        event: event that the autopilot reported.
+        event: fact (a coded finding) that the autopilot reported, with its time.
         interval: start and end, s since boot.
     """
     earliest_time, latest_time = interval

@@ -56,7 +56,7 @@ def light_level(flight: AxisRows, light: Light) -> Level:
 
     Args:
         flight: rows of the flight, one for each axis.
-        light: name of the light.
+        light: name of the status light, its subject, such as "motors".
     """
     # The rows of all axes have the same lights, in a field "light_motors", "light_power", … each.
     level_of_log = Level(getattr(log_row(flight), f"light_{light}") or Level.UNKNOWN)

@@ -176,7 +176,7 @@ def _gains_to_lower(fact: Fact) -> Iterator[tuple[str, Gain]]:
     figures may be facts again. One of these may be the advice to lower gains, so that all of them are searched.
 
     Args:
-        fact: a next step, or a fact among its figures.
+        fact: next step (a coded finding), or a fact among its figures, which advises to lower gains.
     """
     if fact.code in LOWERING:
         for name, present_value, new_value in fact.figures["changes"]:

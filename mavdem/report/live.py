@@ -44,7 +44,7 @@ def headline_and_next_step(judgement: Judgement) -> list[str]:
     """Returns the headline of a judgement as a line, and the next step as another one if the headline lacks it.
 
     Args:
-        judgement: the judgement of the vehicle in a live session.
+        judgement: headline, next step and status lights of the vehicle in a live session.
     """
     headline_text = headline(judgement.headline)
     next_step = str(judgement.next_step)

@@ -337,7 +337,7 @@ def is_about_loops(fact: Fact, judgement: Judgement) -> bool:
     """Returns whether a headline or a next step is about the control loops, and not about something else in the flight.
 
     Args:
-        fact: the headline, or the next step, whose figure "reason" is the fact that it follows from.
+        fact: headline or next step; the figure "reason" of a next step is the fact that it follows from.
         judgement: the judgement of the vehicle. Two of its lights (judgements of one subject each) are about loops:
             tracking and margins.
     """

@@ -224,11 +224,11 @@ def _alarm_lines(assessment: Assessment, columns: int) -> Iterator[list[str]]:
 
 
 def _lines_of_light(name: str, fact: Fact, columns: int) -> list[str]:
-    """Returns the lines of a light.
+    """Returns the lines of a status light on the terminal.
 
     Args:
-        name: name of the light.
-        fact: the light, the judgement of one subject.
+        name: name of the light, its subject.
+        fact: the status light: the judgement of one subject, such as the motors, with a level.
         columns: characters of a line.
 
     Returns:
@@ -248,7 +248,7 @@ def _wrapped_fact(label: str, fact: Fact, columns: int, count_text: str = "") ->
 
     Args:
         label: name of a light, or time of an event.
-        fact: the light or the event.
+        fact: status light or event, whose sentence is shown.
         columns: characters of a line.
         count_text: text after the sentence on how many equal events there are; empty for a single one.
     """

@@ -220,7 +220,7 @@ def judgement_sentences(judgement: Judgement) -> JudgementSentences:
     warns if the level is watch or bad.
 
     Args:
-        judgement: headline, lights and next step. A light that is the headline itself is not repeated.
+        judgement: headline, status lights and next step. A light that is the headline itself is not repeated.
     """
     lights = [
         Sentence(str(fact), f"{name.capitalize()}:")
@@ -238,7 +238,7 @@ def warnings_of_lights(judgement: Judgement, names: Sequence[Light]) -> list[Sen
     subject, such as ``mavdem wind``, ends with the lights that concern this subject instead of all eight.
 
     Args:
-        judgement: the judgement of the flight, with all lights.
+        judgement: headline, next step and all status lights of the flight.
         names: names of the lights to report, in the order to show them.
     """
     sentences = []

@@ -12,7 +12,7 @@ def evidence_sentences(fact: Fact) -> list[Sentence]:
     accelerometer shows a shock, and the gyro a fast rotation. What each of them shows is a fact, called a witness.
 
     Args:
-        fact: the event, with its witnesses as the figure ``witnesses``, if it was checked.
+        fact: the event. Facts of the sensors that confirm or contradict it are its figure ``witnesses``.
 
     Returns:
         A list with one sentence; empty if the event was not checked.

@@ -230,7 +230,7 @@ class Server:
 
         Args:
             request: the request that was refused.
-            fact: the reason, whose code selects the HTTP status from ``STATUS_BY_REFUSAL``.
+            fact: reason of the refusal, a coded finding whose code selects the HTTP status from ``STATUS_BY_REFUSAL``.
 
         Returns:
             A JSON document of the kind "error", or an HTML page. A status of 503 has the header Retry-After.

@@ -41,12 +41,19 @@ LOGS = Path(__file__).parents[2] / "logs"
 MEMORY = Path("/dev/shm")
 
 
+PIECES_PER_LOG = 6
+"""Pieces of each telemetry log in the first corpus."""
+
+PIECE_BYTES = 600
+"""Length of a piece: some ten frames."""
+
+
 def pieces() -> Iterator[bytes]:
-    """Yields six pieces of 600 bytes of each telemetry log of the repository, evenly spread, as a first corpus."""
-    for content in (path.read_bytes() for path in sorted(LOGS.glob("*.tlog"))):
-        yield from (
-            content[start : start + 600] for start in range(0, len(content), len(content) // 6)
-        )
+    """Yields pieces of each telemetry log of the repository, evenly spread, as a first corpus."""
+    for path in sorted(LOGS.glob("*.tlog")):
+        content = path.read_bytes()
+        for start in range(0, len(content), len(content) // PIECES_PER_LOG):
+            yield content[start : start + PIECE_BYTES]
 
 
 def check(kind: str, content: bytes) -> None:

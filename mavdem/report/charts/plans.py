@@ -61,7 +61,7 @@ def frame_plan(
     Args:
         motors: outputs with the geometry of the motors; None if they were not logged.
         condition: condition of the vehicle with its hover, the outputs in steady flight; None if it is not known.
-        light: the fact of the light of the motors.
+        light: status light of the motors: a fact with its level.
 
     Returns:
         The drawing; None if the positions or the hover of all motors are not known.

@@ -274,7 +274,7 @@ def _numbered_events(
     texts that stand above it, and the template does not repeat those.
 
     Args:
-        events: events of all boots of the autopilot.
+        events: events of all boots of the autopilot, each a fact (a coded finding) with its time.
         timeline: charts of one of these boots; events of other boots are not on its clock. None without charts.
         next_step: text of the next step, which the page shows above the events.
         evidence_of_headline: sentence with the measurements that confirm the headline, which is above the events too.
