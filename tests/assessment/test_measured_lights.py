@@ -238,6 +238,14 @@ def test_levels_of_the_filter(telemetry, code, level):
         assert "beyond their limits for 0.2 s at most" not in str(fact)
 
 
+def test_a_barometer_that_froze_is_named_before_the_height_that_the_filter_then_rejects():
+    doubted = evidence(filtered(pos_vert=(BEYOND, 9.0)))
+    assert estimator_light(doubted).code is EstimatorLight.FILTER_DOUBTED
+    frozen = Fact(MotionEvent.BAROMETER_DRIFTED, time=30.0, change=8.0, frozen_since=30.0, boot=0)
+    light = estimator_light(replace(doubted, events=(frozen,)))
+    assert light == frozen and light.level is Level.WATCH
+
+
 def test_the_failsafe_may_doubt_a_filter_that_rejects_nothing():
     seconds = FAILSAFE_SECONDS + 1.0
     below_limit = (ARDUPILOT_FAILSAFE_LIMIT + INNOVATION_LIMIT) / 2

@@ -90,7 +90,8 @@ def estimator_light(evidence: Evidence) -> Fact:
 
     Judged are the innovations of its filter (measurements minus predictions), poor GPS fixes, a disturbed compass, an
     accelerometer that is wrong at rest, reports of the autopilot, an attitude that was no number, a height or position
-    that was lost, and a barometer that drifted. Of equally bad facts the first in this order is the light.
+    that was lost, and a barometer that drifted. Of equally bad facts the first in this order is the light, but a
+    barometer that drifted or froze comes before all: it is why the filter then rejects the height.
 
     Args:
         evidence: signals, events and measurements of the vehicle.
@@ -110,6 +111,7 @@ def estimator_light(evidence: Evidence) -> Fact:
         ]
         missing_fix = None
     facts = [
+        *evidence.warnings_in_flight([MotionEvent.BAROMETER_DRIFTED]),
         *innovation_facts,
         *_glitch_facts(evidence),
         *_spare_instances(evidence),
