@@ -94,6 +94,16 @@ def test_a_motor_that_alone_was_long_at_its_limit_is_not_good():
         assert (found == event) is is_shown
 
 
+def test_where_one_motor_alone_lacks_headroom_the_remedy_is_about_that_motor():
+    """As with a propeller that slips on its shaft now and then: for a twentieth of the time it gives less thrust."""
+    slips = motors_light(evidence(lambda time: np.outer([0, 0, 1, 0], 450.0 * (time % 10 < 0.5))))
+    assert slips.code is MotorsLight.HEADROOM_LITTLE
+    assert slips.figures["names"] == (FRONT_LEFT,)
+    assert "motor 3, its propeller and the nut first" in slips.remedy
+    all_alike = motors_light(evidence(lambda time: 420.0))
+    assert "its propeller" not in all_alike.remedy
+
+
 def test_an_uneven_trim_does_not_hide_a_small_headroom():
     found = motors_light(evidence(lambda time: np.array([[420], [420], [180], [180]])))
     assert (found.code, found.level) == (TrimFact.TRIM_OF_YAW, "watch")

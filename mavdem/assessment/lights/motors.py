@@ -329,13 +329,16 @@ def _trim_or_headroom(evidence: Evidence, hover: HoverFigures) -> Fact:
             imbalance_percent = hover.imbalance[hover.motors.index(names[0])]
             if imbalance_percent / 100 > FAULT_RISE:
                 excess = imbalance_percent / 100
-        return Fact(
+        # All motors carry the load: where only one lacks headroom, that motor or its propeller may be the reason.
+        motors_with_little = sum(share < MIN_HEADROOM for share in hover.headroom)
+        light = Fact(
             MotorsLight.HEADROOM_LITTLE,
             names=names,
             share=headroom,
             trim=highest_trim,
             excess=excess,
         )
+        return light.replace(is_only_motor=True) if motors_with_little == 1 else light
     if is_headroom_small:
         # The trim may be the reason for the small headroom, but the pilot must know of both.
         return trim.replace(headroom=headroom)
