@@ -181,7 +181,8 @@ def _commands_around(signals: Signals, boot: int, interval: TimeInterval) -> _Lo
 def _motors_off_fact(commands: _LossCommands) -> Fact | None:
     """Returns the fact that all motors were switched off before the vehicle was lost, with the time; None if not.
 
-    A motor is off below ``OFF_RATIO`` of its usual command. The time is when all are off at one sample first.
+    A motor is off below ``OFF_RATIO`` of its usual command. The time is when all are off at one sample first, which may
+    be before the attitude leaves its setpoint: a vehicle without power is level for a while.
 
     Args:
         commands: commands of the motors while the vehicle was lost, just before, and as usual in the flight.
@@ -192,7 +193,12 @@ def _motors_off_fact(commands: _LossCommands) -> Fact | None:
         return None
     off_times = commands.time[(commands.during < off_commands).all(axis=1)]
     time = off_times[0] if len(off_times) else commands.time[0]
-    return Fact(FailedFirst.ALL_OFF_FIRST, time=time)
+    is_earlier = commands.recorded.time < time
+    is_any_on = (commands.recorded.values[is_earlier] >= off_commands).any(axis=1)
+    rows_with_power = np.flatnonzero(is_any_on)
+    if len(rows_with_power):
+        time = commands.recorded.time[rows_with_power[-1] + 1]
+    return Fact(FailedFirst.ALL_OFF_FIRST, time=float(time))
 
 
 def _thrust_limit_fact(commands: _LossCommands, loss_context: LossContext) -> Fact | None:
