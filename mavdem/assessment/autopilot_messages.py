@@ -7,6 +7,7 @@ and EV. ``message_patterns.toml`` has the meaning of each.
 import re
 from collections import defaultdict
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from math import inf
 from typing import Any, NamedTuple
 
 from mavdem.facts import Fact, Level
@@ -373,7 +374,9 @@ def merge_repeats(facts: Iterable[Fact]) -> list[Fact]:
 
 
 def _last_time(fact: Fact) -> float:
-    """Returns the latest time of a fact, s: its end if it has one, otherwise its time."""
+    """Returns the latest time of a fact, s: its end if it has one, otherwise its time; infinite for a permanent one."""
+    if "is_permanent" in fact.figures:
+        return inf
     return max(time for time in (fact.time, fact.end_time) if time is not None)
 
 
@@ -415,7 +418,8 @@ def _merged_pair(first_report: Fact, repetition: Fact) -> Fact:
     return first_report.replace(
         # Levels count in the order of their definition: good, watch, bad, unknown.
         max(first_report.level, repetition.level, key=list(Level).index),
-        end_time=None if last_time == first_report.time else last_time,
+        # A report at one time has no end, and neither has a fault that never ends, whatever is reported meanwhile.
+        end_time=None if last_time in (first_report.time, inf) else last_time,
         subject=first_report.subject or repetition.subject,
         **figures,
     )

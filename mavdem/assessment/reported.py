@@ -537,7 +537,7 @@ def _lasting_faults(
 
     Yields:
         A fact with start and end for each interval; a fault that is still there when the motors are disarmed, or when
-        the record ends, has no end.
+        the record ends, has no end, and is marked as ``is_permanent``.
     """
     recorded_interval = [(recorded_span.start, recorded_span.end)]
     armed_spans = intersection(armed_intervals(signals, recorded_span.boot), recorded_interval)
@@ -549,7 +549,7 @@ def _lasting_faults(
         faulty_intervals = true_intervals(columns["time"][is_in_boot], fault.is_faulty[is_in_boot])
         for start, end in intersection(faulty_intervals, armed_spans):
             is_over = any(end == fault_end for _, fault_end in faulty_intervals)
-            yield _reported_event(
+            event = _reported_event(
                 signals,
                 recorded_span,
                 fault.message,
@@ -558,3 +558,4 @@ def _lasting_faults(
                 end_time=end if is_over else None,
                 subject=fault.subject,
             )
+            yield event if is_over else event.replace(is_permanent=True)

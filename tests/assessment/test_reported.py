@@ -319,6 +319,19 @@ def test_a_sensor_that_is_used_and_not_healthy_failed():
     assert (fact.subject, fact.time, fact.end_time) == ("barometer", 20.0, 24.0)
 
 
+def test_a_radio_that_stays_lost_has_no_end_whatever_is_reported_meanwhile():
+    radio = 1 << 16
+    health = np.where(TIMES < 20.0, radio, 0)
+    sensors = {"present": radio, "enabled": radio, "health": health}
+    fields = {f"onboard_control_sensors_{name}": bits for name, bits in sensors.items()}
+    telemetry = changed(FLOWN, "SYS_STATUS", **columns(TIMES, **fields))
+    telemetry = with_texts(telemetry, b"Manual control lost", b"Manual control lost")
+    telemetry = changed(telemetry, "STATUSTEXT", time=np.array([20.7, 41.0]))
+    (fact,) = events(telemetry, ReportedEvent.RADIO_LOST)
+    assert (fact.time, fact.end_time, fact.figures["count"]) == (20.0, None, 3)
+    assert fact.sentence == "The remote control was lost."
+
+
 @mark.parametrize("time, is_trigger", [(30.9, True), (28.5, False), (31.5, False)])
 def test_what_is_reported_just_before_a_failsafe_is_its_trigger(time, is_trigger):
     beats = FLOWN.messages["HEARTBEAT"]["time"]
