@@ -291,17 +291,17 @@ class VehicleSignals:
         columns = self.telemetry.messages.get("GLOBAL_POSITION_INT", {})
         if not columns:
             return None
-        places = global_positions(columns)
-        if not places.is_fix.any():
+        positions = global_positions(columns)
+        if not positions.is_fix.any():
             return None
-        radians = np.radians(places.degrees)
+        radians = np.radians(positions.degrees)
         # ``argmax`` returns the row of the first true flag, the first fix.
-        origin = radians[np.argmax(places.is_fix)]
+        origin = radians[np.argmax(positions.is_fix)]
         # Wrapping keeps the distance small across the date line too.
         angles = wrapped_angle(radians - origin)
         horizontal = EARTH_RADIUS * angles * [1.0, np.cos(origin[0])]
         down = -float_column(columns, "relative_alt") / MILLIMETRES_PER_METRE
-        return clean_series(columns, np.column_stack([horizontal, down]), places.is_fix)
+        return clean_series(columns, np.column_stack([horizontal, down]), positions.is_fix)
 
     @property
     @cached_per_vehicle()

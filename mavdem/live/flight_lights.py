@@ -74,7 +74,7 @@ class FlightLights:
             self.latest[str(light)] = fact
 
     def move(self, former_fact: Fact | None, light: Light, fact: Fact) -> None:
-        """Replaces a fact whose cause, and so whose part of the vehicle, was not known before.
+        """Moves a fact to the light of another part of the vehicle, when its cause has become known.
 
         Args:
             former_fact: the fact as it was stated before, by the light of any part; None if it is new.

@@ -176,21 +176,10 @@ class RawRecording:
             return []
         with open(self._path, "rb") as file:
             records = _stamped_records(file.read(self._size))
-        first_stamp, last_stamp = restart
-        longest_silence = 0.0
-        latest_stamp = first_stamp
-        # Where the frames before the restart end, and where those before the present one end.
-        restart_end = self._size
-        former_end = 0
-        for record in records:
-            if record.sender == (system, component) and first_stamp < record.stamp <= last_stamp:
-                silence = record.stamp - latest_stamp
-                if silence > longest_silence:
-                    longest_silence = silence
-                    restart_end = former_end
-                latest_stamp = record.stamp
-            former_end = record.end
-        return self._move_from(restart_end, other)
+        restart_offset = _end_of_longest_silence(records, (system, component), restart)
+        if restart_offset is None:
+            restart_offset = self._size
+        return self._move_from(restart_offset, other)
 
     def _move_from(self, start: int, other: RawRecording) -> list[ReceivedPiece]:
         """Moves the records after a number of bytes of the closed .tlog to another recording; none of an .mcap.
@@ -252,6 +241,35 @@ class _StampedRecord(NamedTuple):
     """The byte after its last."""
     sender: tuple[int, int]
     """System and component id of its sender."""
+
+
+def _end_of_longest_silence(
+    records: Sequence[_StampedRecord], sender: tuple[int, int], interval: TimeInterval
+) -> int | None:
+    """Returns the offset in a recording at which the longest silence of a vehicle ends.
+
+    Args:
+        records: frames of all senders in the order of the recording.
+        sender: system and component id of the vehicle.
+        interval: start and end, UNIX s, between which silences are compared; the first one begins at the start.
+
+    Returns:
+        Offset of the byte after the frame before the vehicle's first frame after the silence; None without a silence.
+    """
+    first_stamp, last_stamp = interval
+    longest_silence = 0.0
+    silence_end = None
+    latest_stamp = first_stamp
+    end_of_record_before = 0
+    for record in records:
+        if record.sender == sender and first_stamp < record.stamp <= last_stamp:
+            silence = record.stamp - latest_stamp
+            if silence > longest_silence:
+                longest_silence = silence
+                silence_end = end_of_record_before
+            latest_stamp = record.stamp
+        end_of_record_before = record.end
+    return silence_end
 
 
 def _stamped_records(records: bytes) -> list[_StampedRecord]:

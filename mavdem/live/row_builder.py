@@ -309,9 +309,9 @@ class RowBuilder:
     def choose_inputs(self, messages: dict[str, Fields], vehicle: Telemetry, now: float) -> None:
         """Chooses which output channels are the motors, and reports a change.
 
-        It is called with each review, since parameters and samples that come later may show more. Within a segment
-        other channels end it, as its rows would change their meaning. If only the order of the motors became known, the
-        rows stay what they are, and the segment goes on with an updated format.
+        Each review of the vehicle calls it, since parameters and samples that come later may show more. Other channels
+        than before end the segment of rows, whose columns would otherwise change their meaning. If the channels stay
+        the same and only the order of the motors became known, the segment goes on with an updated format.
 
         Args:
             messages: result of ``candidate_messages``, by message name.

@@ -332,7 +332,7 @@ class SessionStatus(ImmutableResult):
         Args:
             judgement: judgement of the flight so far, with the next step after its landing.
         """
-        headline = self._most_urgent(judgement.headline)
+        headline = self._most_urgent_headline(judgement.headline)
         is_urgent = headline.is_bad or headline in self.active_alarms
         if self.no_model_reason is not None and not self._is_received and not is_urgent:
             # Whether the vehicle still flies, and how, is not known.
@@ -345,13 +345,13 @@ class SessionStatus(ImmutableResult):
             return replace(judgement, next_step=Fact(NextStep.LAND_NOW, reason=headline))
         return replace(judgement, next_step=self._next_step_in_flight(judgement))
 
-    def _most_urgent(self, headline: Fact) -> Fact:
-        """Returns the headline in flight: an active alarm, if that is more urgent than the headline so far.
+    def _most_urgent_headline(self, headline: Fact) -> Fact:
+        """Returns the headline to show in flight: an active alarm, if that is more urgent than the given headline.
 
         A bad event, such as a loss of control, comes before any lasting fault; otherwise a bad headline stays.
 
         Args:
-            headline: the first sentence of the screen, unless an alarm is more urgent.
+            headline: headline of the judgement: its first sentence on the screen, as a fact.
         """
         bad_events = [alarm for alarm in self.active_alarms if alarm.is_bad and _is_event(alarm)]
         if bad_events and not _is_event(headline):

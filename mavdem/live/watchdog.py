@@ -377,10 +377,6 @@ class Watchdog:
     def _update_phase(self, now: float, landed_state: int) -> None:
         """Begins another phase, in the air or on the ground, if the landed state has changed.
 
-        With a take-off another flight begins, without the loss and the lights of the one before. But a vehicle that
-        leaves the ground again within ``RECOVERY_SECONDS`` has bounced, or its landed state was wrong for a moment:
-        then the flight goes on. The lights also stay if the autopilot has restarted in flight.
-
         Args:
             now: present time on the boot clock, s.
             landed_state: present landed state, ``IN_AIR`` or ``ON_GROUND``.
@@ -393,22 +389,33 @@ class Watchdog:
         if disagreement is not None:
             self.lights.replace(Light.ESTIMATOR, disagreement.code, disagreement)
         if landed_state == IN_AIR:
-            self._fall = None
-            self._height.begin_flight()
-            self._are_heights_judged = False
-            self.has_landed = False
-            self._landing_report = None
-            self.alarms.begin_flight()
-            was_long_on_ground = (
-                states.is_first_phase or now - states.phase_start >= RECOVERY_SECONDS
-            )
-            if was_long_on_ground:
-                self.loss = self.ground_contact = None
-                self.alarms.discard(WatchedQuantity.CONTROL)
-            has_restarted_in_flight = states.is_first_phase and self._was_flying
-            if was_long_on_ground and not has_restarted_in_flight:
-                self.lights.begin_flight()
+            self._begin_flight(now)
         states.begin_phase(landed_state, now, self._review_time)
+
+    def _begin_flight(self, now: float) -> None:
+        """Forgets what was found in the flight before, when the vehicle has taken off again.
+
+        But a vehicle that leaves the ground again within ``RECOVERY_SECONDS`` has bounced, or its landed state was
+        wrong for a moment: then the same flight goes on, with its loss of control and its lights (the judgement of each
+        part of the vehicle). The lights also stay if the autopilot has restarted in flight.
+
+        Args:
+            now: present time on the boot clock, s.
+        """
+        states = self._landed_states
+        self._fall = None
+        self._height.begin_flight()
+        self._are_heights_judged = False
+        self.has_landed = False
+        self._landing_report = None
+        self.alarms.begin_flight()
+        was_long_on_ground = states.is_first_phase or now - states.phase_start >= RECOVERY_SECONDS
+        if was_long_on_ground:
+            self.loss = self.ground_contact = None
+            self.alarms.discard(WatchedQuantity.CONTROL)
+        has_restarted_in_flight = states.is_first_phase and self._was_flying
+        if was_long_on_ground and not has_restarted_in_flight:
+            self.lights.begin_flight()
 
     def _end_drift(self, now: float) -> None:
         """Ends a drift in wind with its flight, and begins to look for another one.

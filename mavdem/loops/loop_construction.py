@@ -193,8 +193,8 @@ def _crossover_too_fast(loop: Loop, highest_frequency: float) -> NotLearnable:
     """Returns the error that a loop's crossover is above the highest frequency that its record shows.
 
     Args:
-        loop: the loop, with the interval of its crossover.
-        highest_frequency: that frequency, Hz.
+        loop: rate and attitude loop of the axis, with the interval of its crossover.
+        highest_frequency: highest frequency that the record shows, Hz.
 
     Returns:
         The error, to be raised by the caller.

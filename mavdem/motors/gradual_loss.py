@@ -157,17 +157,18 @@ def _block_means(time: Array, commands: Array, block_seconds: float) -> _BlockMe
     """Averages commands over blocks of equal length.
 
     Args:
-        time: (N,) s, ascending.
-        commands: (N, k) motor outputs.
+        time: (N,) times of the samples, s, ascending.
+        commands: (N, k) outputs of the k motors, as fractions of the range.
         block_seconds: length of a block, s.
 
     Returns:
         (B,) middles of the blocks that have samples, s, and (B, k) their mean commands.
     """
-    numbers = ((time - time[0]) / block_seconds).astype(np.int64)
-    present, rows, counts = np.unique(numbers, return_inverse=True, return_counts=True)
-    means = [np.bincount(rows, column) / counts for column in commands.T]
-    return _BlockMeans(time[0] + block_seconds * (present + 0.5), np.column_stack(means))
+    block_of_sample = ((time - time[0]) / block_seconds).astype(np.int64)
+    # Numbers of the blocks that have samples, the row of each sample's block among them, and the samples of each block.
+    blocks, rows, counts = np.unique(block_of_sample, return_inverse=True, return_counts=True)
+    means = [np.bincount(rows, command) / counts for command in commands.T]
+    return _BlockMeans(time[0] + block_seconds * (blocks + 0.5), np.column_stack(means))
 
 
 def _best_ramp(balances: Array, min_blocks_before: int) -> Ramp:

@@ -209,8 +209,8 @@ def alarm_figures(changes: Sequence[MotorAlarm]) -> JsonValues:
         changes: All changes of the flight.
 
     Returns:
-        By the keys of documents: "alarms" (a motor lost thrust), "recoveries" and "torque_changes", each a list of
-        changes, and "false_alarms_per_hour" with the bound and the fact about which it is based.
+        Values by the keys that the JSON documents have: "alarms" (a motor lost thrust), "recoveries" and
+        "torque_changes", each a list of changes; and "false_alarms_per_hour", the bound and the fact it is based on.
     """
     codes = {
         "alarms": MotorWatchFact.MOTOR_LOST_THRUST,

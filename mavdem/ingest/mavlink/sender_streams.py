@@ -455,11 +455,13 @@ class _RunProcessor:
             self._links.count_frames_in_order(end - first - 1, int(sequence[end - 1]))
 
     def _compare_attitudes(self, first: int, end: int) -> None:
-        """Compares the attitudes in some frames with those in the frames of the other sequence counter.
+        """Compares the attitudes in some frames with those in the frames that the other sequence counter numbers.
+
+        Attitudes that contradict each other show two vehicles under the same ids.
 
         Args:
-            first: Row of the first frame.
-            end: Row after the last frame.
+            first: Row of the first of these frames, among all frames of the sender.
+            end: Row after the last of them.
         """
         first_attitude, end_attitude = np.searchsorted(self._attitude_rows, [first, end]).tolist()
         for row in self._attitude_rows[first_attitude:end_attitude].tolist():
