@@ -64,6 +64,22 @@ class Rated(str):
         return cell
 
 
+class Linked(str):
+    """The text of a table's cell that links to a page elsewhere, which is loaded only by a click.
+
+    Attributes:
+        address: address of the page.
+    """
+
+    address: str
+
+    def __new__(cls, text: str, address: str) -> Linked:
+        """Returns a cell with a text and the address of its page."""
+        cell = super().__new__(cls, text)
+        cell.address = address
+        return cell
+
+
 class Table(NamedTuple):
     """A table of formatted cells, whose first column names the rows."""
 

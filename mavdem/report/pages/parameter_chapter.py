@@ -1,7 +1,6 @@
 """The chapter of a flight's page on the autopilot's parameters: changed in flight, of its control, and all."""
 
 import re
-from collections.abc import Mapping
 from functools import cache
 from math import ceil
 
@@ -9,7 +8,7 @@ from mavdem.facts import Level
 from mavdem.files import load_adjacent_toml
 from mavdem.ingest.telemetry import Telemetry
 from mavdem.ingest.vocabulary import AUTOPILOT_SET_PARAMETERS, CONTROL_PARAMETERS
-from mavdem.report.blocks import Blocks, Rated, Table
+from mavdem.report.blocks import Blocks, Linked, Rated, Table
 from mavdem.report.pages.page import Chapter
 from mavdem.report.templates import render_section
 
@@ -22,6 +21,11 @@ GEOMETRY_PREFIX = "CA_"
 AXIS_COLUMNS = {"R": "roll", "P": "pitch", "Y": "yaw", "all": "all"}
 """Columns of the table of parameters, by the first letter of the axis in a parameter's name."""
 
+PARAMETER_REFERENCES = {
+    "PX4": "https://docs.px4.io/main/en/advanced_config/parameter_reference",
+    "ARDUPILOTMEGA": "https://ardupilot.org/copter/docs/parameters.html",
+}
+"""Page of an autopilot's makers that describes every parameter, by the autopilot's name."""
 
 MEANINGS = {
     re.compile(pattern): meaning
@@ -39,6 +43,16 @@ def meaning_of(name: str) -> str:
     return ""
 
 
+def reference_address(autopilot: str, parameter: str) -> str:
+    """Returns the address where an autopilot's makers describe a parameter; empty for an unknown autopilot."""
+    page = PARAMETER_REFERENCES.get(autopilot)
+    if page is None:
+        return ""
+    # ArduPilot's page, made by Sphinx, writes its anchors in small letters and with hyphens.
+    anchor = parameter if autopilot == "PX4" else parameter.lower().replace("_", "-")
+    return f"{page}#{anchor}"
+
+
 def parameters_chapter(telemetry: Telemetry, *, is_full: bool) -> Chapter:
     """Returns the chapter of parameters: changed in the flight, of rate and attitude control, not the default, and all.
 
@@ -47,7 +61,8 @@ def parameters_chapter(telemetry: Telemetry, *, is_full: bool) -> Chapter:
 
     Args:
         telemetry: telemetry of the vehicle, with the parameters at the beginning and at the end of the log.
-        is_full: whether all parameters are listed, and those that are not the autopilot's default with their meaning.
+        is_full: whether all parameters are listed, and those that are not the autopilot's default with a link to
+            their description.
 
     Returns:
         The chapter; all parameters are in a table that readers can search.
@@ -59,7 +74,7 @@ def parameters_chapter(telemetry: Telemetry, *, is_full: bool) -> Chapter:
             changes.append([name, f"{value_before:.4g}", f"{telemetry.parameters[name]:.4g}"])
     if changes:
         blocks.append(Table(["changed in flight", "from", "to"], changes))
-    control_rows = _control_parameter_rows(telemetry.parameters)
+    control_rows = _control_parameter_rows(telemetry)
     # Two tables side by side take half of the height.
     half = ceil(len(control_rows) / 2)
     for rows in (control_rows[:half], control_rows[half:]):
@@ -73,7 +88,7 @@ def parameters_chapter(telemetry: Telemetry, *, is_full: bool) -> Chapter:
 
 
 def _changed_defaults(telemetry: Telemetry) -> Blocks:
-    """Returns how many parameters are not the autopilot's default, and a table of those whose meaning is known.
+    """Returns how many parameters are not the autopilot's default, and a table of them.
 
     Args:
         telemetry: telemetry of the vehicle, with the parameters and their defaults.
@@ -101,19 +116,20 @@ def _changed_defaults(telemetry: Telemetry) -> Blocks:
 def _changed_default_rows(telemetry: Telemetry) -> list[list[str]]:
     """Returns the rows of the table of parameters that differ from the firmware's default.
 
-    Parameters without a known meaning, and those that the autopilot sets by itself, such as calibrations, are left out.
+    Those that the autopilot sets by itself, such as calibrations, are left out.
 
     Args:
         telemetry: messages of the vehicle as columns, and its parameters.
 
     Returns:
-        Rows of name, value, default and meaning.
+        Rows of name, with a link to its description, value, default and meaning, empty if that is not known here.
     """
-    rows = []
+    rows: list[list[str]] = []
     for name, default in sorted(telemetry.changed_defaults.items()):
-        meaning = meaning_of(name)
-        if meaning and not AUTOPILOT_SET_PARAMETERS.search(name):
-            rows.append([name, f"{telemetry.parameters[name]:.7g}", f"{default:.7g}", meaning])
+        if not AUTOPILOT_SET_PARAMETERS.search(name):
+            linked_name = Linked(name, reference_address(telemetry.autopilot, name))
+            value = f"{telemetry.parameters[name]:.7g}"
+            rows.append([linked_name, value, f"{default:.7g}", meaning_of(name)])
     return rows
 
 
@@ -143,18 +159,19 @@ def _all_parameters(telemetry: Telemetry) -> Table:
     return Table(["parameter", "value", "remark", "meaning"], rows, words=True)
 
 
-def _control_parameter_rows(parameters: Mapping[str, float]) -> list[list[str]]:
+def _control_parameter_rows(telemetry: Telemetry) -> list[list[str]]:
     """Returns the rows of the table of the autopilot's control parameters, such as its gains.
 
     Parameters that differ only in their axis share a row, whose name has "…" in the place of the axis: "ATC_RAT_…_P".
     Its cells are the values of roll, pitch and yaw, and then of a parameter that is of no single axis. Parameters that
-    are 0 are left out: 0 mostly switches off what a parameter sets.
+    are 0 are left out: 0 mostly switches off what a parameter sets. The name links to the description of the first.
 
     Args:
-        parameters: values of all parameters of the autopilot by name.
+        telemetry: messages of the vehicle as columns, and its parameters.
     """
     values_by_name = dict[str, dict[str, str]]()
-    for name, value in sorted(parameters.items()):
+    first_names = dict[str, str]()
+    for name, value in sorted(telemetry.parameters.items()):
         is_control = CONTROL_PARAMETERS.match(name) and not name.startswith(GEOMETRY_PREFIX)
         if not value or not is_control:
             continue
@@ -162,8 +179,10 @@ def _control_parameter_rows(parameters: Mapping[str, float]) -> list[list[str]]:
         # The first letter of the axis is the key of its column.
         column = "all" if axis is None else axis[0][0]
         name_of_axes = AXIS_IN_PARAMETER.sub("…", name, count=1)
+        first_names.setdefault(name_of_axes, name)
         values_by_name.setdefault(name_of_axes, {})[column] = f"{value:.4g}"
-    return [
-        [name, *(values.get(column, "") for column in AXIS_COLUMNS)]
-        for name, values in values_by_name.items()
-    ]
+    rows: list[list[str]] = []
+    for name, values in values_by_name.items():
+        linked_name = Linked(name, reference_address(telemetry.autopilot, first_names[name]))
+        rows.append([linked_name, *(values.get(column, "") for column in AXIS_COLUMNS)])
+    return rows

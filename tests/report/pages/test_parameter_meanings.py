@@ -3,7 +3,13 @@
 from pytest import mark
 
 from mavdem.ingest.telemetry import Telemetry
-from mavdem.report.pages.parameter_chapter import MEANINGS, meaning_of, parameters_chapter
+from mavdem.report.pages.page import render_document
+from mavdem.report.pages.parameter_chapter import (
+    MEANINGS,
+    meaning_of,
+    parameters_chapter,
+    reference_address,
+)
 
 
 @mark.parametrize(
@@ -42,8 +48,23 @@ def test_what_differs_from_the_default_is_listed_with_its_meaning():
     chapter = parameters_chapter(made, is_full=True)
     table = chapter.blocks[-1]
     assert table.header[0] == "not the default"
-    assert table.rows == [["ATC_RAT_RLL_P", "0.2", "0.135", "rate controller: proportional gain"]]
+    assert table.rows == [
+        ["ATC_RAT_RLL_P", "0.2", "0.135", "rate controller: proportional gain"],
+        ["XYZZY", "3", "1", ""],
+    ]
+    # The table of control parameters, which logs without defaults have too, links as well.
+    assert chapter.blocks[0].rows[0][0].address.endswith("#atc-rat-rll-p")
+    addresses = [row[0].address for row in table.rows]
+    reference = "https://ardupilot.org/copter/docs/parameters.html"
+    assert addresses == [f"{reference}#atc-rat-rll-p", f"{reference}#xyzzy"]
+    page = render_document("a.bin", "", [], [chapter])
+    assert f'<a href="{addresses[0]}" rel="noreferrer">ATC_RAT_RLL_P</a>' in page
     assert [row[0] for row in chapter.searchable.rows] == ["ATC_RAT_RLL_P", "FRAME_TYPE", "XYZZY"]
     small = parameters_chapter(made, is_full=False)
     assert small.searchable is None
     assert len(small.blocks) == len(chapter.blocks) - 2
+
+
+def test_a_parameter_is_described_by_the_makers_of_its_autopilot():
+    assert reference_address("PX4", "MC_ROLL_P").endswith("/parameter_reference#MC_ROLL_P")
+    assert reference_address("GENERIC", "MC_ROLL_P") == ""
