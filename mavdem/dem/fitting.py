@@ -221,13 +221,15 @@ def vehicle_parameter_indices(
     *,
     has_constant_input: bool,
 ) -> Indices:
-    """Returns the indices of the vehicle's parameters in the engine's θ: all but B's column for the constant input.
+    """Returns where the vehicle's parameters are in θ, all entries of the matrices A, B and C that a fit estimates.
+
+    B's column for the constant input, which represents the trim, is left out: it is no parameter of the vehicle.
 
     Args:
         n: number of states.
         motors: number of inputs without the constant one.
         m: number of outputs.
-        has_constant_input: whether the engine has a constant input after the motors.
+        has_constant_input: whether a constant input follows the motors.
 
     Returns:
         Indices in θ = [vec(Aᵀ); vec(Bᵀ); vec(Cᵀ)], increasing.
