@@ -1,8 +1,8 @@
-"""Detection of a motor that lost thrust slowly within a flight, by a comparison over the whole flight after its end.
+"""Detection of a motor that lost thrust slowly within a flight, by a comparison over the whole flight so far.
 
 The sequential test of a live session (``loss_detection.py``) looks for a change within the last seconds. A loss that
 takes ten seconds or more moves its reference along, and on a vehicle with six or eight motors the neighbours of the
-weak one hide most of it. So after a flight the balance b of the motors is fitted by a ramp,
+weak one hide most of it. So after a flight, and each second of a live one, the balance b is fitted by a ramp,
 
     b(t) = b₀ + c · min(max((t − t₀) / d, 0), 1) + noise,
 
