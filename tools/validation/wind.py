@@ -44,6 +44,9 @@ KINDS_AFTER_LEGS = ("hover", "turns", "jump")
 SHARES = ("speed inside", "direction inside", "band")
 """Columns that are shares: intervals and samples of the band that hold the truth."""
 
+WIDTHS = ("half width", "half width foretold")
+"""Columns with medians of half widths of the speed's interval, m/s: as estimated, and as the advice foretells."""
+
 COUNTS = ("speed reported", "speed right", "direction reported", "direction right")
 """Columns that are numbers of flights."""
 
@@ -128,8 +131,9 @@ def agreement(estimate: WindVelocity, true_wind: Array) -> Values:
         true_wind: true wind at these samples, north and east, m/s; (T, 2).
 
     Returns:
-        By column of the table: whether mean speed and direction are "inside" their 90 % intervals, "reported", and
-        "right" as reported; and "band", the share of the samples in which the wind is inside its 90 % band.
+        By column of the table: half width of the speed's interval, and the one that the advice to fly a box foretells,
+        m/s; whether mean speed and direction are "inside" their 90 % intervals, "reported", and "right" as reported;
+        and "band", the share of the samples in which the wind is inside its 90 % band.
     """
     mean_wind = true_wind.mean(axis=0)
     true_speed = float(np.hypot(*mean_wind))
@@ -144,7 +148,12 @@ def agreement(estimate: WindVelocity, true_wind: Array) -> Values:
         estimate.status["direction"] is Status.REPORTED and estimate.direction_identifiable
     )
     has_no_direction = true_speed < MIN_DIRECTION_SPEED
+    foretold = (
+        np.nan if estimate.advice is None else estimate.advice.figures["expected_speed_error"]
+    )
     return {
+        "half width": (high - low) / 2,
+        "half width foretold": foretold,
         "speed inside": low <= true_speed <= high,
         "direction inside": direction_error <= estimate.direction_interval or has_no_direction,
         "band": np.mean(abs(estimate.velocity - true_wind) <= estimate.band),
@@ -179,11 +188,11 @@ def draw_vehicle(rng: Generator) -> Values:
 
 
 def evaluate_vehicle(case: tuple[int, str], seed: int) -> list[Values]:
-    """Simulates one or three flights of a vehicle, and compares the estimated wind of each with the true one.
+    """Simulates one or several flights of a vehicle, and compares the estimated wind of each with the true one.
 
     Some kinds of flight, such as a hover, do not show the vehicle's drag, and the wind is then estimated with a typical
     one. A vehicle of these ``KINDS_AFTER_LEGS`` flies twice more: straight legs, which identify its drag, and a second
-    flight of its kind, whose wind is estimated with that drag.
+    flight of its kind, whose wind is estimated with that drag. The wind of the first is estimated again with it.
 
     Args:
         case: number of the vehicle, and kind of its flight.
@@ -195,14 +204,18 @@ def evaluate_vehicle(case: tuple[int, str], seed: int) -> list[Values]:
     number, kind = case
     rng = default_rng([seed, number, KINDS.index(kind)])
     vehicle = draw_vehicle(rng)
-    row, _ = evaluate_scenario(kind, draw_scenario(kind, vehicle, rng))
+    first_flight = draw_scenario(kind, vehicle, rng)
+    row, _ = evaluate_scenario(kind, first_flight)
     if kind not in KINDS_AFTER_LEGS:
         return [row]
     legs = draw_scenario("legs", vehicle, rng)
     legs_row, identified_drag = evaluate_scenario("legs", legs)
     second_flight = draw_scenario(kind, vehicle, rng)
     second_row, _ = evaluate_scenario(f"{kind}, its drag", second_flight, identified_drag)
-    return [row, legs_row, second_row]
+    # As `mavdem wind` advises: the flight that did not show its drag, with that of a flight that does.
+    again_row, _ = evaluate_scenario(f"{kind}, again", first_flight, identified_drag)
+    again_row["half width foretold"] = row["half width foretold"]
+    return [row, legs_row, second_row, again_row]
 
 
 @command(__doc__, seed=0, flights=5)
@@ -220,6 +233,7 @@ def main(seed: int, flights: int, jobs: int) -> None:
     groups = rows_with_total.groupby("flights", sort=False)
     table = groups[[*SHARES]].agg(percent_true)
     table.insert(0, "number", groups.size())
+    table[[*WIDTHS]] = groups[[*WIDTHS]].median().round(2)
     table[[*COUNTS]] = groups[[*COUNTS]].sum().astype(int)
     print_table(f"Seed {seed}", table.reset_index())
 
