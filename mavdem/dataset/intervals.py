@@ -105,7 +105,7 @@ def union(first: Intervals, second: Intervals) -> Intervals:
 
 
 def complement(intervals: Intervals) -> Intervals:
-    """Returns all times that are in none of several intervals.
+    """Returns the complement of a set of intervals: all times outside of them.
 
     Args:
         intervals: intervals (start, end) in s, by their start; they may overlap, and ends may be infinite.

@@ -36,7 +36,9 @@ MAX_JUDGED_SEGMENTS = 100
 
 
 def learnability_of(signals: Signals, components: Sequence[Component] = ()) -> Learnability:
-    """Returns the learnability of the longest settled segment that can be learned from, or of the longest if none can.
+    """Returns whether a model can be learned from a log: the learnability of its longest usable settled segment.
+
+    If no segment is usable, the learnability of the longest one states why.
 
     Args:
         signals: Logged time series of the vehicle, with angle, rate and setpoints of an axis.

@@ -134,12 +134,12 @@ def longest_recorded_segment(signals: Signals) -> Segment | None:
 
 
 def segments_without_modes(signals: Signals, segments: Segments, modes: Container[str]) -> Segments:
-    """Returns the parts of segments in which the vehicle is in none of some flight modes.
+    """Removes from segments the times in which the vehicle was in one of some flight modes.
 
     Args:
         signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.
         segments: number of the boot, start and end of each segment, s.
-        modes: names of the flight modes.
+        modes: names of the flight modes to remove ("Land").
 
     Returns:
         The remaining segments, in the order of those that they belong to.

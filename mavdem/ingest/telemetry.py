@@ -109,7 +109,7 @@ class Telemetry(ImmutableResult):
 
     @property
     def changed_defaults(self) -> Parameters:
-        """The default values of those parameters that have another value at the end of the log, by name.
+        """Default values of the parameters that differ from their default at the end of the log, by name.
 
         Values that agree as 32-bit floats, as autopilots store them, are the same.
         """

@@ -284,10 +284,10 @@ class RecordDefinitions:
         return Fit.DAMAGED
 
     def keyed_run(self, offset: int, end: int) -> KeyedRun:
-        """Finds sound information and parameter records that follow each other, of which a log has about a thousand.
+        """Finds a run of undamaged information and parameter records, each of which follows the one before directly.
 
-        Such a record has a key, "float MC_ROLL_P", and a value. They are checked here in one loop, which is faster than
-        :meth:`fit` for each.
+        Such a record has a key, "float MC_ROLL_P", and a value. A log has about a thousand of them. They are checked
+        here in one loop, which is faster than :meth:`fit` for each.
 
         Args:
             offset: Offset of the first record, bytes.

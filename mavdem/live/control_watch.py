@@ -380,7 +380,7 @@ class ControlWatch:
         return lower_unconfirmed_crash_reports(self.signals(vehicle, None), reports)
 
     def setpoints(self, vehicle: Telemetry) -> dict[str, TimeSeries]:
-        """Returns the setpoints of roll and pitch in the last seconds, rad, by axis; empty where none come.
+        """Returns the setpoints of roll and pitch in the last seconds, rad, by axis; empty if none were received.
 
         Args:
             vehicle: identity and parameters of the vehicle, without messages.

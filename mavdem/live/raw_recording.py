@@ -182,12 +182,13 @@ class RawRecording:
         return self._move_from(restart_offset, other)
 
     def _move_from(self, start: int, other: RawRecording) -> list[ReceivedPiece]:
-        """Moves the records after a number of bytes of the closed .tlog to another recording; none of an .mcap.
+        """Moves the end of the closed .tlog, from an offset on, to another recording.
 
-        They are cut off here only once the operating system has them in the other file, so that no failure loses one.
+        The frames are cut off here only once the operating system has them in the other file, so that no failure loses
+        one. An .mcap stays as it is.
 
         Args:
-            start: number of bytes that stay.
+            start: offset of the first record to move, bytes.
             other: an open recording of the same format.
 
         Returns:

@@ -38,11 +38,11 @@ class SilenceMonitor:
         self._has_received = False
 
     def note_messages(self, first_arrival: float, last_arrival: float) -> float:
-        """Records that some messages arrived together, of the followed vehicle, or of anybody while none is followed.
+        """Records that messages of the followed vehicle have arrived; while none is followed, messages of any sender.
 
         Args:
-            first_arrival: when the first of them arrived, s of the monotonic clock.
-            last_arrival: when the last of them arrived, s of the monotonic clock.
+            first_arrival: when the first of these messages arrived, s of the monotonic clock.
+            last_arrival: when the last of these messages arrived, s of the monotonic clock.
 
         Returns:
             The time without messages before them, s; 0 for the first ones.

@@ -951,7 +951,7 @@ class Watchdog:
         return [*self._raise_alarms(review), *self._end_alarms(review)]
 
     def _raise_alarms(self, review: _Review) -> list[Fact]:
-        """Makes the facts of a review that warn active alarms, and returns those that the user does not know yet.
+        """Turns the warnings of a review into active alarms, and returns those that are new to the user.
 
         Args:
             review: the review that ends, with its facts by watched quantity.

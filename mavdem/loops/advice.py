@@ -290,9 +290,10 @@ def reasons_for_no_gains(loop: Loop, *, for_higher_gains: bool = False) -> Facts
 
 
 def _unknown_stability(loop: Loop) -> Fact | None:
-    """Returns why no gains rest on a loop whose margins are not known from below: it may be unstable, or have them all.
+    """Returns the reason why gains cannot be designed for a loop whose stability the flight does not determine.
 
-    The lower end of the interval of a margin means nothing then: the vehicle flew, so that its loop is stable.
+    Some draws of its plant are unstable, although the vehicle flew, and others have all margins. Then the lower ends of
+    the margins' intervals mean nothing.
 
     Args:
         loop: rate and attitude loop of one axis, with draws of the plant from its posterior.

@@ -238,7 +238,7 @@ def _cycles_at_limits(
     window_seconds: float,
     min_duration: float,
 ) -> list[Oscillation]:
-    """Returns the limit cycles of one segment, only those in which motors reach their limits.
+    """Returns those limit cycles of one segment in which motors reach their limits.
 
     It serves a flight that is still going on, in which a limit cycle has just begun. Other oscillations would have to
     last for much of the flight to be counted as limit cycles.

@@ -279,7 +279,7 @@ def _reason_of_disagreement(
 
 
 def _controller_gain(spectra: WelchSpectra, dt: float, controller: Controller) -> float:
-    """Returns the gain of the logged demand over the expected one: 1 if the logged gains are those that flew.
+    """Returns the gain of the logged demand over the demand by the logged gains: 1 if these gains flew.
 
     The demand u is the controller's torque command. Setpoint r and rate p are logged too, and the controller's
     responses to them, C_r and C_p, follow from the parameters. So the expected demand is û = C_r r − C_p p. The gain

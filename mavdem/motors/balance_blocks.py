@@ -159,7 +159,7 @@ class BalanceBlocks:
         return len(self) < MIN_PRESENT_SHARE * expected_count
 
     def add(self, time: float, balance: Array, heading: float) -> None:
-        """Adds a block, later than those before it, and counts it if the vehicle did not turn.
+        """Adds the next block in the order of time, and counts it as steady if the vehicle did not turn.
 
         Args:
             time: End of the block, s.

@@ -310,7 +310,7 @@ def _require_position_source(telemetry: Telemetry, ground_motion: TimeSeries) ->
 
 
 def _lacks_fix(telemetry: Telemetry) -> bool:
-    """Returns whether satellite receivers were recorded, and none ever had a fix.
+    """Returns whether a log has satellite receivers that never had a position fix.
 
     Args:
         telemetry: messages of the vehicle.

@@ -53,7 +53,7 @@ def vibration(tables: Tables) -> Columns:
 
 
 def _vibration_by_imu(vibe: Columns) -> list[Columns]:
-    """Splits VIBE by IMU, with equally many rows of each, and without IMUs that have none.
+    """Splits the vibration message VIBE by IMU, so that each IMU has the same number of rows.
 
     ArduPilot logs the messages of all IMUs in the same step. If the log ends within a step, the longer tables are cut.
 

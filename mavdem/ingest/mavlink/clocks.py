@@ -137,9 +137,9 @@ def deviates_from_median(values: Times, window: int, limit: float | Times) -> Fl
 
 
 def outlier_stamps(stamps: Times) -> Flags:
-    """Flags stamps that are far from those around them, as of damaged messages.
+    """Flags stamps that are far from their neighbours in the stream, as damaged messages have them.
 
-    These are one or two messages at a time; a lasting change of the clock is not flagged.
+    Damage changes one or two messages at a time; a lasting change of the clock is not flagged.
 
     Args:
         stamps: Stamps (n,), s, in the order of the stream.

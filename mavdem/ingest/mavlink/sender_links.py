@@ -375,7 +375,7 @@ class SenderLinks:
         self._latest_clock = reading.clock
 
     def _review_counters(self) -> None:
-        """Decides anew whether two counters number the frames; called whenever the frames switch to the other counter.
+        """Decides again whether two counters number the frames, when the numbers have switched to the other counter.
 
         An autopilot may number the frames of two channels by two counters. Until this is recognised, after several
         switches, each switch looks like a gap in one numbering and is counted in ``missing``. At the recognition
@@ -426,7 +426,7 @@ def clock_reading(content: bytes, message_id: int) -> Reading | None:
 
 
 def _has_stamp(content: bytes, message_id: int) -> bool:
-    """Returns whether a frame has a time stamp in its payload that is not 0, as it would be if the sender set none.
+    """Returns whether the payload of a frame has a time stamp other than 0, which senders leave if they set none.
 
     The stamp need not be new: some messages repeat an old one, such as HOME_POSITION.
 

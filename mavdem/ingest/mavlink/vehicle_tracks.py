@@ -262,11 +262,11 @@ class VehicleTracks:
         self._add_consistent(readings.part(next_row, len(readings.clock)))
 
     def _add_consistent(self, readings: ReadingColumns) -> None:
-        """Adds readings none of which contradicts the latest clock, heading and position before it.
+        """Adds readings that are each consistent with the latest clock, heading and position before it.
 
-        They belong to the first track, as the latest reading does. But if another track has a later heading or
-        position, they may contradict the first track all the same. Until it has both, readings are compared with every
-        track, one by one.
+        They belong to the first track, as the latest reading does. But the latest heading or position may be of another
+        track; then the readings may contradict the first track nevertheless. Until both are of the first track,
+        readings are compared with every track, one by one.
 
         Args:
             readings: The readings (n,), which may be none.
