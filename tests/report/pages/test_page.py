@@ -384,6 +384,13 @@ def test_the_light_of_a_live_pages_headline_does_not_say_it_again():
     )
 
 
+def test_one_light_of_a_log_says_the_headline_again_and_others_refer_to_it():
+    lost = Fact(MotionEvent.POSITION_LOST, Level.BAD, time=22.0, duration=14.0)
+    lights = {Light.TRACKING: lost, Light.ESTIMATOR: lost, Light.WIND: lost}
+    page = render_document("a.tlog", "", [headline_sentence(lost)], head=Head(Level.BAD, lights))
+    assert page.count(str(lost)) == page.count("The headline above says why.</dd>") == 2
+
+
 def test_of_chapters_to_be_watched_the_one_of_the_headline_is_open():
     lights = {
         Light.VIBRATION: Fact(VibrationLight.VIBRATION_MEASURED, Level.WATCH),
