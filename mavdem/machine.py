@@ -1,16 +1,12 @@
-"""The machine that mavdem runs on: its loopback address, its screen, free TCP ports, freed memory, time of imports."""
+"""The machine that mavdem runs on: its loopback address, whether it has a screen, free TCP ports, freed memory."""
 
 import ctypes
 import os
 import socket
 import sys
-from importlib import import_module
 
 LOOPBACK = "127.0.0.1"
 """IPv4 address that other machines cannot reach."""
-
-UNUSED_NUMPY_MODULES = ("f2py", "ma", "testing")
-"""Submodules of NumPy that SciPy's copy of NumPy's names imports only because they are there."""
 
 
 def has_screen() -> bool:
@@ -39,24 +35,3 @@ def return_freed_memory() -> None:
         trim = getattr(ctypes.CDLL(None), "malloc_trim", None)
         if trim is not None:
             trim(0)
-
-
-def import_scipy() -> None:
-    """Imports the parts of SciPy that each log needs, in two thirds of the time that ``import scipy.ndimage`` takes.
-
-    SciPy copies all public names of NumPy, which imports every submodule of NumPy, a compiler of Fortran among them.
-    Those that nobody needs have a value meanwhile, so that NumPy does not import them; afterwards it does when they are
-    used. That saves 0.07 s of the processor, a twentieth of the review of a short log.
-    """
-    namespace = vars(import_module("numpy"))
-    hidden_modules = [name for name in UNUSED_NUMPY_MODULES if name not in namespace]
-    for name in hidden_modules:
-        namespace[name] = None
-    try:
-        for module in ("scipy.ndimage", "scipy.special"):
-            import_module(module)
-    finally:
-        for name in hidden_modules:
-            # It is no longer None if SciPy has imported it after all.
-            if namespace[name] is None:
-                del namespace[name]

@@ -23,7 +23,7 @@ from mavdem.log_formats import (
     ZIP_ENDING,
     Format,
 )
-from mavdem.machine import import_scipy, return_freed_memory
+from mavdem.machine import return_freed_memory
 
 if TYPE_CHECKING:
     from mavdem.ingest.mavlink.frame_stream import FrameStream
@@ -64,7 +64,6 @@ def read_log(path: AnyPath) -> Log:
         :func:`mavdem.read_flight`: what a model is learned from; :class:`mavdem.Telemetry`.
     """
     name, log_format = detect_format(path)
-    import_scipy()
     # A library that only one format needs is imported when a file of that format is read.
     match log_format:
         case Format.ULOG:
