@@ -131,6 +131,8 @@ class OpenLoop(Margins):
     """Response of the closed loop (N, F), from the setpoint to the rate or the angle."""
     disturbance: Complex
     """Response (N, F) from the wind torque, rad/s², to the rate, rad/s, or the angle, rad, in the closed loop."""
+    is_inner_stable: Flags | None = None
+    """Whether the loop inside this one is stable (N,); None for the rate loop, inside which there is none."""
 
     @cached_property
     def stable(self) -> Flags:
@@ -139,14 +141,18 @@ class OpenLoop(Margins):
         Open loops may have poles at 0 but none in the right half plane. As the frequency rises from 0 to infinity, the
         phase of 1 + L then increases by a quarter turn for each pole at 0 if the closed loop is stable. If it is not,
         the phase changes by a half turn or more in addition. The number of poles at 0 follows from the phase of L at
-        the lowest frequency.
+        the lowest frequency. A loop around an unstable one has poles in the right half plane, and is not judged by that
+        criterion: it counts as unstable, since both were designed to be stable.
         """
         # The change of the phase of 1 + L is the sum of its small changes from each frequency to the next.
         phase_steps = wrapped_angle(np.diff(np.angle(1 + self.response), axis=1))
         # At the lowest frequency, each pole at 0 adds −90° to the phase of L. A loop here has at most two.
         poles_at_zero = np.round(-np.angle(self.response[:, 0]) / (np.pi / 2)).clip(0, 2)
         additional_change = phase_steps.sum(axis=1) - poles_at_zero * np.pi / 2
-        return freeze(np.abs(additional_change) < np.pi)
+        is_stable = np.abs(additional_change) < np.pi
+        if self.is_inner_stable is not None:
+            is_stable &= self.is_inner_stable
+        return freeze(is_stable)
 
     @property
     def is_stable(self) -> bool:
@@ -165,7 +171,8 @@ class OpenLoop(Margins):
         They follow from crossings of the response: with the unit circle (crossover, phase and delay margin), with the
         negative real axis (gain margin), and of the closed loop with −3 dB (bandwidth). Crossings are interpolated
         linearly between frequencies, in the logarithms of gain and frequency. Without a crossing, margins are infinite,
-        and crossover and bandwidth are NaN.
+        and crossover and bandwidth are NaN. Around an unstable loop they are minus infinity: no crossing shows how far
+        from stable it is.
         """
         log_frequency = np.log(self.frequency)
         gain_crossings = _ZeroCrossings.of_rows(np.log(np.abs(self.response)))
@@ -192,6 +199,9 @@ class OpenLoop(Margins):
             "bandwidth": np.exp(log_bandwidth),
             "rejection": np.abs(self.disturbance).max(axis=1),
         }
+        if self.is_inner_stable is not None:
+            for name in SIGNED_MARGINS:
+                figures[name] = np.where(self.is_inner_stable, figures[name], -np.inf)
         return freeze(figures)
 
 
@@ -379,7 +389,9 @@ def attitude_loop(controller: Controller, rate: OpenLoop) -> OpenLoop:
     response = controller.angle_gain / s * rate.closed_loop_response / filters
     closed_loop_response = response / (1 + response)
     disturbance = rate.disturbance / s / (1 + response)
-    return OpenLoop(rate.frequency, response, closed_loop_response, disturbance)
+    return OpenLoop(
+        rate.frequency, response, closed_loop_response, disturbance, is_inner_stable=rate.stable
+    )
 
 
 class ControllerResponse(NamedTuple):

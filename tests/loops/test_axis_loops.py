@@ -536,3 +536,15 @@ def test_a_response_that_is_not_the_predicted_one_says_how(
     )
     assert getattr(measured.reason, "code", None) == code
     assert replace(sound, measured=measured).agrees is agrees
+
+
+def test_an_attitude_loop_around_an_unstable_rate_loop_has_no_margins():
+    """Its response alone looks as if it had: the poles of the rate loop in the right half plane do not show in it."""
+    sound = made_up()
+    assert sound.rate.is_stable and sound.attitude.is_stable
+    assert sound.attitude.phase_margin > 0
+    unstable = made_up(12.0)
+    assert not unstable.rate.is_stable and not unstable.attitude.is_stable
+    for name in ("phase_margin", "gain_margin", "delay_margin"):
+        assert getattr(unstable.attitude, name) == -np.inf
+    assert np.isfinite(unstable.attitude.crossover)
