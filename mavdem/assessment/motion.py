@@ -278,10 +278,32 @@ def _events_of_flight(
     yield from position_losses(sensors, controlled_interval, reports)
     yield from wind_drifts(sensors, controlled_interval)
     yield from invalid_attitudes(sensors.signals, sensors.boot, flight_interval)
-    drifts = [*barometer_drifts(sensors, flight_interval)]
-    yield from drifts
+    yield from _height_sensor_drifts(sensors, flight_interval, controlled_interval)
+
+
+def _height_sensor_drifts(
+    sensors: BootSensors, flight_interval: TimeInterval, controlled_interval: TimeInterval
+) -> Iterator[Fact]:
+    """Yields the event that the barometer drifted in a flight, or else that satellites disagree with it.
+
+    The heights at rest show that the barometer drifted, but not when. If it and satellites disagree in the flight, the
+    drift began when their difference began to grow.
+
+    Args:
+        sensors: sensors of the boot, with the take-off of this flight.
+        flight_interval: start and end of the flight, s since boot.
+        controlled_interval: start and end of the part of it before the vehicle was lost, if it was.
+    """
+    disagreements = list(height_disagreements(sensors, controlled_interval))
+    drifts = list(barometer_drifts(sensors, flight_interval))
     if not drifts:
-        yield from height_disagreements(sensors, controlled_interval)
+        yield from disagreements
+    for drift in drifts:
+        is_frozen = drift.figures["frozen_since"] is not None
+        if disagreements and not is_frozen:
+            yield drift.replace(time=disagreements[0].time)
+        else:
+            yield drift
 
 
 def _standing_motors(

@@ -60,6 +60,13 @@ def test_a_barometer_that_drifts_in_flight_is_to_be_watched(drift):
     assert len(event.figures["witnesses"]) == 2
 
 
+def test_a_drift_that_satellites_show_in_flight_is_dated_by_its_growth():
+    (event,) = drifts(flight(12.0))
+    assert event.time == approx(30.0, abs=2.0)
+    (small,) = drifts(flight(5.0))
+    assert small.time == approx(TAKE_OFF, abs=1.0)
+
+
 def test_a_barometer_that_freezes_in_flight_is_not_said_to_drift():
     telemetry = flight(0.0)
     time = stamps(telemetry, "SCALED_PRESSURE")
