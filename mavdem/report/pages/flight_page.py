@@ -201,8 +201,9 @@ def unfold_chapters_of_warnings(
 
     A light is the judgement of one part of the vehicle, with a level. The level of a chapter is the worst one of the
     lights that it explains. Chapters with a bad light are open or, if nothing is bad, one of those with a light to be
-    watched, so that the page stays short: the headline's, if it has one. All others are folded. The chapter of the log
-    is never open, since its light says everything.
+    watched, so that the page stays short: the headline's, if it has one. Of several bad lights with the same fact, such
+    as how the flight was lost, the first has its chapter open. All others are folded. The chapter of the log is never
+    open, since its light says everything.
 
     Args:
         chapters: the chapters.
@@ -211,11 +212,18 @@ def unfold_chapters_of_warnings(
     """
     vehicle_levels = {fact.level for name, fact in lights.items() if name != Light.LOG}
     worst_level = Level.BAD if Level.BAD in vehicle_levels else Level.WATCH
+    lights_of_new_facts = {}
+    stated_facts = set()
+    for name, fact in lights.items():
+        if str(fact) not in stated_facts:
+            lights_of_new_facts[name] = fact
+        stated_facts.add(str(fact))
     judged_chapters = []
     titles_to_open = []
     for chapter in chapters:
         levels = _levels_of_chapter(chapter, lights)
-        if worst_level in levels and chapter.title != LOG_TITLE:
+        levels_of_new_facts = _levels_of_chapter(chapter, lights_of_new_facts)
+        if worst_level in levels_of_new_facts and chapter.title != LOG_TITLE:
             titles_to_open.append(chapter.title)
         if levels:
             chapter = chapter._replace(level=min(levels, key=CHAPTER_LEVELS.index))

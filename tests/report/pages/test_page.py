@@ -406,6 +406,15 @@ def test_of_chapters_to_be_watched_the_one_of_the_headline_is_open():
     assert sum(not chapter.folded for chapter in opened) == 3
 
 
+def test_of_bad_lights_with_one_fact_the_first_has_its_chapter_open():
+    lost = Fact(MotionEvent.POSITION_LOST, Level.BAD, time=22.0, duration=14.0)
+    lights = {Light.MOTORS: lost, Light.TRACKING: lost, Light.WIND: Fact(Unjudged.NOT_JUDGED)}
+    chapters = [Chapter(title) for title in ("Three axes", "Motors", "Wind")]
+    opened = [*unfold_chapters_of_warnings(chapters, lights, lost)]
+    assert [chapter.title for chapter in opened if not chapter.folded] == ["Motors"]
+    assert [chapter.level for chapter in opened][:2] == [Level.BAD, Level.BAD]
+
+
 def test_a_section_shows_its_sentence_and_opens_where_it_is_to_be_watched():
     warm = Fact(
         HardwareFact.TEMPERATURES_MEASURED,
