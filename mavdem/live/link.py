@@ -62,12 +62,6 @@ MAX_PIECE_BYTES = np.iinfo(np.uint16).max
 MAX_PIECES = 512
 """Pieces that one call receives: a choice, so that a fast sender does not hold up the caller."""
 
-BURST_SECONDS = 0.0005
-"""Time after the first piece for which a call that had to wait lets further ones arrive, s: a choice.
-
-The messages of one burst arrive in less, and rows later by an eighth of the 4 ms that they may take at 100 Hz.
-"""
-
 MAX_REST_SECONDS = 1.0
 """Longest time for which what waits is received at the end of a session, s: a choice; a full buffer takes less."""
 
@@ -236,10 +230,6 @@ class Link:
                 return received
             # It holds for all pieces of this call that the kernel does not stamp.
             self._arrival = time.time()
-            if timeout > 0:
-                # Autopilots send the messages of one time right after each other. To wake up once for all of them
-                # saves a tenth of the processor time of a session at 100 to 400 Hz.
-                time.sleep(BURST_SECONDS)
             if self._server is not None and self._socket is None:
                 # What became readable is the listening socket: its client connects.
                 self._socket, _ = self._server.accept()
