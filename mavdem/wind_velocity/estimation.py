@@ -61,8 +61,14 @@ REPORTED_RELATIVE_ERROR = 0.12
 BIASED_SPEED_RATIO = 8.0
 """Ratio of the ends of the speed's interval up to which the speed is reported as biased."""
 
+LIGHT_BREEZE = 3.3
+"""Upper end of the interval, m/s, up to which a wind that may be still air is reported, as below that end.
+
+Still air has no ratio. It is the highest speed of Beaufort force 2, which no flight depends on.
+"""
+
 MIN_RATIO_SPEED = 0.3
-"""Least lower end of the interval, m/s, in that ratio: calm air has no ratio."""
+"""Least lower end of the interval, m/s, in that ratio."""
 
 REPORTED_DIRECTION_ERROR = 10.0
 """Half width of the direction's interval, degrees, up to which the direction is reported."""
@@ -285,6 +291,9 @@ def speed_status(speed: float, low: float, high: float) -> Status:
     if (high - low) / 2 <= max(REPORTED_SPEED_ERROR, REPORTED_RELATIVE_ERROR * speed):
         return Status.REPORTED
     if high <= BIASED_SPEED_RATIO * max(low, MIN_RATIO_SPEED):
+        return Status.BIASED
+    may_be_still = not lower_speed_bound(low, high)
+    if may_be_still and high <= LIGHT_BREEZE:
         return Status.BIASED
     return Status.NOT_IDENTIFIABLE
 

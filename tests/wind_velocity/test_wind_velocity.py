@@ -192,6 +192,8 @@ def test_air_along_the_body_that_changes_by_less_than_1_m_s_explains_nothing(siz
         (10.0, 1.21, "biased"),
         (9.0, 6.99, "biased"),
         (9.0, 7.01, "not identifiable"),
+        (0.0, 3.29, "biased"),
+        (0.0, 3.31, "not identifiable"),
     ],
 )
 def test_the_band_of_a_speed_is_0_7_m_s_or_12_percent_and_at_most_a_factor_of_eight(
