@@ -215,9 +215,11 @@ def unfold_chapters_of_warnings(
     lights_of_new_facts = {}
     stated_facts = set()
     for name, fact in lights.items():
-        if str(fact) not in stated_facts:
+        # Facts about the same thing at the same time may differ in what they add for their light.
+        key = (fact.code, fact.subject, fact.time)
+        if key not in stated_facts:
             lights_of_new_facts[name] = fact
-        stated_facts.add(str(fact))
+        stated_facts.add(key)
     judged_chapters = []
     titles_to_open = []
     for chapter in chapters:
