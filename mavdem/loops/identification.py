@@ -380,16 +380,18 @@ def _require_resolution(signals: Signals, spectra: CrossSpectra, rounding: float
     Raises:
         NotLearnable: the variance of the rounding error is too large.
     """
-    density = spectra.mean_density[:, Quantity.OUTPUT, Quantity.OUTPUT].real
-    mean_density = np.average(density, weights=spectra.effective_samples)
-    variance = mean_density * spectra.message_rate
+    output_density = spectra.mean_density[:, Quantity.OUTPUT, Quantity.OUTPUT].real
+    density_over_frequencies = np.average(output_density, weights=spectra.effective_samples)
+    variance = density_over_frequencies * spectra.message_rate
     if rounding**2 / 12 > MAX_ROUNDING_SHARE * variance:
         assert signals.model_inputs is not None
         scale = signals.model_inputs.scale
+        # The user knows the unit of the motor commands, in which the same resolution is ``scale.step``.
+        command_per_demand = scale.step / rounding
         raise NotLearnable(
             NotLearnableReason.COMMAND_ROUNDED,
             axis=signals.axis,
-            command=scale.step * np.sqrt(variance) / rounding,
+            command=command_per_demand * np.sqrt(variance),
             command_step=scale.step,
             unit=scale.unit,
         )

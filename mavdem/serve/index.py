@@ -205,14 +205,15 @@ def new_id() -> str:
 def entry_of_fleet_log(file: str, rows: FlightRows) -> LibraryEntry:
     """Makes the index entry of a log that ``mavdem track`` has read, so that the server lists it with its own logs.
 
-    The log stays where it is and has no digest here: the server has neither a copy nor results of it.
+    The log stays where it is. The digest of its bytes, under which the server keeps copies and results, is left empty:
+    it has neither. The name of the flight is found by ``content``, the hash in the key of the fleet's rows.
 
     Args:
         file: path of the log, as the fleet's rows have it.
-        rows: the fleet's rows of this log, at least one.
+        rows: the fleet's rows of this log, at least one; the page of its first flight is the only file of the entry.
 
     Returns:
-        An entry with a new id, without a digest.
+        An entry with a new id.
     """
     first_row = rows[0]
     columns = columns_of_flight(rows)
