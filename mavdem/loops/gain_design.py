@@ -12,7 +12,7 @@ ArduPilot's manual tuning, QuickTune and AutoTune (https://ardupilot.org/copter/
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import IntEnum
 from functools import cached_property
 from math import ceil, inf, isnan, log
@@ -350,7 +350,7 @@ class GainSearch:
             if gain == previous_gain:
                 continue
             previous_gain = gain
-            score = self.margin_score(loop.with_parameters({name: gain}).attitude)
+            score = self._attitude_score(loop.with_parameters({name: gain}))
             if score >= 1:
                 return {name: gain}
             if score > best_score:
@@ -371,6 +371,20 @@ class GainSearch:
         """
         scores = scores_of_models(margin_scores(self.target, open_loop))
         return float(np.quantile(scores.clip(MIN_SCORE), SEARCH_MISS_SHARE))
+
+    def _attitude_score(self, models: Loop) -> float:
+        """Scores the attitude loops of many plant models by their own responses, whatever the rate loops inside do.
+
+        An attitude loop around an unstable rate loop is unstable with any gain of its own, so that its margins would
+        not tell a gain that is too high from one that is not. The rate loops have scores of their own.
+
+        Args:
+            models: rate and attitude loop of all models, at each effectiveness.
+
+        Returns:
+            The score, as :meth:`margin_score` returns it.
+        """
+        return self.margin_score(replace(models.attitude, is_inner_stable=None))
 
     def _derivative_ratios(self) -> list[float]:
         """Returns the ratios of D to P to try, s.
@@ -458,8 +472,8 @@ class GainSearch:
             models_with_gains = self.models.with_parameters(gains)
             if self.margin_score(models_with_gains.rate) >= needed_score:
                 break
-        needed_attitude_score = min(1.0, self.margin_score(self.models.attitude))
-        if self.margin_score(models_with_gains.attitude) < needed_attitude_score:
+        needed_attitude_score = min(1.0, self._attitude_score(self.models))
+        if self._attitude_score(models_with_gains) < needed_attitude_score:
             logged_gain = self.logged_gains["angle_gain"]
             [(name, gain)] = self.angle_design(gains, largest=logged_gain).items()
             gains = {**gains, name: round_gain(max(gain, logged_gain / MAX_GAIN_STEP))}
