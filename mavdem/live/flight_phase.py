@@ -221,9 +221,10 @@ class FlightPhase:
             if level_flight is not None and level_flight[0] <= known_end:
                 self._settled_start = level_flight[0]
         elif climb_rate is not None:
-            new_start = max(self._review_time - AVERAGING_DELAY, self._landed_state_end)
-            new_rates = _between(climb_rate, new_start, now - AVERAGING_DELAY)
-            sinking_times = new_rates.time[new_rates.values <= -MAX_LEVEL_FLIGHT_SPEED]
+            # Earlier reviews have judged the climb rates before this time.
+            unjudged_start = max(self._review_time - AVERAGING_DELAY, self._landed_state_end)
+            unjudged_rates = _between(climb_rate, unjudged_start, now - AVERAGING_DELAY)
+            sinking_times = unjudged_rates.time[unjudged_rates.values <= -MAX_LEVEL_FLIGHT_SPEED]
             if len(sinking_times):
                 end_of_possible_landing = float(sinking_times[-1]) + TRANSIENT_SECONDS
                 self._settled_start = max(self._settled_start, end_of_possible_landing)
@@ -241,13 +242,16 @@ class FlightPhase:
         if not self.is_flying or climb_rate is None:
             self._free_climb_start = inf
             return
-        # Earlier reviews have judged the climb rates until half of the average's window before the last review.
-        new_start = max(self._review_time, now - MAX_REPORT_INTERVAL) - AVERAGING_DELAY
-        new_rates = _between(climb_rate, new_start, now - AVERAGING_DELAY)
-        climbing_times = new_rates.time[new_rates.values >= MAX_LEVEL_FLIGHT_SPEED]
-        if np.any(new_rates.values <= -MAX_LEVEL_FLIGHT_SPEED):
+        # The average is centred, and known until half of its window ago: until then earlier reviews have judged the
+        # climb rates. After a break between two reviews only the latest ones count.
+        unjudged_start = max(self._review_time, now - MAX_REPORT_INTERVAL) - AVERAGING_DELAY
+        unjudged_rates = _between(climb_rate, unjudged_start, now - AVERAGING_DELAY)
+        climbing_times = unjudged_rates.time[unjudged_rates.values >= MAX_LEVEL_FLIGHT_SPEED]
+        # The climb-out ends where settled flight begins.
+        is_climbing_out = self._settled_start is None
+        if np.any(unjudged_rates.values <= -MAX_LEVEL_FLIGHT_SPEED):
             self._free_climb_start = inf
-        elif len(climbing_times) and self._settled_start is None:
+        elif len(climbing_times) and is_climbing_out:
             free_time = float(climbing_times[0]) + FREE_CLIMB_DELAY
             self._free_climb_start = min(self._free_climb_start, free_time)
 

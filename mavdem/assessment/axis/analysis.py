@@ -416,7 +416,10 @@ def motor_alarms(signals: Signals) -> tuple[MotorAlarm, ...]:
 def _without_shifts_by_wind(
     signals: Signals, motors: MotorOutputs, changes: Sequence[MotorAlarm]
 ) -> list[MotorAlarm]:
-    """Removes the shifts of the trims that name no motor and that the lean against the wind may explain.
+    """Removes changes of the motors' balance that the lean against the wind may explain.
+
+    Only changes that no single motor explains are removed. Each is judged by the steady flight around it, from the
+    change before it to the one after.
 
     Args:
         signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.
@@ -430,12 +433,12 @@ def _without_shifts_by_wind(
     remaining = []
     for change in changes:
         if change.motor is None:
-            # Flight between the changes before and after this one.
-            start = max((time for time in onset_times if time < change.onset_time), default=-inf)
-            end = min((time for time in onset_times if time > change.onset_time), default=inf)
-            run = run_around(signals, motors, change.boot, change.onset_time, (start, end))
+            earlier_times = [time for time in onset_times if time < change.onset_time]
+            later_times = [time for time in onset_times if time > change.onset_time]
+            interval = (max(earlier_times, default=-inf), min(later_times, default=inf))
+            steady_run = run_around(signals, motors, change.boot, change.onset_time, interval)
             signatures = motor_signatures(motors.geometry)
-            if run is None or not is_beyond_lean(run, signatures, change.onset_time):
+            if steady_run is None or not is_beyond_lean(steady_run, signatures, change.onset_time):
                 continue
         remaining.append(change)
     return remaining
