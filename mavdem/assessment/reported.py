@@ -1,7 +1,7 @@
 """Events that the autopilot reports, as facts (coded findings): states, texts, error codes, and faults of sensors."""
 
 from collections.abc import Iterator, Sequence
-from math import isfinite
+from math import inf, isfinite
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -536,8 +536,8 @@ def _lasting_faults(
         fault_states: for each fault, the samples of its message and whether each reports the fault, of all boots.
 
     Yields:
-        A fact with start and end for each interval; a fault that is still there when the motors are disarmed, or when
-        the record ends, has no end, and is marked as ``is_permanent``.
+        A fact with start and end for each interval. The end may be after the motors are disarmed; a fault that is still
+        there when the record ends has none, and is marked as ``is_permanent``.
     """
     recorded_interval = [(recorded_span.start, recorded_span.end)]
     armed_spans = intersection(armed_intervals(signals, recorded_span.boot), recorded_interval)
@@ -547,15 +547,16 @@ def _lasting_faults(
         columns = fault.columns_of(signals)
         is_in_boot = columns["boot"] == recorded_span.boot
         faulty_intervals = true_intervals(columns["time"][is_in_boot], fault.is_faulty[is_in_boot])
-        for start, end in intersection(faulty_intervals, armed_spans):
-            is_over = any(end == fault_end for _, fault_end in faulty_intervals)
-            event = _reported_event(
-                signals,
-                recorded_span,
-                fault.message,
-                fault.code,
-                start,
-                end_time=end if is_over else None,
-                subject=fault.subject,
-            )
-            yield event if is_over else event.replace(is_permanent=True)
+        for faulty_interval in faulty_intervals:
+            _, end = faulty_interval
+            for start, _ in intersection([faulty_interval], armed_spans):
+                event = _reported_event(
+                    signals,
+                    recorded_span,
+                    fault.message,
+                    fault.code,
+                    start,
+                    end_time=None if end == inf else end,
+                    subject=fault.subject,
+                )
+                yield event.replace(is_permanent=True) if end == inf else event

@@ -332,6 +332,22 @@ def test_a_radio_that_stays_lost_has_no_end_whatever_is_reported_meanwhile():
     assert fact.sentence == "The remote control was lost."
 
 
+def test_a_failsafe_that_ends_between_two_flights_is_not_that_of_the_next():
+    beats = FLOWN.messages["HEARTBEAT"]
+    time = beats["time"]
+    disarmed = (time >= 15.0) & (time < 25.0)
+    next_start = 19.0 + REPEAT_SECONDS
+    in_failsafe = (time >= 12.0) & (time <= 18.0) | (time >= next_start)
+    telemetry = changed(
+        FLOWN,
+        "HEARTBEAT",
+        base_mode=np.where(disarmed, 0, beats["base_mode"]),
+        system_status=np.where(in_failsafe, 5, 4),
+    )
+    found = events(telemetry, ReportedEvent.FAILSAFE)
+    assert [(fact.time, fact.end_time) for fact in found] == [(12.0, 18.0), (next_start, None)]
+
+
 @mark.parametrize("time, is_trigger", [(30.9, True), (28.5, False), (31.5, False)])
 def test_what_is_reported_just_before_a_failsafe_is_its_trigger(time, is_trigger):
     beats = FLOWN.messages["HEARTBEAT"]["time"]
