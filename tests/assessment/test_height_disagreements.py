@@ -34,7 +34,10 @@ def test_a_drift_by_more_than_receivers_wander_is_an_event(drift):
 def test_heights_that_meet_again_end_the_event():
     found = event((20.0, 0.0), (30.0, 12.0), (50.0, 12.0), (60.0, 0.0))
     assert found.end_time == approx(57.0, abs=1.0)
-    assert "disagreed" in found.sentence
+    # The time is that of the drift's beginning, when both still agree.
+    assert (
+        f"drifted apart in height from {found.time:.1f} s on, and disagreed until" in found.sentence
+    )
 
 
 @mark.parametrize(

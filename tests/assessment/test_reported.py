@@ -102,6 +102,11 @@ def test_of_two_that_say_the_same_the_worse_level_holds():
     assert fact.figures["basis"] == ("EV", "STATUSTEXT")
 
 
+def test_a_filter_that_the_autopilot_doubts_may_only_lack_a_position():
+    (fact,) = reported_problems(changed(FLOWN, "ERR", **columns([30.0], Subsys=[16], ECode=[2])))
+    assert "or has no position (EKF variance)" in fact.sentence
+
+
 def test_a_glitch_of_the_barometer_is_no_failed_sensor():
     errors = columns([30.0, 50.0], Subsys=[18, 18], ECode=[2, 4])
     glitch, failure = reported_problems(changed(FLOWN, "ERR", **errors))
