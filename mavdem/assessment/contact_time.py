@@ -192,7 +192,9 @@ class ContactSearch:
         """
         accelerometer = self.sensors.accelerometer
         assert accelerometer is not None
-        vibration_start = self.flight_start + MAX_SETPOINT_DELAY
+        # The take-off of a vehicle that was first received in flight has the time minus infinity.
+        first_sample = float(accelerometer.time[0])
+        vibration_start = max(self.flight_start + MAX_SETPOINT_DELAY, first_sample)
         vibration = accelerometer.peak((vibration_start, start))
         if vibration is None:
             return True

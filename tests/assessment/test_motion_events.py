@@ -1,6 +1,7 @@
 """Events of the motion, each with the witnesses for it and against it, on made-up flights with all instruments."""
 
 from dataclasses import replace
+from math import inf
 
 import numpy as np
 from hover import changed, columns, only, pulses, with_pulses
@@ -22,6 +23,7 @@ from instrumented import (
 from pytest import approx, mark
 
 from mavdem.assessment.attitude_error import AttitudeError, largest_error
+from mavdem.assessment.contact_time import ContactSearch
 from mavdem.assessment.ending import find_ending, lower_unconfirmed_crash_reports
 from mavdem.assessment.motion import motion_events
 from mavdem.assessment.reported import reported_events
@@ -31,7 +33,7 @@ from mavdem.facts.ending import Ending, FailedFirst, MotionEvent
 from mavdem.facts.events import ReportedEvent
 from mavdem.facts.witnesses import SensorFact, Side
 from mavdem.ingest.vocabulary import quaternion
-from mavdem.witnesses.boot_sensors import Rest
+from mavdem.witnesses.boot_sensors import BootSensors, Rest
 from mavdem.witnesses.sensor_facts import (
     ACCELEROMETER,
     ATTITUDE,
@@ -525,6 +527,12 @@ def test_the_largest_force_of_strong_vibration_is_no_hard_landing(knock, is_hard
     shaken = changed(telemetry, "HIGHRES_IMU", zacc=np.where(is_shaking, -peaks, force))
     events, _ = judged(knocked(shaken, EVENT + 4.0, knock))
     assert (MotionEvent.LANDED_HARD in events) is is_hard
+
+
+def test_the_contact_of_a_flight_whose_take_off_was_not_received_is_at_its_knock():
+    signals = Signals(knocked(impact(2.5), EVENT + 4.0, 80.0), inputs="motors")
+    search = ContactSearch(BootSensors(signals, 0, -inf), flight_start=-inf, loss=None)
+    assert search.contact_time(EVENT + 2.0, EVENT + 6.0) == approx(EVENT + 4.0, abs=0.05)
 
 
 def test_a_setpoint_that_nothing_follows_is_no_tumble():
