@@ -92,6 +92,7 @@ def test_clips_of_an_impact_do_not_count():
     lost = replace(flight, ending=Fact(Ending.CONTROL_LOST, time=38.0, boot=0))
     assert vibration_light(flight).figures["clips"] == 50
     assert vibration_light(lost).figures["clips"] == 0
+    assert vibration_light(lost).sentence.endswith("no clips in flight until 38.0 s.")
 
 
 def test_without_the_message_it_is_not_known():

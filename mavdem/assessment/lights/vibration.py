@@ -1,7 +1,7 @@
 """Status light of vibration: acceleration and clipping of each IMU against the limits of its autopilot."""
 
 from mavdem.assessment.evidence import Evidence
-from mavdem.assessment.flights import settled_flight
+from mavdem.assessment.flights import loss_onset, settled_flight
 from mavdem.assessment.limits import LEVELS_BY_SEVERITY, Limits
 from mavdem.dataset.segments import in_segments
 from mavdem.facts import Fact
@@ -40,7 +40,8 @@ def vibration_light(evidence: Evidence) -> Fact:
 
     Landings and fast manoeuvres cause a few clips outside settled flight. If there are more than the limit, for example
     by a loose propeller, the clips of all free flight are used instead, and the fact has the figure
-    ``has_clipped_unsettled``. The vibration level is still the one of settled flight.
+    ``has_clipped_unsettled``. The vibration level is still the one of settled flight. What is not of settled flight
+    alone ends with the loss of the vehicle: so does the fact.
 
     Args:
         evidence: signals, events and measurements of the vehicle.
@@ -71,9 +72,12 @@ def vibration_light(evidence: Evidence) -> Fact:
     has_clipped_unsettled = all_clips - clips > CLIP_LIMITS.bad
     if has_clipped_unsettled:
         clips = all_clips
+    is_of_settled_flight = settled_segments and not has_clipped_unsettled
+    ending = None if is_of_settled_flight else evidence.ending
     fact = Fact(
         VibrationLight.VIBRATION_MEASURED,
         max(limits.level(largest_level), CLIP_LIMITS.level(clips), key=LEVELS_BY_SEVERITY.index),
+        end_time=None if ending is None else loss_onset(ending),
         subject=f"IMU {imu + 1}",
         axis=vibration.axes[axis],
         vibration=largest_level,
