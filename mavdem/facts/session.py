@@ -78,6 +78,7 @@ class RowsFact(Code):
     NO_LIVE_ATTITUDE = "no_live_attitude"
     ATTITUDE_ASKED = "attitude_asked"
     NO_LIVE_MOTORS = "no_live_motors"
+    MOTORS_NOT_KNOWN = "motors_not_known"
     LIVE_RATES_TOO_LOW = "live_rates_too_low"
     LIVE_RATES_ENOUGH = "live_rates_enough"
     MESSAGE_GAP = "message_gap"

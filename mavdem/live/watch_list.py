@@ -107,13 +107,15 @@ def quantities_without_motion(motion: RecentMotion | None) -> dict[WatchedQuanti
     shows in any ``MIN_LIMIT_SAMPLES``.
 
     Args:
-        motion: attitude and motor outputs of the last seconds; None if they do not come.
+        motion: attitude and motor outputs of the last seconds; None if they do not come, or it is not known yet which
+            outputs drive the motors.
 
     Returns:
         The reason by the quantity that is not shown.
     """
     if motion is None:
-        no_motors = Fact(RowsFact.NO_LIVE_MOTORS)
+        # Their messages may come, but parameters and samples have not shown yet which channels drive motors.
+        no_motors = Fact(RowsFact.MOTORS_NOT_KNOWN)
         return {WatchedQuantity.OSCILLATION: no_motors, WatchedQuantity.MOTOR_LIMITS: no_motors}
     if motion.rate >= MIN_STREAM_RATE / 2:
         return {}
