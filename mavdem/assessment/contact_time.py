@@ -31,10 +31,11 @@ VIBRATION_SECONDS = 1.0
 MIN_VIBRATION_WINDOWS = 5
 """Number of such windows from which on the scatter of their largest forces is known; a choice."""
 
-MAX_VIBRATION_DEVIATIONS = 5.0
-"""Standard deviations above the mean of the largest forces that vibration reaches in one window of 1000.
+MAX_VIBRATION_QUARTILE_RANGES = 4.2
+"""Interquartile ranges above the median of the largest forces that vibration reaches in one window of 1000.
 
-The largest of many samples follows a Gumbel distribution, which exceeds that with a probability of 0.0009.
+The largest of many samples follows a Gumbel distribution, which exceeds that with a probability of 0.0009. Median and
+quartiles do not depend on single knocks before, such as at the take-off, which are no vibration.
 """
 
 IMPACT_SPEED_CHANGE = 3.0
@@ -206,7 +207,8 @@ class ContactSearch:
             if peak is not None:
                 window_peaks.append(peak.size)
         if len(window_peaks) >= MIN_VIBRATION_WINDOWS:
-            mean_peak = float(np.mean(window_peaks))
-            deviation = float(np.std(window_peaks))
-            largest_force = max(largest_force, mean_peak + MAX_VIBRATION_DEVIATIONS * deviation)
+            lower_quartile, median, upper_quartile = np.quantile(window_peaks, [0.25, 0.5, 0.75])
+            quartile_range = float(upper_quartile - lower_quartile)
+            reached_force = float(median) + MAX_VIBRATION_QUARTILE_RANGES * quartile_range
+            largest_force = max(largest_force, reached_force)
         return bool(knock.figures["acceleration"] > largest_force)

@@ -516,12 +516,19 @@ def test_a_hard_landing_upright_is_to_be_watched():
     assert "sinking" not in Fact(MotionEvent.LANDED_HARD, time=3.0, speed=0.04).sentence
 
 
-@mark.parametrize("knock, is_hard", [(34.0, False), (80.0, True)])
+def test_a_knock_at_the_take_off_does_not_hide_a_hard_landing():
+    """The vehicle is knocked harder when it lands than 21 s before, by a force that no vibration reaches."""
+    telemetry = knocked(impact(2.5), 9.0, 35.0)
+    events, _ = judged(knocked(telemetry, EVENT + 4.0, 40.0))
+    assert MotionEvent.LANDED_HARD in events
+
+
+@mark.parametrize("knock, is_hard", [(36.0, False), (80.0, True)])
 def test_the_largest_force_of_strong_vibration_is_no_hard_landing(knock, is_hard):
-    """It shakes by up to 33 m/s² in each second of the flight, and a little more in one that is close to the ground."""
+    """It shakes by a normal force, by up to 35 m/s² in flight, and a little more close to the ground."""
     telemetry = impact(2.5)
     time = stamps(telemetry, "HIGHRES_IMU")
-    peaks = 24.0 + 9.0 * np.random.default_rng(1).random(len(time))
+    peaks = 20.0 + 4.0 * np.random.default_rng(1).standard_normal(len(time))
     is_shaking = (time > 8.0) & (time < EVENT + 4.0)
     force = telemetry.messages["HIGHRES_IMU"]["zacc"]
     shaken = changed(telemetry, "HIGHRES_IMU", zacc=np.where(is_shaking, -peaks, force))
