@@ -59,7 +59,7 @@ def motor_at_upper_limit(motors: MotorOutputs, is_at_upper: Flags, now: float) -
 def sinks_at_limit(
     motors: MotorOutputs, is_at_upper: Flags, climb_rate: TimeSeries, now: float
 ) -> Fact | None:
-    """Returns the fact that a vehicle sinks although motors are at their upper limit: it cannot hold its height.
+    """Returns the fact that a vehicle sinks with motors at their upper limit: no reserve is left to stop that.
 
     Args:
         motors: outputs of k motors in the last seconds, N samples.

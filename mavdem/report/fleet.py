@@ -34,8 +34,13 @@ HEALTH_LEVELS = {
 MAX_NAME_LENGTH = 16
 """Letters of a vehicle's name that are shown whole; longer ones are serial numbers, of which the end is shown."""
 
+SERIAL_START_LENGTH = 4
 SERIAL_END_LENGTH = 6
-"""Last letters of a serial number that are shown: boards of one make differ in these."""
+"""First and last letters of a serial number that are shown: boards of one make differ in these.
+
+It has the place of the processor on its wafer, which ArduPilot writes first and PX4 last, and the lot of the wafer,
+which such boards share.
+"""
 
 NOT_USED = "not used"
 """What is shown in the place of the health of a log without a flight."""
@@ -107,8 +112,10 @@ def is_serial(name: str) -> bool:
 
 
 def short_name(name: str) -> str:
-    """Returns the name of a vehicle as far as a line has room: of a serial number the end, which tells boards apart."""
-    return f"…{name[-SERIAL_END_LENGTH:]}" if is_serial(name) else name
+    """Returns a vehicle's name as far as a line has room: of a serial number both ends, which tell boards apart."""
+    if not is_serial(name):
+        return name
+    return f"{name[:SERIAL_START_LENGTH]}…{name[-SERIAL_END_LENGTH:]}"
 
 
 def vehicle_type(name: str, frame: str, names: GivenNames) -> str:
@@ -127,7 +134,7 @@ def vehicle_type(name: str, frame: str, names: GivenNames) -> str:
 
 
 def vehicle_label(name: str, frame: str, names: GivenNames) -> str:
-    """Returns what a vehicle is called in a sentence: its name, or its type and the end of its serial number.
+    """Returns what a vehicle is called in a sentence: its name, or its type and both ends of its serial number.
 
     Args:
         name: what its logs call it.

@@ -302,7 +302,7 @@ def test_a_vehicle_without_a_name_is_called_by_its_type_and_the_end_of_its_seria
         **{"troubles": {}, "may_read": True, "key": "", "has_token": False, "address": ""},
         **{"upload": "", "given": GivenNames(), "frames": frames},
     )
-    assert ">Hexarotor …333539</a>" in page and f'title="{serial}"' in page
+    assert ">Hexarotor 001a…333539</a>" in page and f'title="{serial}"' in page
 
 
 def test_an_altered_index_removes_and_shows_nothing_outside(tmp_path):

@@ -414,9 +414,9 @@ def _bad_unnamed_flights(summaries: Sequence[VehicleSummary]) -> list[UnnamedFli
 def _labels_of_serial_numbers(
     summaries: Sequence[VehicleSummary], names: GivenNames
 ) -> dict[str, str]:
-    """Returns labels that replace the serial numbers of vehicles in the table of flights, such as "Quadrotor …0c3f2a".
+    """Returns labels that replace the serial numbers of vehicles in a table of flights, as "Quadrotor 001a…0c3f2a".
 
-    A serial number is too long for a column. Its label has the kind of the vehicle's frame and the end of the number.
+    A serial number is too long for a column. Its label has the kind of frame and both ends of the number.
 
     Args:
         summaries: what is known of the flights under each name.

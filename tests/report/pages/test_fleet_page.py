@@ -186,7 +186,9 @@ def test_a_serial_number_stands_small_behind_the_frame_and_a_repeated_sentence_o
     unjudged = {"health": "unknown", "health_reason": "Too few flights."}
     rows = [flight_row(name, 0, **unjudged) for name in (serial, "quad", "hexa")]
     text = fleet_page(rows)
-    assert f'<b title="{serial}">Quadrotor</b> <small class="soft serial">…333539</small>' in text
+    assert (
+        f'<b title="{serial}">Quadrotor</b> <small class="soft serial">001a…333539</small>' in text
+    )
     assert text.count('<td class="words">Not judged: Too few flights.</td>') == 1
     assert "Not judged" not in "".join(re.findall(r'<details class="vehicle".*?</details>', text))
     (repeated,) = re.findall(r"Not judged: Too few flights.</td><td[^>]*>(\d)</td>", text)
