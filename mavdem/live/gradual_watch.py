@@ -6,13 +6,11 @@ which then finds it late, and only the part of it that is new.
 
 from collections import deque
 from math import inf
-from typing import NamedTuple
 
 import numpy as np
 
-from mavdem.arrays import Array
 from mavdem.ingest.motors import MotorGeometry
-from mavdem.motors.balance_blocks import BlockAverager
+from mavdem.motors.balance_blocks import BlockAverager, CommandBlock
 from mavdem.motors.gradual_loss import MAX_BLOCKS, gradual_loss
 from mavdem.motors.loss_confirmation import MAX_CONFIRMATION_SECONDS
 from mavdem.motors.loss_detection import MAX_GAP
@@ -23,16 +21,6 @@ SEARCH_PERIOD = 1.0
 
 STEADY_HEADING = 0.0
 """Heading, rad, that all samples get, as only those are taken whose attitude follows its setpoint."""
-
-
-class _Block(NamedTuple):
-    """Motor outputs, averaged over half a second."""
-
-    time: float
-    """End of the block, s of the boot clock."""
-
-    commands: Array
-    """(k,) Mean outputs of the motors, as fractions of the range."""
 
 
 class GradualLossWatch:
@@ -53,7 +41,7 @@ class GradualLossWatch:
         self._geometry = geometry
         self._boot = boot
         self._averager = BlockAverager()
-        self._blocks: deque[_Block] = deque(maxlen=MAX_BLOCKS)
+        self._blocks: deque[CommandBlock] = deque(maxlen=MAX_BLOCKS)
         self._latest_time = -inf
         self._search_time = -inf
         # When the loss was found last, s.
@@ -81,12 +69,12 @@ class GradualLossWatch:
         block = self._averager.add(time, commands, STEADY_HEADING)
         if block is None:
             return
-        self._blocks.append(_Block(block.end, block.commands))
+        self._blocks.append(block)
         if time - self._search_time < SEARCH_PERIOD:
             return
         self._search_time = time
         loss = gradual_loss(
-            np.array([each.time for each in self._blocks]),
+            np.array([each.end for each in self._blocks]),
             np.array([each.commands for each in self._blocks]),
             self._geometry,
             self._boot,

@@ -1,19 +1,14 @@
 """Where a live vehicle took off, by satellites and barometer, which a reboot of the autopilot does not move."""
 
-from math import cos, hypot, radians
 from typing import NamedTuple
 
 import numpy as np
 
 from mavdem.containers import Numbers
-from mavdem.dataset.signals import EARTH_RADIUS
+from mavdem.dataset.position_fix import FIX_3D
+from mavdem.ingest.vocabulary import DEGREES_PER_UNIT
+from mavdem.witnesses.ground_heights import horizontal_distance
 from mavdem.witnesses.sensors import POSSIBLE_PRESSURE, standard_altitude
-
-MIN_FIX_TYPE = 3
-"""GPS_FIX_TYPE from which on a position is three-dimensional."""
-
-DEGREES_PER_UNIT = 1e-7
-"""Unit of latitude and longitude in MAVLink, degrees."""
 
 
 class Displacement(NamedTuple):
@@ -45,11 +40,8 @@ class Place(NamedTuple):
             return None
         if self.altitude is None or start.altitude is None:
             return None
-        latitude, longitude = self.position
-        start_latitude, start_longitude = start.position
-        north = EARTH_RADIUS * radians(latitude - start_latitude)
-        east = EARTH_RADIUS * radians(longitude - start_longitude) * cos(radians(latitude))
-        return Displacement(hypot(north, east), self.altitude - start.altitude)
+        distance = horizontal_distance(np.array(start.position), np.array(self.position))
+        return Displacement(distance, self.altitude - start.altitude)
 
 
 class TakeoffPlace:
@@ -88,7 +80,7 @@ class TakeoffPlace:
             values: fields of the message GPS_RAW_INT, with the position in units of 1e−7 degrees.
         """
         fix_type, _, _, latitude, longitude, _ = values
-        if fix_type >= MIN_FIX_TYPE:
+        if fix_type >= FIX_3D:
             position = (DEGREES_PER_UNIT * latitude, DEGREES_PER_UNIT * longitude)
             self._latest = self._latest._replace(position=position)
 

@@ -97,7 +97,7 @@ def ground_heights(
         barometer_scatter=float(max(heights_before.std(), heights_after.std())),
         frozen_since=_frozen_since(barometer, rest=after),
         satellite_change=float(altitude_change),
-        distance=_horizontal_distance(take_off, landing),
+        distance=horizontal_distance(take_off, landing),
     )
 
 
@@ -121,16 +121,16 @@ def _frozen_since(barometer: TimeSeries, rest: TimeInterval) -> float | None:
     return frozen_since if frozen_since < rest_start - LANDING_SECONDS else None
 
 
-def _horizontal_distance(start: Array, end: Array) -> float:
+def horizontal_distance(start: Array, end: Array) -> float:
     """Returns the horizontal distance between two nearby places, in the plane that is tangent to the sphere there.
 
     Args:
-        start, end: latitude and longitude, degrees, and altitude, m (3,).
+        start, end: latitude and longitude, degrees (2,); further values, such as an altitude, are not used.
 
     Returns:
         The horizontal distance, m.
     """
-    latitude_change, longitude_change, _ = np.radians(end - start)
+    latitude_change, longitude_change = np.radians(end - start)[:2]
     # Meridians converge towards the poles, so that a degree of longitude is shorter there.
     east = np.cos(np.radians(start[0])) * longitude_change
     return float(EARTH_RADIUS * np.hypot(latitude_change, east))

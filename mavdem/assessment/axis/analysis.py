@@ -429,6 +429,7 @@ def _without_shifts_by_wind(
     Returns:
         The other changes, in the same order.
     """
+    signatures = motor_signatures(motors.geometry)
     onset_times = [change.onset_time for change in changes]
     remaining = []
     for change in changes:
@@ -437,7 +438,6 @@ def _without_shifts_by_wind(
             later_times = [time for time in onset_times if time > change.onset_time]
             interval = (max(earlier_times, default=-inf), min(later_times, default=inf))
             steady_run = run_around(signals, motors, change.boot, change.onset_time, interval)
-            signatures = motor_signatures(motors.geometry)
             if steady_run is None or not is_beyond_lean(steady_run, signatures, change.onset_time):
                 continue
         remaining.append(change)
