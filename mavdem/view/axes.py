@@ -7,14 +7,20 @@ from math import ceil, floor, log10
 
 from mavdem.confidence import Interval
 
-MIN_TICKS = 3
+MIN_TICKS = 2
 """Numbered ticks that an axis of values must have, to read values between them: a choice."""
 
-MAX_TICK_INTERVALS = 4.0
-"""Number of intervals between numbered ticks that a plot has room for.
+TAB_HEIGHT = 900.0
+"""Height of a tab in a window of 1600 by 1000 points, below the names of the tabs and above the time."""
 
-A plot of a fifth of the window is about 95 points high, and the viewer leaves at least 20 points between two numbers.
-"""
+PLOT_FRAME_HEIGHT = 47.0
+"""Height of the title of a plot and of the numbers below it, points."""
+
+MIN_TICK_DISTANCE = 20.0
+"""The viewer leaves at least this distance between two numbers of an axis, points."""
+
+AXIS_MARGIN = 0.05
+"""Space above and below the values of a plot, in spans of these."""
 
 SMALLEST_RELATIVE_SPAN = 0.01
 """Least span of an axis, as a share of the largest value: a smaller one would be numbered with many decimals."""
@@ -29,7 +35,17 @@ WIDTH_PER_SPAN = 1 / (1 - LEGEND_SHARE)
 """Width of a plot with room for its legend, in spans of its lines."""
 
 
-def range_with_ticks(low: float, high: float, intervals: float = MAX_TICK_INTERVALS) -> Interval:
+def tick_intervals(height_share: float) -> float:
+    """Returns the number of intervals between numbered ticks that a plot has room for in a window of usual size.
+
+    Args:
+        height_share: height of the plot, as a share of the height of its tab.
+    """
+    height_of_values = (height_share * TAB_HEIGHT - PLOT_FRAME_HEIGHT) / (1 + 2 * AXIS_MARGIN)
+    return height_of_values / MIN_TICK_DISTANCE
+
+
+def range_with_ticks(low: float, high: float, intervals: float) -> Interval:
     """Widens a range of values until the viewer numbers at least ``MIN_TICKS`` ticks in it.
 
     The distance of the ticks is the smallest power of ten for which the range has at most ``intervals`` of them. While

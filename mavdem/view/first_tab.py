@@ -4,7 +4,7 @@ From the top: the angle that the model is of, with its prediction; the free ener
 and the torque of the wind.
 """
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from typing import NamedTuple
 
 import rerun.blueprint as rrb
@@ -15,29 +15,11 @@ from mavdem.facts.model import ModelName
 from mavdem.fleet.row import utf8_text
 from mavdem.report.numbers import TORQUE_UNIT, name_with_unit
 
+PLOT_HEIGHTS = {"angle": 23, "free_energy": 19, "parameters": 20, "wind": 19, "torque": 19}
+"""The plots of the first tab, from the top, with their heights relative to each other.
 
-class PlotHeight(NamedTuple):
-    """Height of a plot of the first tab."""
-
-    share: float
-    """Height, in percent of all five plots."""
-
-    tick_intervals: float
-    """Number of intervals between numbered ticks that the plot has room for.
-
-    It is that in a window of 1600 by 1000 points. The viewer leaves at least 20 points between two numbers.
-    """
-
-
-PLOTS = {
-    "angle": PlotHeight(23, 7.2),
-    "free_energy": PlotHeight(19, 5.6),
-    "parameters": PlotHeight(20, 6.0),
-    "wind": PlotHeight(19, 5.6),
-    "torque": PlotHeight(19, 5.6),
-}
-"""The plots of the first tab, from the top. The legend of the angle has up to six entries, the legend of the parameters
-four, the others three."""
+The legend of the angle has up to six entries, the legend of the parameters four, the others three.
+"""
 
 SIDE_WIDTH_SHARE = 28
 """Width of the column of texts next to the plots, in percent of the tab."""
@@ -49,7 +31,7 @@ EVENT_MARKS = {Level.BAD: "**bad** · ", Level.WATCH: "**watch** · "}
 def plot_titles(
     axis: str, angle_unit: str, prediction: str, model: ModelName = ModelName.JOINT_VAR
 ) -> dict[str, str]:
-    """Returns the titles of the five plots, by the keys of ``PLOTS``; each names the model of its figures.
+    """Returns the titles of the five plots, by the keys of ``PLOT_HEIGHTS``; each names the model of its figures.
 
     Args:
         axis: "roll" or "pitch".
@@ -68,6 +50,16 @@ def plot_titles(
     }
 
 
+def height_shares(names: Collection[str]) -> dict[str, float]:
+    """Returns the height of each plot of the first tab as a share of the height of the tab.
+
+    Args:
+        names: names of the plots that there are, keys of ``PLOT_HEIGHTS``; they fill the tab.
+    """
+    whole = sum(PLOT_HEIGHTS[name] for name in names)
+    return {name: PLOT_HEIGHTS[name] / whole for name in names}
+
+
 class SideTexts(NamedTuple):
     """Texts next to the plots."""
 
@@ -82,10 +74,10 @@ def first_tab(plots: Mapping[str, rrb.View], side_texts: SideTexts) -> rrb.Conta
     """Returns the layout of the first tab: the plots one below the other, and a column of texts on their right.
 
     Args:
-        plots: views of the plots that there are, by the keys of ``PLOTS``.
+        plots: views of the plots that there are, by the keys of ``PLOT_HEIGHTS``.
         side_texts: texts next to the plots, with their heights.
     """
-    shares = [PLOTS[name].share for name in plots]
+    shares = [PLOT_HEIGHTS[name] for name in plots]
     column = rrb.Vertical(*plots.values(), row_shares=shares)
     texts = rrb.Vertical(*side_texts.views, row_shares=list(side_texts.shares))
     widths = [100 - SIDE_WIDTH_SHARE, SIDE_WIDTH_SHARE]

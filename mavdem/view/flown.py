@@ -156,8 +156,9 @@ def write_pose(path: PathName, name: str, pose: Pose) -> None:
         log_wind(recording, time, pose.wind[rows], pose.arm)
         log_path(recording, pose.position[rows], PATH_RADIUS * pose.arm)
         plots = []
-        for number, chart in enumerate(motion_charts(pose)):
-            plots.append(draw_chart(recording, f"plots/{number}", chart, span))
+        charts = motion_charts(pose)
+        for number, chart in enumerate(charts):
+            plots.append(draw_chart(recording, f"plots/{number}", chart, span, 1 / len(charts)))
         layout = rrb.Horizontal(scene_view(pose), rrb.Vertical(*plots), column_shares=[45, 55])
         layout_with_time = blueprint(layout, play_state="playing", loop_mode="all")
         recording.send_blueprint(layout_with_time, make_active=False)

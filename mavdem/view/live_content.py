@@ -128,7 +128,7 @@ def first_tab_paths(axis: str) -> dict[str, str]:
         axis: the axis that a model is learned of, "roll" or "pitch".
 
     Returns:
-        Path of the lines by name of the plot. The names are the keys of ``PLOTS``, which has the heights of the plots.
+        Path of the lines by name of the plot. The names are the keys of ``PLOT_HEIGHTS``.
     """
     return {
         "angle": f"axes/{axis}",

@@ -28,8 +28,8 @@ from mavdem.report.palette import (
     distinct,
 )
 from mavdem.report.series import free_energy_per_sample
-from mavdem.view.axes import range_with_ticks
-from mavdem.view.first_tab import PLOTS
+from mavdem.view.axes import range_with_ticks, tick_intervals
+from mavdem.view.first_tab import height_shares
 from mavdem.view.live_content import (
     FLIGHT_SECONDS,
     Channels,
@@ -142,8 +142,9 @@ class LiveWriter:
         # Each plot of the first tab has the number of intervals between ticks for which it has room, and the ranges of
         # the batches of rows that are in sight.
         self._tick_intervals = {}
-        for name, path in first_tab_paths(channels.output_names[0]).items():
-            self._tick_intervals[path] = PLOTS[name].tick_intervals
+        paths = first_tab_paths(channels.output_names[0])
+        for name, share in height_shares(paths).items():
+            self._tick_intervals[paths[name]] = tick_intervals(share)
         self._latest_ranges: dict[str, deque[PlotRange]] = {}
         # Name, colour and scale of the lines of the physical parameters; empty before the first estimate of them.
         self._parameter_traces: tuple[ParameterTrace, ...] = ()

@@ -19,7 +19,7 @@ from mavdem.files import atomic_write
 from mavdem.fleet.row import utf8_text
 from mavdem.report import palette
 from mavdem.report.charts.chart import Chart, Line
-from mavdem.view.axes import MAX_TICK_INTERVALS, WIDTH_PER_SPAN, range_with_ticks
+from mavdem.view.axes import AXIS_MARGIN, WIDTH_PER_SPAN, range_with_ticks, tick_intervals
 
 BOOT_CLOCK = "boot clock"
 """Timeline of flights, s: the vehicle's boot clock. A live flight continues the clock of its first boot."""
@@ -39,7 +39,7 @@ LINE_WIDTH = 1.2
 MARK_WIDTH = 2.0
 """Width of the upright lines that mark events, points."""
 
-CLIP_SPANS = 0.5
+CLIP_SPANS = 0.25
 """Distance beyond the measured values at which forecasts and bands are clipped, in spans of these values: a choice.
 
 Without it a forecast that diverges would decide the range of the axis.
@@ -50,9 +50,6 @@ MAX_STROKES = 20_000
 
 MIN_STROKES = 2_000
 """Smallest number of upright strokes that fill an area: with fewer than the pixels across a plot there are gaps."""
-
-AXIS_MARGIN = 0.05
-"""Space above and below the values of a plot, in spans of these."""
 
 LEGEND = rrb.PlotLegend(corner=rrb.Corner2D.RightTop)
 """Legend of a plot, where ``LEGEND_SHARE`` keeps lines out."""
@@ -139,8 +136,8 @@ def draw_chart(
     origin: str,
     chart: Chart,
     span: Interval,
+    height_share: float,
     marks: Sequence[EventMarks] = (),
-    intervals: float = MAX_TICK_INTERVALS,
 ) -> rrb.View:
     """Draws a chart over the boot clock: its bands first, then its lines, and over them upright lines at events.
 
@@ -149,12 +146,13 @@ def draw_chart(
         origin: path of the plot; each line is an entity below it.
         chart: the lines with their bands.
         span: the first and the last time of the lines, s; the axis ends later, where the legend is.
+        height_share: height of the plot, as a share of the height of its tab.
         marks: events that are marked.
-        intervals: number of intervals between ticks that the plot has room to number.
 
     Returns:
         The view of the chart, with a legend where there is more than one line.
     """
+    intervals = tick_intervals(height_share)
     value_range = range_with_ticks(*range_of(*_finite_bounds(chart)), intervals)
     drawn_lines: list[_DrawnLine] = []
     for line in chart.lines:

@@ -37,7 +37,7 @@ from mavdem.report.series import (
     recording_series,
 )
 from mavdem.report.templates import headline
-from mavdem.view.first_tab import PLOTS, SideTexts, events_text, first_tab, plot_titles
+from mavdem.view.first_tab import SideTexts, events_text, first_tab, height_shares, plot_titles
 from mavdem.view.logged_flight import flight_scene
 from mavdem.view.parameter_traces import parameter_estimates, parameter_traces
 from mavdem.view.plots import (
@@ -172,27 +172,31 @@ class RecordingTabs:
         forecast = f"forecasts for {held_out.seconds:.2g} s"
         titles = plot_titles(axis, display_unit(unit).name, forecast, held_out.model)
         angle_chart = forecast_chart(0, held_out, series[OUTPUTS], unit)
-        setpoint = self._setpoint_of(axis)
+        flown_lines = self._angle_and_setpoint(axis)
+        if flown_lines:
+            # The measurement of the forecast's chart ends with settled flight, this one with the record.
+            forecast_lines = [line for line in angle_chart.lines if line.name != "measured"]
+            angle_chart = angle_chart._replace(lines=(*flown_lines, *forecast_lines))
         charts = {
-            "angle": angle_chart._replace(lines=(*setpoint, *angle_chart.lines)),
+            "angle": angle_chart,
             "free_energy": free_energy_chart(learned, energy),
             "parameters": parameter_chart(self._assessment),
             "wind": self._wind_chart("Wind, m/s"),
             "torque": torque_chart(learned),
         }
         alarms = EventMarks("went wrong", palette.BAD, self._alarm_times)
+        drawn_charts = {name: chart for name, chart in charts.items() if chart.lines}
+        shares = height_shares(drawn_charts)
         plots = {}
-        for name, chart in charts.items():
-            if not chart.lines:
-                continue
+        for name, chart in drawn_charts.items():
             marks = (surprises, alarms) if name == "angle" else (alarms,)
             view = draw_chart(
                 self._recording,
                 f"flight/{name}",
                 chart._replace(y=chart.y._replace(label=titles[name])),
                 self._timeline.span,
+                shares[name],
                 marks,
-                PLOTS[name].tick_intervals,
             )
             plots[name] = view
         return first_tab(plots, SideTexts([summary, events], [60, 40]))
@@ -210,14 +214,25 @@ class RecordingTabs:
         ]
         # The light of a part, such as the motors, is a fact with a level: good, watch, bad or unknown.
         for name, fact in judgement.lights.items():
-            lines.append(f"**{name.capitalize()} – {fact.level}:** {fact.sentence_and_remedy}")
+            is_headline = str(fact) == str(judgement.headline)
+            text = "The headline above says why." if is_headline else fact.sentence_and_remedy
+            lines.append(f"**{name.capitalize()} – {fact.level}:** {text}")
         return log_text(self._recording, "headline", "", "\n\n".join(lines))
 
-    def _setpoint_of(self, axis: str) -> Sequence[Line]:
-        """Returns the line of an axis's angle setpoint; none if it was not recorded."""
-        for chart in self._timeline.axis_charts.get(axis, ())[:1]:
-            return [line for line in chart.lines if line.name == "setpoint"]
-        return ()
+    def _angle_and_setpoint(self, axis: str) -> Sequence[Line]:
+        """Returns the lines of an axis's angle over the whole record: its setpoint, if recorded, and as measured.
+
+        Args:
+            axis: "roll", "pitch" or "yaw".
+
+        Returns:
+            The lines, °; none if the angle was not recorded.
+        """
+        charts = self._timeline.axis_charts.get(axis, ())
+        if not charts:
+            return ()
+        *setpoint, angle = charts[0].lines
+        return *setpoint, angle._replace(name="measured", colour=palette.MEASURED)
 
     def _wind_chart(self, title: str) -> Chart:
         """Returns the chart of the wind with this title; one without lines where it is not known."""
@@ -238,8 +253,8 @@ class RecordingTabs:
         for number, (axis, axis_charts) in enumerate(self._timeline.axis_charts.items()):
             charts += axis_charts[:1]
             if len(axis_charts) > 1:
-                # The first line is the setpoint where one was recorded, and otherwise the measured rate.
-                rate = axis_charts[1].lines[0]
+                # The measured rate comes last, after its setpoint where one was recorded.
+                rate = axis_charts[1].lines[-1]
                 rate_lines.append(rate._replace(name=axis, colour=palette.distinct(number)))
         charts.append(over_time("Rates", "°/s", rate_lines))
         plots = rrb.Vertical(*self._draw_charts("motion", charts))
@@ -354,7 +369,7 @@ class RecordingTabs:
             ),
         ]
         views = self._draw_charts("free_energy", charts)
-        return [rrb.Vertical(*views, row_shares=[65, 35], name="Free energy")]
+        return [rrb.Vertical(*views, name="Free energy")]
 
     def forecasts(
         self, learned: Learned, held_out: HeldOut, series: Mapping[str, Series]
@@ -409,7 +424,7 @@ class RecordingTabs:
     def _draw_charts(
         self, folder: str, charts: Sequence[Chart], *marks: EventMarks
     ) -> list[rrb.View]:
-        """Draws charts, each with vertical lines at the times of events.
+        """Draws charts that share the height of a tab, each with vertical lines at the times of events.
 
         Args:
             folder: path of the entities; each chart has its number within it.
@@ -423,7 +438,10 @@ class RecordingTabs:
         views = []
         for number, chart in enumerate(charts):
             origin = f"{folder}/{number}"
-            views.append(draw_chart(self._recording, origin, chart, self._timeline.span, all_marks))
+            view = draw_chart(
+                self._recording, origin, chart, self._timeline.span, 1 / len(charts), all_marks
+            )
+            views.append(view)
         return views
 
     def _draw_bars(self, origin: str, name: str, positions: Array, values: Array) -> rrb.View:
@@ -530,7 +548,7 @@ def parameter_chart(assessment: Assessment) -> Chart:
         assessment: assessment of a log from which a model was learned.
 
     Returns:
-        The chart; it has no lines if no parameters can be estimated.
+        The chart, with a line for each parameter that is identifiable; it has no lines if none is.
     """
     analysis = assessment.analysis
     assert analysis is not None
@@ -556,6 +574,9 @@ def parameter_chart(assessment: Assessment) -> Chart:
     traces = parameter_traces(history[0].physical, analysis.flights[0].input_units[0])
     for number, trace in enumerate(traces):
         value, half_width = trace.scale * table[:, number].T
+        if np.isnan(half_width).all():
+            # The parameter is not identifiable in any part.
+            continue
         lines.append(Line.with_band(trace.name, trace.colour, time, value, half_width))
     return over_time("Physical parameters", "", lines)
 

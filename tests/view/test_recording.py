@@ -82,6 +82,17 @@ def test_what_went_wrong_is_marked_in_every_plot(recording, assessed):
 
 
 @mark.slow
+def test_angles_and_rates_are_drawn_as_measured_over_the_whole_record(recording, assessed):
+    shown_lines = lines(recording)
+    roll = assessed.evidence.time_history.axes["roll"]
+    for name, signal in {"flight/angle/measured": roll.angle, "motion/3/roll": roll.rate}.items():
+        time, values = shown_lines[name]
+        known = np.isfinite(signal.measured.values)
+        assert_allclose(time, signal.measured.time[known], atol=1e-8)
+        assert_allclose(values, np.degrees(signal.measured.values[known]), atol=1e-4)
+
+
+@mark.slow
 def test_forecasts_that_run_away_are_cut_off(assessed):
     held_out = assessed.analysis.held_out
     series = Series(held_out.time[0], ("roll",), held_out.measured[0])
