@@ -11,7 +11,7 @@ from mavdem.documents.document import Document, Error
 from mavdem.documents.review import Review
 from mavdem.facts.serve import Sharing
 from mavdem.fleet.names import MAX_NAME_LETTERS
-from mavdem.units import Hertz, Seconds, Speed, UnixSeconds, with_unit
+from mavdem.units import Hertz, Metres, Seconds, Speed, UnixSeconds, with_unit
 
 
 def _split_at_commas(value: Any) -> Any:
@@ -69,6 +69,12 @@ class Flight(Stage):
     """when the flight began, ISO 8601, UTC; empty where that is not known"""
     duration: Seconds
     """duration of settled flight"""
+    flight_time: Seconds
+    """time off the ground, of all flights of the log"""
+    distance: Metres
+    """length of the path over ground, of all flights of the log"""
+    height: Metres
+    """largest height above the take-off"""
     next_step: str
     """what to do about it"""
     modes: CommaSeparated

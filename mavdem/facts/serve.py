@@ -52,10 +52,18 @@ class Stage(StrEnum):
 
 
 class ListingOrder(StrEnum):
-    """The order in which flights are listed: by the time of upload, or by the date of the flight, undated ones last."""
+    """The order in which flights are listed; those of which the quantity is not known come last."""
 
     UPLOAD = "upload"
+    """By the time of upload, the newest first."""
     FLIGHT = "flight"
+    """By the date of the flight, the newest first."""
+    TIME = "time"
+    """By the flight time, the longest first."""
+    DISTANCE = "distance"
+    """By the distance flown, the longest first."""
+    HEIGHT = "height"
+    """By the largest height above the take-off, the highest first."""
 
 
 class Sharing(StrEnum):

@@ -1,6 +1,7 @@
 """The index of the library: the SQLite table ``entries`` with one row per log, and the class of its rows."""
 
 import hashlib
+import json
 import secrets
 import sqlite3
 from collections.abc import Sequence
@@ -8,6 +9,7 @@ from dataclasses import dataclass, fields, replace
 from fnmatch import fnmatchcase
 from pathlib import Path
 
+from mavdem.assessment.flown_flights import FlownFlight
 from mavdem.containers import JsonValues
 from mavdem.facts.lights import Light
 from mavdem.facts.serve import ListingOrder, Sharing, Stage
@@ -69,6 +71,14 @@ class LibraryEntry:
     """When the flight began, ISO 8601, UTC."""
     duration: float | None = None
     """Duration of settled flight, s."""
+    flight_time: float | None = None
+    """Time off the ground, all flights of the log together, s."""
+    distance: float | None = None
+    """Length of the path over ground, all flights of the log together, m."""
+    height: float | None = None
+    """Largest height above the take-off, m."""
+    flights: str = "[]"
+    """JSON list of the flights of the log, each an object with the fields of ``FlownFlight``."""
     headline: str = ""
     """The most important result of the flight, one sentence."""
     level: str = ""
@@ -113,6 +123,11 @@ class LibraryEntry:
         return {str(light): getattr(self, light) for light in Light}
 
     @property
+    def flown_flights(self) -> list[FlownFlight]:
+        """The flights of the log from take-off to landing, in order of boot and time."""
+        return [FlownFlight(**values) for values in json.loads(self.flights)]
+
+    @property
     def content_hash(self) -> str:
         """Hash of the log's content, by which names of flights are stored; empty if it is not known."""
         return self.digest[:KEY_HASH_DIGITS] or self.content
@@ -139,8 +154,12 @@ CONTENT_HASH_SQL = (
 SQL_ORDERS = {
     ListingOrder.UPLOAD: "received desc, rowid desc",
     ListingOrder.FLIGHT: "date desc, received desc, rowid desc",
+    ListingOrder.TIME: "flight_time desc, received desc, rowid desc",
+    ListingOrder.DISTANCE: "distance desc, received desc, rowid desc",
+    ListingOrder.HEIGHT: "height desc, received desc, rowid desc",
 }
-"""SQL of each order, the newest first. An unknown date is an empty text, which comes last."""
+"""SQL of each order, the newest or largest first. An unknown date is an empty text, and an unknown number null, which
+come last."""
 
 INDEXES_SQL = Path(__file__).with_suffix(".sql").read_text(encoding="utf-8")
 """SQL that creates the table's indexes."""
@@ -149,14 +168,17 @@ INDEXES_SQL = Path(__file__).with_suffix(".sql").read_text(encoding="utf-8")
 def create_or_update_table(db: sqlite3.Connection) -> None:
     """Creates the table ``entries`` with its indexes, or adds the columns that an earlier version did not have.
 
-    Columns have no types and the default '': SQLite stores values unchanged, and :func:`entry_from_row` replaces empty
-    ones by the defaults of the fields.
+    Columns have no types, so that SQLite stores values unchanged. Their default is '', or null where that of the field
+    is None; :func:`entry_from_row` replaces empty ones by the defaults of the fields.
 
     Args:
         db: connection to the SQLite file of the library, which also has the tables of the fleet. Its ``row_factory``
             is ``sqlite3.Row``, by which values of a row are found by name.
     """
-    definitions = {name: f"{name} default ''" for name in COLUMNS}
+    definitions = {}
+    for column in fields(LibraryEntry):
+        default = "null" if column.default is None else "''"
+        definitions[column.name] = f"{column.name} default {default}"
     db.execute(f"create table if not exists entries ({', '.join(definitions.values())})")
     existing_columns = {column["name"] for column in db.execute("pragma table_info(entries)")}
     for name, definition in definitions.items():

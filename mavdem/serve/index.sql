@@ -7,5 +7,8 @@ create index if not exists by_date on entries (date, received);
 create index if not exists by_stage on entries (stage, received);
 drop index if exists by_vehicle;
 create index if not exists by_vehicle_and_date on entries (vehicle, date, received);
+create index if not exists by_flight_time on entries (flight_time, received);
+create index if not exists by_distance on entries (distance, received);
+create index if not exists by_height on entries (height, received);
 create index if not exists by_digest on entries (digest);
 create index if not exists by_recording on entries (recording_stage);

@@ -10,7 +10,7 @@ import shutil
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import chdir, contextmanager
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -18,6 +18,7 @@ import numpy as np
 
 from mavdem.assessment import Assessment
 from mavdem.assessment.assess import assess_signals
+from mavdem.assessment.flown_flights import flown_flights, largest_height, total_distance
 from mavdem.assessment.limits import LEVELS_BY_SEVERITY
 from mavdem.assessment.reported import reported_events
 from mavdem.assessment.time_history import time_history
@@ -301,9 +302,14 @@ def _index_columns(assessment: Assessment, rows: FlightRows) -> JsonValues:
     for event in assessment.events:
         if event.code is ReportedEvent.MODE_CHANGED:
             modes[event.subject] = None
+    flights = flown_flights(assessment.evidence.signals)
     return {
         **columns_of_flight(rows),
         **_assessment_columns(assessment),
+        "flight_time": sum(flight.duration for flight in flights) if flights else None,
+        "distance": total_distance(flights),
+        "height": largest_height(flights),
+        "flights": json.dumps([asdict(flight) for flight in flights]),
         "modes": ",".join(modes),
         "gains": json.dumps(gains),
     }

@@ -25,7 +25,14 @@ TEXT_COLUMNS = {"date", "level", "sharing", "stage", *map(str, Light)}
 WIND_SPEED_SQL = f"iif(wind = '{Level.UNKNOWN}', null, wind_speed)"
 """SQL expression of the wind's speed, which is not known where the light of the wind is unknown."""
 
-NUMBER_COLUMNS = {"wind": WIND_SPEED_SQL, "duration": "duration", "motor": "motor"}
+NUMBER_COLUMNS = {
+    "wind": WIND_SPEED_SQL,
+    "duration": "duration",
+    "motor": "motor",
+    "time": "flight_time",
+    "distance": "distance",
+    "height": "height",
+}
 """SQL of what is compared as numbers, by the names that a search has for it."""
 
 LEVEL_COLUMNS = {"level", *map(str, Light)}

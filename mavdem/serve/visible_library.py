@@ -108,8 +108,10 @@ class VisibleLibrary:
         """
         query = request.query_params.get("q", "")[:MAX_SEARCH_LETTERS]
         offset = query_number(request, "offset", 0)
-        is_by_flight = request.query_params.get("sort") == ListingOrder.FLIGHT
-        order = ListingOrder.FLIGHT if is_by_flight else ListingOrder.UPLOAD
+        requested_order = request.query_params.get("sort", "")
+        order = ListingOrder.UPLOAD
+        if requested_order in {*ListingOrder}:
+            order = ListingOrder(requested_order)
         condition, values = search_condition(query)
         # Senders without the right to read all flights find only the public ones.
         if not self.rights.allows(request, Permission.READ):

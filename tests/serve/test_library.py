@@ -6,7 +6,7 @@ import os
 import shutil
 import sqlite3
 import threading
-from dataclasses import replace
+from dataclasses import asdict, replace
 from hashlib import sha256
 from pathlib import Path
 from unittest.mock import Mock
@@ -20,6 +20,7 @@ from refusals import unreadable
 from serving import LIMITS, AtOnce, log, read_made_up, serving
 from standin_logs import fleet_of, rows_of_log
 
+from mavdem.assessment.flown_flights import FlownFlight
 from mavdem.errors import Unreadable
 from mavdem.facts import Fact
 from mavdem.facts.fleet import ReadingFact
@@ -95,18 +96,23 @@ def test_a_search_by_an_unknown_property_names_the_known_ones():
     assert sentence.endswith(", and gains")
 
 
+def library_page(entries, troubles=None, **values):
+    """The page with the list of these flights, as somebody who may read sees it."""
+    return render_server_page(
+        "library",
+        **{"entries": entries, "total": len(entries), "query": "", "order": "upload", "offset": 0},
+        **{"page": 50, "is_empty": False, "sample": None, "is_live": False, "vehicles": []},
+        **{"troubles": troubles or {}, "may_read": True, "key": "", "has_token": False},
+        **{"address": "", "upload": "", "given": GivenNames(), "frames": {}} | values,
+    )
+
+
 @mark.parametrize("health, level", [("ok", "good"), ("drift", "watch"), ("fault", "bad")])
 def test_the_list_has_the_lights_of_the_pages_and_no_wind_that_is_unknown(health, level):
     lights = dict.fromkeys(Light, "good") | {"wind": "unknown"}
     entry = LibraryEntry("id", "a.bin", stage=Stage.DONE, level="good", wind_speed=5.7, **lights)
     row = flight_row("quad", 0, health=health, health_reason="Motor 3 works harder.")
-    page = render_server_page(
-        "library",
-        **{"entries": [entry], "total": 1, "query": "", "order": "upload", "offset": 0},
-        **{"page": 50, "is_empty": False, "sample": None, "is_live": False, "vehicles": []},
-        **{"troubles": {} if health == "ok" else {"id": row}, "may_read": True, "key": ""},
-        **{"has_token": False, "address": "", "upload": "", "given": GivenNames(), "frames": {}},
-    )
+    page = library_page([entry], troubles={} if health == "ok" else {"id": row})
     assert f'aria-label="motors {level}"' in page
     assert "5.7 m/s" not in page
 
@@ -359,6 +365,47 @@ def test_flights_are_listed_by_upload_or_by_date_with_undated_ones_last(library)
     assert [entry.id for entry in by_flight] == [ids[2], ids[0], ids[1]]
 
 
+def test_flights_are_sorted_and_found_by_flight_time_distance_and_height(library):
+    figures = ((80.0, 500.0, None), (None, None, None), (620.0, 40.0, 12.0), (61.0, None, 90.0))
+    ids = []
+    for number, (flight_time, distance, height) in enumerate(figures):
+        entry = received(library, f"{number}.")
+        columns = {"flight_time": flight_time, "distance": distance, "height": height}
+        ids.append(library.change(entry.id, **columns, received=float(number)).id)
+    for order, expected in (
+        (ListingOrder.TIME, [2, 0, 3, 1]),
+        (ListingOrder.DISTANCE, [0, 2, 3, 1]),
+        (ListingOrder.HEIGHT, [3, 2, 1, 0]),
+    ):
+        entries = library.find(*ALL, 4, order=order).entries
+        assert [ids.index(entry.id) for entry in entries] == expected
+    for search, expected in (
+        ("time>60", {0, 2, 3}),
+        ("time>60 height<50", {2}),
+        ("distance>100", {0}),
+    ):
+        entries = library.find(*search_condition(search), 4).entries
+        assert {ids.index(entry.id) for entry in entries} == expected
+
+
+def test_a_log_of_several_flights_has_a_line_of_each_which_leads_to_its_time(library):
+    flights = [FlownFlight(0, 32.0, 45.0, None, 3.1), FlownFlight(1, 12.5, 72.5, 1250.0, None)]
+    entry = LibraryEntry(
+        *("id", "a.bin"),
+        stage=Stage.DONE,
+        level="good",
+        flight_time=73.0,
+        distance=1250.0,
+        height=3.1,
+        flights=json.dumps([asdict(flight) for flight in flights]),
+    )
+    page = library_page([entry])
+    assert ">1:13<" in page and page.count(">1.2 km<") == 2 and page.count(">3 m<") == 2
+    assert 'href="/f/id#t=12.5">Flight 2</a>' in page and "restart 1" in page
+    alone = replace(entry, flights=json.dumps([asdict(flights[0])]))
+    assert "Flight 1" not in library_page([alone])
+
+
 def test_a_library_of_an_earlier_version_opens_and_what_is_new_stands_first(library, tmp_path):
     first = received(library)
     AtOnce(library).run()
@@ -436,6 +483,7 @@ def test_a_log_is_read_with_its_page_rows_and_index(library, tmp_path, monkeypat
     entry = library.entry(entry.id)
     assert entry.file_names == [PAGE_FILE, REPORT_FILE, "vehicle_2_1.html"]
     assert entry.headline and entry.lights["log"] == "watch" and entry.next_step
+    assert entry.flight_time == sum(flight.duration for flight in entry.flown_flights) > 10
     rows = library.flight_rows([entry])
     assert [(row.system, row.axis) for row in rows[1:3]] == [(1, "pitch"), (2, "roll")]
     assert (

@@ -41,6 +41,12 @@ POLICY_ELEMENT = re.compile(r'<meta http-equiv="Content-Security-Policy"[^>]*>')
 TITLE = re.compile(r"<h1>(.*?)</h1>")
 """The title of a flight's page, which is the name of its log."""
 
+MAX_FLIGHTS_OF_LOG = 12
+"""Flights of one log that have a line of their own in the list, so that a log of many hops does not fill it."""
+
+METRES_PER_KILOMETRE = 1000
+"""Metres of a kilometre."""
+
 CHART_SCRIPTS = ("sharp.js", "uplot/uPlot.iife.min.js", "charts.js", "page.js", "notch.js")
 """The scripts within a page: those that draw its charts, and what else it does."""
 
@@ -77,9 +83,12 @@ def _server_environment() -> Environment:
     jinja = environment().overlay()
     jinja.filters["brief"] = _short_vehicle_name
     jinja.filters["utc"] = _utc_text
+    jinja.filters["minutes"] = _minutes_text
+    jinja.filters["metres"] = _metres_text
     values = {
         "lights": [str(light) for light in Light],
         "healths": HEALTH_LEVELS,
+        "MAX_PARTS": MAX_FLIGHTS_OF_LOG,
         "lights_beside_fleet": _lights_beside_fleet,
     }
     # A dictionary of its own: the environment of other pages does not have these values.
@@ -126,6 +135,19 @@ def _short_vehicle_name(name: str, frames: Mapping[str, str]) -> str:
 def _utc_text(seconds: float) -> str:
     """Returns a UNIX time in s as date and minute in UTC."""
     return f"{datetime.fromtimestamp(seconds, UTC):%Y-%m-%d %H:%M}"
+
+
+def _minutes_text(seconds: float) -> str:
+    """Returns a duration in s as minutes and seconds, such as "1:07", or "75:00" of more than an hour."""
+    minutes, rest = divmod(round(seconds), 60)
+    return f"{minutes}:{rest:02d}"
+
+
+def _metres_text(metres: float) -> str:
+    """Returns a distance in m in whole metres, or in kilometres from one on: "433 m", "1.2 km"."""
+    if metres < METRES_PER_KILOMETRE:
+        return f"{metres:.0f} m"
+    return f"{metres / METRES_PER_KILOMETRE:.1f} km"
 
 
 def render_server_page(name: str, /, **values: Any) -> str:

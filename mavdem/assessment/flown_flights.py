@@ -1,0 +1,129 @@
+"""The flights of a log as a pilot counts them: from take-off to landing, with distance over ground and height."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from math import inf, isinf
+
+import numpy as np
+
+from mavdem.assessment.flights import flights_in_boot
+from mavdem.dataset.intervals import TimeInterval, intersection
+from mavdem.dataset.segments import recorded_spans
+from mavdem.dataset.signals import Signals
+from mavdem.dataset.time_series import TimeSeries, series_of_boot
+from mavdem.ingest.motors import POSSIBLE_MULTIROTORS
+from mavdem.witnesses.boot_sensors import BootSensors
+
+MIN_FLIGHT_SECONDS = 1.0
+"""Shortest time off the ground, s, that is listed as a flight: a land detector may be mistaken for a moment."""
+
+PATH_STEP = 1.0
+"""Seconds between two positions of the path whose length is the distance flown.
+
+The noise of a position, decimetres, would add to the path of a hover at every sample.
+"""
+
+MAX_PATH_SPEED = 50.0
+"""Speed, m/s, above which a step of the position is a reset of the estimator: no multirotor of these sizes flies so."""
+
+
+@dataclass(frozen=True)
+class FlownFlight:
+    """One flight of a log, from take-off to landing, as far as it was recorded."""
+
+    boot: int
+    """Number of the boot, from 0."""
+    start: float
+    """Take-off or the first record, s since boot."""
+    end: float
+    """Landing or the last record, s since boot."""
+    distance: float | None
+    """Length of the path over ground, m; None without a position, or if GPS never had a fix."""
+    height: float | None
+    """Largest height above the take-off, m; None if it was not recorded, or the log begins in the air."""
+
+    @property
+    def duration(self) -> float:
+        """Duration, s."""
+        return self.end - self.start
+
+
+def flown_flights(signals: Signals) -> list[FlownFlight]:
+    """Returns the flights of a multirotor's log, in order of boot and time.
+
+    Args:
+        signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.
+
+    Returns:
+        The flights; none for another kind of vehicle, without a recorded attitude, or in boots in which sensors show
+        that the vehicle did not fly.
+    """
+    if signals.telemetry.vehicle not in POSSIBLE_MULTIROTORS or not signals.tilts:
+        return []
+    boots_with_attitude = {int(boot) for boot in np.unique(signals.tilts[0].boot)}
+    flights = []
+    for recorded_span in recorded_spans(signals):
+        boot = recorded_span.boot
+        if boot not in boots_with_attitude or BootSensors(signals, boot).trust.flew is False:
+            continue
+        recorded_interval = [(recorded_span.start, recorded_span.end)]
+        for take_off, landing in flights_in_boot(signals, boot):
+            for start, end in intersection(recorded_interval, [(take_off, landing)]):
+                if end - start >= MIN_FLIGHT_SECONDS:
+                    # A flight that lasts since before the record has no known height of its take-off.
+                    known_take_off = -inf if start > take_off else take_off
+                    flights.append(_flight(signals, boot, known_take_off, (start, end)))
+    return flights
+
+
+def total_distance(flights: Sequence[FlownFlight]) -> float | None:
+    """Returns the sum of the distances of flights, m; None if none is known."""
+    distances = [flight.distance for flight in flights if flight.distance is not None]
+    return sum(distances) if distances else None
+
+
+def largest_height(flights: Sequence[FlownFlight]) -> float | None:
+    """Returns the largest height of any flight above its take-off, m; None if none is known."""
+    return max((flight.height for flight in flights if flight.height is not None), default=None)
+
+
+def _flight(signals: Signals, boot: int, take_off: float, interval: TimeInterval) -> FlownFlight:
+    """Measures distance and height of one flight.
+
+    Args:
+        signals: logged time series of the vehicle.
+        boot: number of the boot.
+        take_off: time of the take-off, s since boot; minus infinity if it was before the record.
+        interval: the recorded part of the flight, s since boot.
+    """
+    sensors = BootSensors(signals, boot, take_off)
+    height = None
+    if not isinf(take_off) and sensors.height_above_take_off is not None:
+        heights = sensors.height_above_take_off.within(interval).values
+        # The landing may be lower than the take-off, and a flight down a hill has no height above it.
+        height = max(float(heights.max()), 0.0) if len(heights) else None
+    distance = None
+    position = series_of_boot(signals.position, boot)
+    if position is not None and sensors.trust.has_position_fix is not False:
+        distance = _path_length(position.within(interval))
+    start, end = interval
+    return FlownFlight(int(boot), float(start), float(end), distance, height)
+
+
+def _path_length(position: TimeSeries) -> float | None:
+    """Returns the length of a path over ground, m, by positions ``PATH_STEP`` apart; None with fewer than two.
+
+    Args:
+        position: positions (N, 3) of one boot, m north, east and down.
+    """
+    if not len(position.time):
+        return None
+    step_numbers = np.floor((position.time - position.time[0]) / PATH_STEP)
+    _, rows = np.unique(step_numbers, return_index=True)
+    if len(rows) < 2:
+        return None
+    north_and_east = position.values[rows, :2]
+    lengths = np.hypot(*np.diff(north_and_east, axis=0).T)
+    durations = np.diff(position.time[rows])
+    is_flown = lengths <= MAX_PATH_SPEED * durations
+    return float(lengths[is_flown].sum())
