@@ -131,6 +131,7 @@ class LoopAction(Code):
     RAISE_AS_ADVISED = "raise_as_advised"
     LOWER_BY_A_THIRD = "lower_by_a_third"
     FLY_DOUBLETS = "fly_doublets"
+    HOVER_WITH_LOWER_GAINS = "hover_with_lower_gains"
     SLOWER_TURNS = "slower_turns"
     CHECK_VEHICLE = "check_vehicle"
     DO_FIRST = "do_first"

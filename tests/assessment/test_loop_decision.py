@@ -232,7 +232,15 @@ def test_an_angle_that_is_missed_asks_for_a_look_at_the_vehicle(factor):
 def test_a_peak_of_the_spectrum_alone_decides_nothing():
     decision = decided(NOT_STEERED, peak=PEAK)
     assert decision.diagnosis is LoopDiagnosis.UNKNOWN
-    assert decision.fact.remedy.startswith("Log the rate setpoint")
+    trial, logging = decision.fact.remedy.split(" stays. ")
+    assert changed_gains(decision) == {"MC_ROLLRATE_P": 0.1, "MC_ROLLRATE_D": 0.002}
+    assert trial.startswith("Hover for a minute with MC_ROLLRATE_P 0.1 for 0.15 and MC_ROLLRATE_D")
+    assert logging.startswith("Log the rate setpoint")
+    without_gains = decided(NOT_STEERED, peak=PEAK, parameters={})
+    assert "with P and D of the roll rate controller a third lower:" in without_gains.fact.remedy
+    assert not decision.fact.grounded.remedy
+    repaired = decided(NOT_STEERED, peak=PEAK, doubts=(Fact(Ending.CRASHED, time=9.0),))
+    assert repaired.action.code is LoopAction.DO_FIRST
 
 
 def test_a_limit_cycle_comes_first_and_hides_the_other_axes():

@@ -166,10 +166,12 @@ def test_without_settled_flight_or_outputs_it_is_not_known():
         for times in (
             {"time": 50.0, "duration": 0.5},
             {"time": 40.0, "end_time": 40.3, "duration": 0.3},
-            {"time": 60.0, "end_time": 62.0, "duration": 2.0},
+            {"time": 20.0, "end_time": 75.0, "duration": 50.0},
         )
     )
     assert motors_light(replace(bare, events=(shorter, longer, stop))) == longer
+    # In a flight without a hover, a moment at the limit is no need of thrust.
+    assert motors_light(replace(bare, events=(shorter, stop))) == found
     lost = replace(bare, events=(stop,), ending=Fact(SessionFact.ALARM, time=40.0))
     assert motors_light(lost).code is MotorsLight.MOTORS_NOT_SEEN
     assert motors_light(replace(flight, events=(stop,))).level == "good"
@@ -185,9 +187,9 @@ def test_the_motor_that_saturates_most_is_named_or_none_of_several_alike():
         code = MotionEvent.MOTOR_AT_ITS_STOP
         return Fact(code, time=time, subject=names[motor], duration=duration, boot=0)
 
-    most, least = at_limit(0, 31.0, 2.0), at_limit(2, 30.0, 0.3).replace(end_time=30.3)
+    most, least = at_limit(0, 31.0, 50.0), at_limit(2, 30.0, 0.3).replace(end_time=30.3)
     assert motors_light(replace(bare, events=(least, most))) == most
-    also_long = at_limit(3, 30.5, 1.2)
+    also_long = at_limit(3, 30.5, 30.0)
     alike = motors_light(replace(bare, events=(least, also_long, most)))
     assert (alike.code, alike.subject) == (MotorsLight.MOTORS_AT_LIMIT, "")
     assert alike.figures["names"] == (names[0], names[3])

@@ -391,6 +391,8 @@ def _decision_without_fault(observations: LoopObservations) -> LoopDecision:
     if not good_facts:
         reason = _reason_for_no_margins(observations)
         action = _action_to_remedy(reason) if reason.remedy else None
+        if reason.code is MarginsLight.RATE_STANDS_OUT:
+            action = _advice_to_compare_peaks(observations, reason)
         # A loop whose margins are not known to be good is no basis for new gains.
         return LoopDecision(margins.axis, LoopDiagnosis.UNKNOWN, reason, action, doubts=(reason,))
     best_fact = good_facts[0]
@@ -457,6 +459,28 @@ def _advice_to_lower_gains(observations: LoopObservations, loop_name: str) -> Fa
             if value:
                 changes.append((name, value, GAIN_REDUCTION * value))
     return Fact(LoopAction.LOWER_BY_A_THIRD, subject=loop_name, axis=axis, changes=changes)
+
+
+def _advice_to_compare_peaks(observations: LoopObservations, peak_fact: Fact) -> Fact:
+    """Returns the advice to hover with lower gains, which shows whether the loop makes a peak in the rate's spectrum.
+
+    A lower gain moves the loop away from its stability limit, so that a peak of too little margin falls. Vibration and
+    test signals do not depend on the gains.
+
+    Args:
+        observations: observations of the axis, with the parameters of the autopilot.
+        peak_fact: the fact about the peak; its remedy is what makes the loop known.
+
+    Returns:
+        A fact with the ``changes`` of the gains, and the fact about the peak as ``reason``.
+    """
+    reduction = _advice_to_lower_gains(observations, "rate")
+    return Fact(
+        LoopAction.HOVER_WITH_LOWER_GAINS,
+        axis=observations.margins.axis,
+        changes=reduction.figures["changes"],
+        reason=peak_fact,
+    )
 
 
 def common_action(actions: Sequence[Fact | None]) -> Fact | None:

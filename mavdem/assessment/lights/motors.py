@@ -218,8 +218,9 @@ def _events_of_motors(evidence: Evidence) -> list[Fact]:
     3. Losses of thrust, the largest first, equal ones by their duration.
     4. Lasting shifts of the trims in flight, which name no motor: the weak one may hide behind a shifted load.
     5. Reports of the autopilot about a motor.
-    6. The motor that was longest at its limit, if no hover was measured, or if it alone was there for
-       ``MIN_LOSS_SECONDS`` at a time, such as in a descent. In a hover the share of the time is judged.
+    6. The motor that was longest at its limit, if it alone was there for ``MIN_LOSS_SECONDS`` at a time, such as in a
+       descent. In a hover the share of the time is judged. If no hover was measured, motors count that were there for
+       most of the flight, too, however short that was (:func:`_is_limited_for_most_of_flight`).
 
     Args:
         evidence: signals, events and measurements of the vehicle.
@@ -252,9 +253,28 @@ def _events_of_motors(evidence: Evidence) -> list[Fact]:
             facts.append(fact)
     for limit in _longest_limit(evidence, names):
         is_long = limit.subject in names and limit.figures["duration"] >= MIN_LOSS_SECONDS
-        if evidence.condition.hover is None or is_long:
+        if is_long or _is_limited_for_most_of_flight(evidence):
             facts.append(limit)
     return facts
+
+
+def _is_limited_for_most_of_flight(evidence: Evidence) -> bool:
+    """Returns whether some motor was at its upper limit for most of a flight that has no hover.
+
+    A correction of the attitude, or full throttle in a hop, has a motor at its limit for a moment. Only if the motor is
+    there more often than not, the flight itself needs that thrust.
+
+    Args:
+        evidence: signals, events and measurements of the vehicle.
+    """
+    motors = evidence.signals.motors
+    if evidence.condition.hover is not None or motors is None:
+        return False
+    seconds_at_limit = dict.fromkeys(motors.geometry.names, 0.0)
+    for event in evidence.warnings_in_flight([MotionEvent.MOTOR_AT_ITS_STOP]):
+        seconds_at_limit[event.subject] += event.figures["duration"]
+    flight_seconds = total_duration(evidence.flight_segments(motors.boot))
+    return max(seconds_at_limit.values()) > MIN_MOST_SHARE * flight_seconds
 
 
 def _is_thrust_spent(ending: Fact) -> bool:
