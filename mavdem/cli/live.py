@@ -363,7 +363,7 @@ def _follow_vehicle(
             keeps_vehicle=options.keeps_vehicle,
             first_pieces=first_pieces,
         )
-        if options.request_rate is not None and record is not None:
+        if record is not None:
             session.gain_adviser = resources.enter_context(
                 closing(GainAdviser(record, LearningProcess))
             )
@@ -629,6 +629,7 @@ def _with_final_judgement(status: SessionStatus, session: LiveSession) -> Sessio
         is_over=True,
         findings=session.judging.findings,
         model_judgement=session.judging.judgement,
+        is_recording_judged=session.judging.is_of_recording,
     )
 
 

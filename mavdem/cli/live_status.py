@@ -1,25 +1,31 @@
 """Status of a live session on standard error, with facts (coded findings); updated in place on a terminal."""
 
-from collections.abc import Hashable
+from collections.abc import Hashable, Sequence
 from contextlib import suppress
 from math import inf
 from time import monotonic, strftime
 from typing import NamedTuple
 
-from rich.console import Group
+from rich.console import Group, RenderableType
 from rich.live import Live
+from rich.table import Table
 from rich.text import Text
 
-from mavdem.cli.streams import STDERR, escape_unprintable, print_to_stderr
-from mavdem.facts import Fact, Facts
+from mavdem.cli.streams import MAX_COLUMNS, STDERR, escape_unprintable, print_to_stderr
+from mavdem.facts import Fact, Facts, Level
+from mavdem.facts.assessment import Headline
 from mavdem.facts.event import Event
+from mavdem.facts.online import OnlineFact
 from mavdem.facts.session import LinkFact, RowsFact, SessionFact
 from mavdem.facts.watch import WatchFact
 from mavdem.live.session import LiveSession
 from mavdem.live.session_status import SessionStatus
 from mavdem.report.live import (
+    LightRow,
     headline_and_next_step,
+    light_rows,
     moment_text,
+    unwatched_quantities_text,
     vehicle_text,
     watched_quantities_text,
 )
@@ -29,16 +35,49 @@ UNCHANGED_STATE_PERIOD = 30.0
 """Time between two lines of a state that is the same except for its figures, s; a choice."""
 
 
+NAME_COLUMNS, LEVEL_COLUMNS = 9, 7
+"""Characters of a light's name and of its level: the longest words."""
+
+COLUMN_GAPS = 3
+"""Spaces in the columns of a light: one behind its name, its level and its figure."""
+
+LIGHT_COLUMNS = 40
+"""Least characters that a light takes with its figure, such as "2.2 to 9.8 m/s, 48°": two fit on a line of 80."""
+
+MAX_LIGHTS_PER_LINE = 3
+"""Lights on a line of the widest terminal, a choice: with more, the eye loses the column."""
+
+LEVEL_STYLES = {
+    Level.GOOD: "green",
+    Level.WATCH: "yellow",
+    Level.BAD: "bold red",
+    Level.UNKNOWN: "dim",
+}
+"""Style of the word for each level, in Rich's words."""
+
 UNREPORTED_REASONS = frozenset(
     {
         WatchFact.ON_GROUND_NOW,
         WatchFact.REFERENCE_SHORT,
         SessionFact.NOT_SETTLED,
+        RowsFact.MOTORS_NOT_KNOWN,
         RowsFact.NOTHING_RECEIVED,
         LinkFact.CONNECTION_LOST,
     }
 )
 """Reasons for not watching that pass by themselves, or have a line of their own: no line repeats them."""
+
+
+LEARNING_STATES = frozenset(
+    {
+        SessionFact.NOT_SETTLED,
+        SessionFact.BEING_LEARNED,
+        OnlineFact.TOO_FEW_SAMPLES_YET,
+        OnlineFact.FIRST_LEARNING,
+    }
+)
+"""States of the learning that come and go with the flight. The status shows them; they have no lines of their own,
+among which a pilot would have to look for an alarm."""
 
 
 class PrintedState(NamedTuple):
@@ -98,10 +137,9 @@ class StatusLines:
     def show(self, session: LiveSession) -> None:
         """Shows the present status of a session.
 
-        On a terminal, lines are updated in place: one on the vehicle and the link, one with the headline so far and the
-        next step, one on the learning, and one on problems and on the quantities that are watched without a model, such
-        as the battery. Those on the headline and on problems are red while an alarm lasts. Elsewhere, as in a file,
-        only what is new is printed.
+        On a terminal, lines are updated in place: one on the vehicle, one with the headline so far and the next step, a
+        table of the lights with their levels and figures, and one on learning, problems, and what is not watched. The
+        headline and problems are red while an alarm lasts. Elsewhere, as in a file, only what is new is printed.
 
         Args:
             session: The live session: its link, the vehicle and the model that it learns.
@@ -109,22 +147,22 @@ class StatusLines:
         status = session.status
         if status.loss is None:
             self._print_watch_changes(status.watch_facts)
-        texts = _status_texts(status)
         if self._terminal_text is None:
-            self._print_new(status, texts)
+            self._print_new(status, _status_texts(status, has_table=False))
             return
-        # The problems state why nothing is learned: it is not repeated as the reason for not watching.
-        watched_text = watched_quantities_text(
-            status.watch_facts, stated_reason=status.no_model_reason
-        )
+        texts = _status_texts(status, has_table=True)
+        # Why a quantity is not watched was printed when that began.
+        unwatched_text = unwatched_quantities_text(_unwatched_names(status.watch_facts))
         style = _style(*status.active_alarms)
-        lines = Group(
-            texts.vehicle,
-            Text(texts.judgement, style),
-            texts.learning,
-            Text(" ".join([*texts.problems, watched_text]), style),
-        )
-        self._terminal_text.update(lines, refresh=True)
+        parts: list[RenderableType] = [texts.vehicle, Text(texts.judgement, style)]
+        if status.vehicle is not None:
+            parts.append(_table_of_lights(light_rows(status), min(STDERR.width, MAX_COLUMNS)))
+        last_line = Text(texts.learning)
+        for text, text_style in ((" ".join(texts.problems), style), (unwatched_text, "")):
+            if text:
+                last_line.append(" ").append(text, text_style)
+        parts.append(last_line)
+        self._terminal_text.update(Group(*parts), refresh=True)
 
     def _print_watch_changes(self, watch_facts: Facts) -> None:
         """Prints which quantities are watched now, or no longer, if that has changed since the last call, and why.
@@ -188,17 +226,65 @@ class StatusLines:
         print_to_stderr(timed(" ".join(sentences)))
 
 
-def _status_texts(status: SessionStatus) -> StatusTexts:
+def _unwatched_names(watch_facts: Facts) -> list[str]:
+    """Returns the names of what cannot be watched on the followed vehicle, for reasons that do not pass by themselves.
+
+    Args:
+        watch_facts: A fact for each quantity: since when it is watched, or why it is not.
+    """
+    names = []
+    for fact in watch_facts:
+        reason = fact.figures.get("reason")
+        is_of_other_vehicle = "vehicle" in fact.figures
+        if isinstance(reason, Fact) and not is_of_other_vehicle:
+            if reason.code not in UNREPORTED_REASONS:
+                names.append(str(fact.subject))
+    return names
+
+
+def _table_of_lights(rows: Sequence[LightRow], width: int) -> Table:
+    """Returns a table of lights, several beside each other where the terminal is wide enough.
+
+    The level is a word and a colour, so that those who cannot tell the colours read it.
+
+    Args:
+        rows: The lights, in their order.
+        width: Characters of a line of the terminal.
+    """
+    lights_per_line = min(max(width // LIGHT_COLUMNS, 1), MAX_LIGHTS_PER_LINE)
+    # Each light takes the same share of the line, whatever its figure, so that nothing moves from second to second.
+    share = width // lights_per_line
+    figure_columns = share - NAME_COLUMNS - LEVEL_COLUMNS - COLUMN_GAPS
+    table = Table.grid(padding=(0, 1))
+    for _ in range(lights_per_line):
+        for columns in (NAME_COLUMNS, LEVEL_COLUMNS, figure_columns):
+            table.add_column(width=columns)
+    for first in range(0, len(rows), lights_per_line):
+        cells: list[RenderableType] = []
+        for row in rows[first : first + lights_per_line]:
+            level_text = row.level.upper() if row.level is Level.BAD else row.level
+            level = Text(level_text, LEVEL_STYLES[row.level])
+            cells += [row.name, level, escape_unprintable(row.figure)]
+        table.add_row(*cells)
+    return table
+
+
+def _status_texts(status: SessionStatus, *, has_table: bool) -> StatusTexts:
     """Returns the status of a session in sentences, none of which repeats the headline or the next step.
 
     Args:
         status: The status. Its ``no_model_reason`` is the fact that says why no model is learned now, if none is.
+        has_table: Whether a table of lights stands beside them, which has battery, wind and margins.
     """
     judgement = status.overall_judgement
-    judgement_text = escape_unprintable(" ".join(headline_and_next_step(judgement)))
+    headline_text, *next_step_text = headline_and_next_step(judgement)
+    if has_table and judgement.headline.code is Headline.NOTHING_WRONG:
+        # What was checked, and what was not, is in the table.
+        headline_text = f"{headline_text.partition(': ')[0].removesuffix('.')}."
+    judgement_text = escape_unprintable(" ".join([headline_text, *next_step_text]))
     sentences = [
         escape_unprintable(sentence.text)
-        for sentence in render_section("live_status", status=status)
+        for sentence in render_section("live_status", status=status, has_table=has_table)
     ]
     reason = status.no_model_reason
     if reason is not None:
@@ -213,7 +299,7 @@ def _status_texts(status: SessionStatus) -> StatusTexts:
     sentences = [text for text in sentences if text and text not in judgement_text]
     # The first sentence of the section is always there.
     return StatusTexts(
-        vehicle=escape_unprintable(vehicle_text(status)),
+        vehicle=escape_unprintable(vehicle_text(status, has_table=has_table)),
         learning=sentences[0],
         problems=sentences[1:],
         judgement=judgement_text,
@@ -233,8 +319,12 @@ def print_fact(fact: Fact, moment: str = "") -> None:
 
 
 def print_event(event: Event) -> None:
-    """Prints an event as ``print_fact`` does, after the time of day and that of the vehicle's clock."""
-    print_fact(event.fact, moment_text(event))
+    """Prints an event as ``print_fact`` does, after the time of day and that of the vehicle's clock.
+
+    ``LEARNING_STATES`` are not printed.
+    """
+    if event.fact.code not in LEARNING_STATES:
+        print_fact(event.fact, moment_text(event))
 
 
 def timed(text: str, moment: str = "") -> str:

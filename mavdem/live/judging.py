@@ -31,6 +31,7 @@ class ModelJudging:
     Attributes:
         findings: what the model is good for; None before it is judged.
         judgement: headline, lights and next step by the model; None before, and where it cannot be judged.
+        is_of_recording: whether the judgement is that of the recording.
     """
 
     def __init__(self, executor: Executor | None, recording_name: str | None) -> None:
@@ -42,6 +43,7 @@ class ModelJudging:
         """
         self.findings: Findings | None = None
         self.judgement: Judgement | None = None
+        self.is_of_recording = False
         self._executor = executor
         self._recording_name = recording_name
         self._pending: Future[JudgedModel] | None = None
@@ -88,7 +90,12 @@ class ModelJudging:
         # The executor raises RuntimeError when its processes are gone.
         with suppress(RuntimeError):
             self._pending = self._executor.submit(
-                judge_model, named_model, row_format, alarms, self._recording_name
+                judge_model,
+                named_model,
+                row_format,
+                alarms,
+                self._recording_name,
+                has_rate_setpoint=stream.has_rate_setpoint,
             )
 
     def _take_result(self, pending: Future[JudgedModel]) -> None:
@@ -103,10 +110,16 @@ class ModelJudging:
             return
         with suppress(ValueError, RuntimeError, CancelledError):
             self.findings, self.judgement = pending.result()
+            self.is_of_recording = False
         self._pending = None
 
     def judge_final_model(
-        self, model: Learned | None, row_format: RowFormat | None, alarms: Sequence[MotorAlarm]
+        self,
+        model: Learned | None,
+        row_format: RowFormat | None,
+        alarms: Sequence[MotorAlarm],
+        *,
+        has_rate_setpoint: bool,
     ) -> Learned | None:
         """Judges the model at the end of the session, in this thread, and sets ``findings`` and ``judgement``.
 
@@ -117,18 +130,24 @@ class ModelJudging:
             model: the final model; None without one.
             row_format: format of the latest rows; None without any.
             alarms: changes of the motors' balance.
+            has_rate_setpoint: whether the stream has a setpoint of the body rate by which a log identifies the loop.
 
         Returns:
             The model to show. If a limit cycle or a weak motor caused the torque that was estimated as the wind's, the
             model is marked so.
         """
+        self.is_of_recording = False
         try:
             if model is None or row_format is None or not _has_same_motors(row_format, model):
                 self.findings = model_findings(model, alarms=alarms)
                 self.judgement = None
                 return model
             self.findings, self.judgement = judge_model(
-                model, row_format, alarms, self._recording_name
+                model,
+                row_format,
+                alarms,
+                self._recording_name,
+                has_rate_setpoint=has_rate_setpoint,
             )
             vehicle_made_torque = any(
                 override.is_bad and override.code in OWN_TORQUE_OVERRIDES
@@ -145,6 +164,7 @@ class ModelJudging:
         that the recording shows, but never margins by the model alone.
         """
         self.judgement = judgement
+        self.is_of_recording = True
 
 
 def _has_same_motors(row_format: RowFormat, model: Learned) -> bool:

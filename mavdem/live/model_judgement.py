@@ -49,12 +49,16 @@ def judge_model(
     row_format: RowFormat,
     alarms: Sequence[MotorAlarm],
     recording_name: str | None,
+    *,
+    has_rate_setpoint: bool,
 ) -> JudgedModel:
     """Judges a model learned in flight, and the vehicle by the longest segment of the model's samples.
 
     The samples of the model are put into the form of a log of one axis in settled flight, so that the functions that
     judge logs can be used: limit cycle, hover trim, control loop, and from these the lights and the headline. What
-    needs other axes or messages is left for the judgement of the recording after the flight.
+    needs other axes or messages is left for the judgement of the recording after the flight. So are the margins where
+    the stream has the setpoint of the body rate: a log identifies the loop by that setpoint then, and refuses margins
+    where they are too uncertain, which inputs and outputs alone would still give.
 
     It is slow, and runs in the executor that learns models: arguments and results can be pickled.
 
@@ -63,6 +67,7 @@ def judge_model(
         row_format: format of its rows: message names, mixer geometry, and scale of the motors.
         alarms: changes of the motors' balance in the flight.
         recording_name: the log that shows what no live message does; empty if it is known later, None without one.
+        has_rate_setpoint: whether the stream has a setpoint of the body rate by which a log identifies the loop.
     """
     record = learned.record
     # Motor outputs (T, r), and angle, rad, with body rate, rad/s (T, 2), of the longest segment.
@@ -109,18 +114,25 @@ def judge_model(
     loops: dict[str, Loop | Fact] = {
         any_axis: Fact(Unjudged.NOT_JUDGED, reason=None) for any_axis in AXES
     }
-    loops[axis] = loop_of_parameters_or_reason(figures, record)
-    losses = tuple(thrust_losses(alarms))
-    evidence = live_evidence(signals, condition, LiveFindings(events=losses, loops=loops))
     # These lights need messages that nothing in flight looks at.
     judged_later = Fact(Unjudged.JUDGED_LATER, path=recording_name, reason=None)
+    if has_rate_setpoint:
+        loops[axis] = judged_later
+    else:
+        loops[axis] = loop_of_parameters_or_reason(figures, record)
+    losses = tuple(thrust_losses(alarms))
+    evidence = live_evidence(signals, condition, LiveFindings(events=losses, loops=loops))
     motors_fact = motors_light(evidence)
     if motors_fact.code is TrimFact.TRIM_UNKNOWN:
         # The trim needs all axes, and the model has one.
         motors_fact = judged_later
     margins_fact = margins_light(evidence)
-    if margins_fact.code is MarginsLight.RATE_STANDS_OUT:
-        # Without the setpoint a peak of the rate may be a test signal that is flown.
+    # Without the setpoint a peak of the rate may be a test signal that is flown.
+    is_peak_unexplained = margins_fact.code is MarginsLight.RATE_STANDS_OUT
+    is_loop_identified_later = (
+        has_rate_setpoint and margins_fact.code is not MarginsLight.OSCILLATES
+    )
+    if is_peak_unexplained or is_loop_identified_later:
         margins_fact = judged_later
     judgement = judge(
         evidence,

@@ -17,7 +17,7 @@ from mavdem.errors import NotLearnable
 from mavdem.facts import Fact, Facts, Level
 from mavdem.facts.event import Event
 from mavdem.facts.lights import Light
-from mavdem.facts.loops import GainFact
+from mavdem.facts.loops import GainFact, LoopAction
 from mavdem.facts.margins import MarginsLight
 from mavdem.facts.session import (
     DelayedWork,
@@ -468,6 +468,10 @@ class LiveSession:
             return
         if status.is_flying and status.loss is not None:
             return
+        is_after_landing = self._learning.has_landed and not status.is_flying
+        if is_after_landing and reason is not None and reason.code is SessionFact.NOT_FLYING:
+            # The landing is reported with what the flight has shown; another take-off is the pilot's choice.
+            return
         report = reason or Fact(SessionFact.BEING_LEARNED, Level.GOOD)
         # During an alarm, the report must not advise the pilot to fly on: ``grounded`` removes such advice.
         is_alarmed = any(alarm.is_bad for alarm in status.active_alarms)
@@ -550,7 +554,12 @@ class LiveSession:
     def judge_final_model(self, model: Learned | None) -> Learned | None:
         """Judges the model at the end, if there is one, and returns the model to show."""
         alarms = tuple(self.stream.motor_alarms.latest)
-        return self.judging.judge_final_model(model, self._learning.row_format, alarms)
+        return self.judging.judge_final_model(
+            model,
+            self._learning.row_format,
+            alarms,
+            has_rate_setpoint=self.stream.has_rate_setpoint,
+        )
 
     def report_end(self, status: SessionStatus, model: Learned | None) -> None:
         """Reports what the flight has shown, unless that was reported at its landing.
@@ -600,11 +609,14 @@ class LiveSession:
         """
         if advice and judgement is not None:
             margins = judgement.lights[Light.MARGINS]
-            # If the margins are not known, the advice states why.
-            if margins.code is MarginsLight.LOOP_MARGINS:
+            # If the margins are not known, or the decision on their loop repeats them, the advice states that.
+            if margins.code is MarginsLight.LOOP_MARGINS and not _states_margins(advice, margins):
                 self._presentation.log(margins)
+        is_lost = self.stream.status().loss is not None
         for fact in advice:
-            self._presentation.log(fact)
+            # The loss was an alarm, and nobody asks why a vehicle that has crashed gets no new gains.
+            if not (is_lost and fact.code is GainFact.GAINS_LEFT):
+                self._presentation.log(fact)
 
     def end(self) -> None:
         """Restores the vehicle's rates, which it must confirm, and ends the recording."""
@@ -615,3 +627,18 @@ class LiveSession:
 def _without_measurements(reason: Fact | None) -> Hashable:
     """Returns the content of a reason without its measured figures, so that two reasons can be compared."""
     return None if reason is None else reason.without_measurements
+
+
+def _states_margins(advice: Facts, margins: Fact) -> bool:
+    """Returns whether one of the decisions on control loops in some advice has the margins as its reason.
+
+    Args:
+        advice: what to do with the gains of each axis.
+        margins: the light of the margins, by which one axis is judged.
+    """
+    for fact in advice:
+        if fact.code is LoopAction.LOOPS_JUDGED:
+            reason = fact.figures["reason"]
+            if reason.code is margins.code and reason.figures["axis"] == margins.figures["axis"]:
+                return True
+    return False

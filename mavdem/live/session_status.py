@@ -180,8 +180,14 @@ class SessionStatus(ImmutableResult):
     model_judgement: Judgement | None = None
     """Headline, lights and next step by the model so far; None before it is judged."""
 
+    flight_seconds: float | None = None
+    """Time since the take-off, s; None on the ground, or where the take-off was not seen."""
+
     has_landed: bool = True
     """Whether the latest flight ended on the ground; false while the vehicle may be falling with its motors stopped."""
+
+    is_recording_judged: bool = False
+    """Whether that judgement is the one of the recording, by the rules for logs."""
 
     loss: Fact | None = None
     """How the flight was lost, until the next take-off; None if it was not."""
@@ -272,8 +278,8 @@ class SessionStatus(ImmutableResult):
     def _judgement_with_all_lights(self) -> Judgement:
         """The judgement by the model, in which worse lights that need no model replace the model's.
 
-        The lights are the judgements of the parts of the vehicle. The headline is decided by the first rule that
-        applies:
+        The lights are the judgements of the parts of the vehicle. Of a judged recording only a warning replaces them.
+        The headline is decided by the first rule that applies:
 
         1. If a light is bad, it becomes the headline, an event first, unless the headline of the model is bad already.
         2. Before a model is judged, the headline sums up the lights that need none, while the vehicle is received or
@@ -286,6 +292,9 @@ class SessionStatus(ImmutableResult):
         lights = {}
         for name, light_by_model in by_model.lights.items():
             light_without_model = lights_without_model.get(name, light_by_model)
+            if self.is_recording_judged and not light_without_model.warns:
+                # What a recording leaves unknown was not checked better in flight.
+                light_without_model = light_by_model
             lights[name] = worst_fact([light_without_model, light_by_model])
         headline = by_model.headline
         next_step = by_model.next_step

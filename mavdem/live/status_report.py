@@ -76,6 +76,7 @@ class StatusReport:
             status,
             findings=self.judging.findings,
             model_judgement=self.judging.judgement,
+            is_recording_judged=self.judging.is_of_recording,
             learned_rows=self.learning.learned_rows,
             unlearned_rows=self.learning.unlearned_rows,
             latency=self.latencies.latency,

@@ -320,6 +320,9 @@ class LiveStream:
             no_model_reason=self._no_rows_reason,
             rates=self._rows.rates(self._clock.now),
             is_flying=self.is_flying,
+            flight_seconds=(
+                self._clock.now - self.takeoff_time if self.is_flying and is_takeoff_seen else None
+            ),
             lost_messages=vehicle.lost_messages if vehicle else 0,
             gap_seconds=vehicle.uncounted_gap_seconds if vehicle else 0.0,
             late_samples=self._rows.late_samples,
@@ -361,6 +364,12 @@ class LiveStream:
     def latest_restart(self) -> TimeInterval | None:
         """An interval in which the followed vehicle restarted last, UNIX s of reception; None without a restart."""
         return self._clock.latest_restart
+
+    @property
+    def has_rate_setpoint(self) -> bool:
+        """Whether a setpoint of the body rate of the model's axis comes, by which a log identifies the control loop."""
+        vehicle = self._review.telemetry
+        return vehicle is not None and self._review.watchdog.has_rate_setpoint(vehicle, self.axis)
 
     @property
     def watch_facts(self) -> Facts:

@@ -3,11 +3,14 @@
 from collections import deque
 from dataclasses import replace
 
+import numpy as np
+
 from mavdem.assessment.condition import Condition
 from mavdem.assessment.lights.tracking import tracking_light
 from mavdem.dataset.attitude import ATTITUDE_MESSAGES
-from mavdem.dataset.setpoints import SETPOINT_MESSAGE
-from mavdem.dataset.signals import Signals
+from mavdem.dataset.resampling import mean_rate
+from mavdem.dataset.setpoints import SETPOINT_MESSAGE, recorded_setpoints
+from mavdem.dataset.signals import MIN_SLOW_MOTION_RATE, Signals
 from mavdem.facts import Fact
 from mavdem.ingest.telemetry import Telemetry
 from mavdem.live.live_signals import LiveSignals, live_evidence
@@ -51,6 +54,29 @@ class TrackingWatch:
         """Returns whether a setpoint has come in the last ``MEMORY_SECONDS`` before ``now``, s of the boot clock."""
         samples = self._samples[SETPOINT_MESSAGE]
         return bool(samples) and now - samples[-1].time <= MEMORY_SECONDS
+
+    def has_rate_setpoint(self, vehicle: Telemetry, axis: str) -> bool:
+        """Returns whether a setpoint of the body rate has come that changes, as fast as a log needs it for the loop.
+
+        Args:
+            vehicle: identity and parameters of the vehicle, without messages.
+            axis: "roll" or "pitch".
+        """
+        samples = self._samples[SETPOINT_MESSAGE]
+        if not samples:
+            return False
+        columns = columns_from(MESSAGE_FIELDS[SETPOINT_MESSAGE], samples, self._recent.boot)
+        telemetry = replace(vehicle, messages={SETPOINT_MESSAGE: columns})
+        for setpoint in recorded_setpoints(telemetry, axis):
+            times = setpoint.signal.time
+            is_fast_enough = len(times) > 1 and mean_rate(times) >= MIN_SLOW_MOTION_RATE
+            if (
+                setpoint.unit == "rad/s"
+                and is_fast_enough
+                and np.diff(setpoint.signal.values).any()
+            ):
+                return True
+        return False
 
     def judge(self, now: float, vehicle: Telemetry, settled_start: float) -> Fact | None:
         """Judges how roll, pitch and yaw follow their setpoints, by the rules for logs.

@@ -480,6 +480,10 @@ class Watchdog:
         has_just_begun = condition.duration < LISTENING_SECONDS
         self._battery_not_judged = None if has_just_begun else reason_battery_not_judged(power)
 
+    def has_rate_setpoint(self, vehicle: Telemetry, axis: str) -> bool:
+        """Returns whether the body rate of an axis has a setpoint, as :meth:`TrackingWatch.has_rate_setpoint` does."""
+        return self._tracking.has_rate_setpoint(vehicle, axis)
+
     @property
     def is_tracking_due(self) -> bool:
         """Whether the review that has begun is to judge the tracking: in settled flight, every ``TRACKING_PERIOD``."""

@@ -3,9 +3,10 @@
 from collections.abc import Mapping, Sequence
 from math import isfinite, sqrt
 from time import localtime, strftime
+from typing import NamedTuple
 
 from mavdem.assessment.judgement import Judgement
-from mavdem.facts import Fact
+from mavdem.facts import Fact, Level
 from mavdem.facts.event import Event
 from mavdem.facts.session import SessionFact, TimeUse
 from mavdem.live.history import REPORTED_HORIZON, HorizonErrors, LiveHistory
@@ -34,10 +35,49 @@ def watched_quantities_text(watch_facts: Sequence[Fact], stated_reason: Fact | N
     return "".join(f"{capitalize_first(sentence.text)}." for sentence in sentences)
 
 
-def vehicle_text(status: SessionStatus) -> str:
-    """Returns in one line the vehicle, its mode, whether it is armed and flies, its battery, and the last message."""
-    [sentence] = render_section("live_vehicle", status=status)
+def unwatched_quantities_text(names: Sequence[str]) -> str:
+    """Returns a sentence that names what is not watched in a live flight; empty for no names."""
+    return " ".join(sentence.text for sentence in render_section("live_unwatched", names=names))
+
+
+def vehicle_text(status: SessionStatus, *, has_table: bool = False) -> str:
+    """Returns in one line the vehicle, its mode, whether it is armed and flies, its battery, and the last message.
+
+    Args:
+        status: state of the session.
+        has_table: whether a table of lights stands below, which has the battery. Then the age of the last message is
+            left out, too, unless it is a second or more.
+    """
+    [sentence] = render_section("live_vehicle", status=status, has_table=has_table)
     return sentence.text
+
+
+class LightRow(NamedTuple):
+    """One light of a live flight, the judgement of one part of the vehicle, as a table shows it."""
+
+    name: str
+    """Name of the light, such as "motors"."""
+
+    level: Level
+    """Its level, which is also its colour."""
+
+    figure: str
+    """Its figure with unit, or what was found so far in a few words; empty where there is neither."""
+
+
+def light_rows(status: SessionStatus) -> list[LightRow]:
+    """Returns the lights of a live flight with their figures, in the order of all lights.
+
+    The light of the log, which judges the rates of the messages, is left out unless it warns.
+
+    Args:
+        status: state of the session.
+    """
+    lights = status.overall_judgement.lights
+    rows = []
+    for sentence in render_section("live_lights", status=status, lights=lights):
+        rows.append(LightRow(sentence.lead, lights[sentence.lead].level, sentence.text))
+    return rows
 
 
 def headline_and_next_step(judgement: Judgement) -> list[str]:

@@ -256,7 +256,9 @@ def test_a_simulated_vehicle_is_learnt_from_and_everything_is_kept(here, capsys,
             signal.signal(number, handler)
     printed = capsys.readouterr()
     said = printed.err
-    assert "The model is being learned" in said and "should not have happened" not in said
+    assert "First model of roll" in said and "should not have happened" not in said
+    # The states of the learning are in the status, and have no lines of their own.
+    assert "The model is being learned. Fly on" not in said
     assert re.search(r"learning; [\d,]{3,} samples", said)
     assert re.search(r"Watched: .*\boscillation\b.*\(since \d+ s\)", said)
     told = strict_json(printed.out)

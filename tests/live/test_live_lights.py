@@ -4,18 +4,20 @@ from dataclasses import replace
 
 from pytest import fixture, mark
 
-from mavdem.assessment.judgement import Judgement
+from mavdem.assessment.judgement import Judgement, unjudged
 from mavdem.dataset.segment_learnability import slow_streams
 from mavdem.facts import Fact, Level
 from mavdem.facts.assessment import Headline, NextStep
 from mavdem.facts.lights import Light, Unjudged
-from mavdem.facts.motors import MotorsLight
+from mavdem.facts.loops import LoopAction
+from mavdem.facts.motors import MotorsLight, MotorWatchFact, TrimFact
 from mavdem.facts.power import PowerLight
 from mavdem.facts.session import LinkFact, MissingMessages, RowsFact, SessionFact
+from mavdem.facts.vibration import VibrationLight
 from mavdem.facts.watch import WatchedQuantity, WatchFact
 from mavdem.live.session_status import SessionStatus
 from mavdem.live.vehicle_state import VehicleState
-from mavdem.report.live import vehicle_text
+from mavdem.report.live import light_rows, vehicle_text
 
 RATES = {"ATTITUDE": 25.0, "SERVO_OUTPUT_RAW": 25.0}
 SLOW = Fact(RowsFact.LIVE_RATES_TOO_LOW, can_ask=True, reason=slow_streams(RATES, "roll"))
@@ -145,3 +147,70 @@ def test_the_first_line_says_mode_arming_battery_and_the_age_of_the_last_message
     text = vehicle_text(replace(slow, state=state, message_age=4.2))
     assert text == "1:1, mode Loiter, in flight, battery 15.8 V (76 %), last message 4 s ago."
     assert vehicle_text(SessionStatus()) == "No vehicle, nothing received yet."
+
+
+def test_what_a_judged_recording_leaves_unknown_is_not_called_good():
+    unknown = Fact(TrimFact.TRIM_UNKNOWN, Level.UNKNOWN)
+    judged = unjudged(unknown)
+    lights = {**judged.lights, Light.MOTORS: unknown}
+    good = Fact(MotorWatchFact.NO_LOSS_FOUND, clock=63.0)
+    status = SessionStatus(
+        model_judgement=replace(judged, lights=lights), worst_lights={Light.MOTORS: good}
+    )
+    assert status.overall_judgement.lights[Light.MOTORS] == good
+    recorded = replace(status, is_recording_judged=True)
+    assert recorded.overall_judgement.lights[Light.MOTORS] == unknown
+    # What warned in flight is not taken back.
+    weak = Fact(MotorsLight.MOTOR_LIMITED, Level.BAD, subject="motor 1", share=0.9)
+    recorded = replace(recorded, worst_lights={Light.MOTORS: weak})
+    assert recorded.overall_judgement.lights[Light.MOTORS] == weak
+
+
+def test_gains_are_advised_by_a_command_that_names_the_recording():
+    named = Fact(LoopAction.LOAD_ADVISED_GAINS, arguments=("flight.tlog",))
+    assert str(named) == "Load the gains that `mavdem tune flight.tlog --axis all` advises."
+    unnamed = Fact(LoopAction.LOAD_ADVISED_GAINS, arguments=())
+    assert str(unnamed) == (
+        "Load the gains that `mavdem tune RECORDING --axis all` advises after landing."
+    )
+
+
+def test_the_table_has_every_light_with_its_figure(slow):
+    state = VehicleState("Loiter", is_armed=True, voltage=15.84, charge=76.0)
+    vibration = Fact(
+        VibrationLight.VIBRATION_MEASURED, Level.GOOD, subject="IMU 1", vibration=7.42, clips=0
+    )
+    weak = Fact(
+        MotorWatchFact.MOTOR_LOST_THRUST,
+        Level.BAD,
+        subject="motor 2 (rear left)",
+        loss=(0.09, 0.26),
+    )
+    status = replace(
+        slow, state=state, worst_lights={Light.VIBRATION: vibration, Light.MOTORS: weak}
+    )
+    rows = {row.name: row for row in light_rows(status)}
+    assert [*rows] == [str(light) for light in Light]
+    assert rows["power"].figure == "15.8 V (76 %)"
+    assert rows["vibration"].level is Level.GOOD and rows["vibration"].figure == "7.4 m/s²"
+    assert rows["motors"].figure == "motor 2 (rear left): 9 to 26 % lost"
+    assert rows["margins"].figure == "no oscillation"
+    # The rates are too low for a model.
+    assert rows["log"].level is Level.WATCH and rows["log"].figure == "25 Hz"
+
+
+def test_the_time_in_flight_is_in_the_first_line(slow):
+    state = VehicleState("Loiter", is_armed=True, voltage=15.84)
+    flying = replace(
+        slow,
+        state=state,
+        message_age=0.2,
+        flight_seconds=754.9,
+        position=(3.0, 20.4, -12.0),
+        takeoff_position=(3.0, 0.0, -1.7),
+    )
+    # The table below has the battery, and a message that is less than a second old needs no words.
+    assert vehicle_text(flying, has_table=True) == (
+        "1:1, Loiter, in flight for 12:34 min, 10 m above the take-off, 20 m from it."
+    )
+    assert "in flight for 12:34 min, 20 m from the take-off" in vehicle_text(flying)

@@ -24,7 +24,8 @@ from mavdem.dem.online.learner import TOO_FEW_SAMPLES
 from mavdem.errors import NotLearnable
 from mavdem.facts import Fact, Level
 from mavdem.facts.forecasts import ForecastFact
-from mavdem.facts.loops import GainFact
+from mavdem.facts.lights import Light, Unjudged
+from mavdem.facts.loops import GainFact, LoopAction
 from mavdem.facts.margins import MarginsLight
 from mavdem.facts.motors import MotorWatchFact
 from mavdem.facts.session import (
@@ -435,6 +436,12 @@ def test_the_last_model_has_the_parameters_and_findings_of_the_flight():
     # The effectiveness depends on the assumed wind, which the draws of the plant allow for, so that gains follow.
     advised = "Load the gains that `mavdem tune 'my flight.tlog' --axis all` advises."
     assert lights["margins"].remedy == advised
+    # With a setpoint of the rate a log identifies the loop by that, so that the recording has to decide.
+    one.judging.judge_final_model(model, one._learning.row_format, (), has_rate_setpoint=True)
+    awaited = one.judging.judgement.lights["margins"]
+    assert awaited.code is Unjudged.JUDGED_LATER and "`mavdem 'my flight.tlog'`" in awaited.remedy
+    assert not one.judging.judgement.headline.warns
+    one.judge_final_model(model)
     page = html.unescape(
         live_page("udp", "roll", one.history, one.status, one.time_account(), model)
     ).replace("\u00a0", " ")
@@ -448,6 +455,30 @@ def test_the_last_model_has_the_parameters_and_findings_of_the_flight():
     )
     one.judge_final_model(replace(learned, record=shaken))
     assert one.judging.judgement.lights["margins"].code is MarginsLight.OSCILLATES
+
+
+def test_margins_that_a_decision_states_are_reported_once():
+    one, _, said = session_of([])
+    margins = Fact(
+        MarginsLight.LOOP_MARGINS,
+        Level.WATCH,
+        subject="rate",
+        axis="pitch",
+        rating=Level.BAD,
+        lacking="phase_margin",
+        phase_margin=34.0,
+        phase_margin_interval=(0.0, 55.0),
+        reason=None,
+    )
+    decision = Fact(LoopAction.LOOPS_JUDGED, axis="pitch", reason=margins, action=None)
+    judged = unjudged(TOO_FEW_SAMPLES)
+    judgement = replace(judged, lights={**judged.lights, Light.MARGINS: margins})
+    one._log_advice((decision,), judgement)
+    assert said == [decision]
+    one._log_advice(
+        (decision.replace(axis="roll", reason=margins.replace(axis="roll")),), judgement
+    )
+    assert said == [decision, margins]
 
 
 @mark.parametrize("vehicle, is_sending", [(None, True), (None, False), ("1:1", True)])

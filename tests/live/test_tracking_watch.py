@@ -37,3 +37,20 @@ def test_the_tracking_is_that_of_the_latest_minute(error, seconds, level):
     assert watch.has_setpoints(seconds)
     light = watch.judge(seconds, VEHICLE, 0.0)
     assert (None if light is None else light.level) is level
+
+
+@mark.parametrize(
+    "message_rate, rate_of_setpoint, is_found", [(50, 0.3, True), (50, 0.0, False), (4, 0.3, False)]
+)
+def test_a_rate_setpoint_shows_the_loop_if_it_changes_and_is_fast(
+    message_rate, rate_of_setpoint, is_found
+):
+    watch = TrackingWatch(RecentMessages())
+    assert not watch.has_rate_setpoint(VEHICLE, "roll")
+    for row in range(10 * message_rate):
+        time = row / message_rate
+        roll_rate = rate_of_setpoint * sin(time)
+        values = (0, (1.0, 0.0, 0.0, 0.0), roll_rate, 0.0, 0.0)
+        watch.add_message(Message("ATTITUDE_TARGET", time, inf, values), time)
+    assert watch.has_rate_setpoint(VEHICLE, "roll") == is_found
+    assert not watch.has_rate_setpoint(VEHICLE, "pitch")

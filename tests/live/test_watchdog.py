@@ -493,19 +493,41 @@ def test_the_status_stands_in_its_place_on_a_terminal():
     with Live(console=console, auto_refresh=False, transient=True) as place:
         lines = StatusLines(place)
         lines.show(Mock(status=SessionStatus(vehicle="1:1")))
-        assert "1:1: learning" in shown.getvalue()
+        assert "Learning; 0 samples" in shown.getvalue()
         status = SessionStatus(
             vehicle="1:1", learned_rows=123_456, active_alarms=(weak, other), **known
         )
         lines.show(Mock(status=status))
-    last = shown.getvalue().split("1:1: ALARM")[1]
-    assert last.index(" 20 ms late.") < 66  # of 80, with the margin's
-    assert "\x1b[1;31m" in last
+    last = shown.getvalue().split("1:1, nothing received yet.")[-1]
+    # The alarm is red and a word, and each light has its level as a word.
+    assert "\x1b[1;31m" in last and "ALARM; 123,456 samples" in last and "unknown" in last
     # A sentence that is longer than a line wraps, so that none is cut.
     words = re.sub(r"\x1b\[[^m]*m|\s+", " ", last).split()
     # The alarm in the headline is not said twice.
     text = " ".join(words)
     assert text.count(str(weak)) == text.count(str(other)) == 1 and "…" not in last
+
+
+@mark.parametrize("width", [60, 80, 120, 200])
+def test_the_status_fits_the_terminal(width, monkeypatch):
+    shown = io.StringIO()
+    console = Console(file=shown, width=width, highlight=False)
+    monkeypatch.setattr("mavdem.cli.live_status.STDERR", console)
+    place = Mock()
+    wind = WindEstimate(60.0, np.array([-8.0, -11.0]), np.array([2.5, 2.5]))
+    missing = Fact(WatchFact.MESSAGE_MISSING, name="SCALED_PRESSURE", rate=None)
+    unwatched = Fact(
+        WatchFact.NOT_WATCHED, time=3.0, subject=WatchedQuantity.HEIGHT, reason=missing
+    )
+    status = SessionStatus("1:1", is_flying=True, wind=wind, watch_facts=(unwatched,))
+    StatusLines(place).show(Mock(status=status))
+    console.print(place.update.call_args.args[0])
+    lines = shown.getvalue().splitlines()
+    # The vehicle, headline and next step, seven lights, and a line on the model and what is not watched.
+    assert len(lines) <= {60: 13, 80: 9, 120: 7, 200: 7}[width]
+    assert max(map(len, lines)) <= min(width, 120)
+    text = " ".join(shown.getvalue().split())
+    assert "wind unknown 11.1 to 16.1 m/s, 54°" in text and "Not watched: height." in text
 
 
 def test_a_flying_vehicle_without_a_judgement_is_not_called_grounded():
