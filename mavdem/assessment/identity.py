@@ -153,7 +153,17 @@ def _vehicle_name(telemetry: Telemetry) -> _NameWithBasis:
                 text = " ".join(f"{value:.{CALIBRATION_DIGITS}g}" for value in calibration)
                 digest = hashlib.sha256(text.encode()).hexdigest()[:NAME_DIGITS]
                 return _NameWithBasis(f"{sensor}-{digest}", sensor)
-    return _NameWithBasis(f"{telemetry.autopilot}-{telemetry.system}".lower(), Basis.SYSTEM_ID)
+    return _NameWithBasis(system_id_name(telemetry.autopilot, telemetry.system), Basis.SYSTEM_ID)
+
+
+def system_id_name(autopilot: str, system: int) -> str:
+    """Returns the name of a vehicle of which only the MAVLink system id is known, such as "px4-1".
+
+    Args:
+        autopilot: MAV_AUTOPILOT without its prefix.
+        system: MAVLink system id.
+    """
+    return f"{autopilot}-{system}".lower()
 
 
 def _calibration_values(parameters: Parameters, name_formats: str) -> list[float]:

@@ -62,7 +62,9 @@ class Flight(Stage):
     given_name: str = ""
     """name that was given to the flight; empty without one"""
     vehicle: str
-    """what the log calls the vehicle, such as its serial number"""
+    """what the log calls the vehicle, such as its serial number, or the vehicle that was assigned to the flight"""
+    is_vehicle_unnamed: bool = False
+    """whether that is a system id only, which says of no two flights that one vehicle flew them"""
     vehicle_name: str = ""
     """name that was given to the vehicle; empty without one"""
     date: str
@@ -147,6 +149,8 @@ class Change(Document):
 
     given_name: Annotated[str, Field(max_length=MAX_NAME_LETTERS)] = ""
     """name of the flight; empty for that of its log"""
+    vehicle_name: Annotated[str, Field(max_length=MAX_NAME_LETTERS)] = ""
+    """vehicle of a flight whose log does not identify it; empty to take it away"""
     sharing: Sharing = Sharing.PRIVATE
     """private, link or public"""
     log_shared: bool = False

@@ -26,6 +26,7 @@ class RefusalReason(Code):
     ANSWER_FAILED = "answer_failed"
     NO_SUCH_FIELD = "no_such_field"
     LOG_NOT_READ = "log_not_read"
+    VEHICLE_IDENTIFIED = "vehicle_identified"
     STILL_BEING_READ = "still_being_read"
 
 

@@ -48,6 +48,9 @@ STATUS_READ = "ok"
 SYSTEM_ID_BASIS = "system id"
 """Basis of a vehicle's name that several vehicles may have: every autopilot has the system id 1 by default."""
 
+GIVEN_BASIS = "given"
+"""Basis of a vehicle's name that a user assigned to a flight whose log has only a system id."""
+
 PHYSICAL_COLUMNS = ("effect", "damping", "lag")
 """Columns of physical parameters, each of which has a status and an interval in further columns."""
 
@@ -91,7 +94,7 @@ class FlightRow:
     vehicle: str = report_column("identity.name", UNKNOWN)
     """name of the vehicle, or unknown"""
     vehicle_basis: OptionalText = report_column("identity.basis")
-    """what the name is made of: board, accelerometer, compass or system id"""
+    """what the name is made of: board, accelerometer, compass, system id, or given by a user"""
     autopilot: OptionalText = report_column("identity.autopilot")
     """MAV_AUTOPILOT"""
     frame: OptionalText = report_column("identity.frame")

@@ -22,6 +22,7 @@ from mavdem.errors import Unreadable, error_message
 from mavdem.facts import Fact
 from mavdem.facts.fleet import FleetFolderFact
 from mavdem.files import atomic_write
+from mavdem.fleet.assigned_vehicles import rows_with_assigned_vehicles
 from mavdem.fleet.row import SCHEMA_VERSION, FlightRow, FlightRows, utf8_text
 from mavdem.fleet.sources import UNKNOWN_SIZE, LogSource, is_url
 from mavdem.fleet.stored_rows import (
@@ -247,7 +248,7 @@ class Store:
             parameters = ", ".join("?" * len(entry))
             self.db.execute(f"insert or replace into logs values ({parameters})", entry)
             self._delete_rows("log = ?", [content])
-            for row in outcome.rows:
+            for row in rows_with_assigned_vehicles(self.db, outcome.rows):
                 values = [
                     content,
                     row.vehicle,

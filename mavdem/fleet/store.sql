@@ -17,6 +17,10 @@ create table if not exists healthy (row text);
 -- Names that users have given: to a vehicle, by what its logs call it, and to a flight, by the hash of its log's content.
 create table if not exists vehicle_names (vehicle text primary key, name text not null);
 create table if not exists flight_names (content text primary key, name text not null);
+-- Vehicles that users have assigned to flights whose logs have only a system id, by the hash of the content and the name there.
+create table if not exists flight_vehicles (
+    content text, logged_name text, vehicle text not null, primary key (content, logged_name)
+);
 create index if not exists logs_by_log on logs (log);
 create index if not exists logs_by_size on logs (size);
 -- Indices have all columns that the queries need: a row of the table is so long that looking into it takes ten times as long.

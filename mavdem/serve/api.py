@@ -227,14 +227,19 @@ class Api:
         )
 
     async def change_flight(self, request: HttpRequest) -> Response:
-        """Changes the name, sharing, note or tags of a flight, and answers with the changed flight."""
+        """Changes name, vehicle, sharing, note or tags of a flight, and answers with the changed flight."""
         self._rights.require(request, Permission.WRITE)
         change = await read_document(request, Change)
         columns = change.model_dump(mode="json", exclude_unset=True)
         if "tags" in columns:
             columns["tags"] = ",".join(columns["tags"])
         given_name = columns.pop("given_name", None)
-        entry = await run_in_threadpool(self._library.change, request.path_params["id"], **columns)
+        vehicle_name = columns.pop("vehicle_name", None)
+        id = request.path_params["id"]
+        if vehicle_name is not None:
+            entry = await run_in_threadpool(self._library.entry, id)
+            await run_in_threadpool(self._library.assign_vehicle, entry, vehicle_name)
+        entry = await run_in_threadpool(self._library.change, id, **columns)
         if given_name is not None:
             await run_in_threadpool(self._library.name_flight, entry, given_name)
         (flight,) = await run_in_threadpool(self._visible_library.documents, [entry])

@@ -14,7 +14,7 @@ from mavdem.containers import JsonValues
 from mavdem.facts.lights import Light
 from mavdem.facts.serve import ListingOrder, Sharing, Stage
 from mavdem.fleet.names import content_hash
-from mavdem.fleet.row import FlightRow, FlightRows
+from mavdem.fleet.row import GIVEN_BASIS, SYSTEM_ID_BASIS, UNKNOWN, FlightRow, FlightRows
 from mavdem.fleet.workers import KEY_HASH_DIGITS
 
 DIGEST_GLOB = "[0-9a-f]" * len(hashlib.sha256().hexdigest())
@@ -67,6 +67,12 @@ class LibraryEntry:
     """The owner's tags, separated by commas."""
     vehicle: str = ""
     """Name of the vehicle."""
+    vehicle_basis: str = ""
+    """What the name of the vehicle is made of, as the field of ``FlightRow`` says it."""
+    frame: str = ""
+    """Kind of the vehicle's frame, such as "QUADROTOR"."""
+    autopilot: str = ""
+    """MAV_AUTOPILOT without its prefix."""
     date: str = ""
     """When the flight began, ISO 8601, UTC."""
     duration: float | None = None
@@ -121,6 +127,16 @@ class LibraryEntry:
         if not self.level:
             return {}
         return {str(light): getattr(self, light) for light in Light}
+
+    @property
+    def is_vehicle_unnamed(self) -> bool:
+        """Whether nothing says which vehicle flew: the log has a system id alone, and nobody assigned a vehicle."""
+        return self.vehicle in ("", UNKNOWN) or self.vehicle_basis == SYSTEM_ID_BASIS
+
+    @property
+    def is_vehicle_assigned(self) -> bool:
+        """Whether a user assigned the vehicle to this flight, since its log does not identify it."""
+        return self.vehicle_basis == GIVEN_BASIS
 
     @property
     def flown_flights(self) -> list[FlownFlight]:
@@ -185,6 +201,22 @@ def create_or_update_table(db: sqlite3.Connection) -> None:
         if name not in existing_columns:
             db.execute(f"alter table entries add column {definition}")
     db.executescript(INDEXES_SQL)
+    if existing_columns and "vehicle_basis" not in existing_columns:
+        _fill_vehicle_columns(db)
+
+
+def _fill_vehicle_columns(db: sqlite3.Connection) -> None:
+    """Fills the columns on the vehicle of entries of an earlier version, by the fleet's rows of their logs."""
+    values = ", ".join(
+        f"json_extract(row, '$.{name}')" for name in ("vehicle_basis", "frame", "autopilot")
+    )
+    # A key of the table "flights" is the hash and, after a hyphen, the size of the content.
+    db.execute(
+        f"""update entries set (vehicle_basis, frame, autopilot) =
+        (select {values} from flights where flights.vehicle = entries.vehicle and json_valid(row)
+        and log > {CONTENT_HASH_SQL} || '-' and log < {CONTENT_HASH_SQL} || '.' limit 1)
+        where vehicle <> ''"""
+    )
 
 
 def insert_entry(db: sqlite3.Connection, entry: LibraryEntry) -> None:
@@ -277,6 +309,9 @@ def columns_of_flight(rows: Sequence[FlightRow]) -> JsonValues:
     lights = {str(light): getattr(first_row, f"light_{light}") or "" for light in Light}
     return {
         "vehicle": first_row.vehicle,
+        "vehicle_basis": first_row.vehicle_basis or "",
+        "frame": first_row.frame or "",
+        "autopilot": first_row.autopilot or "",
         "date": "" if first_row.date is None else first_row.date.isoformat(timespec="seconds"),
         "duration": first_row.duration,
         "headline": first_row.headline or "",

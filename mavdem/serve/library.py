@@ -26,14 +26,23 @@ from mavdem.containers import JsonValues, group_by
 from mavdem.errors import Refusal, Unreadable, error_message
 from mavdem.facts import Fact
 from mavdem.facts.serve import ListingOrder, RefusalReason, Sharing, Stage, StartFailure
+from mavdem.fleet.assigned_vehicles import assign_vehicle, rows_with_assigned_vehicles
 from mavdem.fleet.names import (
     GivenNames,
+    content_hash,
     plain_name,
     read_names,
     store_flight_name,
     store_vehicle_name,
 )
-from mavdem.fleet.row import FlightRows, utf8_text
+from mavdem.fleet.row import (
+    GIVEN_BASIS,
+    SYSTEM_ID_BASIS,
+    UNKNOWN,
+    FlightRow,
+    FlightRows,
+    utf8_text,
+)
 from mavdem.fleet.sources import UNKNOWN_SIZE, LogSource, local_source
 from mavdem.fleet.store import Store
 from mavdem.fleet.workers import JobLimits, JobOutcome
@@ -364,9 +373,13 @@ class Library:
         return FoundEntries(entries, total=len(matching_ids))
 
     def vehicle_names(self) -> list[str]:
-        """Returns the names of all vehicles, in alphabetical order."""
-        query = "select distinct vehicle from entries where vehicle <> '' order by vehicle"
-        return [name for (name,) in self.db.execute(query)]
+        """Returns the names of all vehicles, in alphabetical order.
+
+        A system id is no name of a vehicle, unless a user gave a name to it.
+        """
+        query = """select distinct vehicle from entries where vehicle not in ('', ?) and
+            (vehicle_basis <> ? or vehicle in (select vehicle from vehicle_names)) order by vehicle"""
+        return [name for (name,) in self.db.execute(query, [UNKNOWN, SYSTEM_ID_BASIS])]
 
     def brief_flight_rows(self, entries: Iterable[LibraryEntry]) -> FlightRows:
         """Returns the fleet's rows of these logs with the columns alone that an index of all flights shows."""
@@ -453,6 +466,57 @@ class Library:
             store_vehicle_name(db, vehicle, name)
         return name
 
+    def assign_vehicle(self, entry: LibraryEntry, name: str) -> LibraryEntry:
+        """Assigns a vehicle to a flight whose log does not identify it; an empty name takes the vehicle away.
+
+        Args:
+            entry: index entry of the flight.
+            name: name of the vehicle, as it was typed. If a vehicle was given this name, it is that vehicle.
+
+        Returns:
+            The changed entry.
+
+        Raises:
+            Refusal: the log identifies its vehicle, or is not read.
+        """
+        name = plain_name(name)
+        named_vehicles = [
+            vehicle for vehicle, given_name in self.names.vehicles.items() if given_name == name
+        ]
+        vehicle = named_vehicles[0] if len(named_vehicles) == 1 else name
+        with self.transaction() as db:
+            rows = [row for row in self.flight_rows([entry]) if row.vehicle == entry.vehicle]
+            if not rows or rows[0].vehicle_basis not in (SYSTEM_ID_BASIS, GIVEN_BASIS):
+                raise Refusal(RefusalReason.VEHICLE_IDENTIFIED, name=entry.name)
+            assign_vehicle(db, rows[0], vehicle)
+            (assigned_row,) = rows_with_assigned_vehicles(db, rows[:1])
+            self._update_baseline(assigned_row)
+            entry = self.change(
+                entry.id,
+                vehicle=assigned_row.vehicle,
+                vehicle_basis=assigned_row.vehicle_basis,
+            )
+        self.table_is_outdated.set()
+        return entry
+
+    def _update_baseline(self, assigned_row: FlightRow) -> None:
+        """Gives the rows of a flight in the baseline the vehicle that was assigned to it.
+
+        A flight from which the vehicle was taken away leaves the baseline: flights of strangers would be compared with
+        it.
+
+        Args:
+            assigned_row: a row of the flight as it is now.
+        """
+        content = content_hash(assigned_row.key)
+        baseline = self.store.healthy
+        if all(content_hash(row.key) != content for row in baseline):
+            return
+        rows = rows_with_assigned_vehicles(self.db, baseline)
+        self.store.healthy = [
+            row for row in rows if row.has_own_name or content_hash(row.key) != content
+        ]
+
     def widen_sharing(self, entry: LibraryEntry, sharing: str, note: str) -> LibraryEntry:
         """Shares a flight with more people and completes its note, when its log is uploaded again.
 
@@ -473,11 +537,12 @@ class Library:
         """Makes some flights the healthy ones with which the other flights of their vehicles are compared.
 
         Args:
-            ids: ids of the healthy flights; others are not healthy any more.
+            ids: ids of the healthy flights; others are not healthy any more. Those of unnamed vehicles are left out,
+                since flights of strangers would be compared with them.
         """
         rows = self.flight_rows([self.entry(id) for id in ids])
         with refuse_full_disk():
-            self.store.healthy = [row for row in rows if row.is_read]
+            self.store.healthy = [row for row in rows if row.is_read and row.has_own_name]
         self.table_is_outdated.set()
 
     def delete(self, id: str) -> None:
@@ -496,6 +561,7 @@ class Library:
         with self.transaction() as db:
             db.execute("delete from entries where id = ?", [id])
             store_flight_name(db, entry.content_hash, name="")
+            db.execute("delete from flight_vehicles where content = ?", [entry.content_hash])
             self.store.remove(source)
             self._remove_files_of_deleted_log(db, entry)
         self.table_is_outdated.set()
@@ -574,6 +640,9 @@ class Library:
         if not (results / PAGE_FILE).is_file():
             return columns | {"stage": Stage.FAILED, "problem": outcome.rows[0].status}
         (results / PROGRESS).unlink(missing_ok=True)
+        first_row, *_ = rows_with_assigned_vehicles(self.db, outcome.rows[:1])
+        if first_row.vehicle_basis == GIVEN_BASIS:
+            columns |= {"vehicle": first_row.vehicle, "vehicle_basis": GIVEN_BASIS}
         paths = list(results.iterdir())
         # The progress file also names the recordings that can be made on request.
         names = {path.name for path in paths} - {SERIES_FILE}

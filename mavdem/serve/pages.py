@@ -3,7 +3,7 @@
 import asyncio
 import json
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from stat import S_ISREG
 from urllib.parse import parse_qs
@@ -23,7 +23,7 @@ from mavdem.documents.library import Recordings
 from mavdem.errors import Refusal
 from mavdem.facts.serve import ListingOrder, Permission, RefusalReason, Stage
 from mavdem.fleet.difference import baseline_differences, vehicle_difference
-from mavdem.fleet.flights import group_by_vehicle, has_shared_name
+from mavdem.fleet.flights import group_by_vehicle
 from mavdem.fleet.parameter_changes import changed_parameters, states_without_gains
 from mavdem.fleet.row import FlightRows
 from mavdem.fleet.workers import PAGES, POLL_SECONDS
@@ -343,6 +343,8 @@ class Pages:
         if not entries:
             raise Refusal(RefusalReason.NO_SUCH_FLIGHT)
         # A log may have several vehicles, so that its rows are filtered by the name, too.
+        if all(entry.is_vehicle_unnamed for entry in entries):
+            return self._unnamed_vehicles(request, name, entries)
         rows = [row for row in self._library.flight_rows(entries) if row.vehicle == name]
         healthy_rows = [row for row in self._library.store.healthy if row.vehicle == name]
         changes: Blocks = []
@@ -361,11 +363,27 @@ class Pages:
             name=name,
             entries=entries,
             baseline=len({row.key for row in healthy_rows}),
-            is_shared_name=has_shared_name([rows]),
             troubles=self._visible_library.rows_with_trouble(entries),
             **self._visible_library.visitor_values(request),
         )
         return HTMLResponse(html)
+
+    def _unnamed_vehicles(
+        self, request: HttpRequest, name: str, entries: Sequence[LibraryEntry]
+    ) -> Response:
+        """Returns the page with the flights whose logs have one system id, which may be of several vehicles.
+
+        Nothing on it compares them; the user may say of which vehicle they are.
+
+        Args:
+            request: the request, for the sender's rights.
+            name: the name that is made of the system id.
+            entries: the flights.
+        """
+        visitor = self._visible_library.visitor_values(request)
+        return HTMLResponse(
+            render_server_page("unnamed_vehicles", name=name, entries=entries, **visitor)
+        )
 
     def compare(self, request: HttpRequest) -> Response:
         """Answers with the comparison of two flights, whose ids are ``a`` and ``b`` in the query.

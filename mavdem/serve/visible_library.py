@@ -25,9 +25,6 @@ from mavdem.serve.requests import query_number
 from mavdem.serve.rights import Rights
 from mavdem.serve.search import search_condition
 
-UNNAMED_VEHICLE = "unknown"
-"""Name under which logs are listed whose vehicle has no name."""
-
 MAX_SEARCH_LETTERS = 500
 """Letters of a search that are used; further ones are ignored."""
 
@@ -123,12 +120,12 @@ class VisibleLibrary:
         """Returns the flight of the same vehicle before this one, by date.
 
         Args:
-            entry: a flight. One without a date, or of a vehicle without a name, has none before it.
+            entry: a flight. One without a date, or of an unnamed vehicle, has none before it.
 
         Returns:
             The flight; None if none is known.
         """
-        if not entry.date or entry.vehicle in ("", UNNAMED_VEHICLE):
+        if not entry.date or entry.is_vehicle_unnamed:
             return None
         # Copies of the log have the same date, so only an entry with an earlier date is another flight. One without a
         # digest, whose log the library does not keep, need not have a page that can be compared.

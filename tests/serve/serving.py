@@ -49,6 +49,7 @@ def read_made_up(path, key, page):
     known = {"vehicle": "quad 7", "headline": said, "headline_level": "bad", "date": "2026-11-20"}
     if "by id" in said:
         known |= {"vehicle": "ardupilotmega-1", "vehicle_basis": "system id"}
+        known |= {"autopilot": "ARDUPILOTMEGA", "frame": "QUADROTOR", "system": 1}
     if "weak" in said:
         known |= {"health": "fault", "health_reason": "Motor 3 lost thrust."}
     rows = [

@@ -273,6 +273,47 @@ def test_two_flights_are_compared_and_a_vehicle_has_its_page_and_baseline(served
     assert served.get(f"/compare?a={a}&b={served.add('c.ulg', 'damaged')}").status == 200
 
 
+def test_flights_of_unnamed_vehicles_are_not_compared_until_somebody_says_whose_they_are(served):
+    """Two logs without a serial number have a system id in common, which is no evidence that one vehicle flew them."""
+    a, b = served.add("a.ulg", "Known by id alone."), served.add("b.ulg", "Also by id.")
+    served.library.change(a, date="2026-11-19T10:00:00")
+    assert served.get(f"/api/flights/{b}").json["flight"]["is_vehicle_unnamed"]
+    listed = served.get("/").text
+    assert listed.count(">unnamed ArduPilot quadrotor</a>") == 2
+    assert "ardupilotmega-1" not in listed[listed.index("<nav>") : listed.index("</nav>")]
+    assert "data-previous=" not in served.get(f"/f/{b}").text
+    page = served.get("/vehicle?name=ardupilotmega-1").text
+    assert "Over its flights" not in page and "Name their vehicle" in page
+    served.ask("PUT", "/api/baseline", {"flights": [a, b]})
+    assert served.library.store.healthy == []
+
+    for flight in (a, b):
+        answer = served.ask("PATCH", f"/api/flights/{flight}", {"vehicle_name": " Red  quad"})
+        assert answer.json["vehicle"] == "Red quad" and not answer.json["is_vehicle_unnamed"]
+    rows = served.library.flight_rows([served.library.entry(a)])
+    assert {(row.vehicle, row.vehicle_basis) for row in rows} == {("Red quad", "given")}
+    assert f'data-previous="{a}"' in served.get(f"/f/{b}").text
+    assert ">Red quad</a>" in served.get("/").text
+    assert served.get("/vehicle?name=Red%20quad").status == 200
+    served.ask("PUT", "/api/baseline", {"flights": [a, b]})
+    assert len({row.key for row in served.library.store.healthy}) == 2
+
+    served.ask("PATCH", f"/api/flights/{a}", {"vehicle_name": ""})
+    assert served.get(f"/api/flights/{a}").json["flight"]["vehicle"] == "ardupilotmega-1"
+    assert {row.vehicle for row in served.library.store.healthy} == {"Red quad"}
+    named = served.add("c.ulg", "Of a board.")
+    answer = served.ask("PATCH", f"/api/flights/{named}", {"vehicle_name": "Red quad"})
+    assert answer.refusal == (409, RefusalReason.VEHICLE_IDENTIFIED)
+
+
+def test_the_name_of_a_vehicle_with_a_serial_number_assigns_that_vehicle(served):
+    served.add("a.ulg", "Of a board.")
+    served.ask("PUT", "/api/vehicle", {"vehicle": "quad 7", "name": "Red quad"})
+    id = served.add("b.ulg", "Known by id alone.")
+    answer = served.ask("PATCH", f"/api/flights/{id}", {"vehicle_name": "Red quad"})
+    assert (answer.json["vehicle"], answer.json["vehicle_name"]) == ("quad 7", "Red quad")
+
+
 def test_damaged_results_are_said_to_be_and_odd_values_are_as_if_not_there(served):
     a, b = served.add("a.ulg"), served.add("b.ulg")
     results = served.library.results_folder(served.library.entry(a))

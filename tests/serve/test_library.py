@@ -98,13 +98,11 @@ def test_a_search_by_an_unknown_property_names_the_known_ones():
 
 def library_page(entries, troubles=None, **values):
     """The page with the list of these flights, as somebody who may read sees it."""
-    return render_server_page(
-        "library",
-        **{"entries": entries, "total": len(entries), "query": "", "order": "upload", "offset": 0},
-        **{"page": 50, "is_empty": False, "sample": None, "is_live": False, "vehicles": []},
-        **{"troubles": troubles or {}, "may_read": True, "key": "", "has_token": False},
-        **{"address": "", "upload": "", "given": GivenNames(), "frames": {}} | values,
-    )
+    shown = {"entries": entries, "total": len(entries), "query": "", "order": "upload", "offset": 0}
+    shown |= {"page": 50, "is_empty": False, "sample": None, "is_live": False, "vehicles": []}
+    shown |= {"troubles": troubles or {}, "may_read": True, "key": "", "has_token": False}
+    shown |= {"address": "", "upload": "", "given": GivenNames(), "frames": {}}
+    return render_server_page("library", **shown | values)
 
 
 @mark.parametrize("health, level", [("ok", "good"), ("drift", "watch"), ("fault", "bad")])
@@ -309,6 +307,38 @@ def test_a_vehicle_without_a_name_is_called_by_its_type_and_the_end_of_its_seria
         **{"upload": "", "given": GivenNames(), "frames": frames},
     )
     assert ">Hexarotor 001a…333539</a>" in page and f'title="{serial}"' in page
+
+
+def test_many_vehicles_are_in_a_list_that_shows_all():
+    few, many = (
+        library_page([], vehicles=[f"quad {number}" for number in range(count)])
+        for count in (5, 12)
+    )
+    assert "<summary>Vehicles" not in few and few.count('href="/vehicle?name=') == 5
+    assert "<summary>Vehicles (12)</summary>" in many and many.count('href="/vehicle?name=') == 12
+
+
+def test_a_library_of_an_earlier_version_knows_which_vehicles_are_unnamed(tmp_path):
+    fleet_of(
+        tmp_path,
+        [
+            flight_row("px4-1", 1, vehicle_basis="system id", frame="QUADROTOR", autopilot="PX4"),
+            flight_row("serial", 2, vehicle_basis="board"),
+        ],
+    )
+    library = Library(tmp_path)
+    library.add_fleet_logs()
+    columns = ("vehicle_basis", "frame", "autopilot")
+    for column in columns:
+        library.db.execute(f"alter table entries drop column {column}")
+    library.close()
+    entries = {entry.vehicle: entry for entry in Library(tmp_path).find(*ALL, 9).entries}
+    assert [getattr(entries["px4-1"], column) for column in columns] == [
+        "system id",
+        "QUADROTOR",
+        "PX4",
+    ]
+    assert not entries["serial"].is_vehicle_unnamed
 
 
 def test_an_altered_index_removes_and_shows_nothing_outside(tmp_path):

@@ -11,7 +11,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from datetime import UTC, datetime
 from functools import cache
 from importlib.resources import files
-from typing import Any
+from typing import Any, Protocol
 
 from jinja2 import Environment
 from markupsafe import escape
@@ -43,6 +43,12 @@ TITLE = re.compile(r"<h1>(.*?)</h1>")
 
 MAX_FLIGHTS_OF_LOG = 12
 """Flights of one log that have a line of their own in the list, so that a log of many hops does not fill it."""
+
+MAX_VEHICLE_LINKS = 5
+"""Vehicles that the bar at the top has as links; more are in a list that is unfolded, which has room for all."""
+
+AUTOPILOT_NAMES = {"ARDUPILOTMEGA": "ArduPilot", "PX4": "PX4"}
+"""Names of autopilots by their MAV_AUTOPILOT."""
 
 METRES_PER_KILOMETRE = 1000
 """Metres of a kilometre."""
@@ -82,6 +88,7 @@ def _server_environment() -> Environment:
     """
     jinja = environment().overlay()
     jinja.filters["brief"] = _short_vehicle_name
+    jinja.filters["unnamed"] = _unnamed_vehicle
     jinja.filters["utc"] = _utc_text
     jinja.filters["minutes"] = _minutes_text
     jinja.filters["metres"] = _metres_text
@@ -89,6 +96,7 @@ def _server_environment() -> Environment:
         "lights": [str(light) for light in Light],
         "healths": HEALTH_LEVELS,
         "MAX_PARTS": MAX_FLIGHTS_OF_LOG,
+        "MAX_VEHICLE_LINKS": MAX_VEHICLE_LINKS,
         "lights_beside_fleet": _lights_beside_fleet,
     }
     # A dictionary of its own: the environment of other pages does not have these values.
@@ -130,6 +138,25 @@ def _short_vehicle_name(name: str, frames: Mapping[str, str]) -> str:
         frames: kind of the frame of each vehicle, such as "QUADROTOR", by that name.
     """
     return vehicle_label(name, frames.get(name, ""), NO_NAMES)
+
+
+class _FlightOfVehicle(Protocol):
+    """What the library knows of the vehicle of a flight."""
+
+    @property
+    def frame(self) -> str:
+        """Kind of the frame, such as "QUADROTOR"; empty where it is not known."""
+
+    @property
+    def autopilot(self) -> str:
+        """MAV_AUTOPILOT; empty where it is not known."""
+
+
+def _unnamed_vehicle(flight: _FlightOfVehicle) -> str:
+    """Returns what the vehicle of a flight is called that nothing identifies, such as "unnamed PX4 quadrotor"."""
+    frame = flight.frame.replace("_", " ").lower() or "vehicle"
+    autopilot = AUTOPILOT_NAMES.get(flight.autopilot, "")
+    return " ".join(word for word in ("unnamed", autopilot, frame) if word)
 
 
 def _utc_text(seconds: float) -> str:

@@ -40,6 +40,7 @@
       $("baseline").title = unnamed ? "A chosen log does not name its vehicle, whose other flights are compared with a baseline." : "";
     }
     if ($("remove")) $("remove").disabled = !count;
+    if ($("assign")) $("assign").disabled = !count;
   };
   document.addEventListener("change", event => { if (event.target.name === "id") updateButtons(); });
   updateButtons();
@@ -222,8 +223,18 @@
     event.preventDefault();
     const form = event.target.elements;
     const columns = { given_name: form.given_name?.value, sharing: form.sharing.value, log_shared: form.log_shared.checked, note: form.note.value };
+    const isVehicleChanged = form.flight_vehicle && form.flight_vehicle.value !== form.flight_vehicle.defaultValue;
+    if (isVehicleChanged) columns.vehicle_name = form.flight_vehicle.value;
     columns.tags = form.tags.value.split(",").map(tag => tag.trim()).filter(Boolean);
-    try { await callApi("PATCH", `/api/flights/${id}`, columns); if (form.given_name && form.given_name.value !== form.given_name.defaultValue) location.reload(); $("saved").textContent = "Saved."; } catch (error) { $("saved").textContent = error.message; }
+    try { await callApi("PATCH", `/api/flights/${id}`, columns); if (isVehicleChanged || form.given_name && form.given_name.value !== form.given_name.defaultValue) location.reload(); $("saved").textContent = "Saved."; } catch (error) { $("saved").textContent = error.message; }
+  });
+  // The flights of unnamed vehicles that are chosen get the name of their vehicle, one request each.
+  $("assign")?.addEventListener("click", async () => {
+    const name = $("assigned_name").value;
+    try {
+      for (const flight of chosenIds()) await callApi("PATCH", `/api/flights/${flight}`, { vehicle_name: name });
+      location = "/";
+    } catch (error) { $("assigned").textContent = error.message; }
   });
   $("naming")?.addEventListener("submit", async event => {
     event.preventDefault();

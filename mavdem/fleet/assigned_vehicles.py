@@ -1,0 +1,81 @@
+"""Vehicles that users have assigned to flights whose logs do not identify theirs, in a table of the fleet's store.
+
+Without a serial number or a calibration a log has only the MAVLink system id, which is 1 unless somebody changed it.
+That two logs have it in common is no evidence that they are of one vehicle; that a user says so is.
+"""
+
+import json
+import sqlite3
+from dataclasses import replace
+
+from mavdem.assessment.identity import system_id_name
+from mavdem.fleet.names import content_hash
+from mavdem.fleet.row import GIVEN_BASIS, SYSTEM_ID_BASIS, FlightRow, FlightRows
+from mavdem.fleet.stored_rows import brief_json, row_of_json
+
+
+def name_in_log(row: FlightRow) -> str:
+    """Returns what the log of a row calls its vehicle, whatever was assigned to the flight."""
+    if row.vehicle_basis != GIVEN_BASIS:
+        return row.vehicle
+    return system_id_name(row.autopilot or "", row.system or 0)
+
+
+def rows_with_assigned_vehicles(db: sqlite3.Connection, rows: FlightRows) -> FlightRows:
+    """Returns rows in which flights have the vehicles that users assigned to them.
+
+    Args:
+        db: the SQLite database of the fleet's store.
+        rows: rows of a log, as they were read or stored.
+
+    Returns:
+        The rows in the same order. Rows whose log identifies its vehicle are the same objects.
+    """
+    assigned_rows = []
+    for row in rows:
+        if row.vehicle_basis in (SYSTEM_ID_BASIS, GIVEN_BASIS):
+            logged_name = name_in_log(row)
+            query = "select vehicle from flight_vehicles where content = ? and logged_name = ?"
+            assignment = db.execute(query, [content_hash(row.key), logged_name]).fetchone()
+            if assignment is None:
+                row = replace(row, vehicle=logged_name, vehicle_basis=SYSTEM_ID_BASIS)
+            else:
+                row = replace(row, vehicle=assignment["vehicle"], vehicle_basis=GIVEN_BASIS)
+        assigned_rows.append(row)
+    return assigned_rows
+
+
+def assign_vehicle(db: sqlite3.Connection, row: FlightRow, vehicle: str) -> None:
+    """Assigns a vehicle to a flight, in a transaction of the caller; its former and its new vehicle are judged again.
+
+    Args:
+        db: the SQLite database of the fleet's store.
+        row: a row of the flight, whose log does not identify its vehicle.
+        vehicle: name of the vehicle; empty for what the log calls it.
+    """
+    content = content_hash(row.key)
+    key = [content, name_in_log(row)]
+    db.execute("delete from flight_vehicles where content = ? and logged_name = ?", key)
+    if vehicle:
+        db.execute("insert into flight_vehicles values (?, ?, ?)", [*key, vehicle])
+    changed_vehicles = set()
+    # A key of the table is the hash and, after a hyphen, the size of the content.
+    query = (
+        "select rowid, row, coalesce(file, '') from flights where log > ? || '-' and log < ? || '.'"
+    )
+    for row_id, text, file in db.execute(query, [content, content]).fetchall():
+        stored_row = row_of_json(text, file)
+        (assigned_row,) = rows_with_assigned_vehicles(db, [stored_row])
+        if assigned_row.vehicle == stored_row.vehicle:
+            continue
+        changed_vehicles |= {stored_row.vehicle, assigned_row.vehicle}
+        values = [
+            assigned_row.vehicle,
+            json.dumps(assigned_row.as_dict()),
+            brief_json(assigned_row),
+            row_id,
+        ]
+        db.execute("update flights set vehicle = ?, row = ?, brief = ? where rowid = ?", values)
+    for changed_vehicle in sorted(changed_vehicles):
+        db.execute("insert into unpublished (vehicle) values (?)", [changed_vehicle])
+        db.execute("update flights set judged = null where vehicle = ?", [changed_vehicle])
