@@ -116,7 +116,8 @@ def _path_length(position: TimeSeries) -> float | None:
     Args:
         position: positions (N, 3) of one boot, m north, east and down.
     """
-    if not len(position.time):
+    # An estimator without any source of a position reports that of its origin all the time.
+    if not position.values[:, :2].any():
         return None
     step_numbers = np.floor((position.time - position.time[0]) / PATH_STEP)
     _, rows = np.unique(step_numbers, return_index=True)

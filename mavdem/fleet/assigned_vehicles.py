@@ -6,6 +6,7 @@ That two logs have it in common is no evidence that they are of one vehicle; tha
 
 import json
 import sqlite3
+from collections.abc import Iterable
 from dataclasses import replace
 
 from mavdem.assessment.identity import system_id_name
@@ -21,7 +22,7 @@ def name_in_log(row: FlightRow) -> str:
     return system_id_name(row.autopilot or "", row.system or 0)
 
 
-def rows_with_assigned_vehicles(db: sqlite3.Connection, rows: FlightRows) -> FlightRows:
+def rows_with_assigned_vehicles(db: sqlite3.Connection, rows: Iterable[FlightRow]) -> FlightRows:
     """Returns rows in which flights have the vehicles that users assigned to them.
 
     Args:

@@ -49,3 +49,8 @@ def test_each_boot_has_its_flights_and_without_a_position_no_distance_is_known()
     flights = flown_flights(Signals(replace(telemetry, messages=messages)))
     assert [flight.boot for flight in flights] == [0, 1]
     assert total_distance(flights) is None and largest_height(flights) is None
+
+
+def test_an_estimator_that_stays_at_its_origin_gives_no_distance():
+    telemetry = changed(flying_north(), "LOCAL_POSITION_NED", x=0.0, y=0.0)
+    assert total_distance(flown_flights(Signals(telemetry))) is None
