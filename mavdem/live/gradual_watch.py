@@ -5,16 +5,17 @@ which then finds it late, and only the part of it that is new.
 """
 
 from collections import deque
-from math import inf
+from math import inf, nan
 
 import numpy as np
 
+from mavdem.arrays import Array, Flags
 from mavdem.ingest.motors import MotorGeometry
 from mavdem.motors.balance_blocks import BlockAverager, CommandBlock
-from mavdem.motors.gradual_loss import MAX_BLOCKS, gradual_loss
-from mavdem.motors.loss_confirmation import MAX_CONFIRMATION_SECONDS
+from mavdem.motors.gradual_loss import MAX_BLOCKS, MIN_BEFORE_SECONDS, gradual_loss
+from mavdem.motors.loss_confirmation import HALF_CHANGE, MAX_CONFIRMATION_SECONDS
 from mavdem.motors.loss_detection import MAX_GAP
-from mavdem.motors.motor_changes import MotorAlarm
+from mavdem.motors.motor_changes import MIN_LOSS_SECONDS, MotorAlarm
 
 SEARCH_PERIOD = 1.0
 """Time between two searches, s: a choice; one takes some milliseconds."""
@@ -25,6 +26,9 @@ STEADY_HEADING = 0.0
 
 class GradualLossWatch:
     """Searches the settled flight so far, two minutes at most, for a motor that lost thrust slowly.
+
+    After two minutes the flight before the loss is forgotten, and the search finds a motor that stays weak no more. So
+    a loss is over only if the command of the motor has gone back too.
 
     Attributes:
         loss: the loss as of the latest search that found it; None without one.
@@ -46,6 +50,13 @@ class GradualLossWatch:
         self._search_time = -inf
         # When the loss was found last, s.
         self._found_time = -inf
+        # Command of the weak motor before the loss, and when the loss was found last, relative to the mean of all.
+        self._sound_command = nan
+        self._weak_command = nan
+
+    def is_continued(self, time: float) -> bool:
+        """Returns whether a sample at a time, s of the boot clock, continues the flight so far, without a long gap."""
+        return 0 < time - self._latest_time < MAX_GAP
 
     def restart(self) -> None:
         """Forgets the flight so far: it is no reference for later flight, as after a sudden change or a landing."""
@@ -56,13 +67,14 @@ class GradualLossWatch:
     def add_sample(self, time: float, commands: list[float]) -> None:
         """Adds a sample of settled flight whose attitude follows its setpoint, and searches when that is due.
 
-        A loss that has not been found for ``MAX_CONFIRMATION_SECONDS`` is over.
+        A loss is over if it has not been found for ``MAX_CONFIRMATION_SECONDS``, in which the command of the motor was
+        nearer to that before the loss than to that with it.
 
         Args:
             time: time of the sample, s of the boot clock.
             commands: (k,) outputs of the motors, as fractions of the range.
         """
-        if not 0 < time - self._latest_time < MAX_GAP:
+        if not self.is_continued(time):
             self.restart()
             self._averager.restart(time, STEADY_HEADING)
         self._latest_time = time
@@ -73,14 +85,51 @@ class GradualLossWatch:
         if time - self._search_time < SEARCH_PERIOD:
             return
         self._search_time = time
-        loss = gradual_loss(
-            np.array([each.end for each in self._blocks]),
-            np.array([each.commands for each in self._blocks]),
-            self._geometry,
-            self._boot,
-        )
+        block_ends = np.array([each.end for each in self._blocks])
+        block_commands = np.array([each.commands for each in self._blocks])
+        loss = gradual_loss(block_ends, block_commands, self._geometry, self._boot)
         if loss is not None:
-            self.loss = loss
+            self._take_loss(loss, block_ends, block_commands)
             self._found_time = time
-        elif time - self._found_time > MAX_CONFIRMATION_SECONDS:
-            self.loss = None
+        elif self.loss is not None and time - self._found_time > MAX_CONFIRMATION_SECONDS:
+            is_recent = block_ends > time - MAX_CONFIRMATION_SECONDS
+            command = self._relative_command(self.loss, block_commands, is_recent)
+            rise = self._weak_command - self._sound_command
+            if command - self._sound_command < HALF_CHANGE * rise:
+                self.loss = None
+
+    def _take_loss(self, loss: MotorAlarm, block_ends: Array, block_commands: Array) -> None:
+        """Takes the loss that a search has found, unless it is only the latest part of the one that is known.
+
+        It is a part if it is smaller, and the flight before the known loss is forgotten: the motor was weak before it.
+
+        Args:
+            loss: the loss.
+            block_ends: (B,) ends of the blocks that were searched, s of the boot clock.
+            block_commands: (B, k) their mean commands.
+        """
+        known_loss = self.loss
+        if known_loss is None or known_loss.name != loss.name:
+            is_before = block_ends <= loss.onset_time
+            self._sound_command = self._relative_command(loss, block_commands, is_before)
+            self.loss = loss
+        else:
+            is_forgotten = block_ends[0] > known_loss.onset_time - MIN_BEFORE_SECONDS
+            if not is_forgotten or loss.size > known_loss.size:
+                self.loss = loss
+        is_recent = block_ends > block_ends[-1] - MIN_LOSS_SECONDS
+        self._weak_command = self._relative_command(loss, block_commands, is_recent)
+
+    def _relative_command(
+        self, loss: MotorAlarm, block_commands: Array, is_selected: Flags
+    ) -> float:
+        """Returns the mean command of the weak motor in some blocks, relative to the mean command of all motors.
+
+        Args:
+            loss: the loss of the motor.
+            block_commands: (B, k) mean commands of the blocks.
+            is_selected: (B,) the blocks that count.
+        """
+        motor = self._geometry.names.index(loss.name)
+        selected = block_commands[is_selected]
+        return float((selected[:, motor] / selected.mean(axis=1)).mean())

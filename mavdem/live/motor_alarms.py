@@ -121,16 +121,27 @@ class MotorAlarms:
                 continue
             self.latest.append(change)
             if change.motor is not None:
-                self.change_time = change.onset_time
-                weak_motors = list(self._detector.weak_motors.values())
-                # If no motor is weak any more, the change is a recovery, which is shown in the place of alarms.
-                shown_changes = weak_motors or [change]
-                self.active = tuple(shown_change.event for shown_change in shown_changes)
+                self._activate(change)
             facts.append(change.event)
         self._undetectable_reason = self._detector.undetectable_reason
         if isfinite(heading):
             facts += self._search_gradual_loss(time, commands)
         return tuple(facts)
+
+    def _activate(self, change: MotorAlarm) -> None:
+        """Makes the losses of all motors that are weak now the active alarms, after a change of one of them.
+
+        Args:
+            change: the change. If no motor is weak any more, it is a recovery, which is shown in the place of alarms.
+        """
+        assert self._detector is not None
+        self.change_time = change.onset_time
+        weak_motors = {loss.name: loss for loss in self._detector.weak_motors.values()}
+        if self._reported_loss is not None and self._gradual_watch is not None:
+            gradual_loss = self._gradual_watch.loss or self._reported_loss
+            weak_motors[gradual_loss.name] = gradual_loss
+        shown_changes = list(weak_motors.values()) or [change]
+        self.active = tuple(shown_change.event for shown_change in shown_changes)
 
     def _is_part_of_gradual_loss(self, change: MotorAlarm) -> bool:
         """Returns whether a change that the sequential test has found is the latest part of a known slow loss."""
@@ -153,9 +164,11 @@ class MotorAlarms:
         assert self._detector is not None
         assert self._gradual_watch is not None
         watch = self._gradual_watch
+        if not watch.is_continued(time):
+            # After a landing or a long gap there is no reference, so that nothing shows whether the loss is over.
+            self._reported_loss = None
         reported = self._reported_loss
-        sudden_motors = set(self._detector.weak_motors)
-        if reported is None and sudden_motors:
+        if reported is None and self._detector.weak_motors:
             # The flight before a sudden loss is no reference for a slow one.
             watch.restart()
             return ()
@@ -174,15 +187,16 @@ class MotorAlarms:
         else:
             self._replace_latest(loss)
             if loss.size < MIN_REPORTED_GROWTH * reported.size:
-                self.active = (loss.event,)
+                self._activate(loss)
                 return ()
             self._reported_loss = loss
-        self.change_time = loss.onset_time
-        self.active = (loss.event,)
+        self._activate(loss)
         return (loss.event,)
 
     def _replace_latest(self, loss: MotorAlarm) -> None:
         """Replaces the latest change of a motor by its newest figures, with the time at which it was found first."""
-        for index, change in enumerate(self.latest):
+        for index in reversed(range(len(self.latest))):
+            change = self.latest[index]
             if change.name == loss.name and change.boot == loss.boot and change.is_weak:
                 self.latest[index] = loss._replace(time=change.time, onset_time=change.onset_time)
+                return

@@ -9,9 +9,11 @@ from hover import Hover
 from live_hover import Flight, by_time, offline, replay
 from mavlink_streams import message
 from numpy.testing import assert_allclose
+from partial_records import partial_record
 from pytest import approx, fixture, mark
 
 from mavdem.assessment.axis.analysis import motor_alarms
+from mavdem.dataset.motor_outputs import MotorOutputs
 from mavdem.dataset.signals import Signals
 from mavdem.experiments.paper.flights import write_log
 from mavdem.facts.lights import Light
@@ -19,6 +21,7 @@ from mavdem.facts.motors import MotorWatchFact
 from mavdem.facts.session import SessionFact, TimeUse
 from mavdem.ingest import read_log
 from mavdem.ingest.formats import read_stream
+from mavdem.ingest.output_scale import OutputScale
 from mavdem.live import LiveStream, SessionStatus
 from mavdem.live.gradual_watch import GradualLossWatch
 from mavdem.live.history import LiveHistory
@@ -211,14 +214,52 @@ def test_a_motor_that_fades_is_reported_early_and_its_light_follows_the_newest_e
     assert change.onset_time == first.time
 
 
-def test_a_slow_loss_that_is_no_longer_found_is_over():
+def noisy_commands(rises):
+    """Commands of four motors around 0.5, ten times a second, of which each rises by its column of ``rises``."""
+    noise = np.random.default_rng(1).normal(0.0, 0.003, (len(rises), 4))
+    return (0.5 + noise + rises).tolist()
+
+
+def test_a_slow_loss_is_over_when_the_motor_gives_its_thrust_again_and_not_before():
+    """The flight before the loss is out of the two minutes that are searched when the motor recovers."""
     watch = GradualLossWatch(geometry(), 0)
-    noise = np.random.default_rng(1).normal(0.0, 0.003, (1000, 4))
-    for number in range(1000):
-        time = number / 10
-        fade = np.clip((time - 8.0) / 10.0, 0.0, 1.0) * (time < 40.0)
-        commands = 0.5 + noise[number] + 0.2 * fade * np.array([1.0, 0.0, 0.0, 0.0])
-        watch.add_sample(time, commands.tolist())
-        if time == 39.0:
+    time = np.arange(2600) / 10
+    fade = 0.2 * np.clip((time - 8.0) / 10.0, 0.0, 1.0) * (time < 200.0)
+    rises = np.outer(fade, [1.0, 0.0, 0.0, 0.0])
+    weak_until = 0.0
+    for seconds, commands in zip(time.tolist(), noisy_commands(rises), strict=True):
+        watch.add_sample(seconds, commands)
+        if watch.loss is not None:
+            weak_until = seconds
             assert watch.loss.motor == 1
-    assert watch.loss is None
+    assert 200.0 < weak_until < 250.0
+
+
+def alarms_of_slow_loss(time, more_rises=0.0):
+    """Alarms of a flight in which motor 1 fades from 8 to 68 s, at some times, and what was reported from 80 s on."""
+    scale = partial_record(OutputScale, low=0.0, high=1.0)
+    motors = partial_record(MotorOutputs, geometry=geometry(), scale=scale)
+    alarms = MotorAlarms()
+    reports = []
+    fade = 0.2 * np.clip((time - 8.0) / 60.0, 0.0, 1.0)
+    rises = np.outer(fade, [1.0, 0.0, 0.0, 0.0]) + more_rises
+    for seconds, commands in zip(time.tolist(), noisy_commands(rises), strict=True):
+        facts = alarms.add_sample(seconds, 0, motors, commands, 0.0)
+        if seconds >= 80.0:
+            reports += facts
+    return alarms, reports
+
+
+def test_a_gap_after_a_slow_loss_is_no_recovery():
+    time = np.arange(1000) / 10
+    alarms, reports = alarms_of_slow_loss(time[(time < 75.0) | (time > 82.0)])
+    assert not reports
+    assert [loss.subject for loss in thrust_losses(alarms.latest)] == ["motor 1 (front right)"]
+    assert [alarm.code for alarm in alarms.active] == [SessionFact.ALARM]
+
+
+def test_a_sudden_loss_and_the_slow_one_before_it_are_both_active():
+    time = np.arange(900) / 10
+    alarms, _ = alarms_of_slow_loss(time, np.outer(time > 80.0, [0.0, 0.15, 0.0, 0.0]))
+    motors = {alarm.subject for alarm in alarms.active}
+    assert motors == {"motor 1 (front right)", "motor 2 (rear left)"}
