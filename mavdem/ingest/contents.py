@@ -1,5 +1,6 @@
 """The bytes of a log file, unpacked if it is an archive (xz, or zip), or the reason why they cannot be read."""
 
+import io
 import lzma
 import mmap
 import stat
@@ -55,6 +56,16 @@ EMPTY_ZIP_MAGIC = b"PK\x05\x06"
 
 ARCHIVE_MAGICS = (XZ_MAGIC, ZIP_MAGIC, EMPTY_ZIP_MAGIC)
 """First bytes of the archives that are unpacked."""
+
+BOUNDED_PACKINGS = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)
+"""Ways of packing whose content is unpacked piece by piece, up to a bound.
+
+Python's zipfile unpacks all of each piece of the others (bzip2, LZMA): a kilobyte becomes a gigabyte before any bound
+is looked at.
+"""
+
+MAX_DIRECTORY_BYTES = 1 << 20
+"""Largest directory of a zip archive that is read, bytes: some ten thousand names, each of which takes a kilobyte."""
 
 ENCRYPTION_FLAG = 1
 """Bit in the flags of a zip archive's member that needs a password (section 4.4.4 there)."""
@@ -299,17 +310,28 @@ def _content_of_zip(path: Path, limit: int | None) -> bytes:
         The bytes of the only log in the archive, or its first ``limit`` bytes.
 
     Raises:
-        Unreadable: The archive is damaged or needs a password, contains several logs or none, or its log is too large.
+        Unreadable: The archive is damaged, needs a password or is packed in a rare way, contains several logs or none,
+            or its directory or its log is too large.
     """
     try:
-        with zipfile.ZipFile(path) as archive:
+        with (
+            _ArchiveFile(io.FileIO(path)) as archive_file,
+            zipfile.ZipFile(archive_file) as archive,
+        ):
+            archive_file.is_opened = True
             member = _only_log(archive, path)
-            bounded_size = MIN_UNPACKED_LIMIT + MAX_COMPRESSION_RATIO * member.compress_size
+            # The directory may state any size.
+            packed_size = min(member.compress_size, path.stat().st_size)
+            bounded_size = MIN_UNPACKED_LIMIT + MAX_COMPRESSION_RATIO * packed_size
             max_size = min(MAX_LOG_BYTES, bounded_size)
             with archive.open(member) as file:
                 # One byte more than allowed shows that the log is too large.
                 content = file.read(max_size + 1 if limit is None else limit)
-    # The library raises a RuntimeError without a password, and a NotImplementedError for a rare way of packing.
+    except _DirectoryTooLarge:
+        raise Unreadable(
+            SourceFact.ARCHIVE_DAMAGED, path=path, reason="directory", kind="zip"
+        ) from None
+    # The library raises a RuntimeError without a password.
     except (zipfile.BadZipFile, zlib.error, lzma.LZMAError, EOFError, RuntimeError) as error:
         raise Unreadable(
             SourceFact.ARCHIVE_DAMAGED, path=path, reason=error_message(error), kind="zip"
@@ -321,6 +343,32 @@ def _content_of_zip(path: Path, limit: int | None) -> bytes:
         names = [member.filename]
         raise Unreadable(SourceFact.ARCHIVE_WITHOUT_ONE_LOG, path=path, names=names, count=0)
     return content
+
+
+class _DirectoryTooLarge(Exception):
+    """The directory of a zip archive is longer than ``MAX_DIRECTORY_BYTES``."""
+
+
+class _ArchiveFile(io.BufferedReader):
+    """The file of a zip archive, of which no large directory is read.
+
+    zipfile reads the whole directory at once and makes an object for each name, however many there are.
+
+    Attributes:
+        is_opened: whether zipfile has read the directory, so that further reads are those of members.
+    """
+
+    is_opened = False
+
+    def read(self, size: int | None = -1, /) -> bytes:
+        """Reads bytes as its base class does.
+
+        Raises:
+            _DirectoryTooLarge: they would be those of a large directory.
+        """
+        if not self.is_opened and size is not None and size > MAX_DIRECTORY_BYTES:
+            raise _DirectoryTooLarge
+        return super().read(size)
 
 
 def _only_log(archive: zipfile.ZipFile, path: Path) -> zipfile.ZipInfo:
@@ -337,7 +385,7 @@ def _only_log(archive: zipfile.ZipFile, path: Path) -> zipfile.ZipInfo:
         The entry of the log.
 
     Raises:
-        Unreadable: There are several logs, or none, or the log needs a password.
+        Unreadable: There are several logs, or none, or the log needs a password or is packed in a rare way.
     """
     files = []
     for member in archive.infolist():
@@ -353,4 +401,6 @@ def _only_log(archive: zipfile.ZipFile, path: Path) -> zipfile.ZipInfo:
         )
     if logs[0].flag_bits & ENCRYPTION_FLAG:
         raise Unreadable(SourceFact.ARCHIVE_DAMAGED, path=path, reason="password", kind="zip")
+    if logs[0].compress_type not in BOUNDED_PACKINGS:
+        raise Unreadable(SourceFact.ARCHIVE_DAMAGED, path=path, reason="packing", kind="zip")
     return logs[0]

@@ -3,6 +3,7 @@
 import io
 import lzma
 import struct
+import tracemalloc
 import zipfile
 
 import dataflash_logs as made
@@ -13,6 +14,7 @@ from ulog_files import TIMES, flight, log
 
 from mavdem.facts.sources import SourceFact
 from mavdem.ingest import contents, read_log
+from mavdem.ingest.contents import file_beginning
 from mavdem.ingest.formats import looks_like_log
 
 
@@ -132,6 +134,41 @@ def test_a_zip_archive_that_cannot_be_unpacked_is_refused(spoil, tmp_path):
 def test_a_zip_archive_that_unpacks_without_end_is_refused(tmp_path, monkeypatch):
     monkeypatch.setattr(contents, "MAX_LOG_BYTES", 1 << 20)
     fact = refusal(zipped({"flight.ulg": b"\1" * 2_000_000}), tmp_path, "flight.zip")
+    assert fact.code is SourceFact.FILE_TOO_LARGE
+
+
+@mark.parametrize("packing", [zipfile.ZIP_BZIP2, zipfile.ZIP_LZMA])
+def test_a_zip_archive_whose_pieces_unpack_without_bound_is_refused(packing, tmp_path):
+    """A kilobyte of bzip2 unpacked to a gigabyte in the server, which looks at the beginning of each upload."""
+    content = zipped({"flight.ulg": LOG + bytes(1 << 24)}, packing)
+    path = tmp_path / "flight.zip"
+    path.write_bytes(content)
+    tracemalloc.start()
+    try:
+        fact = unreadable(file_beginning, path)
+        _, peak = tracemalloc.get_traced_memory()
+    finally:
+        tracemalloc.stop()
+    assert peak < 1 << 23
+    assert "flight.zip is a zip archive that is not packed by Deflate." in str(fact)
+    assert fact.remedy == "Unpack it."
+
+
+def test_a_zip_archive_of_very_many_files_is_refused_before_they_are_listed(tmp_path):
+    names = {f"{number:0200d}.txt": b"" for number in range(5000)}
+    fact = refusal(zipped(names | {"flight.ulg": LOG}), tmp_path, "flight.zip")
+    assert fact.code is SourceFact.ARCHIVE_DAMAGED
+    assert "a zip archive of too many files" in str(fact)
+
+
+def test_a_packed_size_that_lies_gives_no_room(tmp_path, monkeypatch):
+    monkeypatch.setattr(contents, "MIN_UNPACKED_LIMIT", 1 << 10)
+    content = bytearray(zipped({"flight.ulg": LOG + bytes(1 << 23)}))
+    # The packed size is 20 bytes behind the marker of the directory's entry, and 18 behind that of the member.
+    for marker, offset in ((b"PK\1\2", 20), (b"PK\3\4", 18)):
+        start = content.index(marker) + offset
+        content[start : start + 4] = struct.pack("<I", 1 << 30)
+    fact = refusal(bytes(content), tmp_path, "flight.zip")
     assert fact.code is SourceFact.FILE_TOO_LARGE
 
 
