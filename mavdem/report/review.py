@@ -5,6 +5,7 @@ from collections.abc import Iterator
 from math import isfinite
 from pathlib import Path
 from textwrap import wrap
+from types import MappingProxyType
 
 from mavdem.assessment import Assessment
 from mavdem.assessment.assess import FirstFindings
@@ -31,8 +32,8 @@ RESERVED_LINES = 3
 CLOCK_BEGINS_ANEW = f"{'restart':<20}The autopilot restarted: its clock begins anew."
 """The row between events of two boots, in the columns of the other rows."""
 
-HEADLINE_BELOW = "The headline below says why."
-"""What a light says in the place of a sentence that is the headline, which stands below the lights."""
+NO_LIGHTS: NamedFacts = MappingProxyType({})
+"""No light is printed above."""
 
 HARD_SPACE = "\N{NO-BREAK SPACE}"
 """A space at which no line is broken."""
@@ -50,10 +51,7 @@ def review_screen(assessment: Assessment, columns: int = SCREEN_COLUMNS) -> str:
         columns: number of characters in a line.
     """
     title_lines = _title_lines(review_title(assessment), columns)
-    headline_text = headline(assessment.headline)
-    light_lines = _lines_of_lights(
-        lights_with_reason_once(assessment.lights), columns, headline_text
-    )
+    light_lines = _lines_of_lights(lights_with_reason_once(assessment.lights), columns)
     last_lines = _last_lines(assessment, len(light_lines), columns)
     return "\n".join([*title_lines, *light_lines, *last_lines])
 
@@ -111,7 +109,7 @@ def further_lines(
         if name not in first_lights
     }
     printed_light_lines = _lines_of_lights(first_lights, columns)
-    light_lines = _lines_of_lights(further_lights, columns, headline(assessment.headline))
+    light_lines = _lines_of_lights(further_lights, columns, first_lights)
     light_line_count = len(printed_light_lines) + len(light_lines)
     return "\n".join([*light_lines, *_last_lines(assessment, light_line_count, columns)])
 
@@ -121,19 +119,22 @@ def _title_lines(title: Sentence, columns: int) -> list[str]:
     return wrap(f"{title.lead} {title.text}", columns, break_on_hyphens=False)
 
 
-def _lines_of_lights(lights: NamedFacts, columns: int, headline_text: str = "") -> list[str]:
-    """Returns the lines of some lights, in their order.
+def _lines_of_lights(
+    lights: NamedFacts, columns: int, lights_before: NamedFacts = NO_LIGHTS
+) -> list[str]:
+    """Returns the lines of some lights, in their order. A warning that one before has already refers to that one.
 
     Args:
         lights: the lights by name, each a fact with a level.
         columns: characters of a line.
-        headline_text: the headline that stands below the lights. A light with the same sentence refers to it. Empty
-            while the headline is not known.
+        lights_before: lights that are printed above these.
     """
+    names_by_sentence = {fact.sentence: name for name, fact in lights_before.items()}
     lines = []
     for name, fact in lights.items():
-        if headline(fact) == headline_text:
-            lines.append(f"{_label_and_level(name, fact)}{HEADLINE_BELOW}")
+        first_name = names_by_sentence.setdefault(fact.sentence, name)
+        if fact.warns and first_name != name:
+            lines.append(f"{_label_and_level(name, fact)}See {first_name}.")
         else:
             lines += _lines_of_light(name, fact, columns)
     return lines

@@ -141,3 +141,13 @@ def test_a_light_that_has_no_short_sentence_is_shown_whole():
     judgement = replace(assessment.judgement, lights={"wind": reason.replace(level=Level.GOOD)})
     screen = review_screen(replace(assessment, judgement=judgement), columns=80)
     assert "…" not in screen and reason.sentence in " ".join(screen.split())
+
+
+def test_a_warning_of_two_lights_is_said_once():
+    assessment = assess(read_log(SLOW))
+    stop = Fact(MotionEvent.MOTOR_OFF, Level.BAD, time=60.0, boot=0, subject="motor 3")
+    lights = {"motors": stop, "tracking": stop}
+    judgement = replace(assessment.judgement, lights=lights)
+    screen = review_screen(replace(assessment, judgement=judgement), columns=200)
+    assert screen.count(stop.sentence) == 1
+    assert "\ntracking   BAD      See motors.\n" in screen
