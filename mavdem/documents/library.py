@@ -68,7 +68,9 @@ class Flight(Stage):
     vehicle_name: str = ""
     """name that was given to the vehicle; empty without one"""
     date: str
-    """when the flight began, ISO 8601, UTC; empty where that is not known"""
+    """when the flight began, ISO 8601, UTC; empty where that is not known or in the future"""
+    simulated: bool = False
+    """whether the log shows that a simulator flew"""
     duration: Seconds
     """duration of settled flight"""
     flight_time: Seconds

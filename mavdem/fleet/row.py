@@ -9,7 +9,7 @@ import math
 import sys
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
-from datetime import UTC, datetime
+from datetime import UTC, datetime, timedelta
 from functools import cache, cached_property
 from typing import Annotated, Any, NamedTuple, get_args, get_origin, get_type_hints
 
@@ -50,6 +50,9 @@ SYSTEM_ID_BASIS = "system id"
 
 GIVEN_BASIS = "given"
 """Basis of a vehicle's name that a user assigned to a flight whose log has only a system id."""
+
+MAX_CLOCK_LEAD = timedelta(days=1)
+"""How far ahead of this computer's clock that of a flight may be: two time zones differ by a day at most."""
 
 PHYSICAL_COLUMNS = ("effect", "damping", "lag")
 """Columns of physical parameters, each of which has a status and an interval in further columns."""
@@ -327,6 +330,13 @@ class FlightRow:
     def has_own_name(self) -> bool:
         """Whether the name of the vehicle is that of one vehicle, whose flights can be compared with each other."""
         return self.vehicle != UNKNOWN and self.vehicle_basis != SYSTEM_ID_BASIS
+
+    @property
+    def past_date(self) -> datetime | None:
+        """The date, unless it is in the future, as in simulations and of clocks that are wrong; then None."""
+        if self.date is None or self.date > datetime.now(UTC) + MAX_CLOCK_LEAD:
+            return None
+        return self.date
 
     @property
     def has_flight(self) -> bool:

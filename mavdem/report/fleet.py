@@ -220,7 +220,7 @@ def urgency(flights: Flights) -> Urgency:
     rank: float = HEALTHS.index(MotorHealth(vehicle_health(flights)))
     if bad_headline(flights):
         rank = min(rank, BAD_HEADLINE_RANK)
-    latest_date = log_row(flights[-1]).date
+    latest_date = log_row(flights[-1]).past_date
     return Urgency(rank, -latest_date.timestamp() if latest_date else 0.0)
 
 

@@ -49,7 +49,8 @@ def flight_line(flight: AxisRows) -> FlightLine:
     """
     # Date, page and file are the same in the rows of all axes.
     first_row = log_row(flight)
-    unix_time = None if first_row.date is None else first_row.date.timestamp()
+    date = first_row.past_date
+    unix_time = None if date is None else date.timestamp()
     # Colons are quoted: what stands before one would be taken for the scheme of an address.
     link = "" if first_row.page is None else quote(first_row.page, safe="/")
     cells = [column.cell(flight) for column in COLUMNS.values()]
@@ -86,8 +87,11 @@ def _vehicle(flight: AxisRows) -> str:
 
 
 def _date(flight: AxisRows) -> str:
-    """Returns date and time of a flight, up to the minute."""
-    return f"{log_row(flight).date or ''}"[:DATE_LENGTH]
+    """Returns date and time of a flight, up to the minute; of a date in the future that the clock says that year."""
+    row = log_row(flight)
+    if row.date is not None and row.past_date is None:
+        return f"clock in {row.date.year}"
+    return f"{row.date or ''}"[:DATE_LENGTH]
 
 
 def _tier(flight: AxisRows) -> str:

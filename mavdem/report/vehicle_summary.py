@@ -44,7 +44,7 @@ from mavdem.report.fleet import (
 )
 from mavdem.report.flight_lines import FlightLine, flight_line
 
-SUMMARY_VERSION = "4"
+SUMMARY_VERSION = "5"
 """Version of :class:`VehicleSummary` and of what makes it: kept summaries of another version are made again."""
 
 WARNING_LEVELS = Level.BAD, Level.WATCH
@@ -250,7 +250,7 @@ def _flown_flights(name: str, flights: Flights) -> FlownFlights:
     counted_flights: Flights = flights
     if name != UNKNOWN and not has_shared_name(flights):
         counted_flights = distinct_flights([list(flight) for flight in flights])
-    all_dates = [log_row(flight).date for flight in counted_flights]
+    all_dates = [log_row(flight).past_date for flight in counted_flights]
     dates = sorted(date for date in all_dates if date is not None)
     durations = [max(row.duration or 0.0 for row in flight) for flight in counted_flights]
     return FlownFlights(
@@ -290,7 +290,7 @@ def _vehicle_flights(name: str, flights: Flights) -> VehicleFlights:
         levels=[badge_level([flight]) for flight in flights[-MAX_BARS:]],
         flight_count=len(flights),
         last=LastFlight(
-            date=last_flight.date,
+            date=last_flight.past_date,
             frame=last_flight.frame or "",
             firmware=last_flight.firmware or "",
             badge=str(badge_word),

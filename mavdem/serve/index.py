@@ -74,7 +74,11 @@ class LibraryEntry:
     autopilot: str = ""
     """MAV_AUTOPILOT without its prefix."""
     date: str = ""
-    """When the flight began, ISO 8601, UTC."""
+    """When the flight began, ISO 8601, UTC; empty where the log has no date, or one in the future."""
+    future_date: str = ""
+    """When the flight began by a clock that was ahead when the log was read, ISO 8601, UTC; empty otherwise."""
+    simulated: int = 0
+    """Whether the log shows that the flight was simulated, 0 or 1."""
     duration: float | None = None
     """Duration of settled flight, s."""
     flight_time: float | None = None
@@ -276,7 +280,7 @@ def entry_of_fleet_log(file: str, rows: FlightRows) -> LibraryEntry:
         Path(file).name,
         path=file,
         size=_size_of_log(first_row),
-        received=0.0 if first_row.date is None else first_row.date.timestamp(),
+        received=0.0 if first_row.past_date is None else first_row.past_date.timestamp(),
         stage=Stage.DONE if first_row.has_flight else Stage.FAILED,
         problem="" if first_row.has_flight else first_row.status,
         files=first_row.page or "",
@@ -306,13 +310,15 @@ def columns_of_flight(rows: Sequence[FlightRow]) -> JsonValues:
     for row in rows:
         if motor is None:
             motor = row.suspect_motor
+    date = "" if first_row.date is None else first_row.date.isoformat(timespec="seconds")
     lights = {str(light): getattr(first_row, f"light_{light}") or "" for light in Light}
     return {
         "vehicle": first_row.vehicle,
         "vehicle_basis": first_row.vehicle_basis or "",
         "frame": first_row.frame or "",
         "autopilot": first_row.autopilot or "",
-        "date": "" if first_row.date is None else first_row.date.isoformat(timespec="seconds"),
+        "date": date if first_row.past_date is not None else "",
+        "future_date": date if first_row.past_date is None else "",
         "duration": first_row.duration,
         "headline": first_row.headline or "",
         "level": first_row.headline_level or "",

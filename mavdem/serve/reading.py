@@ -19,6 +19,7 @@ import numpy as np
 from mavdem.assessment import Assessment
 from mavdem.assessment.assess import assess_signals
 from mavdem.assessment.flown_flights import flown_flights, largest_height, total_distance
+from mavdem.assessment.lights.log import simulation_fact
 from mavdem.assessment.limits import LEVELS_BY_SEVERITY
 from mavdem.assessment.reported import reported_events
 from mavdem.assessment.time_history import time_history
@@ -306,6 +307,7 @@ def _index_columns(assessment: Assessment, rows: FlightRows) -> JsonValues:
     return {
         **columns_of_flight(rows),
         **_assessment_columns(assessment),
+        "simulated": int(simulation_fact(assessment.evidence.signals) is not None),
         "flight_time": sum(flight.duration for flight in flights) if flights else None,
         "distance": total_distance(flights),
         "height": largest_height(flights),

@@ -7,6 +7,7 @@ import shutil
 import sqlite3
 import threading
 from dataclasses import asdict, replace
+from datetime import UTC, datetime, timedelta
 from hashlib import sha256
 from pathlib import Path
 from unittest.mock import Mock
@@ -37,6 +38,7 @@ from mavdem.results import PAGE_FILE, REPORT_FILE
 from mavdem.serve.index import (
     SQL_ORDERS,
     LibraryEntry,
+    columns_of_flight,
     create_or_update_table,
     entry_of_fleet_log,
     insert_entry,
@@ -307,6 +309,17 @@ def test_a_vehicle_without_a_name_is_called_by_its_type_and_the_end_of_its_seria
         **{"upload": "", "given": GivenNames(), "frames": frames},
     )
     assert ">Hexarotor 001a…333539</a>" in page and f'title="{serial}"' in page
+
+
+def test_a_date_in_the_future_is_no_date():
+    future = datetime.now(UTC) + timedelta(days=500)
+    entry = LibraryEntry("id", "a.bin", stage=Stage.DONE, level="good", simulated=1)
+    entry = replace(entry, **columns_of_flight([flight_row("quad", 0, date=future)]))
+    assert entry.date == "" and entry.future_date.startswith(f"{future.year}-")
+    page = library_page([entry])
+    assert f">clock in {future.year}<" in page and ">simulated<" in page
+    soon = datetime.now(UTC) + timedelta(hours=14)
+    assert columns_of_flight([flight_row("quad", 0, date=soon)])["future_date"] == ""
 
 
 def test_many_vehicles_are_in_a_list_that_shows_all():

@@ -83,9 +83,10 @@ def vehicle_group(flights: Sequence[AxisRows]) -> Group | None:
 
 def _flight_axis(flights: Sequence[AxisRows]) -> Axis:
     """Returns an axis that counts the flights and has the dates of the first and the last one."""
-    dates = [
-        f"{log_row(flight).date:%Y-%m-%d}" if log_row(flight).date else "" for flight in flights
-    ]
+    dates = []
+    for flight in flights:
+        date = log_row(flight).past_date
+        dates.append("" if date is None else f"{date:%Y-%m-%d}")
     empty_labels = [""] * (len(flights) - 2)
     return Axis("flight", names=(dates[0] or "first", *empty_labels, dates[-1] or "last"))
 

@@ -4,6 +4,7 @@ import json
 import random
 import re
 from dataclasses import replace
+from datetime import UTC, datetime, timedelta
 
 import numpy as np
 from browsing import FITS, HOSTILE
@@ -73,6 +74,16 @@ def test_a_fleet_without_a_flight_and_one_with_a_single_flight_have_a_page():
     # Flights that do not say whose they are are drawn as nobody's.
     text = fleet_page([flight_row("unknown", number) for number in range(4)])
     assert parts(text) == {} and "they are not compared" in text
+
+
+def test_a_date_in_the_future_is_not_on_the_axis_of_dates():
+    future = datetime.now(UTC) + timedelta(days=700)
+    rows = [flight_row("quad", number) for number in range(3)]
+    rows += [flight_row("sim", 0, date=future), flight_row("sim", 1, date=future)]
+    text = fleet_page(rows)
+    assert f"{future:%Y-%m-%d}" not in text
+    assert f"clock in {future.year}" in table_of(text)["rows"][-1]
+    assert '<span class="days soft"><span>2026-01-05</span>' in text
 
 
 def test_a_lost_flight_without_figures_needs_a_look():
