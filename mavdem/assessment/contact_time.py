@@ -200,12 +200,7 @@ class ContactSearch:
         if vibration is None:
             return True
         largest_force = vibration.size
-        window_starts = np.arange(vibration_start, start - VIBRATION_SECONDS, VIBRATION_SECONDS)
-        window_peaks = []
-        for window_start in window_starts.tolist():
-            peak = accelerometer.peak((window_start, window_start + VIBRATION_SECONDS))
-            if peak is not None:
-                window_peaks.append(peak.size)
+        window_peaks = accelerometer.window_peaks((vibration_start, start), VIBRATION_SECONDS)
         if len(window_peaks) >= MIN_VIBRATION_WINDOWS:
             lower_quartile, median, upper_quartile = np.quantile(window_peaks, [0.25, 0.5, 0.75])
             quartile_range = float(upper_quartile - lower_quartile)

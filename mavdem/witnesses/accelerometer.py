@@ -113,6 +113,25 @@ class AccelerometerRecord:
         row = rows[np.argmax(self.magnitude[rows])]
         return ForcePeak(float(self.time[row]), float(self.magnitude[row]))
 
+    def window_peaks(self, interval: TimeInterval, window_seconds: float) -> Array:
+        """Returns the largest specific force in each of the successive windows of an interval.
+
+        Args:
+            interval: start and end, s since boot; a last window that is not whole is left out.
+            window_seconds: duration of a window, s.
+
+        Returns:
+            (W,) sizes, m/s², of the windows that have samples.
+        """
+        start, end = interval
+        whole_windows = max(int((end - start) // window_seconds), 0)
+        windows = np.floor((self.time - start) / window_seconds)
+        is_selected = (windows >= 0) & (windows < whole_windows)
+        numbers, rows = np.unique(windows[is_selected], return_inverse=True)
+        peaks = np.full(len(numbers), -np.inf)
+        np.maximum.at(peaks, rows, self.magnitude[is_selected])
+        return peaks
+
     @property
     def knock_size(self) -> float:
         """Specific force, m/s², from which on a peak is a knock: gravity, as it was measured, and a margin."""
