@@ -84,6 +84,25 @@ def barometer_drifts(
     )
 
 
+def dated_by_growth(drift: Fact, disagreement: Fact | None) -> Fact:
+    """Dates a drift of the barometer, which heights at rest show without its time, by its difference to satellites.
+
+    Args:
+        drift: the event that the barometer drifted or froze, as of :func:`barometer_drifts`.
+        disagreement: the event that barometer and satellites disagreed in the same flight, which begins when their
+            difference began to grow; None if they agreed.
+
+    Returns:
+        The drift, from when the difference began to grow in its direction; unchanged if it did not, or if the barometer
+        froze, which has a time.
+    """
+    is_frozen = drift.figures["frozen_since"] is not None
+    if disagreement is None or is_frozen:
+        return drift
+    is_same_direction = drift.figures["change"] * disagreement.figures["height"] > 0
+    return drift.replace(time=disagreement.time) if is_same_direction else drift
+
+
 def is_barometer_steady(
     sensors: BootSensors, flight_interval: TimeInterval, rests: Intervals | None = None
 ) -> bool:

@@ -14,7 +14,7 @@ from mavdem.assessment.attitude_error import AttitudeError, attitude_error
 from mavdem.assessment.attitude_losses import attitude_losses
 from mavdem.assessment.attitude_swings import attitude_swings
 from mavdem.assessment.autopilot_messages import in_time_order
-from mavdem.assessment.barometer_drifts import barometer_drifts
+from mavdem.assessment.barometer_drifts import barometer_drifts, dated_by_growth
 from mavdem.assessment.descents import dive_events, fall_events
 from mavdem.assessment.flights import (
     RECOVERY_SECONDS,
@@ -299,11 +299,7 @@ def _height_sensor_drifts(
     if not drifts:
         yield from disagreements
     for drift in drifts:
-        is_frozen = drift.figures["frozen_since"] is not None
-        if disagreements and not is_frozen:
-            yield drift.replace(time=disagreements[0].time)
-        else:
-            yield drift
+        yield dated_by_growth(drift, disagreements[0] if disagreements else None)
 
 
 def _standing_motors(

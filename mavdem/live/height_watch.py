@@ -7,7 +7,11 @@ for certain after the landing, at rest.
 from dataclasses import replace
 from math import isfinite
 
-from mavdem.assessment.barometer_drifts import barometer_drifts, is_barometer_steady
+from mavdem.assessment.barometer_drifts import (
+    barometer_drifts,
+    dated_by_growth,
+    is_barometer_steady,
+)
 from mavdem.assessment.height_disagreements import (
     SECONDS_BEFORE_TAKE_OFF,
     disagreement,
@@ -203,9 +207,9 @@ class HeightWatch:
         sensors = BootSensors(signals, self._recent.boot, take_off)
         drift = next(barometer_drifts(sensors, flight_interval, rests), None)
         event = self._disagreement
-        if drift is not None or event is None:
-            return drift
-        if not is_barometer_steady(sensors, flight_interval, rests):
+        if drift is not None:
+            return dated_by_growth(drift, event)
+        if event is None or not is_barometer_steady(sensors, flight_interval, rests):
             return None
         return event.replace(Level.GOOD)
 

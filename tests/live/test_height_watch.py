@@ -72,6 +72,8 @@ def test_a_barometer_that_drifted_is_reported_after_the_landing(drift):
     estimator = made.stream.status().overall_judgement.lights[Light.ESTIMATOR]
     if drift:
         assert drifts[0].figures["change"] == approx(drift, abs=0.6)
+        # As in a log, satellites show in flight when it began.
+        assert drifts[0].time == approx(15.0, abs=2.0)
         assert estimator == drifts[0]
 
 

@@ -67,6 +67,15 @@ def test_a_drift_that_satellites_show_in_flight_is_dated_by_its_growth():
     assert small.time == approx(TAKE_OFF, abs=1.0)
 
 
+def test_a_drift_is_not_dated_by_satellites_that_wandered_the_other_way():
+    telemetry = flight(-5.0)
+    time = stamps(telemetry, "GPS_RAW_INT")
+    wandered = np.interp(time, [15.0, 20.0, 28.0, 30.0], [0.0, 20.0, 20.0, 0.0])
+    altitude = telemetry.messages["GPS_RAW_INT"]["alt"] - 1000.0 * wandered
+    (event,) = drifts(changed(telemetry, "GPS_RAW_INT", alt=altitude))
+    assert event.time == approx(TAKE_OFF, abs=1.0)
+
+
 def test_a_barometer_that_freezes_in_flight_is_not_said_to_drift():
     telemetry = flight(0.0)
     time = stamps(telemetry, "SCALED_PRESSURE")
