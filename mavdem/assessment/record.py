@@ -253,11 +253,6 @@ class Assessment:
         """The wind in m/s; None if it is not known."""
         return None if self.evidence is None else self.evidence.wind.estimate
 
-    @property
-    def drawn_wind(self) -> WindVelocity | None:
-        """The wind as the page of a flight draws it; None if it is not known, or may be a lean of the vehicle alone."""
-        return None if self.wind is None or self.wind.may_be_lean else self.wind
-
     @cached_property
     def wind_of_model(self) -> WindVelocity | None:
         """The wind velocity, if it was estimated in the boot of the model's training data: both share a clock then."""

@@ -87,6 +87,10 @@ class Flight(Stage):
     """number of the motor that is suspected, from 1"""
     wind_speed: Speed
     """speed of the mean wind"""
+    wind_low: Speed = None
+    """lower end of its 90 % interval"""
+    wind_high: Speed = None
+    """upper end of its 90 % interval"""
     files: CommaSeparated
     """what was made of it, at /f/ID/FILE; recordings, flight.rrd and flight.mcap, are made when they are asked for"""
 

@@ -22,7 +22,7 @@ from mavdem.confidence import coverage_factor, half_width
 from mavdem.dataset.axes import HORIZONTAL, YAW
 from mavdem.dem.engine.linalg import normal_draws
 from mavdem.errors import NotLearnable
-from mavdem.facts import Fact, Facts
+from mavdem.facts import Fact, Facts, Level
 from mavdem.facts.identifiability import Status
 from mavdem.facts.session import SessionFact
 from mavdem.facts.wind import NoWind, WindDoubt, WindLight
@@ -30,6 +30,7 @@ from mavdem.ingest.telemetry import interpolated
 from mavdem.live.link import SILENCE_SECONDS
 from mavdem.plant.online_wind_torque import FIRST_FIT_SECONDS
 from mavdem.wind_velocity.airflow_filter import TOTAL_WIND_MATRIX, AirflowFilter
+from mavdem.wind_velocity.beaufort import is_speed_known
 from mavdem.wind_velocity.compass import HEADING_SD, compass_text, speed_and_direction
 from mavdem.wind_velocity.drag_identification import (
     GUST_PRIOR_MEAN,
@@ -185,27 +186,29 @@ class WindEstimate:
         """The fact on the wind in the judgement of a flight, if this estimate is the mean wind of the flight.
 
         It has the speed with its 90 % interval, m/s, and the direction that the wind comes from, degrees, None if that
-        is not known. The speed follows from the force of the wind by the vehicle's drag. If the drag is known too badly
-        for that, the fact says instead that the wind is not known, and why.
+        is not known. As in the judgement of a log, the level is "unknown" if the speed is known only roughly. The speed
+        follows from the force of the wind by the vehicle's drag. If the drag is known too badly for that, the fact says
+        instead that the wind is not known, and why.
         """
         # The second fact, on the direction, is missing if that is not known.
         speed_fact, *direction_facts = self.facts
         low, high = speed_fact.figures["speed_interval"]
+        # As a rule the drag was never measured in a flight.
+        doubt = Fact(WindDoubt.SPEED_UNSURE, status=Status.BIASED, low=low, high=high, by_drag=True)
         if speed_fact.figures["status"] is Status.NOT_IDENTIFIABLE:
-            # As a rule the drag was never measured in a flight.
-            doubt = Fact(
-                WindDoubt.SPEED_UNSURE, status=Status.BIASED, low=low, high=high, by_drag=True
-            )
             return Fact(WindLight.WIND_NOT_KNOWN, reason=doubt)
         direction = direction_facts[0].figures["direction"] if direction_facts else None
+        is_known = is_speed_known((low, high))
         return Fact(
             WindLight.WIND_BLEW,
+            Level.GOOD if is_known else Level.UNKNOWN,
             calm=not low,
             speed=self.compass.speed,
             low=low,
             high=high,
             direction=direction,
             share=0.0,
+            reason=None if is_known else doubt,
         )
 
 

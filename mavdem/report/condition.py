@@ -6,20 +6,25 @@ from typing import NamedTuple
 import numpy as np
 
 from mavdem.assessment import Assessment
+from mavdem.confidence import coverage_factor
 from mavdem.containers import JsonValues, Names
 from mavdem.dataset.axes import TILT_AXES
 from mavdem.facts.lights import Light
 from mavdem.facts.online import DragSource
 from mavdem.ingest.vocabulary import UNNAMED
+from mavdem.physical_constants import GRAVITY
 from mavdem.report.blocks import Blocks, Sentence, Table, caution
 from mavdem.report.templates import render_section
 from mavdem.wind_velocity.compass import compass_text, meteorological_direction
 from mavdem.wind_velocity.estimation import WindVelocity
 from mavdem.wind_velocity.from_log import WindEvidence
-from mavdem.wind_velocity.vehicle_drag import DRAG_MODEL_SETTINGS, Drag, ParameterValue
+from mavdem.wind_velocity.vehicle_drag import DRAG_MODEL_SETTINGS, LEAN_SD, Drag, ParameterValue
 
 WIND_LIGHTS = (Light.WIND, Light.ESTIMATOR)
 """Lights that bear on the wind: the estimate rests on the attitude and velocity of the autopilot's estimator."""
+
+LEAN_ALLOWANCE = coverage_factor() * LEAN_SD / GRAVITY
+"""Half width of the 90 % interval of the lean that no wind causes, by its prior, rad: intervals of the wind hold it."""
 
 DRAG_SOURCES = {
     DragSource.POPULATION: "typical vehicles",
@@ -186,6 +191,7 @@ def wind_blocks(evidence: WindEvidence, tables: Sequence[Table] = ()) -> Blocks:
         "wind",
         wind=wind,
         typical_drag=typical_drag,
+        lean_allowance=LEAN_ALLOWANCE,
         autopilot_wind=_autopilot_wind(evidence, wind),
         is_blurred_by_drag=is_blurred_by_drag,
         drag_model_setting=DRAG_MODEL_SETTINGS.get(evidence.autopilot, ""),

@@ -1,7 +1,7 @@
 """Lines of the table of flights on a fleet's page: the cells of a flight, such as its judgement by status lights."""
 
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from math import degrees
 from typing import NamedTuple
 from urllib.parse import quote
@@ -13,6 +13,8 @@ from mavdem.fleet.flights import AxisRows, log_row, worst_health
 from mavdem.fleet.names import content_hash
 from mavdem.report.fleet import TROUBLED_HEALTHS, badge, light_level
 from mavdem.report.numbers import listed, rounded
+from mavdem.report.templates import rounded_up
+from mavdem.wind_velocity.beaufort import is_speed_known
 from mavdem.wind_velocity.compass import compass_text
 
 MAX_NOTE_LENGTH = 320
@@ -167,19 +169,36 @@ def _settled_seconds(flight: AxisRows) -> str:
     return "" if seconds is None or not log_row(flight).is_read else rounded(seconds, 3)
 
 
+def wind_speed_text(speed: float | None, interval: Sequence[float] | None) -> str:
+    """Returns the speed of a wind, m/s, as precisely as it is known.
+
+    Args:
+        speed: the speed; None where still air is likely as well, or it is not identifiable.
+        interval: both ends of its 90 % interval; None if they are not known.
+
+    Returns:
+        The speed, such as "5.2"; both ends of the interval, such as "1.9 to 8.0", where the speed is known only roughly;
+        such as "below 2.1" where still air is likely as well; empty where nothing is known.
+    """
+    if interval is None:
+        return "" if speed is None else f"{speed:.1f}"
+    low, high = interval
+    if speed is None or not low:
+        return f"below {rounded_up(high, 1)}"
+    if is_speed_known((low, high)):
+        return f"{speed:.1f}"
+    return f"{low:.1f} to {high:.1f}"
+
+
 def _wind_text(flight: AxisRows) -> str:
     """Returns the wind speed, m/s, and the direction that the wind came from, such as "5.2 NW", as far as known.
-
-    Both are left out if the light of the wind, the judgement of its estimate, is unknown.
 
     Args:
         flight: rows of one flight in the fleet's table, one for each axis.
     """
     # The rows of all axes have the same wind.
     row = log_row(flight)
-    if row.light_wind == Level.UNKNOWN:
-        return ""
-    speed = "" if row.wind_speed is None else rounded(row.wind_speed)
+    speed = wind_speed_text(row.wind_speed, row.wind_speed_interval)
     direction = "" if row.wind_direction is None else compass_text(degrees(row.wind_direction))
     return f"{speed} {direction}".strip()
 

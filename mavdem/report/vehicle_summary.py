@@ -212,8 +212,7 @@ def summary_of_vehicle(name: str, rows: FlightRows) -> VehicleSummary:
     winds = []
     for flight in logs:
         row = log_row(flight)
-        is_known = row.light_wind != Level.UNKNOWN
-        if is_known and row.wind_direction is not None and row.wind_speed is not None:
+        if row.wind_direction is not None and row.wind_speed is not None:
             winds.append(Wind(row.wind_direction, row.wind_speed))
     return VehicleSummary(
         name=name,

@@ -116,7 +116,11 @@ class LibraryEntry:
     motor: int | None = None
     """Number of the motor that is suspected of a fault, from 1."""
     wind_speed: float | None = None
-    """Speed of the mean wind, m/s."""
+    """Speed of the mean wind, m/s; none where still air is likely as well, or the speed is not identifiable."""
+    wind_low: float | None = None
+    """Lower end of the 90 % interval of that speed, m/s: 0 where still air is likely; none without such an interval."""
+    wind_high: float | None = None
+    """Upper end of that interval, m/s."""
     content: str = ""
     """Hash of the content of a log outside the library, by which the flight's name is found; empty if not known."""
     gains: str = "{}"
@@ -312,6 +316,7 @@ def columns_of_flight(rows: Sequence[FlightRow]) -> JsonValues:
             motor = row.suspect_motor
     date = "" if first_row.date is None else first_row.date.isoformat(timespec="seconds")
     lights = {str(light): getattr(first_row, f"light_{light}") or "" for light in Light}
+    wind_low, wind_high = first_row.wind_speed_interval or (None, None)
     return {
         "vehicle": first_row.vehicle,
         "vehicle_basis": first_row.vehicle_basis or "",
@@ -324,5 +329,7 @@ def columns_of_flight(rows: Sequence[FlightRow]) -> JsonValues:
         "level": first_row.headline_level or "",
         "motor": motor,
         "wind_speed": first_row.wind_speed,
+        "wind_low": wind_low,
+        "wind_high": wind_high,
         **lights,
     }

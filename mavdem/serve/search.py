@@ -22,18 +22,21 @@ TERM_PATTERN = re.compile(r"(\w+)(<=|>=|[:=<>])(.+)")
 TEXT_COLUMNS = {"date", "level", "sharing", "stage", *map(str, Light)}
 """Columns that are compared as texts, by their own names."""
 
-WIND_SPEED_SQL = f"iif(wind = '{Level.UNKNOWN}', null, wind_speed)"
-"""SQL expression of the wind's speed, which is not known where the light of the wind is unknown."""
+WIND_LOW_SQL = "coalesce(wind_low, wind_speed)"
+"""SQL expression of the lower end of the interval of the wind's speed. Logs that were read earlier have none."""
+
+WIND_HIGH_SQL = "coalesce(wind_high, wind_speed)"
+"""SQL expression of the upper end of that interval."""
 
 NUMBER_COLUMNS = {
-    "wind": WIND_SPEED_SQL,
+    "wind": "wind_speed",
     "duration": "duration",
     "motor": "motor",
     "time": "flight_time",
     "distance": "distance",
     "height": "height",
 }
-"""SQL of what is compared as numbers, by the names that a search has for it."""
+"""SQL of what is compared as numbers, by the names that a search has for it; that of the wind has an interval."""
 
 LEVEL_COLUMNS = {"level", *map(str, Light)}
 """Columns with a level, by their own names."""
@@ -257,6 +260,13 @@ def _number_comparison(name: str, operator: str, number: float) -> SqlCondition 
         # A headline may name other motors besides the suspected one.
         named_motor = f"*motor {number:g}[^0-9]*"
         return SqlCondition("((motor=?)or(lower(headline)glob(?)))", (number, named_motor))
+    if column == Light.WIND:
+        # A wind is above a number if its whole interval is, below it likewise, and equal if its interval contains it.
+        if operator == "=":
+            is_inside = f"(({WIND_LOW_SQL} <= ?)and({WIND_HIGH_SQL} >= ?))"
+            return SqlCondition(is_inside, (number, number))
+        end = WIND_LOW_SQL if operator.startswith(">") else WIND_HIGH_SQL
+        return SqlCondition(f"{end} {operator} ?", (number,))
     if column in NUMBER_COLUMNS:
         return SqlCondition(f"{NUMBER_COLUMNS[column]} {operator} ?", (number,))
     if name.isupper():

@@ -19,6 +19,7 @@ from mavdem.facts.wind import WindDoubt
 from mavdem.immutable import ImmutableResult
 from mavdem.wind_velocity.advised_flight import WindErrors, advised_flight
 from mavdem.wind_velocity.airflow_filter import TOTAL_WIND_MATRIX
+from mavdem.wind_velocity.beaufort import LIGHT_BREEZE
 from mavdem.wind_velocity.compass import (
     HEADING_SD,
     PolarWind,
@@ -60,12 +61,6 @@ REPORTED_RELATIVE_ERROR = 0.12
 
 BIASED_SPEED_RATIO = 8.0
 """Ratio of the ends of the speed's interval up to which the speed is reported as biased."""
-
-LIGHT_BREEZE = 3.3
-"""Upper end of the interval, m/s, up to which a wind that may be still air is reported, as below that end.
-
-Still air has no ratio. It is the highest speed of Beaufort force 2, which no flight depends on.
-"""
 
 MIN_RATIO_SPEED = 0.3
 """Least lower end of the interval, m/s, in that ratio."""
@@ -292,6 +287,7 @@ def speed_status(speed: float, low: float, high: float) -> Status:
         return Status.REPORTED
     if high <= BIASED_SPEED_RATIO * max(low, MIN_RATIO_SPEED):
         return Status.BIASED
+    # Still air has no ratio. It is reported as below the upper end.
     may_be_still = not lower_speed_bound(low, high)
     if may_be_still and high <= LIGHT_BREEZE:
         return Status.BIASED

@@ -8,7 +8,6 @@ from partial_records import partial_record
 from pytest import approx, mark
 from recorded_flights import recorded
 
-from mavdem.assessment import Assessment
 from mavdem.assessment.battery_levels import CELL_VOLTAGE_LIMITS, FULL_CELL_VOLTAGES
 from mavdem.assessment.innovations import (
     ARDUPILOT_FAILSAFE_LIMIT,
@@ -414,12 +413,15 @@ def test_wind_that_takes_half_of_the_most_lean_leaves_too_little():
             assert fact.level == level
 
 
-@mark.parametrize("by_drag, level", [(True, "good"), (False, "unknown")])
-def test_a_wind_that_may_be_a_load_is_not_good(by_drag, level):
-    doubt = Fact(WindDoubt.SPEED_UNSURE, status=Status.BIASED, low=4.6, high=6.9, by_drag=by_drag)
+@mark.parametrize(
+    "interval, level", [((4.6, 6.5), "good"), ((0.5, 3.3), "good"), ((3.4, 9.9), "unknown")]
+)
+def test_a_wind_is_good_if_its_interval_is_no_wider_than_one_beaufort_number(interval, level):
+    low, high = interval
+    doubt = Fact(WindDoubt.SPEED_UNSURE, status=Status.BIASED, low=low, high=high, by_drag=True)
     figures = {
-        "speed": 5.6,
-        "speed_interval": (4.6, 6.9),
+        "speed": (low + high) / 2,
+        "speed_interval": interval,
         "direction": 82.0,
         "direction_interval": 8.0,
         "status": {"speed": Status.BIASED, "direction": Status.REPORTED},
@@ -429,11 +431,10 @@ def test_a_wind_that_may_be_a_load_is_not_good(by_drag, level):
     wind = partial_record(WindVelocity, **figures)
     known = evidence(HOVER.telemetry())
     known = replace(known, wind=WindEvidence(wind, None, None))
-    # What the light calls unknown is not drawn on the page of the flight.
-    is_drawn = partial_record(Assessment, evidence=known).drawn_wind is not None
-    assert is_drawn is by_drag
     light = wind_light(known, Fact(EstimatorLight.FILTER_AGREED, Level.GOOD))
     assert light.level == level and ", by the drag of typical multirotors" in str(light)
+    assert ("known only roughly" in str(light)) is (level == "unknown")
+    assert light.remedy.startswith("Fly a box for a minute") is (level == "unknown")
     drag = replace(wind.drag, source=DragSource.FLIGHT)
     own_drag = partial_record(WindVelocity, **(figures | {"drag": drag}))
     known = replace(known, wind=WindEvidence(own_drag, None, None))

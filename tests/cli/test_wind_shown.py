@@ -46,11 +46,11 @@ def test_the_wind_is_shown_as_it_is_estimated(tmp_path, capsys):
     earlier = earlier_drag(learnt / "model.json").drag
     assert earlier.linear == approx(row.drag[:2]) and earlier.relative_sd(5) < 0.2
     assert (row.wind_speed, degrees(row.wind_direction)) == approx((found.speed, found.direction))
-    # A list shows no wind that its light does not judge.
+    # A list shows the speed that is known, and the interval of one that is known only roughly.
     direction = compass_text(found.direction)
-    for light, is_shown in (("good", True), ("unknown", False)):
-        page = fleet_page(vehicle_summaries([replace(row, light_wind=light)]))
-        assert (direction in page) is is_shown
+    vague = replace(row, wind_speed_interval=(1.9, 8.0))
+    for one, text in ((row, f"{found.speed:.1f} {direction}"), (vague, f"1.9 to 8.0 {direction}")):
+        assert text in fleet_page(vehicle_summaries([one]))
     assert run("wind", log, "--out", tmp_path / "wind") == 0
     page = (tmp_path / "wind" / "wind.html").read_text()
     for title in (

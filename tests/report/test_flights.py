@@ -252,7 +252,18 @@ def test_a_flight_without_a_date_comes_last():
     assert sum(group_into_flights(rows), []) == rows[::-1]
 
 
-@mark.parametrize("level, text", [("good", "5.7 W (270°) →"), ("unknown", "")])
-def test_a_wind_whose_light_is_unknown_is_not_in_the_table(level, text):
-    row = flight_row("quad", 0, wind_speed=5.7, wind_direction=1.5 * pi, light_wind=level)
+@mark.parametrize(
+    "speed, interval, text",
+    [
+        (5.7, None, "5.7 W (270°) →"),
+        (5.7, (5.1, 6.5), "5.7 W (270°) →"),
+        (5.7, (2.9, 10.4), "2.9 to 10.4 W (270°) →"),
+        (None, (0.0, 2.04), "below 2.1 W (270°) →"),
+        (None, None, "W (270°) →"),
+    ],
+)
+def test_a_wind_that_is_known_only_roughly_is_an_interval_in_the_table(speed, interval, text):
+    row = flight_row(
+        "quad", 0, wind_speed=speed, wind_speed_interval=interval, wind_direction=1.5 * pi
+    )
     assert flight_line([row]).cells[[*COLUMNS].index("wind (m/s)")] == text

@@ -194,8 +194,10 @@ def test_a_flight_is_changed_found_and_deleted(served):
     ] == [1, 1, 1, 2, 2, 2]
     served.library.change(id, motor=3, wind_speed=4.5)
     assert [total(served, one) for one in ("motor:3", "motor:2", "wind<5")] == [1, 0, 1]
-    served.library.change(id, wind="unknown")
-    assert total(served, "wind<5") == 0
+    # With an interval, the whole of it is above or below, and a speed within it is equal, whatever the light.
+    served.library.change(id, wind="unknown", wind_low=3.3, wind_high=5.7)
+    searches = ("wind>3", "wind>4", "wind<5", "wind<6", "wind:5", "wind:6")
+    assert [total(served, one) for one in searches] == [1, 0, 0, 1, 1, 0]
     served.library.change(id, motor=None, headline="Motor 12 (rear left) lost 4 to 12 %.")
     assert [total(served, one) for one in ("motor:12", "motor:2", "motor:1")] == [1, 0, 0]
     assert total(served, "MC_ROLL_P<6") == total(served, "wind>5") == 0

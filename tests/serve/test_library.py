@@ -108,13 +108,14 @@ def library_page(entries, troubles=None, **values):
 
 
 @mark.parametrize("health, level", [("ok", "good"), ("drift", "watch"), ("fault", "bad")])
-def test_the_list_has_the_lights_of_the_pages_and_no_wind_that_is_unknown(health, level):
+def test_the_list_has_the_lights_of_the_pages_and_the_interval_of_the_wind(health, level):
     lights = dict.fromkeys(Light, "good") | {"wind": "unknown"}
-    entry = LibraryEntry("id", "a.bin", stage=Stage.DONE, level="good", wind_speed=5.7, **lights)
+    wind = {"wind_speed": 5.7, "wind_low": 2.9, "wind_high": 10.4}
+    entry = LibraryEntry("id", "a.bin", stage=Stage.DONE, level="good", **wind, **lights)
     row = flight_row("quad", 0, health=health, health_reason="Motor 3 works harder.")
     page = library_page([entry], troubles={} if health == "ok" else {"id": row})
     assert f'aria-label="motors {level}"' in page
-    assert "5.7 m/s" not in page
+    assert ">2.9 to 10.4 m/s<" in page
 
 
 @mark.parametrize(

@@ -10,6 +10,7 @@ from mavdem.facts.online import DragSource
 from mavdem.facts.sources import Repair
 from mavdem.facts.wind import WindLight
 from mavdem.ingest.telemetry import Parameters, Telemetry
+from mavdem.wind_velocity.beaufort import is_speed_known
 
 LEAN_LIMIT_PARAMETERS = {"ANGLE_MAX": 0.01, "ATC_ANGLE_MAX": 1.0, "MPC_TILTMAX_AIR": 1.0}
 """Parameters with the largest lean, and the factor that converts them to degrees."""
@@ -25,16 +26,18 @@ def wind_light(evidence: Evidence, estimator: Fact) -> Fact:
 
     The wind is estimated from how far the vehicle leans to hold its position. The level is "watch" if that takes more
     than ``MAX_LEAN_SHARE`` of the largest allowed lean, or if the estimator is bad, whose velocity the estimate needs.
-    It is "unknown", with the figures of the estimate, if part of the lean may have another cause than wind.
+    Otherwise it is "good" if the speed is known, and "unknown", with the figures of the estimate, if it is known only
+    roughly, by the width of its interval (:func:`mavdem.wind_velocity.beaufort.is_speed_known`).
 
     Args:
         evidence: signals, events and measurements of the vehicle.
         estimator: the fact of the light "estimator", which judges the state estimator.
 
     Returns:
-        A fact whose level is the colour of the light: good, watch, bad or unknown. That of a known wind has ``speed``,
-        its interval ``low`` to ``high`` (m/s), ``direction``, None if that is not identified, the ``share`` of the
-        lean, and whether the drag is that of typical multirotors.
+        A fact whose level is the colour of the light: good, watch, bad or unknown. Where the speed is identified, it
+        has ``speed``, its interval ``low`` to ``high`` (m/s), ``direction``, None if that is not identified, the
+        ``share`` of the lean, and whether the drag is that of typical multirotors; and as ``reason`` a bad estimator,
+        or why the speed is known only roughly.
     """
     if evidence.other_vehicle is not None:
         return evidence.other_vehicle
@@ -47,16 +50,19 @@ def wind_light(evidence: Evidence, estimator: Fact) -> Fact:
     if not wind.speed_identifiable:
         return Fact(WindLight.WIND_NOT_KNOWN, reason=wind.reasons["speed"])
     lowest_speed, highest_speed = wind.speed_interval
+    reason: Fact | None = None
     lean_share = _lean_share(evidence.condition, evidence.signals.telemetry)
     takes_much_lean = lean_share > MAX_LEAN_SHARE and not wind.calm
-    if estimator.is_bad or takes_much_lean:
-        level: Level | None = Level.WATCH
-    elif wind.may_be_lean:
-        # A load that is off centre, or an autopilot that is mounted askew, may cause some of the lean.
-        level = Level.UNKNOWN
+    if estimator.is_bad:
+        level = Level.WATCH
+        reason = estimator
+    elif takes_much_lean:
+        level = Level.WATCH
+    elif is_speed_known(wind.speed_interval):
+        level = Level.GOOD
     else:
-        # The fact then has the usual level of its code, good.
-        level = None
+        level = Level.UNKNOWN
+        reason = wind.reasons.get("speed")
     fact = Fact(
         WindLight.WIND_BLEW,
         level,
@@ -68,7 +74,7 @@ def wind_light(evidence: Evidence, estimator: Fact) -> Fact:
         share=lean_share,
         # The interval allows for the drag of typical multirotors, not for that of any vehicle.
         by_usual_drag=wind.drag.source is DragSource.POPULATION,
-        reason=estimator if estimator.is_bad else None,
+        reason=reason,
     )
     velocity_message = _velocity_message_of_spare_core(evidence.signals.telemetry)
     return fact if velocity_message is None else fact.replace(name=velocity_message)

@@ -7,11 +7,11 @@ from typing import NamedTuple, Self
 import numpy as np
 
 from mavdem.arrays import Array
+from mavdem.confidence import Interval
 from mavdem.containers import JsonValues
 from mavdem.report.charts.chart import Plan, Span, packed
 from mavdem.report.charts.plans import MAX_PATH_POINTS, MIN_PATH_SIZE, RADIUS, figure_as_svg
 from mavdem.report.charts.timeline import Timeline
-from mavdem.report.numbers import rounded
 from mavdem.report.palette import (
     ASCENDING,
     BASELINE,
@@ -79,8 +79,8 @@ class MapWind(NamedTuple):
     direction: float
     """Direction that it comes from, degrees clockwise from north."""
 
-    speed: float | None
-    """Speed, m/s; None where it is not known."""
+    speed_interval: Interval | None
+    """Both ends of the 90 % interval of its speed, m/s; None where it is not known."""
 
     time: Array | None = None
     """(T,) times of the course, s since boot; None without one."""
@@ -100,7 +100,7 @@ class MapWind(NamedTuple):
         has_speed = wind.speed_identifiable
         return cls(
             wind.direction,
-            speed=wind.speed if has_speed else None,
+            speed_interval=wind.speed_interval if has_speed else None,
             time=wind.time,
             directions=polar.direction,
             speeds=polar.speed if has_speed else None,
@@ -108,9 +108,12 @@ class MapWind(NamedTuple):
 
     @property
     def label(self) -> str:
-        """Direction and, where it is known, speed."""
+        """Direction and, where it is known, both ends of the interval of the speed."""
         label = f"from {compass_text(self.direction)}"
-        return label if self.speed is None else f"{rounded(self.speed, 2)} m/s {label}"
+        if self.speed_interval is None:
+            return label
+        low, high = self.speed_interval
+        return f"{low:.1f} to {high:.1f} m/s {label}"
 
     def course_at(self, time: Array) -> dict[str, Array]:
         """Returns direction (N,), degrees, and speed (N,), m/s, at times (N,), s since boot, as far as known, by name.

@@ -189,8 +189,6 @@ def assessment_timeline(
     if history is None:
         return None
     timeline = history_timeline(history)
-    if assessment.drawn_wind is None:
-        timeline = timeline._replace(wind_charts=())
     torque_chart = _wind_torque_chart(assessment.analyses)
     torque_charts = (torque_chart,) if torque_chart.lines else ()
     return timeline._replace(

@@ -26,6 +26,7 @@ from mavdem.facts import Fact, Facts, Level, NamedFacts
 from mavdem.facts.assessment import Grade, Purpose
 from mavdem.facts.ending import Ending, MotionEvent
 from mavdem.facts.event import Event
+from mavdem.facts.identifiability import Status
 from mavdem.facts.lights import Light, Unjudged
 from mavdem.facts.loops import GainFact, LoopAction
 from mavdem.facts.session import TimeUse
@@ -178,7 +179,7 @@ def log_page(
             timeline=timeline,
             analysis=assessment.analysis,
             light_anchors=_anchors_of_lights(chapters),
-            path=flown_path(timeline, MapWind.of_flight(assessment.drawn_wind)),
+            path=flown_path(timeline, MapWind.of_flight(assessment.wind)),
             changes=changes,
             day_in_name=day_in_file_name(Path(assessment.log.source).name),
         )
@@ -548,7 +549,7 @@ def _wind_chapter(assessment: Assessment, analysis: LogAnalysis) -> Chapter:
         blocks += torque_blocks(analysis.learned)
     if analysis.truth:
         blocks += truth_blocks(analysis.truth)
-    wind = assessment.drawn_wind
+    wind = assessment.wind
     rose = None
     if wind is not None and wind.direction_identifiable and wind.speed_identifiable:
         rose = rose_of_wind(wind)
@@ -741,7 +742,11 @@ def _live_map_wind(status: SessionStatus) -> MapWind | None:
     speed_fact, *direction_facts = estimate.facts
     if not direction_facts:
         return None
-    return MapWind(direction_facts[0].figures["direction"], speed_fact.figures["speed"])
+    is_identified = speed_fact.figures["status"] is not Status.NOT_IDENTIFIABLE
+    return MapWind(
+        direction_facts[0].figures["direction"],
+        speed_interval=speed_fact.figures["speed_interval"] if is_identified else None,
+    )
 
 
 def _live_anchors(timeline: Timeline | None, chapters: Sequence[Chapter]) -> dict[str, str]:

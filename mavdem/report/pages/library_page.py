@@ -31,6 +31,7 @@ from mavdem.report.charts.chart import MAX_POINTS_OF_SMALL_PAGE, Group
 from mavdem.report.charts.timeline import history_timeline
 from mavdem.report.charts.vehicle_charts import vehicle_group
 from mavdem.report.fleet import HEALTH_LEVELS, motors_level, vehicle_label, vehicle_texts
+from mavdem.report.flight_lines import wind_speed_text
 from mavdem.report.pages.environment import environment, render_page
 from mavdem.report.pages.motor_trouble import MotorTrouble, with_motor_trouble
 from mavdem.report.pages.page import PageEvent
@@ -98,6 +99,7 @@ def _server_environment() -> Environment:
         "MAX_PARTS": MAX_FLIGHTS_OF_LOG,
         "MAX_VEHICLE_LINKS": MAX_VEHICLE_LINKS,
         "lights_beside_fleet": _lights_beside_fleet,
+        "wind_speed_text": wind_speed_text,
     }
     # A dictionary of its own: the environment of other pages does not have these values.
     jinja.globals = {**jinja.globals, **interface_words(), **values}

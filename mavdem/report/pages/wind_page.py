@@ -4,7 +4,9 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from mavdem.assessment import Assessment
+from mavdem.assessment.lights.wind import wind_light
 from mavdem.assessment.time_history import wind_history
+from mavdem.facts import Level
 from mavdem.facts.lights import Light
 from mavdem.report.blocks import Block, Blocks, Sentence, headline_sentence
 from mavdem.report.charts.chart import Chart, Group, Line, over_time
@@ -64,7 +66,7 @@ def wind_page(
         is_side_by_side=True,
     )
     head = Head(
-        level=assessment.lights[Light.WIND].level,
+        level=_wind_level(wind_evidence, assessment),
         # The page is about the wind alone: the levels of motors, power and the like are not shown.
         lights={},
         timeline=timeline,
@@ -72,6 +74,22 @@ def wind_page(
         path=flown_path(timeline, MapWind.of_flight(wind)),
     )
     return render_document(name, SUBTITLE, summary, [chapter], head=head)
+
+
+def _wind_level(wind_evidence: WindEvidence, assessment: Assessment) -> Level:
+    """Returns the level of the light of the wind by the estimate of this page.
+
+    With an earlier drag that estimate is narrower than that in the assessment of the log.
+
+    Args:
+        wind_evidence: the wind that was estimated for this page.
+        assessment: assessment of the log, with the light of the state estimator.
+    """
+    lights = assessment.lights
+    if assessment.evidence is None or assessment.evidence.not_flown is not None:
+        return lights[Light.WIND].level
+    evidence = replace(assessment.evidence, wind=wind_evidence)
+    return wind_light(evidence, lights[Light.ESTIMATOR]).level
 
 
 def _wind_timeline(wind_evidence: WindEvidence, assessment: Assessment) -> Timeline | None:
