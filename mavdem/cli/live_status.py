@@ -20,6 +20,7 @@ from mavdem.facts.session import LinkFact, RowsFact, SessionFact
 from mavdem.facts.watch import WatchFact
 from mavdem.live.session import LiveSession
 from mavdem.live.session_status import SessionStatus
+from mavdem.report.blocks import shortened
 from mavdem.report.live import (
     LightRow,
     headline_and_next_step,
@@ -43,6 +44,9 @@ COLUMN_GAPS = 3
 
 LIGHT_COLUMNS = 40
 """Least characters that a light takes with its figure, such as "2.2 to 9.8 m/s, 48°": two fit on a line of 80."""
+
+MAX_HEADLINE_LINES = 2
+"""Lines of the headline on a terminal, up to which it keeps its details, a choice: the table below must be seen."""
 
 MAX_LIGHTS_PER_LINE = 3
 """Lights on a line of the widest terminal, a choice: with more, the eye loses the column."""
@@ -80,6 +84,14 @@ LEARNING_STATES = frozenset(
 among which a pilot would have to look for an alarm."""
 
 
+SETTLING_SECONDS = 4.0
+"""Time for which what is watched must stay the same before it is printed on a terminal, s: longer than that in which
+no message counts as missing. The status below shows it at once."""
+
+LONGEST_SETTLING = 15.0
+"""Longest time that such news waits while further quantities change, s; a choice."""
+
+
 class PrintedState(NamedTuple):
     """The state of a session that a line reports, without its values."""
 
@@ -94,6 +106,37 @@ class PrintedState(NamedTuple):
 
     is_late: bool
     """Whether this computer does not keep up."""
+
+
+class WatchNews:
+    """What has changed of the watched quantities, held back until the list has settled.
+
+    After an attachment or a take-off the list changes each second, while messages are heard for the first time or
+    requested; only what it comes to is news.
+    """
+
+    def __init__(self) -> None:
+        """Begins without news."""
+        # The facts that differ from those printed, by quantity, when they last changed, and when the first of them
+        # did, s of the monotonic clock.
+        self._contents: dict[Hashable, Hashable] = {}
+        self._change_time = -inf
+        self._first_time = -inf
+
+    def is_settled(self, contents: dict[Hashable, Hashable], now: float) -> bool:
+        """Returns whether changes are to be printed: they have stayed for ``SETTLING_SECONDS``, or wait too long.
+
+        Args:
+            contents: The changed facts without their numbers, by quantity; empty for none.
+            now: Present time, s of the monotonic clock.
+        """
+        if not self._contents:
+            self._first_time = now
+        if contents != self._contents:
+            self._contents = contents
+            self._change_time = now
+        has_stayed = now - self._change_time >= SETTLING_SECONDS
+        return has_stayed or now - self._first_time >= LONGEST_SETTLING
 
 
 class StatusTexts(NamedTuple):
@@ -133,6 +176,7 @@ class StatusLines:
         self._print_time = -inf
         # For each watched quantity, by its vehicle and name, the fact that was printed last, without its numbers.
         self._printed_watch_facts: dict[Hashable, Hashable] = {}
+        self._watch_news = WatchNews()
 
     def show(self, session: LiveSession) -> None:
         """Shows the present status of a session.
@@ -174,6 +218,7 @@ class StatusLines:
             watch_facts: A fact for each of these quantities: since when it is watched, or why it is not.
         """
         changed_facts = []
+        contents: dict[Hashable, Hashable] = {}
         for fact in watch_facts:
             reason = fact.figures.get("reason")
             if isinstance(reason, Fact) and reason.code in UNREPORTED_REASONS:
@@ -182,9 +227,14 @@ class StatusLines:
             # Measured numbers in a fact change all the time, which is no news.
             content = fact.without_measurements
             if self._printed_watch_facts.get(quantity) != content:
-                self._printed_watch_facts[quantity] = content
+                contents[quantity] = content
                 changed_facts.append(fact)
-        if changed_facts:
+        # Elsewhere than on a terminal the status is looked at rarely, and nothing else shows the list.
+        is_held_back = self._terminal_text is not None and not self._watch_news.is_settled(
+            contents, monotonic()
+        )
+        if changed_facts and not is_held_back:
+            self._printed_watch_facts.update(contents)
             print_to_stderr(timed(watched_quantities_text(changed_facts)))
 
     def _print_new(self, status: SessionStatus, texts: StatusTexts) -> None:
@@ -281,6 +331,9 @@ def _status_texts(status: SessionStatus, *, has_table: bool) -> StatusTexts:
     if has_table and judgement.headline.code is Headline.NOTHING_WRONG:
         # What was checked, and what was not, is in the table.
         headline_text = f"{headline_text.partition(': ')[0].removesuffix('.')}."
+    elif has_table:
+        # The whole sentence had a line of its own when it was new.
+        headline_text = shortened(headline_text, MAX_HEADLINE_LINES * STDERR.width)
     judgement_text = escape_unprintable(" ".join([headline_text, *next_step_text]))
     sentences = [
         escape_unprintable(sentence.text)

@@ -406,17 +406,17 @@ class LiveSession:
         self._presentation.show(row, self.stream.pose, estimate, model, wind)
 
     def _withdraw_landing(self) -> None:
-        """If the vehicle has landed, forgets what was learned from the landing, and asks for advice on gains.
+        """If the vehicle has landed, forgets what was learned from the landing, and has the recording judged.
 
         A landing is recognised only once it has happened, so its rows were learned from as settled flight.
         """
         landing_time = self.stream.pop_landing_time()
-        if landing_time is None or self._learning.learner is None:
+        if landing_time is None:
             return
-        self._learning.withdraw_since(landing_time)
         if self.gain_adviser is not None:
-            # Without settled flight there is nothing to compute gains from.
-            self.gain_adviser.is_due = self._learning.has_settled
+            self.gain_adviser.is_due = True
+        if self._learning.learner is not None:
+            self._learning.withdraw_since(landing_time)
 
     def _update_status(self, now: float) -> SessionStatus:
         """Reports the status, and shows the latest sample in flight while there are no rows, once a second.
@@ -577,7 +577,7 @@ class LiveSession:
         This method is called once in ``STATUS_PERIOD``, and at the end of the session.
 
         Args:
-            is_at_end: whether the session ends. Then a settled flight without a landing gets advice too, and the call
+            is_at_end: whether the session ends. Then a flight without a landing gets advice too, and the call
                 waits for the advice, at most ``MAX_WAIT_SECONDS``; it reports first that it waits.
         """
         adviser = self.gain_adviser
@@ -588,8 +588,9 @@ class LiveSession:
             # The recording would end in the air, before the landing is complete.
             return
         if is_at_end:
-            is_still_flying = self._learning.has_settled and not self._learning.has_landed
-            adviser.is_due = adviser.is_due or is_still_flying
+            has_flown = self._learning.has_settled or self.stream.is_flying
+            if has_flown and not self._learning.has_landed:
+                adviser.is_due = True
             if adviser.is_awaited:
                 self._presentation.log(Fact(GainFact.ADVICE_AWAITED, duration=MAX_WAIT_SECONDS))
         advice = adviser.update(vehicle.name, is_busy=self.backlog.is_late, is_at_end=is_at_end)
@@ -603,10 +604,14 @@ class LiveSession:
     def _log_advice(self, advice: Facts, judgement: Judgement | None) -> None:
         """Reports the stability margins that the recording shows, if they are known, and then the advice on gains.
 
+        Without settled flight there is nothing to compute gains from, and only the judgement is of use.
+
         Args:
             advice: what to do with the gains of each axis; empty while no advice is ready.
             judgement: judgement of the recorded flight; None before it is ready.
         """
+        if not self._learning.has_settled:
+            advice = tuple(fact for fact in advice if fact.code is GainFact.ADVICE_FAILED)
         if advice and judgement is not None:
             margins = judgement.lights[Light.MARGINS]
             # If the margins are not known, or the decision on their loop repeats them, the advice states that.

@@ -29,9 +29,11 @@ def watched_quantities_text(watch_facts: Sequence[Fact], stated_reason: Fact | N
             is not watched for the same reason, "as said" stands in its place. None if nothing is stated there.
     """
     stated_sentence = "" if stated_reason is None else stated_reason.sentence
-    sentences = render_section(
-        "live_watched", watch_facts=watch_facts, stated_sentence=stated_sentence
-    )
+    # Quantities that are watched since the same second are listed together.
+    facts = []
+    for fact in watch_facts:
+        facts.append(fact if fact.time is None else fact.replace(time=float(round(fact.time))))
+    sentences = render_section("live_watched", watch_facts=facts, stated_sentence=stated_sentence)
     return "".join(f"{capitalize_first(sentence.text)}." for sentence in sentences)
 
 

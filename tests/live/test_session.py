@@ -379,6 +379,12 @@ def test_a_landing_never_replaces_the_last_model_before_it():
         one._learning.named_model(late, one.stream.parameters).model
         is one._learning._models[-1][1].model
     )
+    learner_of_flight, one._learning.learner = one._learning.learner, None
+    one.stream.pop_landing_time = lambda: 54.0
+    one._withdraw_landing()
+    assert adviser.is_due, "the recording of a flight without a model is judged, too"
+    adviser.is_due = False
+    one._learning.learner = learner_of_flight
     one.stream.pop_landing_time = lambda: 55.0
     one.backlog.add([FrameBatch(0.0, 0.0, [])])
     one._analyse()
@@ -459,6 +465,7 @@ def test_the_last_model_has_the_parameters_and_findings_of_the_flight():
 
 def test_margins_that_a_decision_states_are_reported_once():
     one, _, said = session_of([])
+    one._learning.has_settled = True
     margins = Fact(
         MarginsLight.LOOP_MARGINS,
         Level.WATCH,
@@ -478,6 +485,10 @@ def test_margins_that_a_decision_states_are_reported_once():
     one._log_advice(
         (decision.replace(axis="roll", reason=margins.replace(axis="roll")),), judgement
     )
+    assert said == [decision, margins]
+    # A flight that never settled has no gains to speak of, but its recording is judged.
+    one._learning.has_settled = False
+    one._log_advice((Fact(GainFact.GAINS_LEFT, reason=TOO_FEW_SAMPLES),), judgement)
     assert said == [decision, margins]
 
 

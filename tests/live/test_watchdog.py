@@ -16,7 +16,7 @@ from rich.console import Console
 from rich.live import Live
 
 from mavdem.assessment.judgement import Judgement, choose_next_step, headline_by_lights
-from mavdem.cli.live_status import StatusLines
+from mavdem.cli.live_status import LONGEST_SETTLING, StatusLines, WatchNews
 from mavdem.dataset.segment_learnability import slow_streams
 from mavdem.facts import Fact, Level
 from mavdem.facts.assessment import Headline, NextStep
@@ -506,6 +506,44 @@ def test_the_status_stands_in_its_place_on_a_terminal():
     # The alarm in the headline is not said twice.
     text = " ".join(words)
     assert text.count(str(weak)) == text.count(str(other)) == 1 and "…" not in last
+
+
+def test_a_long_headline_leaves_room_for_the_table(monkeypatch):
+    shown = io.StringIO()
+    console = Console(file=shown, width=80, highlight=False)
+    monkeypatch.setattr("mavdem.cli.live_status.STDERR", console)
+    place = Mock()
+    further = tuple(
+        Fact(PowerLight.CELLS_UNKNOWN, subject=f"battery {number}", voltage=9.4)
+        for number in (2, 3, 4)
+    )
+    spent = Fact(
+        PowerLight.CHARGE_LOW,
+        Level.BAD,
+        subject="battery 1",
+        share=0.02,
+        share_limit=0.07,
+        batteries=further,
+    )
+    status = SessionStatus("1:1", is_flying=True, active_alarms=(spent,))
+    assert len(str(spent)) > 200
+    StatusLines(place).show(Mock(status=status))
+    console.print(place.update.call_args.args[0])
+    text = " ".join(shown.getvalue().split())
+    assert "Charge of battery 1 down to 2.0 % by the autopilot's estimate: below 7 %" in text
+    assert "Land now." in text and "battery 4" not in text
+
+
+def test_what_is_watched_is_news_once_it_has_settled():
+    news = WatchNews()
+    assert not news.is_settled({"tracking": "missing"}, 100.0)
+    assert not news.is_settled({"tracking": "missing", "height": "missing"}, 102.0)
+    assert not news.is_settled({"height": "missing"}, 105.0)
+    assert news.is_settled({"height": "missing"}, 109.0)
+    # Without changes nothing waits; and what changes all the time does not wait for ever.
+    news.is_settled({}, 199.0)
+    settled = [news.is_settled({"height": time}, float(time)) for time in range(200, 220)]
+    assert settled.index(True) == LONGEST_SETTLING
 
 
 @mark.parametrize("width", [60, 80, 120, 200])
