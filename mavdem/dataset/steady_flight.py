@@ -127,6 +127,24 @@ def steady_intervals(signals: Signals, boot: int) -> Intervals:
     return intersection(settled_spans, true_intervals(tracking.time, tracking.is_steady))
 
 
+def lean_at(signals: Signals, boot: int, time: Array) -> Array:
+    """Returns roll and pitch of a vehicle at given times, linearly interpolated.
+
+    Args:
+        signals: Logged time series of the vehicle, such as attitude, setpoints and motor outputs.
+        boot: Number of the boot; a boot lasts from one start of the autopilot to the next.
+        time: (N,) seconds on the clock of that boot.
+
+    Returns:
+        (N, 2) roll and pitch, rad; all NaN if no attitude was recorded in this boot.
+    """
+    tracking = attitude_tracking(signals, boot)
+    if tracking is None:
+        return np.full((len(time), len(TILT_AXES)), nan)
+    tilts = tracking.angles[:, TILT_COLUMNS].T
+    return np.column_stack([np.interp(time, tracking.time, tilt) for tilt in tilts])
+
+
 def tracked_headings(signals: Signals, boot: int, time: Array) -> Array:
     """Returns the heading of a vehicle at given times, if its attitude follows the setpoint then.
 

@@ -10,8 +10,9 @@ from math import inf, nan
 import numpy as np
 
 from mavdem.arrays import Array, Flags
+from mavdem.containers import Numbers
 from mavdem.ingest.motors import MotorGeometry
-from mavdem.motors.balance_blocks import BlockAverager, CommandBlock
+from mavdem.motors.balance_blocks import UNKNOWN_LEAN, BlockAverager, CommandBlock
 from mavdem.motors.gradual_loss import MAX_BLOCKS, MIN_BEFORE_SECONDS, gradual_loss
 from mavdem.motors.loss_confirmation import HALF_CHANGE, MAX_CONFIRMATION_SECONDS
 from mavdem.motors.loss_detection import MAX_GAP
@@ -64,7 +65,7 @@ class GradualLossWatch:
         self._blocks.clear()
         self._latest_time = -inf
 
-    def add_sample(self, time: float, commands: list[float]) -> None:
+    def add_sample(self, time: float, commands: list[float], lean: Numbers = UNKNOWN_LEAN) -> None:
         """Adds a sample of settled flight whose attitude follows its setpoint, and searches when that is due.
 
         A loss is over if it has not been found for ``MAX_CONFIRMATION_SECONDS``, in which the command of the motor was
@@ -73,12 +74,13 @@ class GradualLossWatch:
         Args:
             time: time of the sample, s of the boot clock.
             commands: (k,) outputs of the motors, as fractions of the range.
+            lean: roll and pitch, rad; NaN where they are not known.
         """
         if not self.is_continued(time):
             self.restart()
             self._averager.restart(time, STEADY_HEADING)
         self._latest_time = time
-        block = self._averager.add(time, commands, STEADY_HEADING)
+        block = self._averager.add(time, commands, STEADY_HEADING, lean)
         if block is None:
             return
         self._blocks.append(block)
@@ -87,7 +89,8 @@ class GradualLossWatch:
         self._search_time = time
         block_ends = np.array([each.end for each in self._blocks])
         block_commands = np.array([each.commands for each in self._blocks])
-        loss = gradual_loss(block_ends, block_commands, self._geometry, self._boot)
+        leans = np.array([each.lean for each in self._blocks])
+        loss = gradual_loss(block_ends, block_commands, leans, self._geometry, self._boot)
         if loss is not None:
             self._take_loss(loss, block_ends, block_commands)
             self._found_time = time

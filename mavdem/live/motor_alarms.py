@@ -3,12 +3,14 @@
 from collections import deque
 from math import isfinite, nan
 
+from mavdem.containers import Numbers
 from mavdem.dataset.motor_outputs import MotorOutputs
 from mavdem.facts import Fact, Facts
 from mavdem.facts.session import SessionFact
 from mavdem.facts.watch import WatchFact
 from mavdem.live.gradual_watch import GradualLossWatch
 from mavdem.live.recent_messages import MAX_EVENTS
+from mavdem.motors.balance_blocks import UNKNOWN_LEAN
 from mavdem.motors.loss_detection import MAX_GAP, REFERENCE_SECONDS, MotorLossDetector
 from mavdem.motors.motor_changes import MotorAlarm
 
@@ -88,7 +90,13 @@ class MotorAlarms:
         return self.change_time if has_weak_motor or has_gradual_loss else None
 
     def add_sample(
-        self, time: float, boot: int, motors: MotorOutputs, commands: list[float], heading: float
+        self,
+        time: float,
+        boot: int,
+        motors: MotorOutputs,
+        commands: list[float],
+        heading: float,
+        lean: Numbers = UNKNOWN_LEAN,
     ) -> Facts:
         """Takes the motor outputs at one time of settled flight, and tests whether a motor has lost or regained thrust.
 
@@ -102,6 +110,7 @@ class MotorAlarms:
             motors: the latest motor outputs, of which mixer geometry and range are used.
             commands: (k,) outputs of the k motors, as shares of the range.
             heading: yaw, rad; NaN where the attitude does not follow its setpoint.
+            lean: roll and pitch, rad; NaN where they are not known.
 
         Returns:
             A fact (coded finding) for each change that this sample completes; most samples complete none.
@@ -116,7 +125,7 @@ class MotorAlarms:
             self._gradual_watch = GradualLossWatch(motors.geometry, boot)
             self._tested_motors = tested_motors
         facts = []
-        for change in self._detector.update(time, commands, heading):
+        for change in self._detector.update(time, commands, heading, lean):
             if self._is_part_of_gradual_loss(change):
                 continue
             self.latest.append(change)
@@ -125,7 +134,7 @@ class MotorAlarms:
             facts.append(change.event)
         self._undetectable_reason = self._detector.undetectable_reason
         if isfinite(heading):
-            facts += self._search_gradual_loss(time, commands)
+            facts += self._search_gradual_loss(time, commands, lean)
         return tuple(facts)
 
     def _activate(self, change: MotorAlarm) -> None:
@@ -148,7 +157,7 @@ class MotorAlarms:
         loss = self._reported_loss
         return loss is not None and change.is_weak and change.name == loss.name
 
-    def _search_gradual_loss(self, time: float, commands: list[float]) -> Facts:
+    def _search_gradual_loss(self, time: float, commands: list[float], lean: Numbers) -> Facts:
         """Searches flight in which no motor changed suddenly for one that loses thrust slowly.
 
         The loss stays among the changes with its newest figures. It is reported when it is found, again when it has
@@ -157,6 +166,7 @@ class MotorAlarms:
         Args:
             time: time of the sample, s of the boot clock.
             commands: (k,) outputs of the k motors, as shares of the range.
+            lean: roll and pitch, rad; NaN where they are not known.
 
         Returns:
             The report, if there is one.
@@ -172,7 +182,7 @@ class MotorAlarms:
             # The flight before a sudden loss is no reference for a slow one.
             watch.restart()
             return ()
-        watch.add_sample(time, commands)
+        watch.add_sample(time, commands, lean)
         loss = watch.loss
         if loss is None and reported is None:
             return ()

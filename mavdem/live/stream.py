@@ -50,6 +50,7 @@ from mavdem.live.vehicle_review import VehicleReview
 from mavdem.live.vehicle_selection import Component, VehicleSelector
 from mavdem.live.vehicle_state import VehicleState, vehicle_state
 from mavdem.live.wind import LiveWind
+from mavdem.motors.balance_blocks import UNKNOWN_LEAN
 from mavdem.motors.motor_changes import thrust_losses
 from mavdem.wind_velocity.from_log import ESTIMATOR_FLAG_MESSAGES, VELOCITY_MESSAGES
 
@@ -608,8 +609,10 @@ class LiveStream:
             return
         motors = inputs.motors
         commands = motors.scale.fraction(np.array(outputs)).tolist()
+        pose = self._pose.pose
+        lean = UNKNOWN_LEAN if pose is None else pose.angles[:2]
         for fact in self.motor_alarms.add_sample(
-            time, self.boot, motors, commands, self._pose.heading
+            time, self.boot, motors, commands, self._pose.heading, lean
         ):
             self._report(fact)
 

@@ -22,6 +22,9 @@ MIN_SAMPLE_RATE = MIN_BLOCK_SAMPLES / BLOCK_SECONDS
 SAMPLE_RATE_TOLERANCE = 0.9
 """Share of that rate which is still enough, for jitter."""
 
+UNKNOWN_LEAN = (nan, nan)
+"""Roll and pitch of a vehicle whose attitude is not known."""
+
 MIN_PRESENT_SHARE = 0.8
 """Share of the blocks that must be present for variances to be right. A choice."""
 
@@ -35,6 +38,8 @@ class CommandBlock(NamedTuple):
     """(k,) mean commands of the motors, as fractions of the range."""
     heading: float
     """Heading at its end, rad; NaN if the vehicle turned, or did not follow its attitude setpoint."""
+    lean: Array
+    """(2,) mean roll and pitch, rad; NaN where they are not known."""
 
 
 class BlockAverager:
@@ -57,10 +62,15 @@ class BlockAverager:
         # The number of the block that is being filled, counted from time 0 of the clock.
         self._number = floor(time / BLOCK_SECONDS)
         self._samples: list[Any] = []
+        self._leans: list[Any] = []
         self._start_heading = heading
 
     def add(
-        self, time: float, commands: Sequence[float] | Array, heading: float
+        self,
+        time: float,
+        commands: Sequence[float] | Array,
+        heading: float,
+        lean: Sequence[float] | Array = UNKNOWN_LEAN,
     ) -> CommandBlock | None:
         """Adds a sample; if it is the first one of a new block, the block before is complete and is returned.
 
@@ -68,6 +78,7 @@ class BlockAverager:
             time: Time of the sample, seconds on the clock of the boot.
             commands: (k,) motor outputs as fractions of the range.
             heading: Heading, rad; NaN where the attitude does not follow its setpoint.
+            lean: (2,) roll and pitch, rad; NaN where they are not known.
 
         Returns:
             The block that this sample completes; None if it completes none, or one with too few samples.
@@ -83,11 +94,14 @@ class BlockAverager:
                     end=(self._number + 1) * BLOCK_SECONDS,
                     commands=np.mean(self._samples, axis=0),
                     heading=heading if is_steady else nan,
+                    lean=np.mean(self._leans, axis=0),
                 )
             self._number = number
             self._samples = []
+            self._leans = []
             self._start_heading = heading
         self._samples.append(commands)
+        self._leans.append(lean)
         return completed
 
 
@@ -135,6 +149,7 @@ class BalanceBlocks:
         times: Ends of the blocks, s.
         balances: (a,) balance of each block: torque commands relative to the mean command.
         headings: Heading of each block, rad; NaN in turns.
+        leans: (2,) roll and pitch of each block, rad; NaN where they are not known.
         steady_count: Number of all blocks at a steady heading since the last gap, also of those that were forgotten.
     """
 
@@ -147,6 +162,7 @@ class BalanceBlocks:
         self.times: list[float] = []
         self.balances: list[Array] = []
         self.headings: list[float] = []
+        self.leans: list[Array] = []
         self.steady_count = 0
 
     def __len__(self) -> int:
@@ -158,17 +174,19 @@ class BalanceBlocks:
         expected_count = (self.times[-1] - self.times[0]) / BLOCK_SECONDS + 1
         return len(self) < MIN_PRESENT_SHARE * expected_count
 
-    def add(self, time: float, balance: Array, heading: float) -> None:
+    def add(self, time: float, balance: Array, heading: float, lean: Array) -> None:
         """Adds the next block in the order of time, and counts it as steady if the vehicle did not turn.
 
         Args:
             time: End of the block, s.
             balance: (a,) mean balance of the block, the torque of the motors about each axis relative to their thrust.
             heading: Heading of the vehicle in the block, rad; NaN in a turn.
+            lean: (2,) mean roll and pitch in the block, rad; NaN where they are not known.
         """
         self.times.append(time)
         self.balances.append(balance)
         self.headings.append(heading)
+        self.leans.append(lean)
         if not np.isnan(heading):
             self.steady_count += 1
 
@@ -178,6 +196,7 @@ class BalanceBlocks:
         del self.times[:excess]
         del self.balances[:excess]
         del self.headings[:excess]
+        del self.leans[:excess]
 
     def start_of_last(self, count: int) -> float:
         """Returns the time, s, at which the last ``count`` blocks began."""

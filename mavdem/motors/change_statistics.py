@@ -187,7 +187,7 @@ def log_t_density(
     Args:
         changes: Changes of a axes for w windows.
         expected: (..., w, a) expected change, or an array or number that broadcasts to it.
-        extra_variance: (a,) variance of the expected change.
+        extra_variance: Variance of the expected change, (..., w, a) or what broadcasts to it.
 
     Returns:
         (..., w) log densities.

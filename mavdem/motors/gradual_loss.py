@@ -23,6 +23,7 @@ from mavdem.ingest.motors import MotorGeometry
 from mavdem.motors.balance_blocks import MIN_PRESENT_SHARE
 from mavdem.motors.balance_model import BalanceModel
 from mavdem.motors.change_causes import (
+    LOADS_PER_MOTOR,
     CauseEvidence,
     cause_evidence,
     log_odds_of_motor_cause,
@@ -37,7 +38,7 @@ from mavdem.motors.change_statistics import (
     long_run_variance,
 )
 from mavdem.motors.loss_detection import PRIOR_BLOCK_SD
-from mavdem.motors.motor_changes import MIN_LOSS_SECONDS, MotorAlarm
+from mavdem.motors.motor_changes import MAX_ONSET_ERROR, MIN_LOSS_SECONDS, MotorAlarm
 from mavdem.motors.signatures import motor_signatures
 
 MIN_BEFORE_SECONDS = 4.0
@@ -64,6 +65,12 @@ With three axes 16 would do for one ramp. A balance that wind and load change sl
 then not in line with any motor.
 """
 
+SLOW_LOADS_PER_MOTOR = 0.1
+"""Prior odds that a load moved in a change of more than ``MAX_ONSET_ERROR``, against one of a motor.
+
+A load that comes loose slides until something stops it, within a second; a choice.
+"""
+
 SIGNATURE_ERROR = 0.08
 """Error of the signature, relative to the change: mixers limit, and thrust is no linear function of the command."""
 
@@ -83,15 +90,21 @@ class Ramp(NamedTuple):
     change: Array
     """(a,) change of the balance."""
 
+    @property
+    def length(self) -> int:
+        """Number of blocks that the change takes, at least 1."""
+        return int(((self.course > 0) & (self.course < 1)).sum()) + 1
+
 
 def gradual_loss(
-    time: Array, commands: Array, geometry: MotorGeometry, boot: int = 0
+    time: Array, commands: Array, lean: Array, geometry: MotorGeometry, boot: int = 0
 ) -> MotorAlarm | None:
     """Returns the alarm that one motor lost thrust in a run of settled flight, and did not regain it within the run.
 
     Args:
         time: (N,) s on the boot clock, ascending, of one run of settled flight without a landing.
         commands: (N, k) motor outputs as fractions of the range.
+        lean: (N, 2) roll and pitch, rad; NaN where they are not known.
         geometry: positions and spins of the k motors.
         boot: number of the boot; a boot lasts from one start of the autopilot to the next.
 
@@ -124,7 +137,12 @@ def gradual_loss(
     if (ramp.change**2 / variance).sum() < MIN_SIGNIFICANCE:
         return None
     freedom = PRIOR_FREEDOM + len(balances) / BLOCKS_PER_FREEDOM
-    motor, log_odds = _motor_of_change(ramp.change, variance, freedom, model)
+    lean_after = lean[time >= block_times[ramp.start]].mean(axis=0)
+    is_slow = ramp.length * block_seconds > MAX_ONSET_ERROR
+    loads_per_motor = SLOW_LOADS_PER_MOTOR if is_slow else LOADS_PER_MOTOR
+    motor, log_odds = _motor_of_change(
+        ramp.change, variance, freedom, lean_after, loads_per_motor, model
+    )
     if motor is None:
         return None
     unit_rise = np.eye(len(geometry.names))[motor]
@@ -245,19 +263,26 @@ def _variance_of_change(balances: Array, ramp: Ramp) -> Array:
 
 
 def _motor_of_change(
-    change: Array, variance: Array, degrees_of_freedom: float, model: BalanceModel
+    change: Array,
+    variance: Array,
+    degrees_of_freedom: float,
+    lean: Array,
+    loads_per_motor: float,
+    model: BalanceModel,
 ) -> tuple[int | None, float]:
     """Returns the index of the motor whose weakness explains a change, and the logarithm of the odds that it does.
 
     The signature of a motor is the change of the balance if it is weak. Its misfit to the change must be small, and its
     odds against all other causes must be strong evidence. These are the causes of the sequential test: the other
-    motors, a change in roll and pitch alone (a shifted load), in yaw alone, and in all axes, as by a load that shifts
-    in wind. Signatures are not exact; their error is added to the variance.
+    motors, a load that shifted, which changes yaw too if the vehicle leans, a change in yaw alone, and one in all axes.
+    Signatures are not exact; their error is added to the variance.
 
     Args:
         change: (a,) change of the balance.
         variance: (a,) variance of the change.
         degrees_of_freedom: degrees of freedom of that variance, for Student's t distribution.
+        lean: (2,) mean roll and pitch after the change, rad; NaN where they are not known.
+        loads_per_motor: prior odds of a load that shifted, against one of a motor.
         model: mixer of the vehicle, with the change of the balance that each weak motor causes.
 
     Returns:
@@ -272,8 +297,8 @@ def _motor_of_change(
     # A motor whose command fell did not lose thrust.
     misfits[rises <= 0] = np.inf
     motor = int(np.argmin(misfits))
-    evidence = _evidence_of_all_causes(change, variance, degrees_of_freedom, model)
-    log_odds = log_odds_of_motor_cause(evidence, motor)
+    evidence = _evidence_of_all_causes(change, variance, degrees_of_freedom, lean, model)
+    log_odds = log_odds_of_motor_cause(evidence, motor, loads_per_motor)
     # The neighbours supply a part of the missing thrust, so that the motor's own command rises by less than its work.
     work_rise = rises[motor] / model.mixer.own_rise_ratios[motor]
     is_explained = misfits[motor] <= MAX_MISFIT and log_odds >= STRONG_EVIDENCE_NATS
@@ -283,7 +308,7 @@ def _motor_of_change(
 
 
 def _evidence_of_all_causes(
-    change: Array, variance: Array, degrees_of_freedom: float, model: BalanceModel
+    change: Array, variance: Array, degrees_of_freedom: float, lean: Array, model: BalanceModel
 ) -> CauseEvidence:
     """Computes the Bayes factors of all causes of a change of the balance: a weak motor, a shifted load, and others.
 
@@ -294,6 +319,7 @@ def _evidence_of_all_causes(
         change: (a,) change of the balance.
         variance: (a,) variance of the change.
         degrees_of_freedom: degrees of freedom of that variance, for Student's t distribution.
+        lean: (2,) mean roll and pitch after the change, rad; NaN where they are not known.
         model: mixer of the vehicle, with the change of the balance that each weak motor causes.
     """
     changes = WindowChanges(
@@ -303,6 +329,4 @@ def _evidence_of_all_causes(
         block_variance=variance[None],
     )
     no_change = log_t_density(changes, 0.0)
-    return cause_evidence(
-        changes, no_change, model.signatures, model.tilt_axes, weak_motor_sizes={}
-    )
+    return cause_evidence(changes, no_change, model.signatures, lean[None], weak_motor_sizes={})

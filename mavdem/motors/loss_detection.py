@@ -1,16 +1,16 @@
 """Sequential detection, in flight, of a motor that loses thrust and lastingly works harder than before.
 
-What is compared with what: docs/motors.md. The hypotheses exclude each other: nothing changed; motor i works
-harder, by 5 to 80 %, which shows as its signature; the steady torque in roll and pitch changed; that in yaw alone did;
-all three did, of any cause; and once motors are weak, one of them recovers, or all of them do. Each hypothesis has a
-Bayes factor against "nothing changed", a mixture over the size of the change. Summed over the times at which the change
-may have begun, they are a Shiryaev-Roberts statistic. Were the noise known, the mean time to a false alarm would be at
-least A steps for a threshold of A (M. Pollak, "Optimal detection of a change in distribution", Annals of Statistics
-1985; with mixtures: J. Shin, A. Ramdas and A. Rinaldo, "E-detectors", New England Journal of Statistics in Data Science
-2024). The variance is estimated here, and the largest of several is taken, so the threshold is a design value and no
-bound; ``FALSE_ALARMS`` has what was measured. Which change it is, is decided by the Bayes factors against each other,
-as in S. Dayanik, C. Goulding and H. V. Poor, "Bayesian sequential change diagnosis", Mathematics of Operations Research
-2008.
+What is compared with what: docs/motors.md. The hypotheses exclude each other: nothing changed; motor i works harder, by
+5 to 80 %, which shows as its signature; a load shifted, which changes the steady torque in roll and pitch, and in yaw
+if the vehicle leans; the torque in yaw alone changed; all three did, of any cause; and once motors are weak, one of
+them recovers, or all of them do. Each hypothesis has a Bayes factor against "nothing changed", a mixture over the size
+of the change. Summed over the times at which the change may have begun, they are a Shiryaev-Roberts statistic. Were the
+noise known, the mean time to a false alarm would be at least A steps for a threshold of A (M. Pollak, "Optimal
+detection of a change in distribution", Annals of Statistics 1985; with mixtures: J. Shin, A. Ramdas and A. Rinaldo,
+"E-detectors", New England Journal of Statistics in Data Science 2024). The variance is estimated here, and the largest
+of several is taken, so the threshold is a design value and no bound; ``FALSE_ALARMS`` has what was measured. Which
+change it is, is decided by the Bayes factors against each other, as in S. Dayanik, C. Goulding and H. V. Poor,
+"Bayesian sequential change diagnosis", Mathematics of Operations Research 2008.
 
 After a change, the balance that it left is the reference, and the noise before it is the prior of the noise after it. A
 loss that does not last is withdrawn (``loss_confirmation.py``).
@@ -34,6 +34,7 @@ from mavdem.ingest.motors import MotorGeometry
 from mavdem.motors.balance import MIN_STEADY_SECONDS
 from mavdem.motors.balance_blocks import (
     MIN_SAMPLE_RATE,
+    UNKNOWN_LEAN,
     BalanceBlocks,
     BlockAverager,
     CommandBlock,
@@ -170,7 +171,11 @@ class MotorLossDetector:
         self._freedom = PRIOR_FREEDOM
 
     def update(
-        self, time: float, commands: Sequence[float] | Array, heading: float = 0.0
+        self,
+        time: float,
+        commands: Sequence[float] | Array,
+        heading: float = 0.0,
+        lean: Sequence[float] | Array = UNKNOWN_LEAN,
     ) -> list[MotorAlarm]:
         """Adds a sample of settled flight, and tests for a change whenever a block of samples is complete.
 
@@ -180,6 +185,7 @@ class MotorLossDetector:
             time: Seconds on the clock of the boot.
             commands: (k,) motor outputs as fractions of the range.
             heading: Heading, rad; NaN where the attitude does not follow its setpoint.
+            lean: (2,) roll and pitch, rad; NaN where they are not known.
 
         Returns:
             The changes that are detected with this sample.
@@ -201,7 +207,7 @@ class MotorLossDetector:
         if is_fast_enough is not None:
             self.undetectable_reason = None if is_fast_enough else TOO_SLOW
         alarm_count = len(self.alarms)
-        completed_block = self._averager.add(time, commands, heading)
+        completed_block = self._averager.add(time, commands, heading, lean)
         if completed_block is not None:
             self._add_block(completed_block)
         return self.alarms[alarm_count:]
@@ -242,7 +248,7 @@ class MotorLossDetector:
             return
         # The balance is relative to the thrust, so that neither battery nor climb changes it.
         balance = self._model.torque_rows @ (block.commands / thrust)
-        self._blocks.add(block.end, balance, block.heading)
+        self._blocks.add(block.end, balance, block.heading, block.lean)
         self._blocks.keep_last(round(KEPT_SECONDS / BLOCK_SECONDS))
         if self._blocks.has_gaps:
             return
@@ -307,8 +313,10 @@ class MotorLossDetector:
         if not can_reach_threshold(changes, no_change, motor_cause_count, self._threshold):
             return
         weak_motor_sizes = {motor: alarm.size for motor, alarm in self.weak_motors.items()}
+        leans = np.array(self._blocks.leans)
+        lean_in_windows = np.array([leans[-length:].mean(axis=0) for length in windows])
         evidence = cause_evidence(
-            changes, no_change, self._model.signatures, self._model.tilt_axes, weak_motor_sizes
+            changes, no_change, self._model.signatures, lean_in_windows, weak_motor_sizes
         )
         best_cause = int(np.argmax(evidence.motor_log_factors))
         log_odds = log_odds_of_motor_cause(evidence, best_cause)
@@ -331,7 +339,7 @@ class MotorLossDetector:
 
         The reference is the flight before a change, with which later flight is compared. Two cases end it:
 
-        1. A change in roll and pitch alone, called load, that has lasted ``REFERENCE_SECONDS``, longer than a gust. Its
+        1. A load that shifted and the change of which has lasted ``REFERENCE_SECONDS``, longer than a gust. Its
            Bayes factor must reach the threshold, and its odds against all other causes must be strong evidence. It is
            recorded, unless a turn of the vehicle in wind explains it.
         2. A change of any cause, even an unknown one, that has lasted ``STALE_SECONDS``: flight before it is no longer

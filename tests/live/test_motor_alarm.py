@@ -52,7 +52,7 @@ def flown(request, tmp_path_factory, coarse_physics):
     """At 12 Hz: enough for the motors, and too slow for a model."""
     wind = (TurbulentWind(kind="dryden", speed=4.0, direction=60.0),)
     slower = {"SCHED_LOOP_RATE": 200.0} if request.param == "ardupilot" else {}
-    vehicle = VehicleSpec(weak_motor=3, weak_from=25.0, weak_thrust=0.8, parameters=slower)
+    vehicle = VehicleSpec(weak_motor=3, weak_from=25.0, weak_thrust=0.7, parameters=slower)
     stream = StreamSpec(autopilot=request.param, rate=12.0)
     scenario = Scenario(
         duration=45.0, height=2.0, seed=3, vehicle=vehicle, wind=wind, stream=stream
@@ -68,7 +68,8 @@ def test_a_motor_that_weakens_is_named_in_flight_and_by_its_log(flown):
     logged = motor_alarms(Signals(read_log(flown).vehicles[0]))
     # Two seconds on the ground before the first arming.
     assert (alarm.motor, alarm.name) == (3, "motor 3 (front left)")
-    assert 27.0 < alarm.time < 32.0 and alarm.onset_time == approx(27.0, abs=1.5)
+    # It leans by 10° and more, where a shifted load changes yaw too: that takes some seconds to exclude.
+    assert 27.0 < alarm.time < 34.0 and alarm.onset_time == approx(27.0, abs=1.5)
     assert [fact.figures["reason"] for fact in said if fact.code is SessionFact.ALARM] == [
         alarm.fact
     ]

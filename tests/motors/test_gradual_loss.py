@@ -40,9 +40,11 @@ def with_slow_torque(roll=0.0, pitch=0.0, yaw=0.0):
     return time, commands + 0.6 * np.outer(ramp(time, 12.0, 10.0), change)
 
 
-def found(flown):
+def found(flown, lean=(0.0, 0.0)):
+    """The loss of a flight with one lean, roll and pitch in degrees."""
     time, commands = flown
-    return gradual_loss(time, commands, geometry(commands.shape[1]))
+    leans = np.tile(np.radians(lean), (len(time), 1))
+    return gradual_loss(time, commands, leans, geometry(commands.shape[1]))
 
 
 @mark.parametrize("motors", FRAMES)

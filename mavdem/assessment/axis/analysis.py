@@ -37,7 +37,7 @@ from mavdem.dataset.phases import (
 )
 from mavdem.dataset.segment_learnability import Learnability
 from mavdem.dataset.signals import MIN_SLOW_MOTION_RATE, Signals, rate_between_outages
-from mavdem.dataset.steady_flight import tracked_headings
+from mavdem.dataset.steady_flight import lean_at, tracked_headings
 from mavdem.dataset.time_series import TimeSeries
 from mavdem.dem import Learned
 from mavdem.errors import NotLearnable
@@ -401,10 +401,11 @@ def motor_alarms(signals: Signals) -> tuple[MotorAlarm, ...]:
             commands.time[is_settled].tolist(),
             commands.values[is_settled],
             headings[is_settled].tolist(),
+            lean_at(signals, boot, commands.time[is_settled]),
             strict=True,
         )
-        for time, command, heading in settled_samples:
-            detector.update(time, command, heading)
+        for time, command, heading, lean in settled_samples:
+            detector.update(time, command, heading, lean)
         changes = _without_shifts_by_wind(signals, motors, lasting_changes(detector.alarms))
         # Headings are NaN while the attitude does not follow its setpoint. Then the balance of
         # the motors does not show which of them lost thrust.
@@ -467,7 +468,7 @@ def _lasting_losses(
         At most one alarm for each interval of settled flight, then one for each other flight.
     """
     settled_flight_times = settled_intervals(signals, boot)
-    losses = _gradual_losses(motors, commands, boot, settled_flight_times, changes)
+    losses = _gradual_losses(signals, motors, commands, boot, settled_flight_times, changes)
     for flight in free_flight_intervals(signals, boot):
         start, end = flight
         settled_in_flight = intersection(settled_flight_times, [flight])
@@ -475,11 +476,12 @@ def _lasting_losses(
         if settled_in_flight and not has_loss:
             settled_start, _ = settled_in_flight[0]
             with_descent = (settled_start, end - TRANSIENT_SECONDS)
-            losses += _gradual_losses(motors, commands, boot, [with_descent], changes)
+            losses += _gradual_losses(signals, motors, commands, boot, [with_descent], changes)
     return losses
 
 
 def _gradual_losses(
+    signals: Signals,
     motors: MotorOutputs,
     commands: TimeSeries,
     boot: int,
@@ -489,6 +491,7 @@ def _gradual_losses(
     """Finds the motors that lost thrust within intervals of flight in which no motor changed suddenly.
 
     Args:
+        signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.
         motors: outputs and geometry of the k motors.
         commands: (N, k) their outputs while the attitude follows its setpoint, as shares of the range.
         boot: number of the boot; a boot lasts from one start of the autopilot to the next.
@@ -503,10 +506,9 @@ def _gradual_losses(
     for start, end in intervals:
         if any(start <= time <= end for time in times_of_sudden_changes):
             continue
-        is_in_interval = in_intervals(commands.time, [(start, end)])
-        loss = gradual_loss(
-            commands.time[is_in_interval], commands.values[is_in_interval], motors.geometry, boot
-        )
+        in_interval = commands.select(in_intervals(commands.time, [(start, end)]))
+        lean = lean_at(signals, boot, in_interval.time)
+        loss = gradual_loss(in_interval.time, in_interval.values, lean, motors.geometry, boot)
         if loss is not None:
             losses.append(loss)
     return losses
