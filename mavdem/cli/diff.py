@@ -21,6 +21,7 @@ from mavdem.fleet.state import Days, VehicleState, state_of, states_of_common_ve
 from mavdem.report.blocks import Sentence
 from mavdem.report.charts.comparison_charts import FlightSeries, flight_series
 from mavdem.report.difference import (
+    bound_sentences,
     difference_blocks,
     headline_blocks,
     headline_of_comparison,
@@ -156,6 +157,7 @@ def diff_command(
     headline = headline_of_comparison(reviews, difference, parameters)
     blocks = [
         *headline,
+        *bound_sentences(difference),
         *difference_blocks(difference, parameters, names_without_gains, headline),
         *([] if difference.is_of_same_flight else headline_blocks(headlines_of_sides, headline)),
         *next_blocks(difference, reviews),

@@ -10,14 +10,14 @@ nothing changed, ``SIGNIFICANCE`` bounds the probability that any is called so (
 """
 
 from collections.abc import Collection, Sequence
-from math import exp, hypot, sqrt
+from math import exp, hypot, inf, sqrt
 from typing import NamedTuple
 
 import numpy as np
 import scipy
 
 from mavdem.arrays import Array
-from mavdem.confidence import coverage_factor
+from mavdem.confidence import CONFIDENCE_LEVEL, coverage_factor
 from mavdem.containers import group_by
 from mavdem.experiments.paired_test import SIGNIFICANCE
 from mavdem.facts.fleet import QuantityOutcome
@@ -129,10 +129,33 @@ class QuantityChange(NamedTuple):
     outcome: QuantityOutcome = QuantityOutcome.SAME
     """Changed; the same; or uncertain, where the interval reaches beyond what is called the same."""
 
+    freedom: float = inf
+    """Degrees of freedom of the standard deviation that the interval is made of."""
+
     @property
     def interval_contains_zero(self) -> bool:
         """Whether the interval of the difference, without regard to other quantities, contains "no change"."""
         return abs(self.difference) <= self.half_width
+
+    @property
+    def largest_difference(self) -> float:
+        """Largest size of a difference that the interval contains, in the unit of the difference."""
+        return abs(self.difference) + self.half_width
+
+    def detectable_difference(self, significance: float) -> float:
+        """Returns the true difference that a test finds in 90 % of comparisons like this one, in its own unit.
+
+        The test calls a quantity changed if its p-value is at most the significance. An estimate exceeds that limit
+        with a probability of 90 % if the true difference is larger by the one-sided 90 % quantile of the error: the
+        minimum detectable difference of sample-size planning (S.-C. Chow, "Sample Size Calculations", sec. 3.2).
+
+        Args:
+            significance: significance of the two-sided test of this quantity, such as a share of that of all.
+        """
+        ratio = 1 + self.difference if self.quantity.kind in LOGARITHMIC_KINDS else 1.0
+        sd = self.half_width / ratio / coverage_factor(freedom=self.freedom)
+        quantiles = scipy.special.stdtrit(self.freedom, (1 - significance / 2, CONFIDENCE_LEVEL))
+        return float(sd * np.sum(quantiles))
 
 
 class StateEstimates(NamedTuple):
@@ -220,6 +243,7 @@ def quantity_change(
             half_width=half_width,
             p=p_value,
             allowance=allowance,
+            freedom=freedom,
         )
     # The difference of logarithms is the logarithm of the ratio; its interval is linearized at the estimate.
     ratio = exp(difference)
@@ -233,6 +257,7 @@ def quantity_change(
         half_width=ratio * half_width,
         p=p_value,
         allowance=allowance,
+        freedom=freedom,
     )
 
 
@@ -324,6 +349,19 @@ def follows_from_gains(
     is_of_attitude = quantity.kind in ATTITUDE_LOOP_KINDS
     is_attitude_changed = is_of_attitude and quantity.axis in axes_with_other_attitude_gains
     return is_attitude_changed or quantity.axis in axes_with_other_gains
+
+
+def significance_of_single_change(changes: Sequence[QuantityChange], kind: str) -> float:
+    """Returns the largest p-value with which one quantity is called changed if no other one is.
+
+    That is the strictest case of :func:`_changed_quantities`: one of m families is selected by one of its n quantities.
+
+    Args:
+        changes: the tested differences.
+        kind: kind of the quantity, whose family counts.
+    """
+    families = [family_of(change.quantity.kind) for change in changes]
+    return SIGNIFICANCE / (len(set(families)) * families.count(family_of(kind)))
 
 
 def _changed_quantities(changes: Sequence[QuantityChange]) -> set[Quantity]:

@@ -53,14 +53,17 @@ class Rated(str):
 
     Attributes:
         level: level by which a page colours the cell.
+        reason: why it is rated so, which a page shows behind it; empty without.
     """
 
     level: Level
+    reason: str
 
-    def __new__(cls, text: str, level: Level) -> Rated:
-        """Returns a cell with a text and its level."""
+    def __new__(cls, text: str, level: Level, reason: str = "") -> Rated:
+        """Returns a cell with a text, its level, and the reason for it."""
         cell = super().__new__(cls, text)
         cell.level = level
+        cell.reason = reason
         return cell
 
 

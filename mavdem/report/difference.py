@@ -2,7 +2,7 @@
 
 from collections import Counter
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
-from math import degrees, inf, log
+from math import ceil, degrees, inf, log
 from pathlib import PurePath
 from types import MappingProxyType
 from typing import Any, NamedTuple
@@ -31,13 +31,17 @@ from mavdem.fleet.quantities import (
     RISE,
     SHARE,
 )
-from mavdem.fleet.random_effects import SD_BETWEEN_FLIGHTS, QuantityChange
+from mavdem.fleet.random_effects import (
+    SD_BETWEEN_FLIGHTS,
+    QuantityChange,
+    significance_of_single_change,
+)
 from mavdem.fleet.report_columns import value_at
 from mavdem.fleet.row import UNKNOWN, FlightRow
 from mavdem.ingest.vocabulary import RATE_PID_GAINS
 from mavdem.report.blocks import Blocks, Rated, Sentence, Table, caution
 from mavdem.report.numbers import counted, listed, plus_minus, rounded, without_remark
-from mavdem.report.templates import render_section
+from mavdem.report.templates import render_section, without_full_stop
 
 Review = Mapping[str, Any]
 """The document of a review, as ``report.json`` has it; any of its keys may be missing."""
@@ -96,8 +100,9 @@ def headline_of_comparison(
 
     1. Whether the states are of two vehicles.
     2. The lights (judgements of one subject each, such as the motors) that are bad on one side only.
-    3. Whether compared figures changed. One change is named: of a loop with a bad margin, or else the surest one.
-    4. The changed gains of loops with a bad margin or a changed figure, or else all changed gains, and their effects.
+    3. The lights of the vehicle that are to be watched on one side, and good on the other.
+    4. Whether compared figures changed. One change is named: of a loop with a bad margin, or else the surest one.
+    5. The changed gains of loops with a bad margin or a changed figure, or else all changed gains, and their effects.
        Where no figure changed that they do not explain, they come first.
 
     Args:
@@ -114,6 +119,7 @@ def headline_of_comparison(
     light_sentences = [
         Sentence(light.text, f"{light.name.capitalize()}:") for light in differing_lights
     ]
+    light_sentences += _sentences_on_watched_lights(reviews)
     bad_axes = {light.axis for light in differing_lights if light.name == Light.MARGINS}
     changes = _changes_by_relevance(difference, bad_axes)
     changed_axes = {
@@ -244,6 +250,30 @@ def _lights_bad_on_one_side(reviews: Mapping[str, Review]) -> list[_DifferingLig
     return differing_lights
 
 
+def _sentences_on_watched_lights(reviews: Mapping[str, Review]) -> list[Sentence]:
+    """Returns a sentence on each light of the vehicle that is to be watched on one side, and good on the other.
+
+    The lights of the wind and of the log are left out: they judge the day and the recording, and not the vehicle.
+
+    Args:
+        reviews: review documents of both logs, by side; one without lights, as of a fleet, is compared with nothing.
+    """
+    first_lights, second_lights = (
+        reviews.get(side, {}).get("lights") or {} for side in STATE_NAMES
+    )
+    sentences = []
+    for name, first_light in first_lights.items():
+        second_light = second_lights.get(name)
+        if second_light is None or name in (Light.WIND, Light.LOG):
+            continue
+        if {first_light["level"], second_light["level"]} == {Level.GOOD, Level.WATCH}:
+            texts = []
+            for side, light in zip(STATE_NAMES, (first_light, second_light), strict=True):
+                texts.append(f"{light['level']} in {side}: {without_full_stop(light['sentence'])}")
+            sentences.append(Sentence(f"{'; '.join(texts)}.", f"{name.capitalize()}:"))
+    return sentences
+
+
 def _later_side(reviews: Mapping[str, Review]) -> str:
     """Returns the side of a comparison that flew later, whose faults are to be mended.
 
@@ -268,8 +298,8 @@ def light_blocks(reviews: Mapping[str, Review]) -> Blocks:
         reviews: review documents of both logs, by side ("A" and "B").
 
     Returns:
-        The table with a row for each differing light and side, with level and sentence, in the first log's order of
-        lights, and the sentence; nothing if either log has no lights.
+        The table with a row for each differing light and a column for each side, with level and sentence, in the first
+        log's order of lights, and the sentence; nothing if either log has no lights.
     """
     lights_by_side = {side: review.get("lights") or {} for side, review in reviews.items()}
     if not all(lights_by_side.values()):
@@ -283,11 +313,14 @@ def light_blocks(reviews: Mapping[str, Review]) -> Blocks:
             # Lights with the same level on both sides are only named.
             names_by_level.setdefault(levels.pop(), []).append(name)
             continue
-        for side, light in lights.items():
-            if light is not None:
-                level = Rated(light["level"], Level(light["level"]))
-                rows.append([f"{name}, {side}", level, light["sentence"]])
-    table = [Table(["light", "level", "what it says"], rows, words=True)] if rows else []
+        cells = []
+        for light in lights.values():
+            if light is None:
+                cells.append("")
+            else:
+                cells.append(Rated(light["level"], Level(light["level"]), light["sentence"]))
+        rows.append([name, *cells])
+    table = [Table(["light", *reviews], rows, words=True)] if rows else []
     return [*table, *render_section("difference_lights", names_by_level=names_by_level)]
 
 
@@ -471,6 +504,65 @@ def _change_sentences(
         else 1 - (1 - surest_change.p) ** len(tested_changes),
     )
     return [*sentences, *same_sentences(difference.changes_with(QuantityOutcome.SAME))]
+
+
+def bound_sentences(difference: VehicleDifference) -> list[Sentence]:
+    """Returns the sentence on how much may have changed, and what would have been found, where no change was found.
+
+    Args:
+        difference: comparison of two states, quantity by quantity.
+
+    Returns:
+        The sentence, with the largest change that the intervals of each kind of quantity contain, and the change that
+        nine of ten such comparisons find. None if a tested quantity changed or is doubtful.
+    """
+    tested_changes = difference.tested
+    for change in tested_changes:
+        if change.outcome is QuantityOutcome.CHANGED or _is_doubtful(change):
+            return []
+    if difference.is_of_same_flight:
+        return []
+    bounds = []
+    for kind, changes in group_by(tested_changes, lambda change: change.quantity.kind).items():
+        significance = significance_of_single_change(tested_changes, kind)
+        detectable = max(change.detectable_difference(significance) for change in changes)
+        changes_by_bound = group_by(
+            changes, lambda change: _limit_text(change.quantity.kind, change.largest_difference)
+        )
+        bounds_of_kind = [
+            f"of {_names_of_quantities(changes_of_bound)} within ±{bound}"
+            for bound, changes_of_bound in changes_by_bound.items()
+        ]
+        bounds.append(
+            f"{SHOWN_QUANTITIES[kind].name} {listed(bounds_of_kind)} "
+            f"(a change of {_limit_text(kind, detectable)} would have been found)"
+        )
+    return render_section("difference_bounds", bounds=bounds)
+
+
+def _names_of_quantities(changes: Sequence[QuantityChange]) -> str:
+    """Returns the motors or axes of some quantities as text, such as "motor 1 and motor 2"."""
+    names = []
+    for change in changes:
+        quantity = change.quantity
+        names.append(f"motor {quantity.motor}" if quantity.is_of_motor else quantity.axis)
+    return listed(names)
+
+
+def _limit_text(kind: str, limit: float) -> str:
+    """Returns an upper limit of a kind of quantity with its unit; whole percent, rounded up, from 3 % on."""
+    percent = 100 * limit
+    if kind in LOGARITHMIC_KINDS and percent >= MIN_WHOLE_PERCENT:
+        return f"{ceil(percent)} %"
+    return _amount_text(kind, limit)
+
+
+def _amount_text(kind: str, amount: float) -> str:
+    """Returns an amount of a kind of quantity with its unit, such as "2 %"; of a logarithm it is that of a ratio."""
+    shown_form = SHOWN_QUANTITIES[kind]
+    if kind in LOGARITHMIC_KINDS:
+        return f"{rounded(100 * amount)} %"
+    return f"{rounded(shown_form.scale * amount)} {shown_form.unit}".strip()
 
 
 def same_sentences(same: Sequence[QuantityChange]) -> list[Sentence]:
@@ -672,18 +764,10 @@ def _texts_by_kind(changes: Sequence[QuantityChange]) -> Iterator[str]:
     """
     changes_by_kind = group_by(changes, lambda change: change.quantity.kind)
     for kind, changes_of_kind in changes_by_kind.items():
-        shown_form = SHOWN_QUANTITIES[kind]
-        names = []
-        for change in changes_of_kind:
-            quantity = change.quantity
-            names.append(f"motor {quantity.motor}" if quantity.is_of_motor else quantity.axis)
         widest_half_width = max(change.half_width for change in changes_of_kind)
-        if kind in LOGARITHMIC_KINDS:
-            # The half width of a logarithm is that of a ratio.
-            uncertainty = f"{rounded(100 * widest_half_width)} %"
-        else:
-            uncertainty = f"{rounded(shown_form.scale * widest_half_width)} {shown_form.unit}"
-        yield f"{shown_form.name} of {listed(names)} (± {uncertainty})"
+        names = _names_of_quantities(changes_of_kind)
+        uncertainty = _amount_text(kind, widest_half_width)
+        yield f"{SHOWN_QUANTITIES[kind].name} of {names} (± {uncertainty})"
 
 
 def _signed(number: str) -> str:

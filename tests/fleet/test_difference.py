@@ -4,6 +4,7 @@ import json
 from dataclasses import replace
 
 import numpy as np
+import scipy
 from fleet_rows import flight_row
 from numpy.random import default_rng
 from pytest import approx, mark
@@ -37,9 +38,16 @@ from mavdem.fleet.quantities import (
     PHASE_MARGIN,
     RISE,
     SHARE,
+    Estimate,
     Quantity,
 )
-from mavdem.fleet.random_effects import SD_BETWEEN_FLIGHTS, QuantityChange, with_outcomes
+from mavdem.fleet.random_effects import (
+    SD_BETWEEN_FLIGHTS,
+    QuantityChange,
+    quantity_change,
+    significance_of_single_change,
+    with_outcomes,
+)
 
 Z90 = 1.645
 SHARES = np.array([1.0, 0.98, 1.03, 0.99])
@@ -393,3 +401,27 @@ def test_flights_are_not_compared_by_a_voltage_that_nothing_measures(ends, volta
     start, end = ends
     row = flight_row("roll", 1, voltage_start=start, voltage_end=end, voltage_mean=12.6)
     assert mean_conditions([[row]]).voltage == voltage
+
+
+def test_a_detectable_change_is_found_in_nine_of_ten_comparisons():
+    """Simulated estimates with the assumed spread between flights, and four motors of which one changed."""
+    rng = default_rng(11)
+    sd = 0.02
+    estimates = [Estimate(0.0, 0.01)]
+    quantities = [Quantity(SHARE, motor) for motor in range(4)]
+    changes = [quantity_change(quantity, estimates, estimates, 0.0) for quantity in quantities]
+    significance = significance_of_single_change(changes, SHARE)
+    assert significance == approx(SIGNIFICANCE / 4)
+    true_change = changes[0].detectable_difference(significance)
+    error_sd = changes[0].half_width / coverage_factor(freedom=changes[0].freedom)
+    assert error_sd > sd
+    found_count = 0
+    for _ in range(1000):
+        noise = rng.standard_t(changes[0].freedom, 4) * error_sd
+        noise[0] += true_change
+        compared = []
+        for change, log_ratio in zip(changes, noise.tolist(), strict=True):
+            p = float(2 * scipy.special.stdtr(change.freedom, -abs(log_ratio) / error_sd))
+            compared.append(change._replace(difference=log_ratio, p=p))
+        found_count += with_outcomes(compared)[0].outcome is QuantityOutcome.CHANGED
+    assert 870 < found_count < 930

@@ -19,10 +19,16 @@ from mavdem.fleet.report_columns import NOT_IDENTIFIABLE, value_at
 from mavdem.report.blocks import Blocks, Table, headline_sentence
 from mavdem.report.charts.change_plan import change_plan, drawn_changes
 from mavdem.report.charts.chart import TIME_AFTER_STEP, Axis, Chart, Group, Line, LineStyle
-from mavdem.report.charts.comparison_charts import FlightSeries, flight_series_charts
+from mavdem.report.charts.comparison_charts import (
+    MEAN_MOTOR_OUTPUT,
+    VIBRATION,
+    FlightSeries,
+    flight_series_charts,
+)
 from mavdem.report.charts.flight_charts import MIN_DENSITY, STEP_RESPONSE
 from mavdem.report.difference import (
     Review,
+    bound_sentences,
     difference_blocks,
     headline_blocks,
     headline_of_comparison,
@@ -54,6 +60,9 @@ TRIMS_CAPTION = """\
 Over the median motor's, with the part that lean makes, which the light of the motors leaves out. Whiskers hold by how \
 much flights of one vehicle differ, too, half of the change's variance each."""
 """What stands below the chart of trims."""
+
+OVERVIEW_SERIES = (VIBRATION, MEAN_MOTOR_OUTPUT)
+"""Time series in the row of pictures at the top: what rotors and load change in flights that are flown alike."""
 
 MAX_MOTORS = 12
 """Motors that the axis of a chart has names for: those of the largest frames."""
@@ -106,7 +115,9 @@ def comparison_page(
     drawn = drawn_changes(difference)
     not_drawn = [change for change in difference.changes if change not in drawn]
     changed_group = Group.side_by_side([plan], CHANGES_CAPTION)
+    series_charts = [*_series_charts(flights, legend)]
     chapters = [
+        Chapter("Both flights", (), _overview_groups(reviews_by_side, legend, series_charts)),
         Chapter("What changed", same_sentences(not_drawn), [] if plan is None else [changed_group]),
         Chapter("Lights", light_blocks(reviews_by_side)),
         Chapter("Step response", (), [Group.of_axes(steps_of_axes)] if steps_of_axes else []),
@@ -115,8 +126,7 @@ def comparison_page(
             (),
             _chart_group(_trim_chart(reviews_by_side, legend, difference), TRIMS_CAPTION),
         ),
-        Chapter("Spectra", (), _chart_group(_spectrum_chart(reviews_by_side, legend)), folded=True),
-        _series_chapter(flights, legend),
+        _series_chapter(flights, series_charts),
         _table_chapter("Margins", "90 % interval", _margin_rows(reviews_by_side))._replace(
             folded=True
         ),
@@ -133,6 +143,7 @@ def comparison_page(
     summary: Blocks = []
     for sentence in headline:
         summary.append(headline_sentence(f"{sentence.lead} {sentence.text}".strip()))
+    summary += bound_sentences(difference)
     if not difference.is_of_same_flight:
         headlines = {
             side: value_at(review, "headline.sentence") for side, review in reviews_by_side.items()
@@ -143,25 +154,55 @@ def comparison_page(
     return render_document(" and ".join(names), subtitle, summary, chapters, back)
 
 
-def _series_chapter(
+def _series_charts(
     flights: tuple[FlightSeries | None, FlightSeries | None], legend: Mapping[str, str]
+) -> Iterator[Chart]:
+    """Yields a chart of each time series, with both flights over each other.
+
+    Args:
+        flights: time series of the flight of each side, A and B; None where they were not stored with the flight.
+        legend: name of each side in legends.
+    """
+    series = dict(zip(SIDE_COLOURS, flights, strict=True))
+    known_series = {side: flown for side, flown in series.items() if flown is not None}
+    for chart in flight_series_charts(known_series, legend, SIDE_COLOURS):
+        yield _with_single_side(chart)
+
+
+def _overview_groups(
+    reviews_by_side: Reviews, legend: Mapping[str, str], series_charts: Sequence[Chart]
+) -> list[Group]:
+    """Returns one row of pictures of both flights: the gyro's spectra, and the time series that shows most of each.
+
+    Args:
+        reviews_by_side: review documents of both logs, by side.
+        legend: name of each side in legends.
+        series_charts: charts of the time series of both flights.
+    """
+    spectra = _spectrum_chart(reviews_by_side, legend)
+    charts = [_with_single_side(spectra)] if spectra.lines else []
+    charts_by_title = {chart.title: chart for chart in series_charts}
+    charts += [charts_by_title[title] for title in OVERVIEW_SERIES if title in charts_by_title]
+    return [Group.side_by_side(charts)] if charts else []
+
+
+def _series_chapter(
+    flights: tuple[FlightSeries | None, FlightSeries | None], series_charts: Sequence[Chart]
 ) -> Chapter:
-    """Returns the folded chapter with the time series of both flights, drawn over each other.
+    """Returns the folded chapter with the time series that the row of pictures at the top does not have.
 
     Args:
         flights: time series of the flight of each side, A and B; None where they were not stored with the flight, which
             the chapter says.
-        legend: name of each side in legends.
+        series_charts: charts of the time series of both flights.
     """
     series = dict(zip(SIDE_COLOURS, flights, strict=True))
     sides_without_series = [side for side, flown in series.items() if flown is None]
-    known_series = {side: flown for side, flown in series.items() if flown is not None}
     remarks = render_section("difference_series", lacking=sides_without_series)
     groups = [
-        Group.side_by_side([_with_single_side(chart)])
-        for chart in flight_series_charts(known_series, legend, SIDE_COLOURS)
+        Group.side_by_side([chart]) for chart in series_charts if chart.title not in OVERVIEW_SERIES
     ]
-    return Chapter("Time series", remarks, groups, folded=True)
+    return Chapter("More time series", remarks, groups, folded=True)
 
 
 def _legend_name(side: str, name: str, review: Review) -> str:

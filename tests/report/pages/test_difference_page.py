@@ -1,5 +1,7 @@
 """The page of two flights compared: its charts show the figures that its text compares."""
 
+import re
+
 import numpy as np
 import pytest
 from fleet_rows import flight_row
@@ -8,7 +10,7 @@ from numpy.testing import assert_allclose
 from mavdem.fleet.difference import vehicle_difference
 from mavdem.report.charts.change_plan import change_plan
 from mavdem.report.charts.chart import Axis, Chart, Line
-from mavdem.report.difference import light_blocks
+from mavdem.report.difference import bound_sentences, headline_of_comparison, light_blocks
 from mavdem.report.pages.difference_page import (
     _trim_chart,
     _wind_rows,
@@ -68,7 +70,9 @@ def test_lights_that_are_equal_are_one_sentence():
     }
     worse = lights | {"motors": {"level": "bad", "sentence": "Motor 1 is weak."}}
     table, equal = light_blocks({"A": {"lights": lights}, "B": {"lights": worse}})
-    assert [row[0] for row in table.rows] == ["motors, A", "motors, B"]
+    assert table.header == ["light", "A", "B"]
+    assert table.rows == [["motors", "good", "bad"]]
+    assert table.rows[0][2].reason == "Motor 1 is weak."
     assert equal.lead == "Equal in A and B:" and equal.text == "power unknown; log good."
     assert light_blocks({"A": {"lights": lights}, "B": {}}) == []
 
@@ -97,3 +101,39 @@ def test_a_change_that_has_no_room_in_the_drawing_is_an_arrow_at_its_edge(differ
     plan = change_plan(far)
     assert plan.svg.count('d="M-11 -6') == 1 and "<rect class" not in plan.svg
     assert 'd="M-11 -6' not in change_plan(difference).svg
+
+
+def test_a_light_to_be_watched_on_one_side_is_in_the_headline(difference):
+    vibration = {"good": "Vibration 10 m/s².", "watch": "Vibration 16 m/s²."}
+    reviews = {}
+    for side, level in {"A": "watch", "B": "good"}.items():
+        lights = {
+            name: {"level": level, "sentence": vibration[level]} for name in ("vibration", "log")
+        }
+        reviews[side] = {"lights": lights}
+    (sentence,) = [
+        one
+        for one in headline_of_comparison(reviews, difference)
+        if one.text and "watch" in one.text
+    ]
+    assert sentence.lead == "Vibration:"
+    assert sentence.text == "watch in A: Vibration 16 m/s²; good in B: Vibration 10 m/s²."
+
+
+def test_spectra_of_both_flights_are_open_before_what_changed(difference):
+    spectrum = {"frequency": [0.0, 1.0, 2.0], "density": {"roll": [1.0, 2.0, 3.0]}}
+    review = {"spectra": {"gyro": spectrum}}
+    page = comparison_page(("a.bin", "b.bin"), (review, review), difference)
+    chapter = page[page.index('id="both-flights"') : page.index('id="what-changed"')]
+    assert "Gyro, power" in chapter and "<details open>" in chapter
+
+
+def test_where_nothing_changed_it_says_what_would_have_been_found():
+    intervals = {"trim_share_interval": (0.01,) * 4}
+    states = [
+        [flight_row("quad", number, trim_share=SHARES["A"], **intervals)] for number in (0, 1)
+    ]
+    (sentence,) = bound_sentences(vehicle_difference(*states))
+    bound, detectable = re.findall(r"(\d+(?:\.\d+)?) %", sentence.text)[:2]
+    assert "relative trim of motor 1, motor 2, motor 3 and motor 4 within" in sentence.text
+    assert 0 < float(bound) < float(detectable) < 20
