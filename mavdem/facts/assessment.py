@@ -95,6 +95,7 @@ class NextStep(Code):
     KEEP_MODEL = "keep_model"
     KEEP_LOG = "keep_log"
     LOAD_GAINS = "load_gains"
+    FLY_BEFORE_GAINS = "fly_before_gains"
     TUNE_OTHER_AXES = "tune_other_axes"
     LAND_NOW = "land_now"
     LAND_SOON = "land_soon"

@@ -101,6 +101,20 @@ class Advice(ImmutableResult):
         return {name: gain.set for name, gain in self.gains.items() if gain.set != gain.now}
 
     @property
+    def share_lacking(self) -> float:
+        """Fraction of the models with which the loops of the flight lack the margins, at its own thrust, 0 to 1."""
+        return 1 - self.before.share_meeting(self.target)
+
+    @property
+    def is_sound(self) -> bool:
+        """Whether the flight is a basis for changing gains, by at least ``SURE_SHARE`` of the models.
+
+        Either the loops have their margins with the new gains, or they lack them with the present ones. Otherwise the
+        present gains may be right as they are, and another flight is to show that first.
+        """
+        return max(self.sure, self.share_lacking) >= SURE_SHARE
+
+    @property
     def conclusion(self) -> Fact:
         """What to do with the gains: set them, keep them, take a step towards the margins, or why there is no advice.
 
@@ -112,6 +126,8 @@ class Advice(ImmutableResult):
 
         - ``share``: fraction of the models with the margins at all ``EFFECTIVENESS_FACTORS``, with the new gains.
         - ``share_as_flown``: the same at the thrust of the flight alone.
+        - ``share_lacking``: fraction of the models that lack the margins with the logged gains, at that thrust.
+        - ``is_sound``: whether the flight is a basis for changing gains (:attr:`is_sound`).
         - ``has_room``: whether the logged gains surely have the margins already.
         - ``can_go_on``: whether gains of loops with enough margin may be raised further.
         - ``stage`` of tuning, and number of ``flights`` that it still needs.
@@ -133,6 +149,8 @@ class Advice(ImmutableResult):
             code,
             share=share_with_margins,
             share_as_flown=self.after.share_meeting(self.target),
+            share_lacking=self.share_lacking,
+            is_sound=self.is_sound,
             has_room=self.rating.is_good,
             can_go_on=not reasons_for_no_gains(self.before, for_higher_gains=True),
             stage=int(self.stage or 0),

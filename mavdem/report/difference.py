@@ -39,7 +39,7 @@ from mavdem.fleet.random_effects import (
 from mavdem.fleet.report_columns import value_at
 from mavdem.fleet.row import UNKNOWN, FlightRow
 from mavdem.ingest.vocabulary import RATE_PID_GAINS
-from mavdem.report.blocks import Blocks, Rated, Sentence, Table, caution
+from mavdem.report.blocks import Blocks, Rated, Sentence, Table, caution, shortened
 from mavdem.report.numbers import counted, listed, plus_minus, rounded, without_remark
 from mavdem.report.templates import render_section, without_full_stop
 
@@ -81,6 +81,9 @@ SHOWN_QUANTITIES = {
     RISE: ShownQuantity("rise time of the rate", 1e3, "ms"),
 }
 """How quantities are shown, by their kind."""
+
+MAX_LIGHT_CHARACTERS = 60
+"""Largest length of what a light of one flight says in the headline, without its details: a choice."""
 
 MAX_HEADLINE_GAINS = 4
 """Largest number of changed gains that the headline names: a choice."""
@@ -269,7 +272,8 @@ def _sentences_on_watched_lights(reviews: Mapping[str, Review]) -> list[Sentence
         if {first_light["level"], second_light["level"]} == {Level.GOOD, Level.WATCH}:
             texts = []
             for side, light in zip(STATE_NAMES, (first_light, second_light), strict=True):
-                texts.append(f"{light['level']} in {side}: {without_full_stop(light['sentence'])}")
+                sentence = without_full_stop(shortened(light["sentence"], MAX_LIGHT_CHARACTERS))
+                texts.append(f"{light['level']} in {side}, {sentence}")
             sentences.append(Sentence(f"{'; '.join(texts)}.", f"{name.capitalize()}:"))
     return sentences
 

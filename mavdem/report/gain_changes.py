@@ -58,6 +58,9 @@ class GainChanges(NamedTuple):
     cautions: Sequence[Block] = ()
     """Sentences on how far the gains can be trusted, which stand between the table and the files."""
 
+    is_result: bool = False
+    """Whether the gains are the result of the page, which shows their table and folds the cautions."""
+
 
 class _GainSet(NamedTuple):
     """Gains that are loaded together."""

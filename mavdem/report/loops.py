@@ -345,7 +345,7 @@ def is_about_loops(fact: Fact, judgement: Judgement) -> bool:
     # A loss of the vehicle or an impact is not about the loops, though it may be what the light of tracking shows.
     if reason.code in LIGHT_OF_EVENT:
         return False
-    if fact.code in (NextStep.LOAD_GAINS, NextStep.TUNE_OTHER_AXES):
+    if fact.code in (NextStep.LOAD_GAINS, NextStep.FLY_BEFORE_GAINS, NextStep.TUNE_OTHER_AXES):
         return True
     lights_of_loops = [judgement.lights[Light.TRACKING], judgement.lights[Light.MARGINS]]
     return isinstance(reason.code, GainFact | LoopFact) or reason in lights_of_loops

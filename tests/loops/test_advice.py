@@ -10,10 +10,12 @@ from numpy.testing import assert_array_equal
 from pytest import approx, mark
 
 from mavdem.assessment.axis.margins import AxisMargins
-from mavdem.assessment.axis.tuning import _advice_to_load
+from mavdem.assessment.axis.tuning import _advice_to_load, _step_with_gains
+from mavdem.assessment.judgement import Judgement
 from mavdem.facts import Fact, Level
 from mavdem.facts.assessment import NextStep
 from mavdem.facts.loops import GainBound, GainFact, LoopFact
+from mavdem.facts.margins import MarginsLight
 from mavdem.loops.advice import advise, reasons_for_no_gains
 from mavdem.loops.axis_loops import MARGIN_TARGETS, margin_scores
 from mavdem.loops.gain_design import (
@@ -294,6 +296,36 @@ def test_the_next_step_is_as_careful_as_the_advice_is_sure():
     doubtful = Fact(NextStep.LOAD_GAINS, Level.WATCH, share=0.58, is_biased=True, **known).sentence
     for words in ("on trial", "only 58 % of the vehicle models", "biased", "Hover low"):
         assert words in doubtful
+
+
+def test_a_flight_that_shows_neither_lack_nor_success_is_flown_again_before_gains_are_loaded():
+    lacks = advise(made_up(4.5))
+    assert lacks.parameters and lacks.sure < SURE_SHARE <= lacks.share_lacking and lacks.is_sound
+    assert lacks.conclusion.remedy.startswith("Load them")
+    # Half of the models keep a plant with which the loops have their margins.
+    weak = replace(
+        lacks.before,
+        effectiveness=lacks.before.effectiveness
+        * np.where(np.arange(len(lacks.before.effectiveness)) % 2, 0.2, 1.0),
+    )
+    unclear = replace(lacks, before=weak, sure=0.69)
+    assert 0.3 < unclear.share_lacking < 0.7 and not unclear.is_sound
+    assert (
+        unclear.conclusion.remedy == "Fly ten quick doublets about each axis before any is loaded."
+    )
+    assert "would be a step" in unclear.conclusion.sentence
+    assert replace(unclear, sure=SURE_SHARE).is_sound
+    headline = Fact(MarginsLight.LOOP_MARGINS, Level.WATCH)
+    judgement = Judgement(headline, headline, {})
+    steps = {}
+    for name, advice in {"sound": [lacks, unclear], "unclear": [unclear]}.items():
+        steps[name] = _step_with_gains(judgement, advice, (), (), is_written=True)
+    assert steps["sound"].code is NextStep.LOAD_GAINS
+    assert steps["unclear"].code is NextStep.FLY_BEFORE_GAINS
+    assert steps["unclear"].sentence.startswith(
+        "Keep the gains, and fly ten small, quick doublets about roll in calm air;"
+    )
+    assert "69 % reach the goal with the gains of this report" in steps["unclear"].sentence
 
 
 def test_a_loop_that_keeps_its_gains_does_not_make_those_of_another_less_sure():

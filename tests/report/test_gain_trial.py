@@ -13,7 +13,7 @@ from mavdem.loops.advice import advise
 from mavdem.loops.axis_loops import MARGIN_TARGETS
 from mavdem.loops.twin_flight import ReplaySegment
 from mavdem.report.charts import gain_trial
-from mavdem.report.charts.chart import Axis, Chart, Line
+from mavdem.report.charts.chart import Axis, Chart, Line, LineStyle
 from mavdem.report.charts.gain_trial import gain_trial_groups
 from mavdem.report.pages.tune_page import _step_caption
 from mavdem.report.palette import PHYSICAL, PREDICTED
@@ -29,11 +29,12 @@ def test_steps_of_both_gains_are_drawn_over_each_other():
     charts = [chart for column in groups["roll"].columns for chart in column]
     assert [chart.title for chart in charts] == ["Roll rate: step", "Roll attitude: step"]
     for chart in charts:
-        now, advised = chart.lines
+        advised, now = chart.lines
+        assert (now.style, advised.style) == (LineStyle.DASHES, LineStyle.LINE)
         assert (now.name, advised.name) == ("now", "advised")
         for line in (now, advised):
             assert abs(line.y[0]) < 0.05 and line.y[-1] == approx(1, abs=0.15)
-    rate_now, rate_advised = charts[0].lines
+    rate_advised, rate_now = charts[0].lines
     assert rate_now.y.max() > rate_advised.y.max() > 1, "the advised gains overshoot less"
 
 
@@ -44,7 +45,7 @@ def test_the_caption_of_steps_explains_only_what_is_drawn():
         for colour in (PREDICTED, PHYSICAL)
     )
     assert _step_caption({"roll": {"rate": [now]}}).endswith(
-        "step of the setpoint. Blue: predicted with the gains that flew."
+        "step of the setpoint. Blue, dashed: predicted with the gains that flew."
     )
     caption = _step_caption({"roll": {"rate": [now, advised]}})
     assert "Green: " in caption and "Grey" not in caption

@@ -275,7 +275,7 @@ def _step_with_gains(
     *,
     is_written: bool,
 ) -> Fact:
-    """Returns the fact that advises to load the new gains next, with what is uncertain about them.
+    """Returns the fact that advises to load the new gains next, with what is uncertain about them, or to fly before.
 
     Args:
         judgement: headline, next step and status lights of the flight, and decisions on its loops.
@@ -285,9 +285,11 @@ def _step_with_gains(
         is_written: whether the gains are written to a file.
 
     Returns:
-        The fact. Its ``share`` is the share of the models that agree with the flight and have the margins, the lowest
-        of all loops; new gains are surely right if that is at least ``needed``. ``is_biased`` is whether wind biased
-        the control effectiveness of a loop, and ``missing`` are the lights that should be known before.
+        The fact. It is ``FLY_BEFORE_GAINS`` if the flight is no basis for the new gains of any axis
+        (``Advice.is_sound``), and otherwise ``LOAD_GAINS``. Its ``share`` is the share of the models that agree with
+        the flight and have the margins, the lowest of all loops; new gains are surely right if that is at least
+        ``needed``. ``is_biased`` is whether wind biased the control effectiveness of a loop, and ``missing`` are the
+        lights that should be known before.
     """
     new_gains = _advice_to_load(advice_on_loops)
     is_biased = any(
@@ -295,6 +297,16 @@ def _step_with_gains(
         for advice in new_gains
         for caution in advice.before.cautions
     )
+    if not any(advice.is_sound for advice in new_gains):
+        return Fact(
+            NextStep.FLY_BEFORE_GAINS,
+            judgement.headline.level,
+            names=tuple(advice.before.axis for advice in new_gains),
+            share=max(advice.sure for advice in new_gains),
+            share_lacking=max(advice.share_lacking for advice in new_gains),
+            needed=SURE_SHARE,
+            is_biased=is_biased,
+        )
     return Fact(
         NextStep.LOAD_GAINS,
         judgement.headline.level,

@@ -151,6 +151,7 @@ def _response_charts(
     gains = [
         Line("measured", MEASURED, measured_response.frequency, measured_response.gain, low, high)
     ]
+    steps_over_advised = list[Line]()
     if response.predicted_step is not None and response.predicted_gain is not None:
         predicted_step = Line(
             "predicted",
@@ -159,14 +160,16 @@ def _response_charts(
             response.predicted_step,
             style=LineStyle.DASHES,
         )
-        # A step of the identified loop is the prediction already.
+        # A step of the identified loop is the prediction already. The dashed line is drawn over the solid one of the
+        # advised gains, so that both are seen where they are equal.
         if not measured_response.is_identified:
-            steps.append(predicted_step)
+            steps_over_advised.append(predicted_step)
         gains.append(
             predicted_step._replace(x=measured_response.frequency, y=response.predicted_gain)
         )
     if advised_step is not None:
         steps.append(Line("advised gains", PHYSICAL, measured_response.time, advised_step))
+    steps += steps_over_advised
     yield Chart(f"{title}: step", TIME_AFTER_STEP, STEP_RESPONSE, tuple(steps), (1.0,))
     if measured_response.loop == "rate":
         yield Chart(f"{title}: |T|", FREQUENCY, CLOSED_LOOP_GAIN, tuple(gains), (1.0,))

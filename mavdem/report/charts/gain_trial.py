@@ -120,12 +120,14 @@ def predicted_step_chart(loops: LoopsByAxis, loop_name: str) -> Chart:
     duration = STEP_SECONDS[loop_name]
     time = np.linspace(duration / STEP_POINTS, duration, STEP_POINTS)
     lines = []
-    for name, loop in loops.items():
+    # The line of the present gains is dashed and drawn last, so that both are seen where they are equal.
+    for name, loop in reversed(loops.items()):
         rate_or_attitude_loop = loop.rate if loop_name == "rate" else loop.attitude
         closed_loop_response = rate_or_attitude_loop.closed_loop_of_estimate
         frequency = rate_or_attitude_loop.frequency
         step = step_from_frequency_response(frequency, closed_loop_response, time)
-        lines.append(Line(name, GAIN_COLOURS[name], time, step))
+        style = LineStyle.DASHES if name == "now" else LineStyle.LINE
+        lines.append(Line(name, GAIN_COLOURS[name], time, step, style=style))
     title = f"{loops['now'].axis.capitalize()} {loop_name}: step"
     return Chart(title, TIME_AFTER_STEP, Axis("share of the step"), tuple(lines), (1.0,))
 

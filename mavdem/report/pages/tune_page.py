@@ -7,6 +7,8 @@ from mavdem.assessment import Assessment
 from mavdem.assessment.axis.responses import advised_steps
 from mavdem.assessment.axis.tuning import Tuning
 from mavdem.assessment.axis.twin import GainTrial, try_gains
+from mavdem.facts import Fact
+from mavdem.facts.assessment import NextStep
 from mavdem.facts.lights import Light
 from mavdem.loops.advice import Advice
 from mavdem.loops.identified_step import STEP_SECONDS
@@ -26,7 +28,7 @@ from mavdem.report.loops import (
 from mavdem.report.pages.noise_chapters import gyro_chapter
 from mavdem.report.pages.page import Chapter, Head, render_document
 from mavdem.report.palette import MEASURED, PHYSICAL, PREDICTED
-from mavdem.report.templates import headline
+from mavdem.report.templates import headline, sentences_by_axes
 
 SUBTITLE = "Margins of the loops, and gains to set. Nothing was sent to the vehicle."
 """What stands below the title."""
@@ -37,7 +39,7 @@ STEP_CAPTION = "Response to a step of the setpoint."
 COLOUR_MEANINGS = {
     MEASURED: "Grey: this flight's with its 90 % band, measured or, where the rate rises within few messages, of the "
     "identified loop.",
-    PREDICTED: "Blue: predicted with the gains that flew.",
+    PREDICTED: "Blue, dashed: predicted with the gains that flew.",
     PHYSICAL: "Green: with the advised ones.",
 }
 """What the colours of step responses mean, in the order of the caption."""
@@ -72,6 +74,10 @@ def tune_page(name: str, tuning: Tuning, assessment: Assessment) -> str:
         judgement.next_step,
         tuning.notch_parameters,
     )
+    if changes is not None:
+        # Gains that another flight is to confirm first are no result yet.
+        is_result = judgement.next_step.code is not NextStep.FLY_BEFORE_GAINS
+        changes = changes._replace(is_result=is_result)
     blocks: Blocks = []
     overview = margin_overview(tuning)
     if overview is not None:
@@ -118,7 +124,12 @@ def _step_chapter(tuning: Tuning, assessment: Assessment) -> Chapter:
                 # Without a measured response, the chart has what the identified loop predicts.
                 panels[axis][loop_name] = [predicted_step_chart(compared_loops(advice), loop_name)]
     groups = _groups_of_columns(panels, assessment, _step_caption(panels))
-    return Chapter("Step response", (), groups)
+    reasons = []
+    for axis, loops in responses.items():
+        for response in loops.values():
+            if panels[axis] and isinstance(response.measured, Fact):
+                reasons.append((axis, response.measured))
+    return Chapter("Step response", sentences_by_axes(reasons), groups)
 
 
 def _step_caption(panels: Mapping[str, Mapping[str, Sequence[Panel]]]) -> str:
