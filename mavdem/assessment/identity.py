@@ -88,11 +88,14 @@ class Identity:
     """Latitude and longitude of the first GPS fix, degrees north and east; None without a fix."""
 
 
-class _NameWithBasis(NamedTuple):
+class NameWithBasis(NamedTuple):
     """Name of a vehicle, and what it was made from."""
 
     name: str
+    """The name."""
+
     basis: Basis
+    """What it was made from."""
 
 
 def identify_vehicle(signals: Signals, receive_time: float = float("nan")) -> Identity:
@@ -107,7 +110,7 @@ def identify_vehicle(signals: Signals, receive_time: float = float("nan")) -> Id
         ``date_basis`` which clock the date comes from.
     """
     telemetry = signals.telemetry
-    name, name_basis = _vehicle_name(telemetry)
+    name, name_basis = vehicle_name(telemetry)
     date, date_basis = _flight_date(signals, receive_time)
     return Identity(
         name,
@@ -123,7 +126,7 @@ def identify_vehicle(signals: Signals, receive_time: float = float("nan")) -> Id
     )
 
 
-def _vehicle_name(telemetry: Telemetry) -> _NameWithBasis:
+def vehicle_name(telemetry: Telemetry) -> NameWithBasis:
     """Makes a name that is the same in all logs of one vehicle, so that they can be recognised.
 
     It is, in this order of preference:
@@ -145,15 +148,15 @@ def _vehicle_name(telemetry: Telemetry) -> _NameWithBasis:
         or _board_number_in_messages(telemetry)
     )
     if board_number:
-        return _NameWithBasis(board_number, Basis.BOARD)
+        return NameWithBasis(board_number, Basis.BOARD)
     for sensor, name_formats in CALIBRATION_PARAMETERS.items():
         for formats_of_sensor in name_formats:
             calibration = _calibration_values(telemetry.parameters, formats_of_sensor)
             if calibration:
                 text = " ".join(f"{value:.{CALIBRATION_DIGITS}g}" for value in calibration)
                 digest = hashlib.sha256(text.encode()).hexdigest()[:NAME_DIGITS]
-                return _NameWithBasis(f"{sensor}-{digest}", sensor)
-    return _NameWithBasis(system_id_name(telemetry.autopilot, telemetry.system), Basis.SYSTEM_ID)
+                return NameWithBasis(f"{sensor}-{digest}", sensor)
+    return NameWithBasis(system_id_name(telemetry.autopilot, telemetry.system), Basis.SYSTEM_ID)
 
 
 def system_id_name(autopilot: str, system: int) -> str:

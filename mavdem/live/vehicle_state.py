@@ -5,8 +5,10 @@ from dataclasses import replace
 from types import MappingProxyType
 from typing import NamedTuple
 
+from mavdem.assessment.identity import vehicle_name
 from mavdem.dataset.batteries import BATTERY_MESSAGES, Battery
 from mavdem.dataset.signals import Signals
+from mavdem.facts.vehicle import Basis
 from mavdem.ingest.telemetry import Telemetry
 from mavdem.live.recent_messages import RecentMessages
 
@@ -35,6 +37,18 @@ class VehicleState(NamedTuple):
     voltages: Mapping[int, float] = MappingProxyType({})
     """Voltage of each battery, V, by its number from 1."""
 
+    system: int = 0
+    """MAVLink system id; 0 where it is not known."""
+
+    frame: str = ""
+    """MAV_TYPE without its prefix, such as "QUADROTOR"."""
+
+    autopilot: str = ""
+    """MAV_AUTOPILOT without its prefix."""
+
+    name_in_logs: str = ""
+    """Name by which its logs are recognised, from the calibration of a sensor; empty where that is not known."""
+
 
 def vehicle_state(recent: RecentMessages, vehicle: Telemetry, now: float) -> VehicleState:
     """Returns the state of a vehicle by its latest messages.
@@ -61,6 +75,7 @@ def vehicle_state(recent: RecentMessages, vehicle: Telemetry, now: float) -> Veh
         if voltage is None or is_emptier:
             voltage = battery_voltage
             charge = battery_charge
+    name, basis = vehicle_name(vehicle)
     return VehicleState(
         signals.mode_at(recent.boot, now),
         lands_by_itself=landing_mode is not None and bool(landing_mode.values[-1]),
@@ -68,6 +83,11 @@ def vehicle_state(recent: RecentMessages, vehicle: Telemetry, now: float) -> Veh
         voltage=voltage,
         charge=charge,
         voltages=voltages,
+        system=vehicle.system,
+        frame=vehicle.vehicle,
+        autopilot=vehicle.autopilot,
+        # Several vehicles may have the same system id.
+        name_in_logs="" if basis is Basis.SYSTEM_ID else name,
     )
 
 

@@ -125,6 +125,44 @@
     ctx.restore();
   };
 
+  // The numbers of events stand above the plot, where they cover no line. Those that would overlap are one text, such as
+  // "3–5, 9", which has the colour of alarms if one of them is an alarm.
+  const hasNumbers = data => data.group === "flight" && data.marks.some(([, name]) => name);
+  const drawEventNumbers = (data, chart) => {
+    const { ctx, bbox } = chart, ratio = devicePixelRatio, right = bbox.left + bbox.width;
+    ctx.save();
+    ctx.font = `${(root.classList.contains("printing") ? 8 : 10) * ratio}px system-ui, sans-serif`; ctx.textAlign = "left"; ctx.textBaseline = "bottom";
+    const events = data.marks.filter(([, name]) => name).map(([x, name, fill], rank) => ({ left: chart.valToPos(x, "x", true), numbers: [+name], fill, rank }));
+    const texts = [];
+    const placed = event => {
+      const text = rangesOf(event.numbers), width = ctx.measureText(text).width;
+      // At the right edge, a text stands left of its line.
+      const start = Math.min(event.left - 2 * ratio, right - width);
+      return { ...event, text, start, end: start + width + 4 * ratio };
+    };
+    for (const event of events.filter(({ left }) => left >= bbox.left - 1 && left <= right + 1).sort((one, other) => one.left - other.left)) {
+      let text = placed(event);
+      while (texts.length && texts.at(-1).end > text.start) {
+        const former = texts.pop(), worst = former.rank < text.rank ? former : text;
+        text = placed({ left: former.left, numbers: [...former.numbers, ...text.numbers], fill: worst.fill, rank: worst.rank });
+      }
+      texts.push(text);
+    }
+    for (const { text, start, fill } of texts) {
+      ctx.fillStyle = fill;
+      ctx.fillText(text, start, bbox.top - ratio);
+    }
+    ctx.restore();
+  };
+  // Whole numbers as text, with runs of them as ranges.
+  const rangesOf = numbers => {
+    const runs = [];
+    for (const number of [...new Set(numbers)].sort((one, other) => one - other)) {
+      if (runs.length && runs.at(-1)[1] === number - 1) runs.at(-1)[1] = number; else runs.push([number, number]);
+    }
+    return runs.map(([first, last]) => first === last ? first : `${first}–${last}`).join(", ");
+  };
+
   // Whiskers of dots, stems, and names of marks, which no grid crosses.
   const drawForeground = (data, chart) => {
     const { ctx, bbox } = chart, ratio = devicePixelRatio;
@@ -156,21 +194,15 @@
     ctx.font = `${10 * ratio}px system-ui, sans-serif`; ctx.textAlign = "left"; ctx.textBaseline = "top";
     ctx.strokeStyle = colour("--card"); ctx.lineWidth = 3 * ratio;
     if (dotDistance) ctx.textAlign = "center";
-    const taken = [];
+    if (data.group === "flight") {
+      ctx.restore();
+      drawEventNumbers(data, chart);
+      return;
+    }
     for (const [i, [x, name, fill]] of data.marks.entries()) {
-      // Names of marks stand one below the other, since marks may be close together; on an axis of names none are. The
-      // numbers of events stand in one line, as far as there is room: those of alarms, which come first, keep theirs.
-      const isEvent = data.group === "flight", [right, down] = dotDistance ? [0, 0] : [isEvent ? 2 : 3, isEvent ? 0 : 12 * i];
-      const width = ctx.measureText(name).width, start = chart.valToPos(x, "x", true) + right * ratio;
-      // At the right edge, a number stands left of its line.
-      const left = isEvent && start + width > bbox.left + bbox.width ? start - width - 2 * right * ratio : start;
-      const end = left + width + 2 * ratio;
-      // Those of the first one's colour, alarms if there are any, have a second line.
-      const isFree = row => !taken.some(other => row === other.row && left < other.end && end > other.left);
-      const row = (fill === data.marks[0][2] ? [0, 1] : [0]).find(isFree);
-      if (isEvent && row == null) continue;
-      taken.push({ left, end, row });
-      const textAndPosition = [name, left, bbox.top + (3 + down + (isEvent ? 11 * row : 0)) * ratio];
+      // Names of marks stand one below the other, since marks may be close together; on an axis of names none are.
+      const [right, down] = dotDistance ? [0, 0] : [3, 12 * i];
+      const textAndPosition = [name, chart.valToPos(x, "x", true) + right * ratio, bbox.top + (3 + down) * ratio];
       ctx.strokeText(...textAndPosition); ctx.fillStyle = fill; ctx.fillText(...textAndPosition);
     }
     ctx.restore();
@@ -199,10 +231,12 @@
     },
   });
 
+  // Pixels of a plot's padding above, which the numbers of events need.
+  const above = data => hasNumbers(data) && data.lines.length ? 13 : 6;
   const height = (figure, data) => {
     if (!data.lines.length) return 26;
     const isFlat = figure.dataset.flat != null, isBare = figure.dataset.bare != null, isForPaper = root.classList.contains("printing");
-    return isForPaper ? (isFlat ? 60 : 95) + (isBare ? 0 : 26) : (isFlat ? 80 : 160) + (isBare ? 0 : 34);
+    return above(data) + (isForPaper ? (isFlat ? 56 : 89) + (isBare ? 0 : 26) : (isFlat ? 118 : 154) + (isBare ? 0 : 34));
   };
 
   const draw = figure => {
@@ -235,7 +269,7 @@
     const rightPadding = data.beside ? 0 : edge + 2 * (data.x.names.at(-1)?.length ?? 0);
     const options = {
       width: figure.clientWidth, height: height(figure, data), series: drawn, bands,
-      padding: [strip ? 2 : 6, rightPadding, bare ? (strip ? 0 : 6) : 0, 0],
+      padding: [strip ? 2 : above(data), rightPadding, bare ? (strip ? 0 : 6) : 0, 0],
       scales: { x: scale(data.x, false), y: scale(data.y, true), ...(data.beside ? { beside: scale(data.beside, true) } : {}) },
       axes: [
         { ...base, ...shown(data.x), size: bare ? 0 : () => root.classList.contains("printing") ? 32 : 40, show: !strip, label: bare ? undefined : data.x.label, ...(bare ? { values: noLabels } : {}) },
@@ -289,10 +323,16 @@
     if (!header) return;
     const legend = element("div", "legend"), at = element("span", "at"), named = data.lines.length > 1;
     legend.append(at);
+    // A word that all names begin with, such as "motor", stands once.
+    const commonWord = /^\S+ (?=\S)/.exec(named ? data.lines[0].name : "")?.[0], isCommon = commonWord && data.lines.every(line => line.name.startsWith(commonWord));
+    const letters = data.lines.map(line => isCommon ? line.name.slice(commonWord.length) : line.name).join("").length;
+    if (letters <= 24) legend.classList.add("short");
+    if (isCommon) legend.append(Object.assign(element("span", "common"), { textContent: commonWord.trim() }));
     data.values = data.picture ? [] : data.lines.map(line => {
       const hides = named && line.kind !== "dots" && line.kind !== "stems";
       const entry = element(hides ? "button" : "span"), value = element("b");
-      if (named) entry.append(Object.assign(element("i"), { style: `background: ${line.colour}` }), `${line.name} `);
+      if (named) entry.append(Object.assign(element("i"), { style: `background: ${line.colour}` }), Object.assign(element("span"), { textContent: isCommon ? line.name.slice(commonWord.length) : line.name }), " ");
+      if (isCommon) entry.setAttribute("aria-label", line.name);
       entry.append(value);
       legend.append(entry);
       if (!hides) return value;
@@ -317,6 +357,7 @@
     const { left, top, idx } = chart.cursor, inside = left >= 0 && idx != null, x = inside ? chart.posToVal(left, "x") : null;
     if (data.group === "flight") root.dispatchEvent(new CustomEvent("cursor", { detail: x }));
     if (!data.at) return;
+    data.at.parentElement.classList.toggle("read", inside);
     if (!data.picture) {
       // Of a chart that begins later or ends earlier, the nearest value is none of the cursor's.
       const isNear = inside && Math.abs(chart.valToPos(data.columns[idx], "x") - left) <= nearby(data.columns.length, chart.over.clientWidth);

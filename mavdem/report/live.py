@@ -9,6 +9,7 @@ from mavdem.assessment.judgement import Judgement
 from mavdem.facts import Fact, Level
 from mavdem.facts.event import Event
 from mavdem.facts.session import SessionFact, TimeUse
+from mavdem.fleet.names import GivenNames
 from mavdem.live.history import REPORTED_HORIZON, HorizonErrors, LiveHistory
 from mavdem.live.session_status import SessionStatus
 from mavdem.motors.motor_changes import FALSE_ALARMS
@@ -80,6 +81,18 @@ def light_rows(status: SessionStatus) -> list[LightRow]:
     for sentence in render_section("live_lights", status=status, lights=lights):
         rows.append(LightRow(sentence.lead, lights[sentence.lead].level, sentence.text))
     return rows
+
+
+def live_title(status: SessionStatus, link: str, names: GivenNames) -> str:
+    """Returns the title of a live page, such as "Quadrotor, ArduPilot, vehicle 1", with the name that its owner gave.
+
+    Args:
+        status: state of the session.
+        link: address of the vehicle, which is the title until a vehicle is followed.
+        names: names that were given to vehicles.
+    """
+    [title] = render_section("live_title", state=status.state, link=link, names=names.vehicles)
+    return title.text
 
 
 def headline_and_next_step(judgement: Judgement) -> list[str]:

@@ -1,6 +1,10 @@
 """The evidence for an event in one sentence: which measurements confirm it (its witnesses), and which contradict it."""
 
+from collections.abc import Iterable
+
 from mavdem.facts import Fact
+from mavdem.facts.margins import MarginsLight
+from mavdem.loops.axis_loops import MARGIN_TARGETS, LoopsByAxis
 from mavdem.report.blocks import Sentence
 from mavdem.report.templates import render_section
 
@@ -31,6 +35,35 @@ def evidence_sentences(fact: Fact) -> list[Sentence]:
         "why",
         supporting=supporting_facts(witnesses),
         contradicting=contradicting_facts(witnesses),
+    )
+
+
+def margin_sentences(fact: Fact, loops: LoopsByAxis, margins: Iterable[Fact]) -> list[Sentence]:
+    """Returns the sentence why a margin is too small: the crossover of its loop, and which margin is the goal.
+
+    Args:
+        fact: the finding on the margins of one axis.
+        loops: identified loops by axis.
+        margins: facts on the margins of all axes, of which those that warn are named as well.
+
+    Returns:
+        A list with one sentence; empty where the fact is another, or its loop is not known.
+    """
+    loop = loops.get(str(fact.figures.get("axis")))
+    if fact.code is not MarginsLight.LOOP_MARGINS or not fact.warns or loop is None:
+        return []
+    others = []
+    for other in margins:
+        is_other_axis = other.code is fact.code and other.figures["axis"] != loop.axis
+        if is_other_axis and other.warns:
+            others.append(other.figures)
+    open_loop = loop.attitude if fact.subject == "attitude" else loop.rate
+    return render_section(
+        "why_margins",
+        fact=fact.figures,
+        crossover=open_loop.crossover,
+        target=MARGIN_TARGETS["default"],
+        others=others,
     )
 
 

@@ -19,6 +19,7 @@ from mavdem.facts.events import ReportedEvent
 from mavdem.facts.serve import RefusalReason
 from mavdem.facts.session import LinkFact, RowsFact, SessionFact, VehicleFact
 from mavdem.facts.watch import WatchFact
+from mavdem.fleet.names import GivenNames
 from mavdem.live import LiveStream, clock
 from mavdem.live.link import Link, ReceivedPiece
 from mavdem.live.raw_recording import RawRecording
@@ -264,7 +265,7 @@ class LinkMonitor:
                 self._report_saved_flight(f"/f/{entry.id}")
                 if session.stream.followed_vehicle is not None and not self._is_stopping.is_set():
                     self._finished_page = _finished_page(
-                        session, PageLink(entry.name, f"/f/{entry.id}")
+                        session, self._library.names, PageLink(entry.name, f"/f/{entry.id}")
                     )
             else:
                 path.unlink()
@@ -366,7 +367,9 @@ class LinkMonitor:
                 self._page = self._finished_page
                 return
             self._finished_page = ""
-        self._page = _session_page(session, status, latest_flight=self._latest_flight)
+        self._page = _session_page(
+            session, status, self._library.names, latest_flight=self._latest_flight
+        )
 
 
 def _recording_name(first_time: datetime) -> str:
@@ -387,6 +390,7 @@ def _awaits_vehicle(status: SessionStatus) -> bool:
 def _session_page(
     session: LiveSession,
     status: SessionStatus,
+    names: GivenNames,
     *,
     latest_flight: PageLink | None = None,
     saved_flight: PageLink | None = None,
@@ -396,6 +400,7 @@ def _session_page(
     Args:
         session: the session, with the history of its flight.
         status: state of the live session: vehicle, learning, alarms, headline and next step.
+        names: names that were given to vehicles in the library.
         latest_flight: link to the page of the flight before, if any.
         saved_flight: link to the page of this session's flight in the library; None while the session goes on.
     """
@@ -411,10 +416,11 @@ def _session_page(
             back=PageLink("Flights", "/"),
             latest_flight=latest_flight,
             saved_flight=saved_flight,
+            names=names,
         )
 
 
-def _finished_page(session: LiveSession, saved_flight: PageLink) -> str:
+def _finished_page(session: LiveSession, names: GivenNames, saved_flight: PageLink) -> str:
     """Returns the HTML page of a session that has ended, which links to its flight in the library.
 
     A session ends after its vehicle was switched off. Then its status says that no messages come, and that nothing can
@@ -422,6 +428,7 @@ def _finished_page(session: LiveSession, saved_flight: PageLink) -> str:
 
     Args:
         session: the live session: its link, the vehicle and the model that it learned.
+        names: names that were given to vehicles in the library.
         saved_flight: link to the page of its flight in the library.
     """
     status_at_last_message = session.stream.status()
@@ -434,7 +441,7 @@ def _finished_page(session: LiveSession, saved_flight: PageLink) -> str:
         rates=status_at_last_message.rates,
         watch_facts=status_at_last_message.watch_facts,
     )
-    return _session_page(session, status, saved_flight=saved_flight)
+    return _session_page(session, status, names, saved_flight=saved_flight)
 
 
 def _ignore(_: object) -> None:

@@ -5,6 +5,7 @@ from mavdem.facts import Fact, Level
 from mavdem.facts.ending import Ending, MotionEvent
 from mavdem.facts.event import Event
 from mavdem.facts.loops import LoopFact
+from mavdem.facts.session import SessionFact
 from mavdem.facts.witnesses import SensorFact
 from mavdem.report.brief_events import worst_events
 from mavdem.report.loops import decision_sentences
@@ -43,6 +44,21 @@ def test_a_page_says_once_what_to_do_and_what_shows_an_event():
     assert lost.sentence == str(LOST)
     (_, first, *_) = _numbered_events((LEFT, LOST, LOST), None)
     assert first.sentence == LOST.sentence_and_remedy
+
+
+def test_the_short_list_of_events_does_not_repeat_the_headline():
+    events = _numbered_events((LEFT, LOST), None, headline=str(LOST))
+    assert [event.brief for event in events] == [str(LEFT), "What the headline states."]
+    assert events[1].sentence.startswith(str(LOST))
+
+
+def test_a_live_page_has_its_newest_alarm_beside_the_headline_unless_that_states_it():
+    alarm = PageEvent(Event(1.0, Fact(SessionFact.ALARM, time=1.0, reason=LOST)))
+    other = PageEvent(Event(2.0, LEFT.replace(Level.UNKNOWN)))
+    head = Head(Level.BAD, {}, [other, alarm], is_newest_first=True)
+    assert head.newest_alarm is alarm
+    assert head._replace(events=[alarm._replace(is_headline=True)]).newest_alarm is None
+    assert head._replace(is_newest_first=False).newest_alarm is None
 
 
 def test_loops_do_not_repeat_the_next_step():

@@ -1,10 +1,12 @@
 """The report of a live session: what its time was spent on."""
 
 from mavdem.facts.session import TimeUse
+from mavdem.fleet.names import GivenNames
 from mavdem.live.history import LiveHistory
 from mavdem.live.session_status import SessionStatus
+from mavdem.live.vehicle_state import VehicleState
 from mavdem.report.blocks import Table
-from mavdem.report.live import live_report
+from mavdem.report.live import live_report, live_title
 
 
 def test_the_table_of_time_adds_up():
@@ -15,3 +17,14 @@ def test_the_table_of_time_adds_up():
     [table] = [block for block in blocks if isinstance(block, Table)]
     assert table.header == ["of 42 s", "time"]
     assert [row[1] for row in table.rows] == ["12 s", "30 s"]
+
+
+def test_the_title_of_a_live_page_names_the_vehicle_as_its_owner_does():
+    assert live_title(SessionStatus(), "udpin:0", GivenNames()) == "Flight over udpin:0"
+    state = VehicleState(
+        system=3, frame="GROUND_ROVER", autopilot="ARDUPILOTMEGA", name_in_logs="ardupilotmega-3"
+    )
+    status = SessionStatus("3:1", state=state)
+    assert live_title(status, "", GivenNames()) == "Ground rover, ArduPilot, vehicle 3"
+    names = GivenNames(vehicles={"ardupilotmega-3": "Old Red"})
+    assert live_title(status, "", names) == "Old Red, ArduPilot, vehicle 3"

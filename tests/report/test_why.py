@@ -1,10 +1,13 @@
 """Why an event is stated: its witnesses, for it and against it."""
 
-from mavdem.facts import Fact
+from types import SimpleNamespace
+
+from mavdem.facts import Fact, Level
 from mavdem.facts.ending import MotionEvent
 from mavdem.facts.events import ReportedEvent
+from mavdem.facts.margins import MarginsLight
 from mavdem.facts.witnesses import SensorFact
-from mavdem.report.why import evidence_sentences, evidence_text
+from mavdem.report.why import evidence_sentences, evidence_text, margin_sentences
 from mavdem.witnesses.sensor_facts import (
     checked_event,
     contradicting_fact,
@@ -64,3 +67,30 @@ def test_two_statements_that_rest_on_the_height_are_one_witness():
 
 def test_a_rest_that_follows_every_flight_is_no_witness():
     assert support_count([supporting_fact(SensorFact.RESTED, time=4.0)]) == 0
+
+
+def test_a_headline_on_margins_has_its_goal_crossover_and_the_other_axes_that_lack_it():
+    figures = {"reason": None, "gain_margin": 9.0, "ms": 2.84, "lacking": "phase_margin"}
+    roll, pitch, yaw = (
+        Fact(
+            MarginsLight.LOOP_MARGINS,
+            level,
+            subject="rate",
+            axis=axis,
+            phase_margin=phase,
+            **figures,
+        )
+        for axis, phase, level in (
+            ("roll", 25.0, Level.BAD),
+            ("pitch", 29.0, Level.WATCH),
+            ("yaw", 65.0, Level.GOOD),
+        )
+    )
+    open_loop = SimpleNamespace(crossover=17.4)
+    loops = {"roll": SimpleNamespace(axis="roll", rate=open_loop, attitude=None)}
+    (why,) = margin_sentences(roll, loops, (roll, pitch, yaw))
+    assert why.lead == "Why:"
+    goal = "the gain of that loop is 1 at 17 Hz, and the goal is 45° of phase margin there"
+    assert why.text == f"{goal}; pitch has 29° and Ms 2.8."
+    assert not margin_sentences(pitch, loops, (roll, pitch, yaw))
+    assert not margin_sentences(yaw, loops, ())

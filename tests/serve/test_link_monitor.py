@@ -23,6 +23,7 @@ from mavdem.facts.event import Event as HappenedEvent
 from mavdem.facts.events import ReportedEvent
 from mavdem.facts.serve import RefusalReason
 from mavdem.facts.session import LinkFact, RowsFact, SessionFact, TimeUse, VehicleFact
+from mavdem.fleet.names import NO_NAMES
 from mavdem.ingest import read_log
 from mavdem.live.history import LiveHistory
 from mavdem.live.raw_recording import RawRecording
@@ -144,7 +145,7 @@ def test_the_page_of_a_finished_flight_leads_to_the_library_and_keeps_what_it_kn
     session.stream.status.return_value = known
     silence = Fact(RowsFact.NOTHING_RECEIVED, subject="messages", duration=2.0)
     session.status = replace(known, no_model_reason=silence)
-    page = link_monitor._finished_page(session, PageLink("a.tlog", "/f/abc"))
+    page = link_monitor._finished_page(session, NO_NAMES, PageLink("a.tlog", "/f/abc"))
     assert "This flight is over." in page and '<a href="/f/abc">a.tlog</a>' in page
     assert "Nothing was received" not in page and "The flight is over; nothing more" in page
 

@@ -420,6 +420,9 @@ class Group(NamedTuple):
     first: str = ""
     """Name of the column that a phone opens and shows first; where none has this name it is the first column."""
 
+    is_flat: bool = False
+    """Whether charts over time are as low as those of a single column, although there are several columns."""
+
     @property
     def first_name(self) -> str:
         """Name of the column that a phone opens; empty where it opens all."""

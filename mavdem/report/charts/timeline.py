@@ -31,6 +31,7 @@ from mavdem.report.charts.chart import (
     Axis,
     Chart,
     Charts,
+    Group,
     Line,
     Mark,
     Span,
@@ -61,6 +62,12 @@ BRIDGED_VOLTAGE_GAP = 10.0
 
 A choice: a computer that is busy with late messages takes the voltage, which changes slowly, less than once a second.
 """
+
+FULL_WIDTH_CHARTS = 4
+"""Charts over time that a page has at its full width: a choice; mostly roll, pitch, height and motors."""
+
+MAX_COLUMNS = 3
+"""Columns of the other charts over time: as many as can be read on a screen of 1280 pixels, a choice."""
 
 ANGLE_UNIT = display_unit("rad")
 """Unit in which angles and rates are shown: degrees."""
@@ -111,10 +118,12 @@ class Timeline(NamedTuple):
         return self._overview_of(self.flight_charts + self.wind_charts)
 
     @property
-    def overview_with_attitude(self) -> Charts:
-        """The ``overview`` with the charts of roll and pitch first, if their setpoints were recorded.
+    def overview_groups(self) -> tuple[Group, ...]:
+        """The ``overview`` with the charts of roll and pitch first, if their setpoints were recorded, as a page has it.
 
-        An angle without its setpoint does not show how well the vehicle follows, and is left out.
+        The first ``FULL_WIDTH_CHARTS`` stand below each other, and the others in up to ``MAX_COLUMNS`` columns, which
+        takes less of the page's length. An angle without its setpoint does not show how well the vehicle follows, and
+        is left out.
         """
         tilt_charts: list[Chart] = []
         for axis in TILT_AXES:
@@ -122,7 +131,19 @@ class Timeline(NamedTuple):
             # The first chart of an axis shows its angle, with a second line for the setpoint.
             if charts and len(charts[0].lines) > 1:
                 tilt_charts.append(charts[0])
-        return self._overview_of((*tilt_charts, *self.flight_charts, *self.wind_charts))
+        charts = (*tilt_charts, *self.flight_charts, *self.wind_charts)
+        # A single chart beside an empty column would be none the shorter.
+        first_count = FULL_WIDTH_CHARTS if len(charts) > FULL_WIDTH_CHARTS + 1 else len(charts)
+        groups = [Group((self._overview_of(charts[:first_count]),))]
+        others = tuple(self.marked(chart) for chart in charts[first_count:])
+        if others:
+            # Charts that follow each other share a column.
+            row_count = -(-len(others) // MAX_COLUMNS)
+            columns = tuple(
+                others[first : first + row_count] for first in range(0, len(others), row_count)
+            )
+            groups.append(Group(columns, is_flat=True))
+        return tuple(groups)
 
     def _overview_of(self, unmarked_charts: Charts) -> Charts:
         """Returns charts of this flight with what is marked in all of them, below the strip of flight modes."""

@@ -30,6 +30,7 @@ from mavdem.facts.identifiability import Status
 from mavdem.facts.lights import Light, Unjudged
 from mavdem.facts.loops import GainFact, LoopAction
 from mavdem.facts.session import TimeUse
+from mavdem.fleet.names import NO_NAMES, GivenNames
 from mavdem.loops.advice import AdviceByAxis
 from mavdem.loops.resonance import controller_if_known
 from mavdem.report.blocks import Block, Blocks, Sentence, Table, warning
@@ -46,7 +47,12 @@ from mavdem.report.lights import lights_with_reason_once
 from mavdem.report.notch_trial import NotchTrial, notch_trial
 from mavdem.report.numbers import display_unit, with_unit
 from mavdem.report.pages.hardware_chapters import hardware_chapters
-from mavdem.report.pages.loop_chapters import loops_chapters, responses_chapter
+from mavdem.report.pages.loop_chapters import (
+    TUNING_TITLE,
+    loops_chapters,
+    responses_chapter,
+    tuning_chapter,
+)
 from mavdem.report.pages.noise_chapters import (
     fastest_loop,
     gyro_chapter,
@@ -79,7 +85,7 @@ from mavdem.report.templates import (
 )
 from mavdem.report.trust import trust_table
 from mavdem.report.truth import truth_blocks
-from mavdem.report.why import evidence_sentences, evidence_text
+from mavdem.report.why import evidence_sentences, evidence_text, margin_sentences
 from mavdem.witnesses import SensorTrust
 
 if TYPE_CHECKING:
@@ -163,8 +169,13 @@ def log_page(
         changes = gain_changes(name, vehicle, advice, assessment.next_step)
     with sentences_for(Medium(has_terminal=False, has_gain_table=changes is not None)):
         timeline = assessment_timeline(assessment, has_all_flights=True)
-        texts_above = (str(assessment.next_step), evidence_text(assessment.headline))
-        events = _numbered_events(assessment.events, timeline, *texts_above)
+        events = _numbered_events(
+            assessment.events,
+            timeline,
+            str(assessment.next_step),
+            evidence_text(assessment.headline),
+            str(assessment.headline),
+        )
         if timeline is not None:
             timeline = timeline._replace(event_labels=_labels_in_charts(events, timeline))
         chapters = [*_flight_chapters(name, assessment, timeline, advice, is_full=is_full)]
@@ -190,9 +201,18 @@ def log_page(
         summary = [
             sentences.headline,
             *evidence_sentences(assessment.headline),
+            *_margin_sentences(assessment),
             sentences.next_step,
         ]
         return render_document(name, subtitle, summary, chapters, back, head, max_points)
+
+
+def _margin_sentences(assessment: Assessment) -> list[Sentence]:
+    """Returns the sentence why the margins of the headline are too small; empty where the headline is another."""
+    if assessment.evidence is None:
+        return []
+    margins = [fact for axis in assessment.evidence.margins for fact in axis.facts]
+    return margin_sentences(assessment.headline, assessment.evidence.identified_loops, margins)
 
 
 def unfold_chapters_of_warnings(
@@ -204,7 +224,7 @@ def unfold_chapters_of_warnings(
     lights that it explains. Chapters with a bad light are open or, if nothing is bad, one of those with a light to be
     watched, so that the page stays short: the headline's, if it has one. Of several bad lights with the same fact, such
     as how the flight was lost, the first has its chapter open. All others are folded. The chapter of the log is never
-    open, since its light says everything.
+    open, since its light says everything. Where nothing is bad, the row of pictures of the tuning is open as well.
 
     Args:
         chapters: the chapters.
@@ -218,14 +238,21 @@ def unfold_chapters_of_warnings(
     for name, fact in lights.items():
         # Facts about the same thing at the same time may differ in what they add for their light.
         key = (fact.code, fact.subject, fact.time)
-        if key not in stated_facts:
+        # Roll and pitch of a loss are among the charts of the whole flight, above the chapters.
+        is_shown_above = name == Light.TRACKING and fact.code in Ending
+        if key not in stated_facts and not is_shown_above:
             lights_of_new_facts[name] = fact
         stated_facts.add(key)
     judged_chapters = []
     titles_to_open = []
     for chapter in chapters:
         levels = _levels_of_chapter(chapter, lights)
-        levels_of_new_facts = _levels_of_chapter(chapter, lights_of_new_facts)
+        new_sections = [
+            section for section in chapter.sections if section.fact not in lights.values()
+        ]
+        levels_of_new_facts = _levels_of_chapter(
+            chapter._replace(sections=new_sections), lights_of_new_facts
+        )
         if worst_level in levels_of_new_facts and chapter.title != LOG_TITLE:
             titles_to_open.append(chapter.title)
         if levels:
@@ -239,6 +266,9 @@ def unfold_chapters_of_warnings(
         }
         titles_to_open.sort(key=lambda title: title not in titles_of_headline)
         del titles_to_open[1:]
+    if worst_level is Level.WATCH:
+        # There is room for the row of pictures by which a tuning is judged at a glance.
+        titles_to_open.append(TUNING_TITLE)
     for chapter in judged_chapters:
         yield chapter._replace(folded=chapter.title not in titles_to_open)
 
@@ -260,8 +290,9 @@ def _levels_of_chapter(chapter: Chapter, lights: NamedFacts) -> set[Level]:
     for light, title in CHAPTER_OF_LIGHT.items():
         if title == chapter.title and light in lights:
             levels.add(lights[light].level)
-    if chapter.sections and chapter.level is not None:
-        levels.add(chapter.level)
+    for section in chapter.sections:
+        if section.fact.level is chapter.level:
+            levels.add(section.fact.level)
     return levels
 
 
@@ -278,6 +309,7 @@ def _numbered_events(
     timeline: Timeline | None,
     next_step: str = "",
     evidence_of_headline: str = "",
+    headline: str = "",
 ) -> list[PageEvent]:
     """Returns the events of a log as a page lists them; those with a time are numbered.
 
@@ -289,6 +321,7 @@ def _numbered_events(
         timeline: charts of one of these boots; events of other boots are not on its clock. None without charts.
         next_step: text of the next step, which the page shows above the events.
         evidence_of_headline: sentence with the measurements that confirm the headline, which is above the events too.
+        headline: sentence of the headline, which the short list of events does not repeat.
 
     Returns:
         The events in order.
@@ -301,14 +334,19 @@ def _numbered_events(
             texts_above.add(fact.remedy)
         texts_above_event = frozenset(texts_above)
         texts_above |= {fact.remedy, evidence_text(fact)}
+        is_headline = str(fact) == headline
         if fact.time is None:
-            page_events.append(PageEvent(Event(nan, fact), repeated=texts_above_event))
+            page_events.append(
+                PageEvent(Event(nan, fact), is_headline=is_headline, repeated=texts_above_event)
+            )
             continue
         number += 1
         boot = fact.figures.get("boot")
         is_on_clock = timeline is not None and boot in (None, timeline.boot)
         event = Event(fact.time, fact)
-        page_events.append(PageEvent(event, number, is_on_clock, repeated=texts_above_event))
+        page_events.append(
+            PageEvent(event, number, is_on_clock, is_headline, repeated=texts_above_event)
+        )
     return page_events
 
 
@@ -373,6 +411,7 @@ def _flight_chapters(
     analysis = assessment.analysis
     if evidence is None or analysis is None:
         return
+    yield tuning_chapter(assessment.responses, assessment.noise)
     if timeline is not None:
         yield _axes_chapter(assessment, timeline)
     steps = advised_steps(assessment.responses, advice)
@@ -442,8 +481,8 @@ def _tracking_blocks(light: Fact, axes: NamedFacts) -> Iterator[Block]:
         light: the judgement of how well all axes track, a fact with a level.
         axes: fact for each axis, whose figures are the errors and the delay, each with its unit.
     """
-    # The page says once, beside the lights, that only multirotors are judged.
-    if light.code is not Unjudged.MULTIROTORS_ONLY:
+    # The page says beside the lights that only multirotors are judged, and in its headline how a flight was lost.
+    if light.code is not Unjudged.MULTIROTORS_ONLY and light.code not in Ending:
         yield Sentence(str(light), "Tracking:")
     rows = []
     for axis, fact in axes.items():
@@ -625,6 +664,7 @@ def live_page(
     back: PageLink | None = None,
     latest_flight: PageLink | None = None,
     saved_flight: PageLink | None = None,
+    names: GivenNames = NO_NAMES,
 ) -> str:
     """Returns the HTML of the page of a live flight.
 
@@ -638,9 +678,10 @@ def live_page(
         back: the page that leads here, if any.
         latest_flight: the page of the flight before, if any.
         saved_flight: the page of this flight in the library of a server, where it is over; None for none.
+        names: names that were given to vehicles in the library of a server.
     """
     # Imported here: a page of a log needs nothing of live sessions.
-    from mavdem.report.live import live_report, vehicle_text
+    from mavdem.report.live import live_report, live_title, vehicle_text
 
     judgement = status.overall_judgement
     timeline = live_timeline(history, axis)
@@ -667,7 +708,7 @@ def live_page(
         findings = status.findings or model_findings(learned, alarms=status.motor_alarms)
         blocks = [*purpose_tables(findings), *torque_blocks(learned)]
         chapters.append(Chapter(f"Model of {axis}", blocks))
-    page_events = _numbered_live_events(events)
+    page_events = _numbered_live_events(events, judgement.headline)
     if timeline is not None:
         numbers = [event.number for event in page_events]
         labels = tuple("" if number is None else str(number) for number in numbers)
@@ -690,25 +731,26 @@ def live_page(
     sentences = judgement_sentences(judgement)
     summary = [sentences.headline, sentences.next_step]
     if status.is_over:
-        subtitle = f"What {axis} did, learned and predicted while it flew."
-        if status.vehicle is not None:
-            subtitle = f"Vehicle {status.vehicle}. {subtitle}"
+        subtitle = f"What {axis} did, learned and predicted while it flew, over {link}."
     else:
-        subtitle = f"{vehicle_text(status)} As of {strftime('%H:%M:%S')}."
+        # The title names the vehicle.
+        vehicle_state = capitalize_first(vehicle_text(status).removeprefix(f"{status.vehicle}, "))
+        subtitle = f"{vehicle_state} Link {link}, as of {strftime('%H:%M:%S')}."
         if status.delay_fact is not None:
             subtitle = f"{subtitle} {status.delay_fact}"
     # A page of a session that goes on is sent every few seconds.
     max_points = MAX_POINTS if status.is_over else MAX_POINTS_OF_SMALL_PAGE
     return render_document(
-        f"Flight over {link}", subtitle, summary, chapters, back, head, max_points
+        live_title(status, link, names), subtitle, summary, chapters, back, head, max_points
     )
 
 
-def _numbered_live_events(events: Sequence[Event]) -> list[PageEvent]:
+def _numbered_live_events(events: Sequence[Event], headline: Fact) -> list[PageEvent]:
     """Returns the events of a live session as its page lists them; those that its charts have are numbered.
 
     Args:
         events: the events in the order in which they were reported.
+        headline: the headline of the page.
 
     Returns:
         The events in this order.
@@ -723,7 +765,13 @@ def _numbered_live_events(events: Sequence[Event]) -> list[PageEvent]:
         if event.has_time:
             count += 1
             number = count
-        page_events.append(PageEvent(event, number, moment=moment_text(event)))
+        # An alarm has the fact that caused it as its reason, which the headline may state in other words.
+        reason = event.fact.figures.get("reason")
+        stated_fact = reason if isinstance(reason, Fact) else event.fact
+        is_headline = (stated_fact.code, stated_fact.subject) == (headline.code, headline.subject)
+        page_events.append(
+            PageEvent(event, number, is_headline=is_headline, moment=moment_text(event))
+        )
     return page_events
 
 

@@ -8,6 +8,7 @@ from mavdem.assessment import Assessment
 from mavdem.assessment.axis.loop_decision import DecisionsByAxis, LoopDecision, LoopDiagnosis
 from mavdem.assessment.axis.responses import NO_STEPS, Responses, StepsByLoop
 from mavdem.assessment.evidence import Evidence
+from mavdem.assessment.noise_spectra import GYRO, MeasuredNoise
 from mavdem.facts import Fact
 from mavdem.facts.lights import Light
 from mavdem.loops.advice import Advice, AdviceByAxis
@@ -16,8 +17,9 @@ from mavdem.loops.step_figures import IntervalEstimate
 from mavdem.loops.step_response import StepResponse
 from mavdem.report.blocks import Blocks, Sentence, Table, caution
 from mavdem.report.charts.chart import Group
-from mavdem.report.charts.flight_charts import loop_charts, step_charts
+from mavdem.report.charts.flight_charts import loop_charts, spectrum_chart, step_charts
 from mavdem.report.charts.gain_trial import gain_trial_groups
+from mavdem.report.charts.step_overview import step_overview_charts
 from mavdem.report.loops import (
     compared_loops,
     decision_sentences,
@@ -28,6 +30,9 @@ from mavdem.report.loops import (
 from mavdem.report.numbers import listed, rounded
 from mavdem.report.pages.page import Chapter
 from mavdem.report.templates import sentences_by_axes
+
+TUNING_TITLE = "Tuning at a glance"
+"""Title of the chapter with a row of pictures of the tuning."""
 
 
 class StepFigure(NamedTuple):
@@ -52,6 +57,30 @@ STEP_FIGURES = {
     "peak_frequency": StepFigure("at (Hz)", 1.0),
 }
 """Columns of the table of step responses, by the field of ``StepResponse``."""
+
+
+def tuning_chapter(responses: Responses, noise: MeasuredNoise) -> Chapter:
+    """Returns the chapter with one row of pictures: the step responses of rate and attitude, and the gyro's spectrum.
+
+    Each picture of a step response has a line for each axis. Bands, predictions and figures are in other chapters.
+
+    Args:
+        responses: measured response or the fact why there is none, by axis and loop.
+        noise: spectra of the sensors.
+
+    Returns:
+        The chapter, without content where no step response was measured.
+    """
+    charts = step_overview_charts(responses)
+    if not charts:
+        return Chapter(TUNING_TITLE)
+    names = [*charts]
+    panels = [*charts.values()]
+    if f"{GYRO}_before" in noise.spectra or GYRO in noise.spectra:
+        names.append("gyro")
+        panels.append(spectrum_chart(noise))
+    columns = tuple((panel,) for panel in panels)
+    return Chapter(TUNING_TITLE, groups=[Group(columns, names=tuple(names))])
 
 
 def responses_chapter(

@@ -133,6 +133,9 @@ class PageEvent(NamedTuple):
     is_on_clock_of_charts: bool = True
     """Whether its time is on the clock of the charts, to which it then links: an event of another boot's is not."""
 
+    is_headline: bool = False
+    """Whether the page's headline states it, which a short list does not repeat."""
+
     repeated: frozenset[str] = frozenset()
     """Texts that the page has above it, and that are not repeated: what to do about it, and what shows it."""
 
@@ -145,7 +148,7 @@ class PageEvent(NamedTuple):
     @property
     def brief(self) -> str:
         """What happened, for a short list."""
-        sentence = str(self.event.fact)
+        sentence = "What the headline states." if self.is_headline else str(self.event.fact)
         if self.total == 1:
             return sentence
         return f"{without_full_stop(sentence)}{first_of_count(self.total)}."
@@ -243,6 +246,16 @@ class Head(NamedTuple):
         for index, count in worst_events(facts)[:MAX_BRIEF_EVENTS]:
             brief_events.append(self.events[index]._replace(total=count))
         return brief_events
+
+    @property
+    def newest_alarm(self) -> PageEvent | None:
+        """The newest alarm of a session that goes on, unless the headline states it; None of a log."""
+        if not self.is_newest_first:
+            return None
+        for page_event in self.events:
+            if page_event.event.is_alarm:
+                return None if page_event.is_headline else page_event
+        return None
 
     @property
     def earlier_events(self) -> Sequence[PageEvent]:

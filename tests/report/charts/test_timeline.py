@@ -9,7 +9,11 @@ from pytest import approx, mark
 from mavdem.assessment.time_history import AxisHistory, FollowedSetpoint, wind_history
 from mavdem.dataset.segments import Segment
 from mavdem.dataset.time_series import TimeSeries
+from mavdem.facts import Fact
+from mavdem.facts.event import Event
 from mavdem.facts.identifiability import Status
+from mavdem.facts.session import VehicleFact
+from mavdem.report.charts.chart import over_time
 from mavdem.report.charts.timeline import (
     Timeline,
     axis_history_charts,
@@ -113,6 +117,20 @@ def test_yaw_is_drawn_within_half_a_turn_to_both_sides():
 def test_the_first_plots_of_a_page_are_roll_and_pitch_with_their_setpoints():
     axis_charts = {axis: angle_charts(axis) for axis in ("roll", "pitch", "yaw")}
     timeline = Timeline((), (TIME[0], TIME[-1]), axis_charts)
-    titles = [chart.title for chart in timeline.overview_with_attitude]
-    assert titles == ["Roll", "Pitch"]
+    (group,) = timeline.overview_groups
+    assert [chart.title for chart in group.columns[0]] == ["Roll", "Pitch"]
     assert not timeline.overview
+
+
+def test_a_page_has_four_plots_over_time_at_full_width_and_the_others_beside_each_other():
+    (line,) = angle_charts("roll")[0].lines[:1]
+    charts = tuple(over_time(f"plot {number}", "m", [line]) for number in range(9))
+    marked = Event(TIME[0], Fact(VehicleFact.NO_VEHICLE_YET))
+    timeline = Timeline(charts, (TIME[0], TIME[-1]), events=(marked,))
+    first, others = timeline.overview_groups
+    assert [len(column) for column in first.columns] == [4] and not first.is_flat
+    assert [len(column) for column in others.columns] == [2, 2, 1] and others.is_flat
+    assert all(len(chart.marks) == 1 for column in others.columns for chart in column)
+    # A fifth plot alone stays with the first four.
+    (group,) = timeline._replace(flight_charts=charts[:5]).overview_groups
+    assert [len(column) for column in group.columns] == [5]

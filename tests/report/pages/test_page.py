@@ -36,6 +36,7 @@ from mavdem.report.pages.flight_page import (
     log_page,
     unfold_chapters_of_warnings,
 )
+from mavdem.report.pages.loop_chapters import TUNING_TITLE
 from mavdem.report.pages.page import Chapter, Head, PageEvent, Section, render_document
 from mavdem.report.screen import analysis_blocks
 
@@ -220,7 +221,7 @@ def test_an_event_moves_the_plots_and_back_the_cursor_reads_them_and_a_link_open
     assert closed_sections > 0 and are_open
     whole, around_event, whole_again = spans
     assert whole == whole_again and around_event <= 10.0 < whole
-    assert re.search(r"\d s\s", values) and re.search(r"motor 1\s+\d", values)
+    assert re.search(r"\d s\s", values) and re.search(r"motor\s+1\s+\d", values)
     assert re.match(r"\d+\.\d s", now) and is_opened
 
 
@@ -384,11 +385,11 @@ def test_the_light_of_a_live_pages_headline_does_not_say_it_again():
     )
 
 
-def test_one_light_of_a_log_says_the_headline_again_and_others_refer_to_it():
+def test_lights_of_a_log_refer_to_the_headline_instead_of_saying_it_again():
     lost = Fact(MotionEvent.POSITION_LOST, Level.BAD, time=22.0, duration=14.0)
     lights = {Light.TRACKING: lost, Light.ESTIMATOR: lost, Light.WIND: lost}
     page = render_document("a.tlog", "", [headline_sentence(lost)], head=Head(Level.BAD, lights))
-    assert page.count(str(lost)) == page.count("The headline above says why.</dd>") == 2
+    assert page.count(str(lost)) == 1 and page.count("The headline above says why.</dd>") == 3
 
 
 def test_of_chapters_to_be_watched_the_one_of_the_headline_is_open():
@@ -413,6 +414,61 @@ def test_of_bad_lights_with_one_fact_the_first_has_its_chapter_open():
     opened = [*unfold_chapters_of_warnings(chapters, lights, lost)]
     assert [chapter.title for chapter in opened if not chapter.folded] == ["Motors"]
     assert [chapter.level for chapter in opened][:2] == [Level.BAD, Level.BAD]
+
+
+def test_what_a_chart_or_light_above_shows_opens_no_chapter():
+    lost = Fact(Ending.CRASHED, Level.BAD, time=2.0)
+    vibration = Fact(VibrationLight.VIBRATION_MEASURED, Level.BAD)
+    lights = {Light.TRACKING: lost, Light.VIBRATION: vibration}
+    section = Section("Vibration", vibration)
+    chapters = [
+        Chapter("Three axes"),
+        Chapter("Spectra"),
+        Chapter("Hardware", level=Level.BAD, sections=[section]),
+    ]
+    opened = [*unfold_chapters_of_warnings(chapters, lights, lost)]
+    assert [chapter.title for chapter in opened if not chapter.folded] == ["Spectra"]
+    assert [chapter.level for chapter in opened] == 3 * [Level.BAD]
+
+
+def test_the_row_of_pictures_of_the_tuning_is_open_where_nothing_is_bad():
+    chapters = [Chapter(TUNING_TITLE), Chapter("Spectra")]
+    is_open = {}
+    for level in (Level.GOOD, Level.WATCH, Level.BAD):
+        lights = {Light.VIBRATION: Fact(VibrationLight.VIBRATION_MEASURED, level)}
+        tuning, _ = unfold_chapters_of_warnings(chapters, lights, lights[Light.VIBRATION])
+        is_open[level] = not tuning.folded
+    assert is_open == {Level.GOOD: True, Level.WATCH: True, Level.BAD: False}
+
+
+DRAWN_NUMBERS = """(() => {
+const chart = document.documentElement.charts.groups.flight.charts[0], texts = [];
+const original = chart.ctx.fillText.bind(chart.ctx);
+chart.ctx.fillText = (text, left, bottom) => {
+  texts.push([String(text), bottom <= chart.bbox.top]);
+  original(text, left, bottom);
+};
+chart.redraw(false);
+return [texts, chart.over.clientHeight];
+})()"""
+
+
+@mark.slow
+def test_the_numbers_of_events_stand_above_a_plot_that_can_be_read(tmp_path, browser):
+    history = LiveHistory()
+    flown(history, 10.0)
+    timeline = live_timeline(history, "roll")
+    start, end = timeline.span
+    # The second and the third are too near to have a number each.
+    times = (start + 0.2 * (end - start), end - 0.3, end - 0.25)
+    events = tuple(Event(time, Fact(VehicleFact.NO_VEHICLE_YET)) for time in times)
+    timeline = timeline._replace(events=events, event_labels=("1", "2", "3"))
+    head = Head(Level.GOOD, {}, timeline=timeline)
+    _, (texts, height) = browser.shown(
+        render_document("x", "", [], head=head), DRAWN_NUMBERS, tmp_path, 1280
+    )
+    assert [text for text, is_above in texts if is_above] == ["1", "2–3"]
+    assert height >= 90
 
 
 def test_a_section_shows_its_sentence_and_opens_where_it_is_to_be_watched():

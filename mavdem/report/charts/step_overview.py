@@ -1,0 +1,32 @@
+"""Charts of the step responses of all axes, one for each loop: a glance at the tuning of a flight."""
+
+from itertools import cycle
+
+from mavdem.assessment.axis.responses import Responses
+from mavdem.loops.step_response import StepResponse
+from mavdem.report.charts.chart import TIME_AFTER_STEP, Chart, Line
+from mavdem.report.charts.flight_charts import STEP_RESPONSE
+from mavdem.report.palette import DISTINCT
+
+
+def step_overview_charts(responses: Responses) -> dict[str, Chart]:
+    """Returns a chart of the measured step responses of all axes for each loop, such as "rate".
+
+    Args:
+        responses: responses by axis and loop.
+
+    Returns:
+        The charts by loop; loops without a measured response are left out.
+    """
+    lines_by_loop: dict[str, list[Line]] = {}
+    for (axis, loops), colour in zip(responses.items(), cycle(DISTINCT), strict=False):
+        for loop_name, response in loops.items():
+            measured_response = response.measured
+            if isinstance(measured_response, StepResponse):
+                line = Line(axis, colour, measured_response.time, measured_response.step)
+                lines_by_loop.setdefault(loop_name, []).append(line)
+    charts = {}
+    for loop_name, lines in lines_by_loop.items():
+        title = f"{loop_name.capitalize()}: step"
+        charts[loop_name] = Chart(title, TIME_AFTER_STEP, STEP_RESPONSE, tuple(lines), (1.0,))
+    return charts

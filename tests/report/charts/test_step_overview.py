@@ -1,0 +1,33 @@
+"""The row of step responses: one chart for each loop, with a line for each axis that was measured."""
+
+import numpy as np
+
+from mavdem.assessment.axis.responses import LoopResponse
+from mavdem.facts import Fact
+from mavdem.facts.loops import StepResponseFact
+from mavdem.loops.step_response import StepResponse
+from mavdem.report.charts.step_overview import step_overview_charts
+
+
+def measured(height):
+    """A response that is ``height`` of its step, as far as a chart reads it."""
+    response = object.__new__(StepResponse)
+    object.__setattr__(response, "time", np.linspace(0.0, 0.5, 11))
+    object.__setattr__(response, "step", np.full(11, height))
+    return response
+
+
+def test_each_loop_has_a_chart_with_a_line_for_each_axis_that_was_measured():
+    unknown = Fact(StepResponseFact.TOO_SLOW)
+    heights = {"roll": (0.9, None), "pitch": (1.1, 1.0), "yaw": (None, None)}
+    responses = {}
+    for axis, loops in heights.items():
+        responses[axis] = {
+            loop: LoopResponse(unknown if height is None else measured(height))
+            for loop, height in zip(("rate", "attitude"), loops, strict=True)
+        }
+    charts = step_overview_charts(responses)
+    lines = {loop: {line.name: line.y[0] for line in chart.lines} for loop, chart in charts.items()}
+    assert lines == {"rate": {"roll": 0.9, "pitch": 1.1}, "attitude": {"pitch": 1.0}}
+    colours = {line.name: line.colour for line in charts["rate"].lines}
+    assert colours["roll"] != colours["pitch"] == charts["attitude"].lines[0].colour
