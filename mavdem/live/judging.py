@@ -96,6 +96,7 @@ class ModelJudging:
                 alarms,
                 self._recording_name,
                 has_rate_setpoint=stream.has_rate_setpoint,
+                alarms_of_flight=stream.motor_alarms.of_latest_flight,
             )
 
     def _take_result(self, pending: Future[JudgedModel]) -> None:

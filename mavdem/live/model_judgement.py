@@ -51,6 +51,7 @@ def judge_model(
     recording_name: str | None,
     *,
     has_rate_setpoint: bool,
+    alarms_of_flight: Sequence[MotorAlarm] | None = None,
 ) -> JudgedModel:
     """Judges a model learned in flight, and the vehicle by the longest segment of the model's samples.
 
@@ -65,9 +66,10 @@ def judge_model(
     Args:
         learned: the model, of one axis.
         row_format: format of its rows: message names, mixer geometry, and scale of the motors.
-        alarms: changes of the motors' balance in the flight.
+        alarms: changes of the motors' balance while the samples were recorded.
         recording_name: the log that shows what no live message does; empty if it is known later, None without one.
         has_rate_setpoint: whether the stream has a setpoint of the body rate by which a log identifies the loop.
+        alarms_of_flight: those of the present flight, by which the motors are judged in flight; None for all.
     """
     record = learned.record
     # Motor outputs (T, r), and angle, rad, with body rate, rad/s (T, 2), of the longest segment.
@@ -120,7 +122,7 @@ def judge_model(
         loops[axis] = judged_later
     else:
         loops[axis] = loop_of_parameters_or_reason(figures, record)
-    losses = tuple(thrust_losses(alarms))
+    losses = tuple(thrust_losses(alarms if alarms_of_flight is None else alarms_of_flight))
     evidence = live_evidence(signals, condition, LiveFindings(events=losses, loops=loops))
     motors_fact = motors_light(evidence)
     if motors_fact.code is TrimFact.TRIM_UNKNOWN:

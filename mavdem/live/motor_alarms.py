@@ -46,12 +46,20 @@ class MotorAlarms:
         self._reported_loss: MotorAlarm | None = None
         # Why the test cannot find anything, as of the latest sample.
         self._undetectable_reason: Fact | None = None
+        # Boot and time, s of its clock, of the first sample of the latest flight; None before it.
+        self._flight_boot: int | None = None
+        self._flight_start = nan
 
-    def restart(self) -> None:
+    def restart(self, *, was_flying: bool = False) -> None:
         """Forgets what is active, at a reboot, after which the clock begins again; the latest changes stay.
 
         The test and its reference are forgotten too: their times are of another clock.
+
+        Args:
+            was_flying: whether the vehicle flew when the former boot ended, so that its flight goes on.
         """
+        if not was_flying:
+            self._flight_boot = None
         self._detector = None
         self._gradual_watch = None
         self._reported_loss = None
@@ -81,6 +89,20 @@ class MotorAlarms:
         if self._detector.reference_time is None:
             return Fact(WatchFact.REFERENCE_SHORT, duration=REFERENCE_SECONDS)
         return None
+
+    @property
+    def of_latest_flight(self) -> tuple[MotorAlarm, ...]:
+        """The latest changes, as far as they are of the latest flight in which the balance was tested."""
+        if self._flight_boot is None:
+            return ()
+        changes = []
+        for change in self.latest:
+            is_in_first_boot = (
+                change.boot == self._flight_boot and change.time >= self._flight_start
+            )
+            if is_in_first_boot or change.boot > self._flight_boot:
+                changes.append(change)
+        return tuple(changes)
 
     @property
     def weak_since(self) -> float | None:
@@ -115,6 +137,9 @@ class MotorAlarms:
         Returns:
             A fact (coded finding) for each change that this sample completes; most samples complete none.
         """
+        if self.has_landed or self._flight_boot is None:
+            self._flight_boot = boot
+            self._flight_start = time
         if self.has_landed:
             self.active = ()
             self.has_landed = False

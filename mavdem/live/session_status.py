@@ -174,6 +174,9 @@ class SessionStatus(ImmutableResult):
     motor_alarms: tuple[MotorAlarm, ...] = ()
     """Latest lasting changes of the motors' balance; changes without a named motor are no alarms."""
 
+    motor_alarms_of_flight: tuple[MotorAlarm, ...] | None = None
+    """Those of the present flight, by which its motors are judged; None on the ground, where all of them count."""
+
     findings: Findings | None = None
     """What the model so far is good for; None before it is judged."""
 
@@ -416,7 +419,9 @@ class SessionStatus(ImmutableResult):
 
     @property
     def _weak_motors(self) -> list[Fact]:
-        """The losses of thrust of motors, the worst first, as facts with their newest figures, as of a log."""
+        """The losses of thrust, the worst first, in flight of this flight, as facts with their newest figures."""
+        if self.motor_alarms_of_flight is not None:
+            return thrust_losses(self.motor_alarms_of_flight)
         return thrust_losses(self.motor_alarms)
 
     @property

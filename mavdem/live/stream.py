@@ -329,6 +329,7 @@ class LiveStream:
             late_samples=self._rows.late_samples,
             undecoded_frames=self.frame_reader.undecoded_frames,
             motor_alarms=tuple(self.motor_alarms.latest),
+            motor_alarms_of_flight=self.motor_alarms.of_latest_flight if self.is_flying else None,
             has_landed=watchdog.has_landed,
             loss=loss,
             ground_contact=watchdog.ground_contact,
@@ -628,13 +629,13 @@ class LiveStream:
         self.wind.restart()
         self._pose.restart()
         self._takeoff_place.restart(was_flying=self.is_flying)
-        self.motor_alarms.restart()
+        self.motor_alarms.restart(was_flying=self.is_flying)
         self._review.restart(boot)
         self._rows.restart(boot, self._review.phase)
 
     def _loss_with_weak_motor(self, loss: Fact) -> Fact:
-        """Adds the motor that was weak before a flight was lost to the loss, as the judgement of a log does."""
-        weak_motors = thrust_losses(self.motor_alarms.latest)
+        """Adds the motor that was weak in a flight before it was lost to the loss, as the judgement of a log does."""
+        weak_motors = thrust_losses(self.motor_alarms.of_latest_flight)
         return with_weak_motor(loss, weak_motors[0]) if weak_motors else loss
 
     def _report(self, fact: Fact) -> None:

@@ -16,6 +16,7 @@ from mavdem.assessment.axis.analysis import motor_alarms
 from mavdem.dataset.motor_outputs import MotorOutputs
 from mavdem.dataset.signals import Signals
 from mavdem.experiments.paper.flights import write_log
+from mavdem.facts.assessment import NextStep
 from mavdem.facts.lights import Light
 from mavdem.facts.motors import MotorWatchFact
 from mavdem.facts.session import SessionFact, TimeUse
@@ -148,6 +149,23 @@ def test_an_alarm_is_of_its_flight_and_of_its_boot():
     status = replay(rebooted[200:], made.stream).stream.status()
     assert [one.boot for one in status.motor_alarms] == [0, 1] and status.active_alarms != alarm
     assert status.active_alarms[0].figures["reason"].figures["boot"] == 1
+
+
+def test_a_weak_motor_of_an_earlier_flight_is_no_fault_of_the_next():
+    made = replay(hovering(rise=150.0))
+    assert made.stream.status().overall_judgement.headline.code is MotorWatchFact.MOTOR_LOST_THRUST
+    next_flight = hovering(clock=80.0)
+    made = replay(next_flight[: 7 * len(next_flight) // 10], made.stream)
+    status = made.stream.status()
+    assert status.is_flying and len(status.motor_alarms) == 1
+    judgement = status.overall_judgement
+    assert not judgement.headline.is_bad
+    assert judgement.next_step.code is not NextStep.LAND_NOW
+    assert judgement.lights[Light.MOTORS].code is not MotorWatchFact.MOTOR_LOST_THRUST
+    # Once the vehicle has landed, all flights of the session count.
+    made = replay(next_flight[7 * len(next_flight) // 10 :], made.stream)
+    light = made.stream.status().overall_judgement.lights[Light.MOTORS]
+    assert light.code is MotorWatchFact.MOTOR_LOST_THRUST
 
 
 @mark.parametrize("mask", [0, 128])
