@@ -108,7 +108,7 @@ def failure_by_commands(signals: Signals, boot: int, loss_context: LossContext) 
        all thrust was in use as well.
     4. The output of one motor was frozen and did not follow the controller. The vehicle then falls towards it, as if it
        were weak, or away from it, as if the opposite motor were weak.
-    5. One motor was too weak (:func:`weak_motor`).
+    5. One motor was too weak (:func:`weak_motor`), by all commands, by the first ones, or by those just before.
 
     Args:
         signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.
@@ -139,9 +139,43 @@ def failure_by_commands(signals: Signals, boot: int, loss_context: LossContext) 
         is_first = commands.time <= commands.time[0] + FIRST_RESPONSE_SECONDS
         first_change = commands.during[is_first].mean(axis=0) - commands.usual
         weak = weak_motor(commands.motors, first_change, loss_context.fall_direction)
+    if weak is None and is_attitude_lost:
+        # The controller answers the rate of a vehicle that begins to turn, and may have done with its first response
+        # when the attitude has left its setpoint.
+        _, loss_end = loss_context.interval
+        response = _commands_around(signals, boot, (_start_of_response(commands), loss_end))
+        if response is not None:
+            is_first = response.time <= commands.time[0]
+            commands = response
+            first_change = response.during[is_first].mean(axis=0) - response.usual
+            weak = weak_motor(response.motors, first_change, loss_context.fall_direction)
     if weak is None:
         return None
     return _failure_of_motor(commands, loss_context, weak)
+
+
+def _start_of_response(commands: _LossCommands) -> float:
+    """Returns the time, s since boot, from which on the motors answered a failure.
+
+    It is at most ``FIRST_RESPONSE_SECONDS`` before the attitude left its setpoint. In each sample between these times
+    the command of some motor is outside the range that it had in the ``RECOVERY_SECONDS`` before.
+
+    Args:
+        commands: commands of the motors while the vehicle was lost, and before it.
+    """
+    loss_start = float(commands.time[0])
+    response_start = loss_start - FIRST_RESPONSE_SECONDS
+    recorded = commands.recorded
+    usual = _commands_between(recorded, loss_start - RECOVERY_SECONDS, response_start)
+    is_in_response = (recorded.time >= response_start) & (recorded.time < loss_start)
+    times = recorded.time[is_in_response]
+    if not len(usual) or not len(times):
+        return loss_start
+    values = recorded.values[is_in_response]
+    is_usual = ((values >= usual.min(axis=0)) & (values <= usual.max(axis=0))).all(axis=1)
+    usual_rows = np.flatnonzero(is_usual)
+    first_row = usual_rows[-1] + 1 if len(usual_rows) else 0
+    return float(times[first_row]) if first_row < len(times) else loss_start
 
 
 def _commands_around(signals: Signals, boot: int, interval: TimeInterval) -> _LossCommands | None:

@@ -115,6 +115,22 @@ def test_names_the_motor_to_whose_side_it_fell_though_it_was_driven_hardest(moto
     assert ending.subject == ending.figures["cause"].subject == NAMES[motor]
 
 
+@mark.parametrize("motor", range(4))
+def test_the_answer_of_the_motors_before_the_attitude_left_names_the_motor(motor):
+    """A controller answers the rate, and once the attitude has left, it works against its own first answer."""
+    telemetry = falling(leaning(flight(50.0), QUAD[motor], 120.0, 100.0))
+    neighbours = [other for other in range(4) if other not in (motor, OPPOSITE[motor])]
+    telemetry = driven(telemetry, motor, 2000.0, FAILS - 0.1)
+    telemetry = driven(telemetry, OPPOSITE[motor], 1100.0, FAILS - 0.1)
+    telemetry = driven(telemetry, motor, 1300.0, FAILS + 0.05)
+    telemetry = driven(telemetry, OPPOSITE[motor], 1300.0, FAILS + 0.05)
+    telemetry = driven(telemetry, neighbours[0], 1900.0, FAILS + 0.05)
+    _, ending = judged(telemetry)
+    assert ending.figures["cause"].code is FailedFirst.LIMIT_FIRST
+    assert ending.figures["cause"].time == approx(FAILS - 0.1, abs=0.03)
+    assert ending.subject == NAMES[motor]
+
+
 @mark.parametrize(
     "output, code, words",
     [
