@@ -103,10 +103,10 @@ def headline_of_comparison(
 
     1. Whether the states are of two vehicles.
     2. The lights (judgements of one subject each, such as the motors) that are bad on one side only.
-    3. The lights of the vehicle that are to be watched on one side, and good on the other.
-    4. Whether compared figures changed. One change is named: of a loop with a bad margin, or else the surest one.
-    5. The changed gains of loops with a bad margin or a changed figure, or else all changed gains, and their effects.
+    3. Whether compared figures changed. One change is named: of a loop with a bad margin, or else the surest one.
+    4. The changed gains of loops with a bad margin or a changed figure, or else all changed gains, and their effects.
        Where no figure changed that they do not explain, they come first.
+    5. The lights of the vehicle that are to be watched on one side, and good on the other.
 
     Args:
         reviews: review documents of both logs, by side, "A" and "B"; of a fleet, empty.
@@ -122,7 +122,6 @@ def headline_of_comparison(
     light_sentences = [
         Sentence(light.text, f"{light.name.capitalize()}:") for light in differing_lights
     ]
-    light_sentences += _sentences_on_watched_lights(reviews)
     bad_axes = {light.axis for light in differing_lights if light.name == Light.MARGINS}
     changes = _changes_by_relevance(difference, bad_axes)
     changed_axes = {
@@ -153,6 +152,7 @@ def headline_of_comparison(
         *(_identity_cautions(difference) if _are_two_vehicles(difference) else ()),
         *light_sentences,
         *ordered_sentences,
+        *_sentences_on_watched_lights(reviews),
     ]
 
 
@@ -273,8 +273,8 @@ def _sentences_on_watched_lights(reviews: Mapping[str, Review]) -> list[Sentence
             texts = []
             for side, light in zip(STATE_NAMES, (first_light, second_light), strict=True):
                 sentence = without_full_stop(shortened(light["sentence"], MAX_LIGHT_CHARACTERS))
-                texts.append(f"{light['level']} in {side}, {sentence}")
-            sentences.append(Sentence(f"{'; '.join(texts)}.", f"{name.capitalize()}:"))
+                texts.append(f"{light['level']} in {side} ({sentence})")
+            sentences.append(Sentence(f"{', '.join(texts)}.", f"{name.capitalize()}:"))
     return sentences
 
 

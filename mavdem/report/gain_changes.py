@@ -142,7 +142,13 @@ def _cautions_on_gains(advice: AdviceByAxis) -> list[Sentence]:
         if not isinstance(axis_advice, Advice) or not axis_advice.parameters:
             continue
         if axis_advice.sure < SURE_SHARE:
-            model_shares.append((axis, Fact(GainFact.SHARE_OF_MODELS, share=axis_advice.sure)))
+            share_of_models = Fact(
+                GainFact.SHARE_OF_MODELS,
+                share=axis_advice.sure,
+                share_lacking=axis_advice.share_lacking,
+                is_sound=axis_advice.is_sound,
+            )
+            model_shares.append((axis, share_of_models))
         identified_loop = axis_advice.before
         for caution in identified_loop.cautions:
             if is_about_gains_to_set(caution):

@@ -5,7 +5,7 @@ from urllib.parse import unquote
 
 from hover import Hover
 from partial_records import partial_record
-from pytest import approx
+from pytest import MonkeyPatch, approx
 
 from mavdem.cli.tune import tune_command
 from mavdem.facts import Fact
@@ -13,7 +13,7 @@ from mavdem.facts.assessment import NextStep
 from mavdem.facts.loops import LoopAction, LoopFact
 from mavdem.ingest.parameter_file import read_parameters
 from mavdem.loops.advice import Advice, Gain
-from mavdem.loops.axis_loops import Loop
+from mavdem.loops.axis_loops import MARGIN_TARGETS, Loop
 from mavdem.loops.gain_design import MAX_GAIN_STEP, Stage
 from mavdem.report.gain_changes import gain_changes
 
@@ -51,13 +51,15 @@ def test_a_notch_filter_is_set_with_the_first_gains(tmp_path: Path):
     assert read_parameters(path) == {"ATC_RAT_RLL_P": approx(0.09), **notch}
 
 
-def test_what_limits_advised_gains_stands_beside_them():
+def test_what_limits_advised_gains_stands_beside_them(monkeypatch: MonkeyPatch):
     part = Fact(LoopFact.GAINS_OF_PART, names=(), parts=(), ratings=(), duration=7.0, settled=424.0)
     result = Fact(
         LoopFact.AUTOTUNED, subject="roll", changes=(), ratings=(), time=1.0, end_time=2.0
     )
+    monkeypatch.setattr(Loop, "share_meeting", lambda loop, target: 0.32)
     advice = partial_record(
         Advice,
+        target=MARGIN_TARGETS["default"],
         gains={"ATC_RAT_RLL_P": Gain(0.0675, 0.0568)},
         stage=Stage.RATE,
         sure=0.56,
@@ -67,6 +69,9 @@ def test_what_limits_advised_gains_stands_beside_them():
     changes = gain_changes("a.bin", Hover().telemetry(), {"roll": advice}, next_step)
     share, caution = (f"{sentence.lead} {sentence.text}" for sentence in changes.cautions)
     assert share.startswith("Roll: The gains to set have the margins in 56 %")
+    assert share.endswith(
+        "With the present ones 68 % lack margin: too few of either to load them before another flight."
+    )
     assert "7 s of 424 s" in caution
 
 

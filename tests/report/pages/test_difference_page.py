@@ -117,7 +117,7 @@ def test_a_light_to_be_watched_on_one_side_is_in_the_headline(difference):
         if one.text and "watch" in one.text
     ]
     assert sentence.lead == "Vibration:"
-    assert sentence.text == "watch in A, Vibration 16 m/s²; good in B, Vibration 10 m/s²."
+    assert sentence.text == "watch in A (Vibration 16 m/s²), good in B (Vibration 10 m/s²)."
 
 
 def test_spectra_of_both_flights_are_open_before_what_changed(difference):
