@@ -349,6 +349,9 @@ def _status_texts(status: SessionStatus, *, has_table: bool) -> StatusTexts:
             sentences[sentences.index(advice_text)] = "" if remedy in judgement_text else remedy
         elif remedy in judgement_text:
             sentences[sentences.index(advice_text)] = escape_unprintable(reason.sentence)
+        if reason.code is SessionFact.NOT_FLYING and has_table and status.worst_lights:
+            # After a landing another take-off is the pilot's choice, and the table shows the flight before.
+            sentences[-1] = ""
     sentences = [text for text in sentences if text and text not in judgement_text]
     # The first sentence of the section is always there.
     return StatusTexts(

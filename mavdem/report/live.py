@@ -46,10 +46,11 @@ def unwatched_quantities_text(names: Sequence[str]) -> str:
 def vehicle_text(status: SessionStatus, *, has_table: bool = False) -> str:
     """Returns in one line the vehicle, its mode, whether it is armed and flies, its battery, and the last message.
 
+    The last message is left out if it is less than a second old.
+
     Args:
         status: state of the session.
-        has_table: whether a table of lights stands below, which has the battery. Then the age of the last message is
-            left out, too, unless it is a second or more.
+        has_table: whether a table of lights stands below, which has the battery.
     """
     [sentence] = render_section("live_vehicle", status=status, has_table=has_table)
     return sentence.text

@@ -210,6 +210,7 @@ def test_the_time_in_flight_is_in_the_first_line(slow):
         takeoff_position=(3.0, 0.0, -1.7),
     )
     # The table below has the battery, and a message that is less than a second old needs no words.
+    assert "last message" not in vehicle_text(flying)
     assert vehicle_text(flying, has_table=True) == (
         "1:1, Loiter, in flight for 12:34 min, 10 m above the take-off, 20 m from it."
     )

@@ -534,6 +534,31 @@ def test_a_long_headline_leaves_room_for_the_table(monkeypatch):
     assert "Land now." in text and "battery 4" not in text
 
 
+def test_after_a_landing_nobody_is_asked_to_take_off_again(monkeypatch):
+    shown = io.StringIO()
+    console = Console(file=shown, width=80, highlight=False)
+    monkeypatch.setattr("mavdem.cli.live_status.STDERR", console)
+    place = Mock()
+    landed = SessionStatus(
+        "1:1",
+        no_model_reason=Fact(SessionFact.NOT_FLYING),
+        worst_lights={
+            Light.MOTORS: Fact(
+                MotorsLight.HEADROOM_LITTLE,
+                Level.WATCH,
+                names=("motor 4 (rear right)",),
+                share=0.07,
+                trim=0.7,
+            )
+        },
+    )
+    StatusLines(place).show(Mock(status=landed))
+    console.print(place.update.call_args.args[0])
+    text = " ".join(shown.getvalue().split())
+    assert text.count("Waiting; 0 samples") == 1 and "Take off" not in text
+    assert "motors watch motor 4: 7 % left" in text
+
+
 def test_what_is_watched_is_news_once_it_has_settled():
     news = WatchNews()
     assert not news.is_settled({"tracking": "missing"}, 100.0)
