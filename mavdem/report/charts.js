@@ -125,6 +125,9 @@
     ctx.restore();
   };
 
+  // Pixels above a plot in which its marks stand, where things are counted.
+  const MARKS_ABOVE = 13;
+  const isDots = line => line.kind === "dots" || line.kind === "joined";
   // The numbers of events stand above the plot, where they cover no line. Those that would overlap are one text, such as
   // "3–5, 9", which has the colour of alarms if one of them is an alarm.
   const hasNumbers = data => data.group === "flight" && data.marks.some(([, name]) => name);
@@ -169,12 +172,20 @@
     ctx.save();
     ctx.beginPath(); ctx.rect(bbox.left, bbox.top, bbox.width, bbox.height); ctx.clip();
     // Dots of several lines stand beside each other where things are counted.
-    const dotDistance = data.x.names.length ? 9 * ratio : 0, dots = data.lines.filter(line => line.kind === "dots");
+    const dotDistance = data.x.names.length ? 9 * ratio : 0, dots = data.lines.filter(isDots);
     for (const line of data.lines) {
       const stems = line.kind === "stems";
-      if (!stems && line.kind !== "dots") continue;
+      if (!stems && !isDots(line)) continue;
       const offset = stems ? 0 : dotDistance * (dots.indexOf(line) - (dots.length - 1) / 2);
       ctx.strokeStyle = line.colour; ctx.lineWidth = (stems ? 1.6 : 1.1) * ratio;
+      if (line.kind === "joined") {
+        ctx.beginPath();
+        data.columns.forEach((x, i) => line.y[i] != null && ctx.lineTo(chart.valToPos(x, "x", true) + offset, chart.valToPos(line.y[i], "y", true)));
+        // A line with a remark is to be followed through the others.
+        ctx.globalAlpha = line.remark ? 1 : 0.45;
+        ctx.stroke();
+        ctx.globalAlpha = 1;
+      }
       data.columns.forEach((x, i) => {
         if (line.y[i] == null) return;
         const left = chart.valToPos(x, "x", true) + offset;
@@ -193,6 +204,15 @@
     }
     ctx.font = `${10 * ratio}px system-ui, sans-serif`; ctx.textAlign = "left"; ctx.textBaseline = "top";
     ctx.strokeStyle = colour("--card"); ctx.lineWidth = 3 * ratio;
+    for (const line of dots.filter(line => line.remark)) {
+      const last = line.y.findLastIndex(value => value != null), place = [chart.valToPos(data.columns[last], "x", true), chart.valToPos(line.y[last], "y", true)];
+      const isHigh = place[1] < bbox.top + bbox.height / 2, text = [line.remark, place[0], place[1] + (isHigh ? 10 : -20) * ratio];
+      ctx.textAlign = "right"; ctx.fillStyle = line.colour;
+      ctx.strokeText(...text); ctx.fillText(...text);
+    }
+    ctx.textAlign = "left";
+    // Marks of things that are counted stand above the plot, beside the values.
+    if (dotDistance) { ctx.restore(); ctx.save(); ctx.font = `${10 * ratio}px system-ui, sans-serif`; ctx.textBaseline = "top"; ctx.strokeStyle = colour("--card"); ctx.lineWidth = 3 * ratio; }
     if (dotDistance) ctx.textAlign = "center";
     if (data.group === "flight") {
       ctx.restore();
@@ -202,7 +222,7 @@
     for (const [i, [x, name, fill]] of data.marks.entries()) {
       // Names of marks stand one below the other, since marks may be close together; on an axis of names none are.
       const [right, down] = dotDistance ? [0, 0] : [3, 12 * i];
-      const textAndPosition = [name, chart.valToPos(x, "x", true) + right * ratio, bbox.top + (3 + down) * ratio];
+      const textAndPosition = [name, chart.valToPos(x, "x", true) + right * ratio, bbox.top + ((dotDistance ? -MARKS_ABOVE : 3) + down) * ratio];
       ctx.strokeText(...textAndPosition); ctx.fillStyle = fill; ctx.fillText(...textAndPosition);
     }
     ctx.restore();
@@ -213,7 +233,7 @@
     const isOneOfMany = lines > 3 && line.kind === "line";
     const drawn = { label: line.name, stroke: line.colour + (isOneOfMany ? "c0" : ""), width: isOneOfMany ? 1 : 1.3, scale: line.right ? "beside" : "y", points: { show: false } };
     if (line.kind === "dashes") drawn.dash = [5, 4];
-    if (line.kind === "dots" || line.kind === "stems") drawn.paths = () => null;
+    if (isDots(line) || line.kind === "stems") drawn.paths = () => null;
     return drawn;
   };
 
@@ -232,7 +252,7 @@
   });
 
   // Pixels of a plot's padding above, which the numbers of events need.
-  const above = data => hasNumbers(data) && data.lines.length ? 13 : 6;
+  const above = data => hasNumbers(data) && data.lines.length ? 13 : data.x.names.length && data.marks.length ? MARKS_ABOVE + 2 : 6;
   const height = (figure, data) => {
     if (!data.lines.length) return 26;
     const isFlat = figure.dataset.flat != null, isBare = figure.dataset.bare != null, isForPaper = root.classList.contains("printing");
@@ -251,9 +271,9 @@
       for (const part of ["y", "low", "high"]) line[part] = unpack(line[part], line.right ? false : data.y.log);
       if (line.low) for (const part of ["high", "low"]) {
         columns.push(line[part]);
-        drawn.push({ stroke: "transparent", scale: line.right ? "beside" : "y", points: { show: false }, paths: line.kind === "dots" ? () => null : undefined });
+        drawn.push({ stroke: "transparent", scale: line.right ? "beside" : "y", points: { show: false }, paths: isDots(line) ? () => null : undefined });
       }
-      if (line.low && line.kind !== "dots") bands.push({ series: [drawn.length - 2, drawn.length - 1], fill: line.colour + "38" });
+      if (line.low && !isDots(line)) bands.push({ series: [drawn.length - 2, drawn.length - 1], fill: line.colour + "38" });
       columns.push(line.y);
       line.series = line.low ? [drawn.length - 2, drawn.length - 1, drawn.length] : [drawn.length];
       drawn.push(series(line, data.lines.length));
@@ -329,7 +349,7 @@
     if (letters <= 24) legend.classList.add("short");
     if (isCommon) legend.append(Object.assign(element("span", "common"), { textContent: commonWord.trim() }));
     data.values = data.picture ? [] : data.lines.map(line => {
-      const hides = named && line.kind !== "dots" && line.kind !== "stems";
+      const hides = named && !isDots(line) && line.kind !== "stems";
       const entry = element(hides ? "button" : "span"), value = element("b");
       if (named) entry.append(Object.assign(element("i"), { style: `background: ${line.colour}` }), Object.assign(element("span"), { textContent: isCommon ? line.name.slice(commonWord.length) : line.name }), " ");
       if (isCommon) entry.setAttribute("aria-label", line.name);

@@ -209,7 +209,7 @@ COLUMNS = {
     "date": Column("text", _date, "6rem", "date"),
     "tier": Column("text", _tier, "2.6rem"),
     "health": Column("health", _badge, "5.8rem", "health"),
-    "lights": Column("lights", _warning_lights, "8rem", "lights"),
+    "lights": Column("lights", _warning_lights, "9rem", "lights"),
     "motor": Column("text", _suspect_motors, "3.4rem"),
     "notes": Column("notes", _notes_on_flight, "auto", "notes"),
     "settled (s)": Column("number", _settled_seconds, "4.4rem"),

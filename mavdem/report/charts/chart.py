@@ -55,6 +55,9 @@ class LineStyle(StrEnum):
     DOTS = "dots"
     """A dot for each value, with a whisker for its band."""
 
+    JOINED_DOTS = "joined"
+    """Dots with whiskers, joined by a thin line from each known value to the next."""
+
     STEMS = "stems"
     """A vertical line from 0 to each value, as correlations are drawn."""
 
@@ -120,6 +123,9 @@ class Line(NamedTuple):
 
     is_on_right_axis: bool = False
     """Whether its values belong to the axis on the right of the chart."""
+
+    remark: str = ""
+    """What is written beside its last value; empty for nothing."""
 
     bridged_gap: float = 0.0
     """A distance of two samples that is no gap however small the usual one is, in the unit of the axis."""
@@ -484,7 +490,8 @@ def _line_as_json(line: Line, *, is_logarithmic: bool) -> JsonValues:
         line: the line. Its abscissae are left out ("x" is null), since all lines of a chart share those of the chart.
         is_logarithmic: whether the vertical axis is logarithmic; then decimal logarithms are packed.
     """
-    return {
+    remark = {"remark": line.remark} if line.remark else {}
+    return remark | {
         "name": line.name,
         "colour": line.colour,
         "x": None,

@@ -70,8 +70,9 @@ def vehicle_group(flights: Sequence[AxisRows]) -> Group | None:
             symbol, colour = HEALTH_MARKS[health]
             marks.append(Mark(float(number), symbol, colour))
     charts = []
+    suspect = _suspect_motor(flights)
     for title, estimates in _charted_quantities(flights):
-        lines = tuple(_lines_of_estimates(estimates))
+        lines = tuple(_lines_of_estimates(estimates, suspect))
         if lines:
             charts.append(Chart(title, axis, Axis(""), lines, marks=tuple(marks)))
     if not charts:
@@ -91,15 +92,28 @@ def _flight_axis(flights: Sequence[AxisRows]) -> Axis:
     return Axis("flight", names=(dates[0] or "first", *empty_labels, dates[-1] or "last"))
 
 
-def _lines_of_estimates(estimates: Estimates) -> Iterator[Line]:
+def _suspect_motor(flights: Sequence[AxisRows]) -> str:
+    """Returns the name of the motor that failed or is suspected in the latest flight that names one; otherwise ""."""
+    motors = _motor_names(flights)
+    for flight in reversed(flights):
+        for row in flight:
+            number = row.failed_motor or row.suspect_motor
+            if number is not None and number <= len(motors):
+                return motors[number - 1]
+    return ""
+
+
+def _lines_of_estimates(estimates: Estimates, suspect_motor: str) -> Iterator[Line]:
     """Yields a line of dots with whiskers for each series of estimates; series without a finite value are left out.
 
-    A dot is the estimate of one flight, and its whisker the 90 % interval. The abscissa is the number of the flight,
+    A dot is the estimate of one flight, and its whisker the 90 % interval. A line joins the dots, so that a motor that
+    weakens from flight to flight can be followed. The abscissa is the number of the flight,
     from 0 on. Each series gets its colour by its position, even where others are left out, so that a motor or an axis
     has the same colour in all charts.
 
     Args:
         estimates: (flights, 2) estimates and half widths of their intervals, by the name of the line.
+        suspect_motor: name of the line that is labelled, that of a motor that is suspected; empty for none.
     """
     for number, (name, values_and_half_widths) in enumerate(estimates.items()):
         values, half_widths = values_and_half_widths.T
@@ -108,7 +122,9 @@ def _lines_of_estimates(estimates: Estimates) -> Iterator[Line]:
             # An unknown half width is NaN. A whisker of length 0 leaves just the dot.
             whiskers = np.nan_to_num(half_widths)
             colour = distinct(number)
-            yield Line.with_band(name, colour, flight_numbers, values, whiskers, LineStyle.DOTS)
+            style = LineStyle.JOINED_DOTS
+            line = Line.with_band(name, colour, flight_numbers, values, whiskers, style)
+            yield line._replace(remark=f"{name}, suspected") if name == suspect_motor else line
 
 
 def _charted_quantities(flights: Sequence[AxisRows]) -> Iterator[tuple[str, Estimates]]:

@@ -195,11 +195,12 @@ def _draw_line(axes: Axes, line: Line) -> None:
     style: JsonValues = {"color": line.colour, "label": line.name}
     if line.style is LineStyle.STEMS:
         axes.vlines(line.x, 0, line.y, linewidth=1.3, **style)
-    elif line.style is LineStyle.DOTS:
+    elif line.style in (LineStyle.DOTS, LineStyle.JOINED_DOTS):
         whiskers = None
         if line.lower_edge is not None and line.upper_edge is not None:
             whiskers = (line.y - line.lower_edge, line.upper_edge - line.y)
-        axes.errorbar(line.x, line.y, whiskers, fmt="o", markersize=3.5, linewidth=1.1, **style)
+        dots = "o-" if line.style is LineStyle.JOINED_DOTS else "o"
+        axes.errorbar(line.x, line.y, whiskers, fmt=dots, markersize=3.5, linewidth=1.1, **style)
     else:
         dashes = (4, 2) if line.style is LineStyle.DASHES else ()
         axes.plot(line.x, line.y, linewidth=1.1, dashes=dashes, **style)

@@ -14,7 +14,7 @@ from mavdem.facts import Level
 from mavdem.facts.lights import Light
 from mavdem.fleet.flights import group_into_flights
 from mavdem.fleet.names import NO_NAMES, GivenNames
-from mavdem.fleet.row import FlightRows
+from mavdem.fleet.row import UNKNOWN, FlightRows
 from mavdem.report.blocks import Block, Rated, Table
 from mavdem.report.charts.chart import Plan
 from mavdem.report.charts.plans import MIN_ROSE_FLIGHTS, dots_of_flights, rose_of_flights
@@ -281,9 +281,9 @@ def _vehicle_sections(
     """Makes the section of the page on each vehicle.
 
     Urgency is a rank by the health of the motors and the latest headline. Flights that do not say whose they are may be
-    those of several vehicles, and have no section. To keep the page small, charts are drawn only for the ``MAX_DRAWN``
-    most urgent vehicles with more than one flight. Sections are folded, except the first one with charts if its vehicle
-    needs a look.
+    those of several vehicles, and have no section unless they were compared with a baseline. To keep the page small,
+    charts are drawn only for the ``MAX_DRAWN`` most urgent vehicles with more than one flight. Sections are folded,
+    except the first one with charts if its vehicle needs a look.
 
     Args:
         summaries: summary of the flights under each name.
@@ -294,13 +294,17 @@ def _vehicle_sections(
     Returns:
         The sections, the most urgent vehicle first.
     """
-    vehicles = vehicles_with_section(summaries)
+    shared_names = {summary.name for summary in summaries if summary.has_shared_name}
+    vehicles = {}
+    for name, vehicle in vehicles_with_section(summaries).items():
+        # By a baseline a user says that flights under a shared name are of one vehicle, and then motors are judged.
+        if name not in shared_names or vehicle.health != UNKNOWN:
+            vehicles[name] = vehicle
     names_by_urgency = sorted(vehicles, key=lambda name: (vehicles[name].urgency, name))
     names_with_charts = [name for name in names_by_urgency if vehicles[name].flight_count > 1][
         :MAX_DRAWN
     ]
     bar_count = _bar_count(vehicles)
-    shared_names = {summary.name for summary in summaries if summary.has_shared_name}
     latest_lines = {summary.name: _latest_line(summary) for summary in summaries}
     sections = []
     for name in names_by_urgency:

@@ -15,6 +15,7 @@ from pytest import approx, mark
 from mavdem.fleet.flights import group_into_flights
 from mavdem.fleet.row import FlightRow
 from mavdem.report.blocks import Sentence
+from mavdem.report.charts.chart import LineStyle
 from mavdem.report.charts.vehicle_charts import vehicle_group
 from mavdem.report.pages import fleet_page as page_of_fleet
 from mavdem.report.palette import BAD
@@ -56,9 +57,10 @@ def test_who_is_in_trouble_stands_first_and_open_and_others_are_folded():
     opened = [name for name, part in found.items() if " open>" in part.split("<summary>")[0]]
     assert opened == ["quad-1"]
     assert "1 of 5 vehicles needs a look." in text
-    assert "<span>motor 3 works harder." in found["quad-1"]
+    assert ">motor 3 works harder.</span>" in found["quad-1"]
     # That nothing is wrong is said once, at the top: the vehicle's line has nothing to add.
-    assert "<span>4 flights</span><span>2026-01-08</span><span> <a href=" in found["quad-0"]
+    last_cells = '<span>4 flights</span><span>2026-01-08</span><span class="words"> <a href='
+    assert last_cells in found["quad-0"]
     assert "Quadrotor · ArduCopter V4.5" in found["quad-0"]
     assert '<path class="good" d="M8 0v1h.8v-1zM9' in found["quad-0"]
     assert 'aria-label="Latest flights: 1 bad and 3 good"' in found["quad-1"]
@@ -148,6 +150,15 @@ def test_a_fault_is_marked_and_an_unknown_is_a_gap_or_of_all_flights_no_panel():
     assert_allclose(np.transpose(ends), [[0.5, 0.3, 0.7], [np.nan] * 3, [0.6, 0.4, 0.8]])
     assert "Motor time constant (ms)" not in drawn
     assert [line.name for line in drawn["Vibration, first IMU (m/s²)"].lines] == ["x", "y", "z"]
+
+
+def test_each_motor_is_followed_over_flights_and_the_suspected_one_is_labelled():
+    suspected = {"health": "drift", "suspect_motor": 3}
+    sound, weak = flight_row("quad", 0), flight_row("quad", 1, **suspected)
+    lines = panels([sound, weak])["Motor shares (mean 1)"].lines
+    assert {line.style for line in lines} == {LineStyle.JOINED_DOTS}
+    assert [line.remark for line in lines] == ["", "", "motor 3, suspected", ""]
+    assert not any(line.remark for line in panels([sound, sound])["Motor shares (mean 1)"].lines)
 
 
 def test_time_constants_of_motors_and_of_the_demand_are_not_one_line():
@@ -306,6 +317,23 @@ def test_a_phone_shows_bars_counts_of_lights_that_do_not_warn_and_whole_texts_of
     assert found["isBarInBox"]
     assert found["lights"] == "8 unknown"
     assert found["cut"] == []
+
+
+FOLDED = """(() => {
+  const notes = [...document.querySelectorAll('#flights .note')];
+  const heights = notes.map(one => one.getBoundingClientRect().height);
+  notes[0].open = true;
+  return {lines: notes.length, most: Math.max(...heights), opened: notes[0].getBoundingClientRect().height};
+})()"""
+"""Heights of notes on flights, px: the largest of the folded ones, and of the first when it is unfolded."""
+
+
+@mark.slow
+def test_a_note_of_many_flights_is_one_line_until_it_is_chosen(tmp_path, browser):
+    told = {"headline": "What is wrong. " * 9, "headline_level": "bad"}
+    text = fleet_page([flight_row("quad", number, **told) for number in range(9)])
+    _, found = browser.shown(text, FOLDED, tmp_path, width=1280)
+    assert found["lines"] == 9 and found["most"] < 30 < found["opened"]
 
 
 BRIEF = """(() => {
