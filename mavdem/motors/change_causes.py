@@ -9,9 +9,10 @@ from typing import Any
 
 import numpy as np
 
-from mavdem.arrays import Array
+from mavdem.arrays import Array, Flags
 from mavdem.dataset.axes import YAW
 from mavdem.motors.change_statistics import WindowChanges, log_t_density
+from mavdem.motors.motor_changes import CauseProbabilities
 
 RISES = np.geomspace(0.05, 0.8, 13)
 """(s,) rises of a weak motor's own command that are considered, relative to the mean command."""
@@ -175,6 +176,30 @@ def _log_factors_of_axes(changes: WindowChanges, no_change: Array, is_changed_ax
     """
     added_variance = OTHER_CHANGE_SD**2 * is_changed_axis
     return log_t_density(changes, 0.0, added_variance) - no_change
+
+
+def cause_probabilities(evidence: CauseEvidence, selection: Flags) -> CauseProbabilities:
+    """Returns how probable a load and a weak motor are as the cause of a change.
+
+    Args:
+        evidence: Logarithms of the Bayes factors of all causes.
+        selection: (w,) the windows that count: when the change may have begun.
+    """
+    motor_log_factors = log_sum(evidence.motor_log_factors_by_window) - log(
+        len(evidence.motor_log_factors)
+    )
+    log_factors = np.array(
+        [
+            evidence.load_log_factors + log(LOADS_PER_MOTOR),
+            motor_log_factors,
+            evidence.all_axes_log_factors + log(OTHERS_PER_MOTOR),
+            evidence.yaw_log_factors + log(OTHERS_PER_MOTOR),
+        ]
+    )[:, selection]
+    # (4,) each summed over the windows.
+    log_weights = log_sum(log_factors.T)
+    load, motor, *_ = np.exp(log_weights - log_sum(log_weights))
+    return CauseProbabilities(float(load), float(motor))
 
 
 def _log_factors_of_load(changes: WindowChanges, no_change: Array, lean: Array) -> Array:

@@ -46,6 +46,7 @@ from mavdem.motors.change_causes import (
     CauseEvidence,
     can_reach_threshold,
     cause_evidence,
+    cause_probabilities,
     log_odds_of_motor_cause,
     log_sum,
 )
@@ -59,7 +60,7 @@ from mavdem.motors.change_statistics import (
 )
 from mavdem.motors.heading_sectors import is_independent_of_heading
 from mavdem.motors.loss_confirmation import LossConfirmation
-from mavdem.motors.motor_changes import MotorAlarm
+from mavdem.motors.motor_changes import CauseProbabilities, MotorAlarm
 from mavdem.motors.signatures import motor_signatures
 
 REFERENCE_SECONDS = 8.0
@@ -380,7 +381,8 @@ class MotorLossDetector:
             change = _DatedChange(changes, window, int(windows[window]))
             block_count = change.block_count
             if self._is_independent_of_heading(change):
-                block_count = self._add_torque_change(change, float(log_odds))
+                causes = cause_probabilities(evidence, seconds >= REFERENCE_SECONDS)
+                block_count = self._add_torque_change(change, float(log_odds), causes)
         elif stale_change.max() >= self._threshold:
             window = int(np.argmax(stale_change))
             change = _DatedChange(changes, window, int(windows[window]))
@@ -390,13 +392,16 @@ class MotorLossDetector:
                 [log_sum(evidence.yaw_log_factors), 0.0]
             )
             if log_odds >= STRONG_EVIDENCE_NATS and self._is_independent_of_heading(change):
-                block_count = self._add_torque_change(change, float(log_odds))
+                causes = cause_probabilities(evidence, seconds >= STALE_SECONDS)
+                block_count = self._add_torque_change(change, float(log_odds), causes)
         else:
             return
         # The reference of later flight begins with the change.
         self._blocks.keep_last(block_count)
 
-    def _add_torque_change(self, change: _DatedChange, log_odds: float) -> int:
+    def _add_torque_change(
+        self, change: _DatedChange, log_odds: float, causes: CauseProbabilities
+    ) -> int:
         """Records a change in roll and pitch that names no motor.
 
         The windows are seconds apart, so that the beginning is dated anew: at the block that divides the blocks kept
@@ -405,6 +410,7 @@ class MotorLossDetector:
         Args:
             change: The change of the balance.
             log_odds: Logarithm of the odds that something changed in roll and pitch.
+            causes: What may have changed it.
 
         Returns:
             Number of blocks since the change began.
@@ -419,7 +425,7 @@ class MotorLossDetector:
         likelihoods = (sums_since**2).sum(axis=1) * count / (candidates * (count - candidates))
         block_count = int(candidates[np.argmax(likelihoods)])
         size = float(np.linalg.norm(change.size * self._model.tilt_axes))
-        self._add_alarm(None, block_count, log_odds, size)
+        self._add_alarm(None, block_count, log_odds, size, causes=causes)
         return block_count
 
     def _is_independent_of_heading(self, change: _DatedChange) -> bool:
@@ -503,6 +509,7 @@ class MotorLossDetector:
         log_odds: float,
         size: float,
         loss: Numbers = (),
+        causes: CauseProbabilities | None = None,
     ) -> MotorAlarm:
         """Adds a change to the alarms, as detected with the last block.
 
@@ -512,6 +519,7 @@ class MotorLossDetector:
             log_odds: Logarithm of the odds that this is the cause.
             size: Rise of the motor's command, or size of the change of the torque.
             loss: Interval of the thrust that the motor lost, as fractions; empty if it lost none.
+            causes: What may have changed the torque, where no motor is named.
 
         Returns:
             The change as an alarm.
@@ -527,6 +535,7 @@ class MotorLossDetector:
             assumed=geometry.positions_assumed,
             boot=self._boot,
             loss=loss,
+            cause_probabilities=causes,
         )
         self.alarms.append(alarm)
         return alarm

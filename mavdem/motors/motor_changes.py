@@ -33,6 +33,15 @@ MAX_ONSET_ERROR = 2.0
 """Largest error of the time at which a detected loss began, s: ``MotorAlarm.onset_time`` is known to 1 to 2 s."""
 
 
+class CauseProbabilities(NamedTuple):
+    """Probabilities of the causes of a change that names no motor; the rest is that of all others, such as wind."""
+
+    load: float
+    """Probability that a load shifted."""
+    motor: float
+    """Probability that some motor, or its propeller, lost thrust."""
+
+
 class MotorAlarm(NamedTuple):
     """A lasting change of the motors' balance in flight; it is an alarm if a motor lost thrust."""
 
@@ -57,6 +66,8 @@ class MotorAlarm(NamedTuple):
     """Number of the boot whose clock the times are on, from 0."""
     loss: Numbers = ()
     """Ends of the 90 % interval of the fraction of its thrust that a weak motor lost, for all ``THRUST_EXPONENTS``."""
+    cause_probabilities: CauseProbabilities | None = None
+    """What may have changed the torque, where no motor is named."""
 
     @property
     def is_weak(self) -> bool:
@@ -75,7 +86,7 @@ class MotorAlarm(NamedTuple):
             code = MotorWatchFact.MOTOR_LOST_THRUST
         else:
             code = MotorWatchFact.MOTOR_RECOVERED
-        return Fact(
+        fact = Fact(
             code,
             time=self.onset_time,
             subject=self.name,
@@ -85,6 +96,10 @@ class MotorAlarm(NamedTuple):
             assumed=self.assumed,
             boot=self.boot,
         )
+        causes = self.cause_probabilities
+        if causes is None:
+            return fact
+        return fact.replace(load_probability=causes.load, motor_probability=causes.motor)
 
     @property
     def event(self) -> Fact:

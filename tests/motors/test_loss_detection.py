@@ -148,7 +148,10 @@ def test_a_load_that_shifts_in_wind_is_reported_without_a_cause_once_it_has_last
     assert BREAKS + 8.0 <= first.time - 100.0 < BREAKS + 17.0
     assert first.onset_time - 100.0 == approx(BREAKS, abs=0.6)
     assert first.size == approx(np.hypot(*shift[:2]), abs=0.015)
-    assert "a shifted load can do that, a weak motor, or rarely the wind" in first.fact.sentence
+    load, motor = first.cause_probabilities
+    assert 0.5 < load < 0.9 and motor < 0.01
+    words = f"a shifted load can do that (probability {load:.2f}), a weak motor (< 0.01)"
+    assert f"{words}, or rarely the wind" in first.fact.sentence
 
 
 @mark.parametrize("lean, motor", [((0.0, 0.0), 4), ((-12.0, 6.0), None)])
