@@ -704,7 +704,8 @@ class Watchdog:
         """Adds to a loss without a known cause the motor that had its alarm for staying at its upper limit before.
 
         A motor may reach its limit many seconds before the vehicle meets the ground, so that the seconds of outputs
-        that are kept no longer show it.
+        that are kept no longer show it. An alarm stays active for a while: a motor that left its limit more than
+        ``RECOVERY_SECONDS`` before the loss did not cause it.
 
         Args:
             loss: how the flight was lost.
@@ -712,6 +713,9 @@ class Watchdog:
         limited = self.alarms.facts.get(WatchedQuantity.MOTOR_LIMITS)
         has_cause = loss.figures.get("cause") is not None or loss.code not in CAUSED_LOSSES
         if limited is None or has_cause or not limited.subject:
+            return loss
+        last_limited = self.alarms.last_found(WatchedQuantity.MOTOR_LIMITS)
+        if last_limited < loss.start_time - RECOVERY_SECONDS:
             return loss
         cause = Fact(FailedFirst.LIMIT_FIRST, subject=limited.subject)
         return loss.replace(subject=limited.subject, cause=cause, mode="")

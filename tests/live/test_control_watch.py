@@ -13,6 +13,7 @@ from mavdem.facts.assessment import NextStep
 from mavdem.facts.ending import Ending, FailedFirst
 from mavdem.facts.events import ReportedEvent
 from mavdem.facts.lights import Light
+from mavdem.facts.motors import MotorsLight
 from mavdem.facts.session import SessionFact
 from mavdem.facts.vibration import VibrationLight
 from mavdem.facts.watch import WatchFact
@@ -105,6 +106,29 @@ def test_after_a_loss_nothing_speaks_as_of_a_landing(lost):
     # Motors that fought the loss are not called sound.
     assert not judgement.lights[Light.MOTORS].is_good
     assert status.active_alarms == (status.loss,)
+
+
+@dataclass(frozen=True)
+class LimitedBefore(Leaving):
+    """Motor 3 is at its upper limit for three seconds of the hover, until long before the loss."""
+
+    hovering: float = 12.0
+
+    def motors(self, t):
+        outputs = super().motors(t)
+        outputs[:, 2] = np.where((t > 8.0) & (t < 11.0), 2000.0, outputs[:, 2])
+        # The loss is not by the motors: none shows it.
+        outputs[:, 0] = np.where((t > LOST) & (t < self.landed), outputs[:, 1], outputs[:, 0])
+        return outputs
+
+
+@mark.slow
+def test_a_motor_that_left_its_limit_long_before_a_loss_is_not_its_cause():
+    made = flown(LimitedBefore())
+    limited, loss = [alarm.figures["reason"] for alarm in alarms(made)]
+    assert limited.code is MotorsLight.MOTOR_LIMITED and limited.subject
+    assert loss.code is Ending.CONTROL_LOST
+    assert not loss.subject and loss.figures["cause"] is None
 
 
 @mark.slow
