@@ -616,6 +616,9 @@ class LiveSession:
             margins = judgement.lights[Light.MARGINS]
             # If the margins are not known, or the decision on their loop repeats them, the advice states that.
             if margins.code is MarginsLight.LOOP_MARGINS and not _states_margins(advice, margins):
+                if any(fact.code is GainFact.GAINS_WRITTEN for fact in advice):
+                    # The gains follow, with their files: nobody has to run a command for them.
+                    margins = margins.replace(action=None)
                 self._presentation.log(margins)
         is_lost = self.stream.status().loss is not None
         for fact in advice:

@@ -486,6 +486,15 @@ def test_margins_that_a_decision_states_are_reported_once():
         (decision.replace(axis="roll", reason=margins.replace(axis="roll")),), judgement
     )
     assert said == [decision, margins]
+    # Gains that are written already need no command.
+    action = Fact(LoopAction.LOAD_ADVISED_GAINS, arguments=("flight.tlog",))
+    advised = margins.replace(axis="roll", action=action)
+    written = Fact(GainFact.GAINS_WRITTEN, path="flight.gains", reason=TOO_FEW_SAMPLES)
+    lights = {**judged.lights, Light.MARGINS: advised}
+    one._presentation._report_times.clear()
+    one._log_advice((written,), replace(judged, lights=lights))
+    assert [fact.remedy for fact in said[2:]] == ["", written.remedy]
+    del said[2:]
     # A flight that never settled has no gains to speak of, but its recording is judged.
     one._learning.has_settled = False
     one._log_advice((Fact(GainFact.GAINS_LEFT, reason=TOO_FEW_SAMPLES),), judgement)
