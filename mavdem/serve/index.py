@@ -303,17 +303,15 @@ def columns_of_flight(rows: Sequence[FlightRow]) -> JsonValues:
     """Returns the columns of the index that follow from the fleet's rows of a log.
 
     Args:
-        rows: rows of the log, at least one. Values are taken from the first, except for the motor: it is the one that
-            failed in this flight, or the first that any row suspects.
+        rows: rows of the log, at least one. Values are taken from the first, except for the motor: it is the first that
+            failed in this flight on any vehicle, or else the first that any row suspects.
 
     Returns:
         Values by the names of the columns.
     """
     first_row = rows[0]
-    motor = first_row.failed_motor
-    for row in rows:
-        if motor is None:
-            motor = row.suspect_motor
+    motors = [row.failed_motor for row in rows] + [row.suspect_motor for row in rows]
+    motor = next((motor for motor in motors if motor is not None), None)
     date = "" if first_row.date is None else first_row.date.isoformat(timespec="seconds")
     lights = {str(light): getattr(first_row, f"light_{light}") or "" for light in Light}
     wind_low, wind_high = first_row.wind_speed_interval or (None, None)

@@ -600,3 +600,8 @@ def test_the_suspected_motor_of_a_fleet_log_is_that_of_any_of_its_rows():
 def test_a_motor_that_failed_in_a_flight_comes_before_a_suspected_one():
     row = flight_row("quad", 1, suspect_motor=3, failed_motor=2)
     assert entry_of_fleet_log("flight.ulg", [row]).motor == 2
+
+
+def test_a_motor_that_failed_on_the_second_vehicle_of_a_log_is_shown():
+    rows = [flight_row("quad", 1, suspect_motor=3), flight_row("hexa", 1, failed_motor=2)]
+    assert entry_of_fleet_log("flight.tlog", rows).motor == 2
