@@ -9,6 +9,7 @@ class RefusalReason(Code):
     """Why a request to the server is refused."""
 
     NO_RIGHT = "no_right"
+    WRONG_TOKEN = "wrong_token"
     OTHER_SITE = "other_site"
     NO_SUCH_FLIGHT = "no_such_flight"
     NO_RECORDING = "no_recording"

@@ -60,6 +60,8 @@ class RawRecording:
         # Number of bytes of a .tlog so far, and of those until the last frame of each system and component.
         self._size = 0
         self._sizes_by_sender: dict[tuple[int, int], int] = {}
+        # Every ``BATCH_SECONDS`` the time, UNIX s, and how many bytes there were then.
+        self._sizes_by_time: list[tuple[float, int]] = []
         self.first_stamp = nan
         self._mcap = None
         self._channel = 0
@@ -94,6 +96,7 @@ class RawRecording:
         if not 0 <= stamp - self._flush_stamp < BATCH_SECONDS:
             self._flush_stamp = stamp
             self._file.flush()
+            self._sizes_by_time.append((stamp, self._size))
 
     def mark_end(self, stamp: float) -> None:
         """Marks that the user ended the recording, so that its end is not taken for a failure of the vehicle.
@@ -174,12 +177,29 @@ class RawRecording:
         """
         if self._mcap is not None:
             return []
+        # What came well before the restart, which may be hours of flight, is not read.
+        start = self._size_at(restart[0])
         with open(self._path, "rb") as file:
-            records = _stamped_records(file.read(self._size))
-        restart_offset = _end_of_longest_silence(records, (system, component), restart)
-        if restart_offset is None:
-            restart_offset = self._size
+            file.seek(start)
+            records = _stamped_records(file.read(self._size - start))
+        silence_end = _end_of_longest_silence(records, (system, component), restart)
+        restart_offset = self._size if silence_end is None else start + silence_end
         return self._move_from(restart_offset, other)
+
+    def _size_at(self, time: float) -> int:
+        """Returns how many bytes of a .tlog were written before a time, less at most those of ``BATCH_SECONDS``.
+
+        If the computer's clock was set back later, fewer are returned: all bytes of that time and later follow them.
+
+        Args:
+            time: UNIX s.
+        """
+        size = 0
+        for stamp, size_then in self._sizes_by_time:
+            if stamp >= time:
+                break
+            size = size_then
+        return size
 
     def _move_from(self, start: int, other: RawRecording) -> list[ReceivedPiece]:
         """Moves the end of the closed .tlog, from an offset on, to another recording.

@@ -4,7 +4,7 @@ import asyncio
 import inspect
 from collections.abc import AsyncIterator, Awaitable, Callable
 from contextlib import asynccontextmanager
-from functools import cache, cached_property
+from functools import cached_property
 from http import HTTPStatus
 from pathlib import Path
 from typing import Any, Protocol
@@ -16,6 +16,7 @@ from starlette.requests import Request as HttpRequest
 from starlette.responses import HTMLResponse, JSONResponse, Response
 from starlette.routing import Route
 
+from mavdem.containers import Names
 from mavdem.documents import complete_document
 from mavdem.errors import Refusal
 from mavdem.facts import Fact
@@ -92,6 +93,8 @@ class Server:
             self._visible_library, reading.notify, sample_log, open_recording, monitor
         )
         self._fields = fields or FieldStore()
+        # The pages of flights have the scripts of the version that wrote them, which may be an earlier one.
+        self._response_headers = _response_headers(library.known_scripts(script_hashes()))
         self._api = Api(self._visible_library, reading.notify, open_recording, self._fields)
 
     @cached_property
@@ -150,8 +153,6 @@ class Server:
 
         The live session is ended before the reading of logs, since its recording is added to the library at its end.
         """
-        # This also compiles the templates of the pages, for which the first visitor should not have to wait.
-        _response_headers()
         self._reading.start()
         if self._monitor is not None:
             self._monitor.start()
@@ -194,7 +195,7 @@ class Server:
                     status_code=HTTPStatus.SERVICE_UNAVAILABLE, headers=RETRY_HEADERS
                 )
             additional_policy = response.headers.get("content-security-policy", "")
-            response.headers.update(_response_headers())
+            response.headers.update(self._response_headers)
             if additional_policy:
                 policy = response.headers["content-security-policy"]
                 response.headers["content-security-policy"] = f"{policy}; {additional_policy}"
@@ -219,14 +220,14 @@ class Server:
         """
         fact = Fact(RefusalReason.ANSWER_FAILED, reason=type(error).__name__)
         response = self._answer_to_refusal(request, fact)
-        response.headers.update(_response_headers())
+        response.headers.update(self._response_headers)
         return response
 
     def _answer_to_refusal(self, request: HttpRequest, fact: Fact) -> Response:
         """Returns the response with the reason of a refusal: JSON for programs, a page for browsers.
 
         The path of the URL decides which of the two is sent. The page for a missing right asks for the token. The
-        caller must add the headers that all responses have (:func:`_response_headers`).
+        caller must add the headers that all responses have (``_response_headers``).
 
         Args:
             request: the request that was refused.
@@ -247,24 +248,24 @@ class Server:
             return JSONResponse(
                 complete_document("error", {"error": error_values(fact)}), status, headers
             )
-        asks_for_token = fact.code is RefusalReason.NO_RIGHT
+        asks_for_token = fact.code in (RefusalReason.NO_RIGHT, RefusalReason.WRONG_TOKEN)
         html = refusal_page(
             fact, asks_for_token=asks_for_token, **self._visible_library.visitor_values(request)
         )
         return HTMLResponse(html, status, headers)
 
 
-@cache
-def _response_headers() -> dict[str, str]:
+def _response_headers(scripts: Names) -> dict[str, str]:
     """Returns the headers of every answer: the policy, no guessing of content types, no copies in shared caches.
 
     They also keep the secret link of a flight from other sites, which would otherwise see it as the referrer, and keep
     flights out of search engines.
+
+    Args:
+        scripts: hashes of the scripts that pages may run besides the server's own.
     """
     return {
-        "content-security-policy": CONTENT_SECURITY_POLICY.format(
-            scripts=" ".join(script_hashes())
-        ),
+        "content-security-policy": CONTENT_SECURITY_POLICY.format(scripts=" ".join(scripts)),
         "x-content-type-options": "nosniff",
         "referrer-policy": "same-origin",
         "cross-origin-opener-policy": "same-origin",

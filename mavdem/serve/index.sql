@@ -12,3 +12,5 @@ create index if not exists by_distance on entries (distance, received);
 create index if not exists by_height on entries (height, received);
 create index if not exists by_digest on entries (digest);
 create index if not exists by_recording on entries (recording_stage);
+-- Hashes of the scripts in pages of flights, of all versions of this program that have served this library.
+create table if not exists chart_scripts (hash text primary key);

@@ -22,7 +22,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from mavdem.containers import JsonValues, group_by
+from mavdem.containers import JsonValues, Names, group_by
 from mavdem.errors import Refusal, Unreadable, error_message
 from mavdem.facts import Fact
 from mavdem.facts.serve import ListingOrder, RefusalReason, Sharing, Stage, StartFailure
@@ -421,6 +421,26 @@ class Library:
     def names(self) -> GivenNames:
         """The names that users have given to vehicles and flights."""
         return read_names(self.db)
+
+    def known_scripts(self, scripts: Iterable[str]) -> Names:
+        """Returns the hashes of the scripts that the pages of this library may have, and keeps new ones.
+
+        A page has the scripts of the version of this program that wrote it. Without those of earlier versions, their
+        pages would show no charts after an upgrade.
+
+        Args:
+            scripts: hashes of the scripts of this version.
+
+        Returns:
+            These hashes, and those of every version that has served the library.
+        """
+        with self.transaction() as db:
+            db.executemany(
+                "insert or ignore into chart_scripts values (?)", [[script] for script in scripts]
+            )
+            return tuple(
+                script for (script,) in db.execute("select hash from chart_scripts order by hash")
+            )
 
     @property
     def vehicle_frames(self) -> dict[str, str]:

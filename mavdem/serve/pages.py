@@ -457,7 +457,7 @@ class Pages:
         token = fields.get("token", [""])[0].strip()
         if not self._rights.is_token(token):
             await self._rights.delay_wrong_token()
-            raise Refusal(RefusalReason.NO_RIGHT, name=Permission.READ)
+            raise Refusal(RefusalReason.WRONG_TOKEN)
         response = RedirectResponse("/", 303)
         response.set_cookie(
             COOKIE_NAME,

@@ -2,6 +2,7 @@
 
 import shutil
 
+import numpy as np
 from mavlink_streams import flight, frame, heartbeat
 from pytest import approx, mark, raises
 from refusals import unreadable
@@ -10,7 +11,7 @@ from mavdem.facts.session import LinkFact
 from mavdem.ingest import read_log
 from mavdem.ingest.formats import read_stream
 from mavdem.ingest.mavlink.frame_reader import FrameReader
-from mavdem.live.raw_recording import RawRecording
+from mavdem.live.raw_recording import RawRecording, _stamped_records
 
 FRAMES = [heartbeat(), *flight([20 + 0.01 * row for row in range(400)])]
 # Frames of another dialect, and damaged ones.
@@ -127,3 +128,22 @@ def test_what_a_vehicle_sent_since_its_restart_is_moved_to_its_next_flight(tmp_p
     assert [piece.data for piece in pieces] == [*restarted, *other]
     assert [frame for _, frame in recorded(tmp_path / "flight.tlog")] == [*former, *other]
     assert recording.frame_count == len(former) + 1
+
+
+def test_hours_before_a_restart_are_not_read_to_find_it(tmp_path, monkeypatch):
+    recording = RawRecording(tmp_path / "flight.tlog")
+    former, restarted = flight(np.arange(400) / 10.0), flight([0.1, 0.2])
+    taken(recording, former, 40.0 / len(former))
+    taken(recording, restarted, 0.1, start=50.0)
+    recording.close()
+    read_bytes = []
+
+    def counted(records):
+        read_bytes.append(len(records))
+        return _stamped_records(records)
+
+    monkeypatch.setattr("mavdem.live.raw_recording._stamped_records", counted)
+    next_recording = RawRecording(tmp_path / "flight-2.tlog")
+    pieces = recording.move_since_restart((NOW + 39.0, NOW + 51.0), 1, 1, next_recording)
+    assert [piece.data for piece in pieces] == restarted
+    assert read_bytes[0] < recording._size / 10

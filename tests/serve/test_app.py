@@ -393,6 +393,23 @@ def test_a_cookie_reads_and_only_the_key_of_a_page_writes(guarded):
     assert left.status == 303 and 'mavdem=""' in left.headers["Set-Cookie"]
 
 
+def test_pages_of_an_earlier_version_may_run_their_scripts_after_an_upgrade(tmp_path, monkeypatch):
+    earlier, present = ("'sha256-earlier='",), ("'sha256-present='",)
+    for scripts, expected in ((earlier, earlier), (present, (*earlier, *present))):
+        monkeypatch.setattr("mavdem.serve.app.script_hashes", lambda scripts=scripts: scripts)
+        with serving(tmp_path) as server:
+            policy = server.get("/").headers["content-security-policy"]
+        assert f"script-src 'self' {' '.join(expected)};" in policy
+
+
+def test_a_wrong_token_is_said_to_be_wrong_and_the_right_one_may_follow(guarded, monkeypatch):
+    monkeypatch.setattr(Rights, "delay_wrong_token", lambda _: asyncio.sleep(0))
+    wrong = guarded.ask("POST", "/enter", "token=another")
+    assert wrong.status == 401 and "This is not the token of the server." in wrong.text
+    assert 'type="password"' in wrong.text
+    assert guarded.ask("POST", "/enter", f"token={TOKEN}").status == 303
+
+
 def test_another_site_is_refused(served):
     id = served.add()
     for headers in (
