@@ -80,7 +80,7 @@ def tuning_chapter(responses: Responses, noise: MeasuredNoise) -> Chapter:
         names.append("gyro")
         panels.append(spectrum_chart(noise))
     columns = tuple((panel,) for panel in panels)
-    return Chapter(TUNING_TITLE, groups=[Group(columns, names=tuple(names))])
+    return Chapter(TUNING_TITLE, groups=[Group(columns, names=tuple(names), is_flat=True)])
 
 
 def responses_chapter(
