@@ -232,9 +232,9 @@ class AtOnce(Executor):
     def __init__(self, niceness=0):
         pass
 
-    def submit(self, job, *arguments):
+    def submit(self, job, *arguments, **options):
         done = Future()
-        done.set_result(job(*arguments))
+        done.set_result(job(*arguments, **options))
         return done
 
 
