@@ -22,7 +22,7 @@ from mavdem import __version__
 from mavdem.cli.exit_codes import EXIT_DONE, EXIT_UNSUPPORTED
 from mavdem.containers import JsonValues
 from mavdem.dataset.flights import choose_vehicle
-from mavdem.errors import NotLearnable, Unreadable
+from mavdem.errors import NotLearnable, Unreadable, error_message
 from mavdem.export.fields import FieldSamples, field_samples, message_names, numeric_messages
 from mavdem.ingest import Telemetry, read_log
 from mavdem.ingest.all_messages import with_all_messages
@@ -127,7 +127,8 @@ def review(log: str, parts: list[str] | None = None) -> JsonValues:
         return kept_parts | {"left_out": list(LARGE_PARTS)}
     unknown = sorted(set(parts) - set(document))
     if unknown:
-        raise ToolError(f"There is no {', '.join(unknown)}: choose of {', '.join(document)}.")
+        error = f"There is no {', '.join(unknown)[:MAX_ERROR_CHARACTERS]}: choose of {', '.join(document)}."
+        raise ToolError(error)
     return {key: document[key] for key in parts}
 
 
@@ -334,24 +335,28 @@ def _command_document(
     """
     with TemporaryDirectory(prefix="mavdem-") as folder:
         folder_option = ["--out", str(Path(folder, "results"))] if has_folder else []
-        process = subprocess.run(
-            [
-                sys.executable,
-                "-m",
-                "mavdem",
-                command,
-                "--json",
-                *folder_option,
-                *options,
-                "--",
-                *logs,
-            ],
-            stdin=subprocess.DEVNULL,
-            capture_output=True,
-            encoding="utf-8",
-            errors="replace",
-            check=False,
-        )
+        try:
+            process = subprocess.run(
+                [
+                    sys.executable,
+                    "-m",
+                    "mavdem",
+                    command,
+                    "--json",
+                    *folder_option,
+                    *options,
+                    "--",
+                    *logs,
+                ],
+                stdin=subprocess.DEVNULL,
+                capture_output=True,
+                encoding="utf-8",
+                errors="replace",
+                check=False,
+            )
+        except (OSError, ValueError) as error:
+            # No program can be given a name with a null character, or one of a hundred thousand characters.
+            raise ToolError(f"{command} cannot be run: {error_message(error)}.") from None
     # A log from which no model can be learned has a document too.
     if process.returncode not in (EXIT_DONE, EXIT_UNSUPPORTED) or not process.stdout:
         lines = process.stderr.strip().splitlines()

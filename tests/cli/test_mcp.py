@@ -7,7 +7,7 @@ from unittest.mock import Mock
 
 import dataflash_logs
 import numpy as np
-from pytest import fixture, mark
+from pytest import fixture, mark, raises
 from recorded_flights import SLOW
 
 from mavdem.ingest import Telemetry
@@ -114,3 +114,24 @@ def test_a_log_of_many_messages_is_described_as_far_as_it_is_listed(monkeypatch)
     answer = assistant_tools.messages("flight.bin", name="m")
     assert [message["message"] for message in answer["messages"]] == ["M0", "M1"]
     assert answer["messages_left_out"] == 7 and describe.call_count == 3
+
+
+@mark.parametrize("name", ["a\0b.bin", "x" * 200_000])
+def test_a_name_that_no_program_can_be_given_is_refused_with_the_reason(name):
+    from mcp.server.mcpserver.exceptions import ToolError
+
+    from mavdem.cli import assistant_tools
+
+    with raises(ToolError, match=r"review cannot be run: .+\."):
+        assistant_tools.review(name)
+
+
+def test_an_error_does_not_repeat_very_long_arguments(monkeypatch):
+    from mcp.server.mcpserver.exceptions import ToolError
+
+    from mavdem.cli import assistant_tools
+
+    monkeypatch.setattr(assistant_tools, "_command_document", lambda *_: {"lights": {}})
+    with raises(ToolError, match="choose of lights") as refused:
+        assistant_tools.review("flight.bin", parts=["x" * 100_000])
+    assert len(str(refused.value)) < 3000
