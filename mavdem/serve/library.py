@@ -126,6 +126,7 @@ class Library:
             )
             raise Unreadable(reason) from None
         recover(self)
+        self._follow_moved_folder()
 
     def close(self) -> None:
         """Gives the logs that this server was reading back to the queue, and releases its lock."""
@@ -141,6 +142,30 @@ class Library:
             self._thread_state.store = Store(self.folder)
             self._thread_state.fleet_version = None
         return self._thread_state.store
+
+    def _follow_moved_folder(self) -> None:
+        """Corrects the paths of the library's logs in the fleet's tables after its folder was moved, copied or renamed.
+
+        These paths are absolute. Otherwise the fleet's rows of the logs would be taken for logs outside the library,
+        each of which would be listed a second time, without the results of the first.
+        """
+        logs_folder = self.folder / LOGS
+        moved_paths = []
+        for (path,) in self.db.execute("select path from logs").fetchall():
+            *_, folder_name, digest, name = ("", "", *Path(path).parts[-3:])
+            new_path = utf8_text(str(logs_folder / digest / name))
+            is_log_of_library = folder_name == LOGS and new_path != path
+            if is_log_of_library and find_by_digest(self.db, digest) is not None:
+                moved_paths.append({"former": path, "new": new_path})
+        if not moved_paths:
+            return
+        with self.transaction() as db:
+            db.executemany(
+                "update or replace logs set path = :new where path = :former", moved_paths
+            )
+            db.executemany("delete from entries where digest = '' and path = :former", moved_paths)
+            self.store.update_names()
+        self.table_is_outdated.set()
 
     # Paths and space on the disk
 

@@ -214,6 +214,18 @@ def test_logs_outlive_a_lost_index(tmp_path):
     assert entry.received == approx(before.received, abs=60)
 
 
+def test_a_library_whose_folder_is_moved_lists_each_flight_once_with_its_rows(tmp_path):
+    with serving(tmp_path / "before") as server:
+        id = server.add("a.ulg", "A weak motor.")
+    (tmp_path / "before").rename(tmp_path / "after")
+    with serving(tmp_path / "after") as server:
+        assert server.get("/api/flights").json["total"] == 1
+        entry = server.library.entry(id)
+        rows = server.library.flight_rows([entry])
+        assert {row.file for row in rows} == {str(server.library.log_path(entry))}
+        assert "Motor 3 lost thrust." in server.get("/").text
+
+
 def test_servers_that_share_a_folder_leave_each_other_alone(tmp_path):
     one, other = Library(tmp_path), Library(tmp_path)
     entries = [received(one, f"{number}.") for number in range(4)]
