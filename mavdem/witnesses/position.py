@@ -18,6 +18,7 @@ from mavdem.dataset.time_series import (
 from mavdem.dataset.vehicle_cache import cached_per_vehicle
 from mavdem.ingest.mavlink.dialect import mavlink_constant
 from mavdem.ingest.telemetry import Telemetry
+from mavdem.wind_velocity.from_log import STANDSTILL_ASSUMED
 from mavdem.witnesses.flight_check import powered_intervals
 
 POSITION_FLAGS = {
@@ -55,6 +56,22 @@ def position_validity(signals: Signals) -> TimeSeries | None:
             if has_position.any():
                 return TimeSeries(flags.time, flags.boot, has_position.astype(float))
     return None
+
+
+def assumed_standstill(signals: Signals) -> TimeSeries | None:
+    """Determines at which times ArduPilot's estimator assumes a standstill, since nothing measures the position.
+
+    Args:
+        signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.
+
+    Returns:
+        (N,) 1 or 0; None if it does not report its status.
+    """
+    flags = recorded_series(signals.telemetry, "EKF_STATUS_REPORT", "flags")
+    if flags is None:
+        return None
+    is_assumed = flags.values.astype(np.int64) & STANDSTILL_ASSUMED > 0
+    return TimeSeries(flags.time, flags.boot, is_assumed.astype(float))
 
 
 def receiver_message(telemetry: Telemetry) -> str | None:

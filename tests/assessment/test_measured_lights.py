@@ -319,6 +319,16 @@ def test_gps(satellites, dilution, code):
     assert fact.code is code and fact.figures.get("dilution", dilution) == approx(dilution)
 
 
+def test_a_filter_that_assumes_a_standstill_in_flight_has_no_position():
+    """Neither vehicle recorded a satellite receiver: by its flags one has a position, and one assumes a standstill."""
+    assert estimator_light(evidence(filtered())).is_good
+    fact = estimator_light(evidence(changed(filtered(), "EKF_STATUS_REPORT", flags=165)))
+    assert (fact.code, fact.level) == (EstimatorLight.FIX_MISSING, "watch")
+    assert fact.sentence == (
+        "The EKF assumed that the vehicle stands still in flight: nothing measured the position."
+    )
+
+
 def test_a_flight_without_any_fix_is_to_be_watched_unless_the_position_came_from_elsewhere():
     searching = columns(TIME, fix_type=1, satellites_visible=2, eph=9999)
     telemetry = changed(filtered(), "GPS_RAW_INT", **searching)

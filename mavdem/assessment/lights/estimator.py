@@ -47,7 +47,7 @@ from mavdem.facts.estimator import EstimatorLight
 from mavdem.facts.events import ReportedEvent
 from mavdem.ingest.telemetry import Telemetry
 from mavdem.ingest.vocabulary import INSTANCES_MESSAGE, EstimatorRatio
-from mavdem.witnesses.position import position_fix, position_validity
+from mavdem.witnesses.position import assumed_standstill, position_fix, position_validity
 from mavdem.witnesses.sensors import compass_fields, is_compass_used
 
 WATCHED_RATIO = 2.0
@@ -103,7 +103,11 @@ def estimator_light(evidence: Evidence) -> Fact:
     missing_fix = _missing_fix(evidence)
     # The number of satellites if GPS had no fix, but the position came from another source, such as optical flow.
     satellites_without_fix = None
-    if missing_fix is not None and _has_other_position_source(evidence):
+    if (
+        missing_fix is not None
+        and "is_standstill_assumed" not in missing_fix.figures
+        and _has_other_position_source(evidence)
+    ):
         # Then the light may be good. But the pilot should know that GPS could not have replaced that source.
         satellites_without_fix = missing_fix.figures["satellites"] or 0
         innovation_facts = [
@@ -349,20 +353,27 @@ def _poor_fixes(evidence: Evidence) -> Iterator[Fact]:
 
 
 def _missing_fix(evidence: Evidence) -> Fact | None:
-    """Returns the fact that no satellite receiver had a fix in any flight; None if one had, or none was recorded.
+    """Returns the fact that no satellite receiver had a fix in any flight; None if one had.
 
-    Vehicles that stay on the ground or below the water are not judged.
+    Where no receiver was recorded, the estimator must have reported in all flight that it assumes a standstill, as
+    ArduPilot's does without any sensor of position. Vehicles that stay on the ground or below the water are not judged.
 
     Args:
         evidence: signals, events and measurements of the vehicle.
 
     Returns:
-        A fact with the largest number of satellites in the log, None if it is not known.
+        A fact with the largest number of satellites in the log, None if it is not known. It has the figure
+        ``is_standstill_assumed`` if no receiver was recorded.
     """
     has_fix = evidence.values_in_flight(position_fix(evidence.signals))
     telemetry = evidence.signals.telemetry
-    if not len(has_fix) or has_fix.any() or telemetry.vehicle in SURFACE_VEHICLES:
+    if has_fix.any() or telemetry.vehicle in SURFACE_VEHICLES:
         return None
+    if not len(has_fix):
+        standstill = evidence.values_in_flight(assumed_standstill(evidence.signals))
+        if not len(standstill) or not standstill.all():
+            return None
+        return Fact(EstimatorLight.FIX_MISSING, satellites=None, is_standstill_assumed=True)
     return Fact(EstimatorLight.FIX_MISSING, satellites=most_satellites(telemetry))
 
 
