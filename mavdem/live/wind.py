@@ -208,6 +208,7 @@ class WindEstimate:
             high=high,
             direction=direction,
             share=0.0,
+            is_rough=not is_known,
             reason=None if is_known else doubt,
         )
 

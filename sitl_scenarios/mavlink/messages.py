@@ -6,6 +6,7 @@ https://mavlink.io/en/services/parameter.html#parameter-encoding has it.
 """
 
 import struct
+from math import degrees
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -22,6 +23,7 @@ from mavdem.ingest.vocabulary import (
     STANDBY,
     quaternion,
 )
+from sitl_scenarios.controller import MAX_TILT
 from sitl_scenarios.gains import control_parameters
 from sitl_scenarios.mavlink.autopilots import Autopilot
 from sitl_scenarios.mavlink.instrument_messages import (
@@ -327,21 +329,25 @@ def parameters(scenario: Scenario, autopilot: Autopilot) -> list[Parameter]:
 
 
 def _ardupilot_vehicle_parameters(scenario: Scenario) -> dict[str, int]:
-    """Returns ArduPilot's parameters of the system id, the frame and the motors after the fourth, by name.
+    """Returns ArduPilot's parameters of system id, frame, largest lean and the motors after the fourth, by name.
 
     Args:
         scenario: Scenario whose vehicle has the frame, and whose stream the system id.
     """
     layout = scenario.vehicle.layout
     frame_type = CIRCLES[layout].frame_type if layout in CIRCLES else int(layout == "x")
-    values = {"MAV_SYSID": scenario.stream.system, "FRAME_TYPE": frame_type}
+    values = {
+        "MAV_SYSID": scenario.stream.system,
+        "FRAME_TYPE": frame_type,
+        "ATC_ANGLE_MAX": round(degrees(MAX_TILT)),
+    }
     for motor in _motors_beyond_four(layout):
         values[f"SERVO{motor}_FUNCTION"] = ARDUPILOT_MOTOR_OFFSET + motor
     return values
 
 
 def _px4_vehicle_parameters(scenario: Scenario) -> dict[str, int]:
-    """Returns PX4's parameters of the system id, the frame and the motors after the fourth, by name.
+    """Returns PX4's parameters of system id, frame, largest lean and the motors after the fourth, by name.
 
     Args:
         scenario: Scenario whose vehicle has the frame, and whose stream the system id.
@@ -355,6 +361,7 @@ def _px4_vehicle_parameters(scenario: Scenario) -> dict[str, int]:
         "MAV_SYS_ID": scenario.stream.system,
         "MAV_TYPE": VEHICLE_TYPES[rotor_count(layout)],
         "SYS_AUTOSTART": airframe,
+        "MPC_TILTMAX_AIR": round(degrees(MAX_TILT)),
     }
     for motor in _motors_beyond_four(layout):
         values[f"PWM_MAIN_FUNC{motor}"] = PX4_MOTOR_OFFSET + motor

@@ -445,6 +445,14 @@ def test_a_wind_is_good_if_its_interval_is_no_wider_than_one_beaufort_number(int
     assert light.level == level and ", by the drag of typical multirotors" in str(light)
     assert ("known only roughly" in str(light)) is (level == "unknown")
     assert light.remedy.startswith("Fly a box for a minute") is (level == "unknown")
+    lean = {"roll": MeanFigure(np.radians(7.0), None, 0.0)}
+    limited = replace(known.signals.telemetry, parameters={"ATC_ANGLE_MAX": 35.0})
+    leaning = replace(
+        known, signals=Signals(limited), condition=replace(known.condition, lean=lean)
+    )
+    light_by_lean = wind_light(leaning, Fact(EstimatorLight.FILTER_AGREED, Level.GOOD))
+    assert light_by_lean.level == "good"
+    assert ("mean lean is 20 % of" in str(light_by_lean)) is (level == "unknown")
     drag = replace(wind.drag, source=DragSource.FLIGHT)
     own_drag = partial_record(WindVelocity, **(figures | {"drag": drag}))
     known = replace(known, wind=WindEvidence(own_drag, None, None))

@@ -26,8 +26,9 @@ def wind_light(evidence: Evidence, estimator: Fact) -> Fact:
 
     The wind is estimated from how far the vehicle leans to hold its position. The level is "watch" if that takes more
     than ``MAX_LEAN_SHARE`` of the largest allowed lean, or if the estimator is bad, whose velocity the estimate needs.
-    Otherwise it is "good" if the speed is known, and "unknown", with the figures of the estimate, if it is known only
-    roughly, by the width of its interval (:func:`mavdem.wind_velocity.beaufort.is_speed_known`).
+    Otherwise it is "good" if the lean is known to leave that room, or the speed to decide by
+    (:func:`mavdem.wind_velocity.beaufort.is_speed_known`). It is "unknown", with the figures of the estimate, if no
+    parameter limits the lean and the speed is known only roughly.
 
     Args:
         evidence: signals, events and measurements of the vehicle.
@@ -36,8 +37,8 @@ def wind_light(evidence: Evidence, estimator: Fact) -> Fact:
     Returns:
         A fact whose level is the colour of the light: good, watch, bad or unknown. Where the speed is identified, it
         has ``speed``, its interval ``low`` to ``high`` (m/s), ``direction``, None if that is not identified, the
-        ``share`` of the lean, and whether the drag is that of typical multirotors; and as ``reason`` a bad estimator,
-        or why the speed is known only roughly.
+        ``share`` of the lean, 0 if that is not known, whether the speed ``is_rough``, known only roughly, and whether
+        the drag is that of typical multirotors; and as ``reason`` a bad estimator, or what makes an unknown light.
     """
     if evidence.other_vehicle is not None:
         return evidence.other_vehicle
@@ -53,12 +54,13 @@ def wind_light(evidence: Evidence, estimator: Fact) -> Fact:
     reason: Fact | None = None
     lean_share = _lean_share(evidence.condition, evidence.signals.telemetry)
     takes_much_lean = lean_share > MAX_LEAN_SHARE and not wind.calm
+    is_rough = not is_speed_known(wind.speed_interval)
     if estimator.is_bad:
         level = Level.WATCH
         reason = estimator
     elif takes_much_lean:
         level = Level.WATCH
-    elif is_speed_known(wind.speed_interval):
+    elif lean_share or not is_rough:
         level = Level.GOOD
     else:
         level = Level.UNKNOWN
@@ -72,6 +74,7 @@ def wind_light(evidence: Evidence, estimator: Fact) -> Fact:
         high=highest_speed,
         direction=wind.direction if wind.direction_identifiable else None,
         share=lean_share,
+        is_rough=is_rough,
         # The interval allows for the drag of typical multirotors, not for that of any vehicle.
         by_usual_drag=wind.drag.source is DragSource.POPULATION,
         reason=reason,
