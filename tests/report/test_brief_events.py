@@ -55,10 +55,11 @@ def test_the_short_list_of_events_does_not_repeat_the_headline():
 def test_a_live_page_has_its_newest_alarm_beside_the_headline_unless_that_states_it():
     alarm = PageEvent(Event(1.0, Fact(SessionFact.ALARM, time=1.0, reason=LOST)))
     other = PageEvent(Event(2.0, LEFT.replace(Level.UNKNOWN)))
-    head = Head(Level.BAD, {}, [other, alarm], is_newest_first=True)
+    head = Head(Level.BAD, {}, [other, alarm], is_newest_first=True, is_in_flight=True)
     assert head.newest_alarm is alarm
     assert head._replace(events=[alarm._replace(is_headline=True)]).newest_alarm is None
-    assert head._replace(is_newest_first=False).newest_alarm is None
+    # On the ground the headline has what to do, and an alarm's "land now" is over.
+    assert head._replace(is_in_flight=False).newest_alarm is None
 
 
 def test_loops_do_not_repeat_the_next_step():

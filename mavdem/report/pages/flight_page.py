@@ -725,6 +725,7 @@ def live_page(
         path=flown_path(timeline, _live_map_wind(status)),
         has_log=False,
         is_newest_first=not status.is_over,
+        is_in_flight=status.is_flying and not status.is_over,
         latest_flight=latest_flight,
         saved_flight=saved_flight,
     )

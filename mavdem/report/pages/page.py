@@ -218,6 +218,9 @@ class Head(NamedTuple):
     is_newest_first: bool = False
     """Whether the events are those of a session that goes on, the newest first."""
 
+    is_in_flight: bool = False
+    """Whether the vehicle of that session flies."""
+
     latest_flight: PageLink | None = None
     """The flight before that of a live page, once it is in the library; None without one."""
 
@@ -249,8 +252,8 @@ class Head(NamedTuple):
 
     @property
     def newest_alarm(self) -> PageEvent | None:
-        """The newest alarm of a session that goes on, unless the headline states it; None of a log."""
-        if not self.is_newest_first:
+        """The newest alarm of a vehicle in flight, unless the headline states it; None on the ground, and of a log."""
+        if not self.is_in_flight:
             return None
         for page_event in self.events:
             if page_event.event.is_alarm:
