@@ -52,11 +52,17 @@ AXIS_SHARES = np.array([-0.5, 0.5])
 POPULATION_MEAN = np.log([0.3, 0.014, 1.0, 1.0])
 """Logarithms of typical linear drag (1/s), quadratic drag (1/m), and their ratios of body y to x.
 
-They are of 9 vehicles, 3 of them real, whose linear drag is 0.15 to 0.6 1/s; PX4's simulator SIH has 1.
+They are of 8 vehicles, 3 of them real, whose linear drag is 0.15 to 0.6 1/s. PX4's simulator SIH has 1, and is known
+by its own parameters.
 """
 
-POPULATION_SD = np.array([0.7, 0.9, 0.2, 0.35])
-"""Standard deviations of these logarithms over the same vehicles."""
+POPULATION_SD = np.array([0.6, 0.9, 0.2, 0.35])
+"""Standard deviations of these logarithms for another vehicle, by the same vehicles.
+
+The range of 8 normal values is 2.85 standard deviations in the mean, so that of the linear drag over the vehicles is
+ln(0.6 / 0.15) / 2.85 = 0.49. The interval that contains another vehicle with 90 % probability is wider, since mean and
+deviation are of 8 only: by √(1 + 1/8), and by Student's t with 7 degrees of freedom.
+"""
 
 LEAN_SD = 0.18
 """Standard deviation of the lean over vehicles and flights, m/s²: 1° of misaligned attitude or offset load."""

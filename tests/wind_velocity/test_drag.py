@@ -53,7 +53,7 @@ def test_what_somebody_set_in_the_autopilot_takes_the_place_of_the_populations_d
         "PX4", {"EKF2_MCOEF": 0.15, "EKF2_BCOEF_X": 25, "EKF2_BCOEF_Y": 100}
     )
     assert_allclose(usual.mean, np.append(np.log([0.3, 0.014, 1, 1]), [0, 0]))
-    assert_allclose(np.diag(usual.covariance) ** 0.5, [0.7, 0.9, 0.2, 0.35, 0.18, 0.18])
+    assert_allclose(np.diag(usual.covariance) ** 0.5, [0.6, 0.9, 0.2, 0.35, 0.18, 0.18])
     # From flight to flight no more is forgotten than the next may differ by.
     assert_allclose(usual.for_next_flight().covariance, usual.covariance)
     leaning = replace(usual, mean=np.ones(6)).for_next_flight()
