@@ -96,11 +96,16 @@ def test_a_link_is_shared_and_opened_in_another_profile(tmp_path, browser):
         server.work.run()
         mine.until("document.querySelector('#bar')")
         mine.run("document.querySelector('#bar summary').click()")
+        copied = "document.getElementById('copied').textContent"
+        mine.run("document.getElementById('copy').click()")
+        mine.until(f"{copied}.includes('Nobody else can open it')")
         mine.run("document.getElementById('sharing').value = 'link'")
         mine.run("document.getElementById('note').value = 'Gusty'")
         mine.run("document.querySelector('#edit button:not([type])').click()")
         mine.until("document.getElementById('saved').textContent === 'Saved.'")
         assert server.library.entry(id).sharing == Sharing.LINK
+        mine.run("document.getElementById('copy').click()")
+        mine.until(f"{copied}.startsWith('Copied.') && !{copied}.includes('Nobody')")
         other.open(address)
         assert "One." in other.run(SHOWN) and "Gusty" in other.run(SHOWN)
         assert not other.run("document.getElementById('edit') || document.getElementById('delete')")

@@ -219,6 +219,7 @@
 
   // The page of one flight.
   const id = $("bar")?.dataset.id ?? $("reading")?.dataset.id;
+  let savedSharing = $("sharing")?.value;
   $("edit")?.addEventListener("submit", async event => {
     event.preventDefault();
     const form = event.target.elements;
@@ -226,7 +227,7 @@
     const isVehicleChanged = form.flight_vehicle && form.flight_vehicle.value !== form.flight_vehicle.defaultValue;
     if (isVehicleChanged) columns.vehicle_name = form.flight_vehicle.value;
     columns.tags = form.tags.value.split(",").map(tag => tag.trim()).filter(Boolean);
-    try { await callApi("PATCH", `/api/flights/${id}`, columns); if (isVehicleChanged || form.given_name && form.given_name.value !== form.given_name.defaultValue) location.reload(); $("saved").textContent = "Saved."; } catch (error) { $("saved").textContent = error.message; }
+    try { await callApi("PATCH", `/api/flights/${id}`, columns); savedSharing = columns.sharing; if (isVehicleChanged || form.given_name && form.given_name.value !== form.given_name.defaultValue) location.reload(); $("saved").textContent = "Saved."; } catch (error) { $("saved").textContent = error.message; }
   });
   // The flights of unnamed vehicles that are chosen get the name of their vehicle, one request each.
   $("assign")?.addEventListener("click", async () => {
@@ -245,7 +246,8 @@
     $("address").select();
     try { await navigator.clipboard.writeText($("address").value); } catch { document.execCommand("copy"); }
     const isHere = ["localhost", "127.0.0.1", "[::1]"].includes(location.hostname);
-    $("copied").textContent = isHere ? "Copied. The address leads here on this machine only." : "Copied.";
+    const isForOwner = $("bar").dataset.guarded != null && savedSharing === "private";
+    $("copied").textContent = isForOwner ? "Copied. Nobody else can open it while the flight is seen by you only: choose who sees it above, and save." : isHere ? "Copied. The address leads here on this machine only." : "Copied.";
   });
   $("delete")?.addEventListener("click", async () => {
     if (!confirm("Delete this flight with log and page?")) return;
