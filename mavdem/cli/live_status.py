@@ -11,6 +11,7 @@ from rich.live import Live
 from rich.table import Table
 from rich.text import Text
 
+from mavdem.assessment.judgement import Judgement
 from mavdem.cli.streams import MAX_COLUMNS, STDERR, escape_unprintable, print_to_stderr
 from mavdem.facts import Fact, Facts, Level
 from mavdem.facts.assessment import Headline
@@ -35,18 +36,21 @@ from mavdem.report.templates import render_section
 UNCHANGED_STATE_PERIOD = 30.0
 """Time between two lines of a state that is the same except for its figures, s; a choice."""
 
+NAME_WIDTH = 9
+"""Width of the column with a light's name, characters: the longest name, "estimator"."""
 
-NAME_COLUMNS, LEVEL_COLUMNS = 9, 7
-"""Characters of a light's name and of its level: the longest words."""
+LEVEL_WIDTH = 7
+"""Width of the column with a light's level, characters: the longest level, "unknown"."""
 
-COLUMN_GAPS = 3
-"""Spaces in the columns of a light: one behind its name, its level and its figure."""
+GAPS_WIDTH = 3
+"""Spaces that follow the three columns of a light, one behind each: name, level and figure."""
 
-LIGHT_COLUMNS = 40
-"""Least characters that a light takes with its figure, such as "2.2 to 9.8 m/s, 48°": two fit on a line of 80."""
+MIN_LIGHT_WIDTH = 40
+"""Least width of a light with its figure, such as "2.2 to 9.8 m/s, 48°", characters: two fit on a line of 80."""
 
 MAX_HEADLINE_LINES = 2
-"""Lines of the headline on a terminal, up to which it keeps its details, a choice: the table below must be seen."""
+"""Most lines of the headline on a terminal: a longer one loses its details, so that the table below is seen. A choice.
+"""
 
 MAX_LIGHTS_PER_LINE = 3
 """Lights on a line of the widest terminal, a choice: with more, the eye loses the column."""
@@ -57,7 +61,7 @@ LEVEL_STYLES = {
     Level.BAD: "bold red",
     Level.UNKNOWN: "dim",
 }
-"""Style of the word for each level, in Rich's words."""
+"""Style in which the word for each level is printed, in the notation of the library Rich."""
 
 UNREPORTED_REASONS = frozenset(
     {
@@ -80,16 +84,20 @@ LEARNING_STATES = frozenset(
         OnlineFact.FIRST_LEARNING,
     }
 )
-"""States of the learning that come and go with the flight. The status shows them; they have no lines of their own,
-among which a pilot would have to look for an alarm."""
+"""States of the learning that come and go with the flight.
 
+The status shows them. No event of them is printed: a pilot would have to look for an alarm among such lines.
+"""
 
 SETTLING_SECONDS = 4.0
-"""Time for which what is watched must stay the same before it is printed on a terminal, s: longer than that in which
-no message counts as missing. The status below shows it at once."""
+"""Time for which the list of watched quantities must stay the same before its changes are printed on a terminal, s.
 
-LONGEST_SETTLING = 15.0
-"""Longest time that such news waits while further quantities change, s; a choice."""
+It is longer than the silence after which a message counts as missing. The status that is updated in place shows the
+changes at once.
+"""
+
+MAX_SETTLING_SECONDS = 15.0
+"""Longest time that a change waits to be printed while further quantities change, s; a choice."""
 
 
 class PrintedState(NamedTuple):
@@ -108,35 +116,38 @@ class PrintedState(NamedTuple):
     """Whether this computer does not keep up."""
 
 
-class WatchNews:
-    """What has changed of the watched quantities, held back until the list has settled.
+class ChangeDebouncer:
+    """Holds back changes of the watched quantities until they have settled.
 
-    After an attachment or a take-off the list changes each second, while messages are heard for the first time or
-    requested; only what it comes to is news.
+    After an attachment or a take-off the list of these quantities changes each second, while messages are received for
+    the first time or requested. Only the list in which this results is printed.
     """
 
     def __init__(self) -> None:
-        """Begins without news."""
-        # The facts that differ from those printed, by quantity, when they last changed, and when the first of them
-        # did, s of the monotonic clock.
-        self._contents: dict[Hashable, Hashable] = {}
-        self._change_time = -inf
-        self._first_time = -inf
+        """Begins without changes."""
+        # The facts that differ from those printed last, by quantity.
+        self._pending_changes: dict[Hashable, Hashable] = {}
+        # When these facts changed last, and when the first of them did, s of the monotonic clock.
+        self._latest_change_time = -inf
+        self._first_change_time = -inf
 
-    def is_settled(self, contents: dict[Hashable, Hashable], now: float) -> bool:
-        """Returns whether changes are to be printed: they have stayed for ``SETTLING_SECONDS``, or wait too long.
+    def update(self, changes: dict[Hashable, Hashable], now: float) -> bool:
+        """Takes the present changes, and returns whether they have settled, so that they can be printed.
+
+        They have settled if they stayed the same for ``SETTLING_SECONDS``, or wait for ``MAX_SETTLING_SECONDS``.
 
         Args:
-            contents: The changed facts without their numbers, by quantity; empty for none.
+            changes: The facts that differ from those printed last, without their numbers, by quantity; empty for none.
             now: Present time, s of the monotonic clock.
         """
-        if not self._contents:
-            self._first_time = now
-        if contents != self._contents:
-            self._contents = contents
-            self._change_time = now
-        has_stayed = now - self._change_time >= SETTLING_SECONDS
-        return has_stayed or now - self._first_time >= LONGEST_SETTLING
+        if not self._pending_changes:
+            self._first_change_time = now
+        if changes != self._pending_changes:
+            self._pending_changes = changes
+            self._latest_change_time = now
+        stays_the_same = now - self._latest_change_time >= SETTLING_SECONDS
+        waits_too_long = now - self._first_change_time >= MAX_SETTLING_SECONDS
+        return stays_the_same or waits_too_long
 
 
 class StatusTexts(NamedTuple):
@@ -176,7 +187,7 @@ class StatusLines:
         self._print_time = -inf
         # For each watched quantity, by its vehicle and name, the fact that was printed last, without its numbers.
         self._printed_watch_facts: dict[Hashable, Hashable] = {}
-        self._watch_news = WatchNews()
+        self._watch_changes = ChangeDebouncer()
 
     def show(self, session: LiveSession) -> None:
         """Shows the present status of a session.
@@ -195,30 +206,32 @@ class StatusLines:
             self._print_new(status, _status_texts(status, has_table=False))
             return
         texts = _status_texts(status, has_table=True)
-        # Why a quantity is not watched was printed when that began.
-        unwatched_text = unwatched_quantities_text(_unwatched_names(status.watch_facts))
-        style = _style(*status.active_alarms)
-        parts: list[RenderableType] = [texts.vehicle, Text(texts.judgement, style)]
+        alarm_style = _style(*status.active_alarms)
+        parts: list[RenderableType] = [texts.vehicle, Text(texts.judgement, alarm_style)]
         if status.vehicle is not None:
             parts.append(_table_of_lights(light_rows(status), min(STDERR.width, MAX_COLUMNS)))
         last_line = Text(texts.learning)
-        for text, text_style in ((" ".join(texts.problems), style), (unwatched_text, "")):
-            if text:
-                last_line.append(" ").append(text, text_style)
+        if texts.problems:
+            last_line.append(f" {' '.join(texts.problems)}", alarm_style)
+        # Only names: why a quantity is not watched was printed when that began.
+        unwatched_text = unwatched_quantities_text(_unwatched_names(status.watch_facts))
+        if unwatched_text:
+            last_line.append(f" {unwatched_text}")
         parts.append(last_line)
         self._terminal_text.update(Group(*parts), refresh=True)
 
     def _print_watch_changes(self, watch_facts: Facts) -> None:
-        """Prints which quantities are watched now, or no longer, if that has changed since the last call, and why.
+        """Prints which quantities are watched now, or no longer, and why, if that has changed since it was printed.
 
         A session compares quantities such as the battery and the vibration with their values earlier in the flight,
-        also without a model.
+        also without a model. On a terminal a change is printed once it has settled. Elsewhere it is printed at once:
+        such a status is read rarely, and nothing else shows these quantities.
 
         Args:
             watch_facts: A fact for each of these quantities: since when it is watched, or why it is not.
         """
         changed_facts = []
-        contents: dict[Hashable, Hashable] = {}
+        changes: dict[Hashable, Hashable] = {}
         for fact in watch_facts:
             reason = fact.figures.get("reason")
             if isinstance(reason, Fact) and reason.code in UNREPORTED_REASONS:
@@ -227,14 +240,12 @@ class StatusLines:
             # Measured numbers in a fact change all the time, which is no news.
             content = fact.without_measurements
             if self._printed_watch_facts.get(quantity) != content:
-                contents[quantity] = content
+                changes[quantity] = content
                 changed_facts.append(fact)
-        # Elsewhere than on a terminal the status is looked at rarely, and nothing else shows the list.
-        is_held_back = self._terminal_text is not None and not self._watch_news.is_settled(
-            contents, monotonic()
-        )
-        if changed_facts and not is_held_back:
-            self._printed_watch_facts.update(contents)
+        has_settled = self._watch_changes.update(changes, monotonic())
+        is_terminal = self._terminal_text is not None
+        if changed_facts and (has_settled or not is_terminal):
+            self._printed_watch_facts.update(changes)
             print_to_stderr(timed(watched_quantities_text(changed_facts)))
 
     def _print_new(self, status: SessionStatus, texts: StatusTexts) -> None:
@@ -277,38 +288,41 @@ class StatusLines:
 
 
 def _unwatched_names(watch_facts: Facts) -> list[str]:
-    """Returns the names of what cannot be watched on the followed vehicle, for reasons that do not pass by themselves.
+    """Returns the names of the quantities of the followed vehicle that cannot be watched for a lasting reason.
 
     Args:
-        watch_facts: A fact for each quantity: since when it is watched, or why it is not.
+        watch_facts: A fact for each quantity: since when it is watched, or why it is not. Those of other vehicles than
+            the followed one have the figure "vehicle".
     """
     names = []
     for fact in watch_facts:
+        if "vehicle" in fact.figures:
+            continue
         reason = fact.figures.get("reason")
-        is_of_other_vehicle = "vehicle" in fact.figures
-        if isinstance(reason, Fact) and not is_of_other_vehicle:
-            if reason.code not in UNREPORTED_REASONS:
-                names.append(str(fact.subject))
+        if isinstance(reason, Fact) and reason.code not in UNREPORTED_REASONS:
+            names.append(str(fact.subject))
     return names
 
 
 def _table_of_lights(rows: Sequence[LightRow], width: int) -> Table:
     """Returns a table of lights, several beside each other where the terminal is wide enough.
 
-    The level is a word and a colour, so that those who cannot tell the colours read it.
+    A light is the judgement of one part of the vehicle, such as its motors. Its level is a word with a colour, so that
+    those who cannot tell the colours read it.
 
     Args:
-        rows: The lights, in their order.
-        width: Characters of a line of the terminal.
+        rows: Name, level and figure of each light, in their order.
+        width: Width of a line of the terminal, characters.
     """
-    lights_per_line = min(max(width // LIGHT_COLUMNS, 1), MAX_LIGHTS_PER_LINE)
-    # Each light takes the same share of the line, whatever its figure, so that nothing moves from second to second.
-    share = width // lights_per_line
-    figure_columns = share - NAME_COLUMNS - LEVEL_COLUMNS - COLUMN_GAPS
+    lights_per_line = min(max(width // MIN_LIGHT_WIDTH, 1), MAX_LIGHTS_PER_LINE)
+    # Each light has the same width, whatever its figure, so that nothing moves from second to second.
+    light_width = width // lights_per_line
+    figure_width = light_width - NAME_WIDTH - LEVEL_WIDTH - GAPS_WIDTH
     table = Table.grid(padding=(0, 1))
     for _ in range(lights_per_line):
-        for columns in (NAME_COLUMNS, LEVEL_COLUMNS, figure_columns):
-            table.add_column(width=columns)
+        table.add_column(width=NAME_WIDTH)
+        table.add_column(width=LEVEL_WIDTH)
+        table.add_column(width=figure_width)
     for first in range(0, len(rows), lights_per_line):
         cells: list[RenderableType] = []
         for row in rows[first : first + lights_per_line]:
@@ -327,14 +341,7 @@ def _status_texts(status: SessionStatus, *, has_table: bool) -> StatusTexts:
         has_table: Whether a table of lights stands beside them, which has battery, wind and margins.
     """
     judgement = status.overall_judgement
-    headline_text, *next_step_text = headline_and_next_step(judgement)
-    if has_table and judgement.headline.code is Headline.NOTHING_WRONG:
-        # What was checked, and what was not, is in the table.
-        headline_text = f"{headline_text.partition(': ')[0].removesuffix('.')}."
-    elif has_table:
-        # The whole sentence had a line of its own when it was new.
-        headline_text = shortened(headline_text, MAX_HEADLINE_LINES * STDERR.width)
-    judgement_text = escape_unprintable(" ".join([headline_text, *next_step_text]))
+    judgement_text = _judgement_text(judgement, has_table=has_table)
     sentences = [
         escape_unprintable(sentence.text)
         for sentence in render_section("live_status", status=status, has_table=has_table)
@@ -362,6 +369,24 @@ def _status_texts(status: SessionStatus, *, has_table: bool) -> StatusTexts:
     )
 
 
+def _judgement_text(judgement: Judgement, *, has_table: bool) -> str:
+    """Returns the headline of a judgement and, if the headline lacks it, the next step, on one line.
+
+    Args:
+        judgement: The judgement of the flight so far.
+        has_table: Whether a table of lights stands below. Then the headline is shortened: the table has what was
+            checked, and the whole sentence was printed on a line of its own when it was new.
+    """
+    sentences = headline_and_next_step(judgement)
+    if has_table and judgement.headline.code is Headline.NOTHING_WRONG:
+        # The list of what was checked, and what was not, follows a colon.
+        statement, _, _ = sentences[0].partition(": ")
+        sentences[0] = f"{statement.removesuffix('.')}."
+    elif has_table:
+        sentences[0] = shortened(sentences[0], MAX_HEADLINE_LINES * STDERR.width)
+    return escape_unprintable(" ".join(sentences))
+
+
 def print_fact(fact: Fact, moment: str = "") -> None:
     """Prints a fact on standard error, in red if it is bad; where that is no terminal, it is one line.
 
@@ -375,9 +400,9 @@ def print_fact(fact: Fact, moment: str = "") -> None:
 
 
 def print_event(event: Event) -> None:
-    """Prints an event as ``print_fact`` does, after the time of day and that of the vehicle's clock.
+    """Prints an event of a live session after the time of day and that of the vehicle's clock.
 
-    ``LEARNING_STATES`` are not printed.
+    An event of ``LEARNING_STATES`` is not printed.
     """
     if event.fact.code not in LEARNING_STATES:
         print_fact(event.fact, moment_text(event))

@@ -16,7 +16,7 @@ from rich.console import Console
 from rich.live import Live
 
 from mavdem.assessment.judgement import Judgement, choose_next_step, headline_by_lights
-from mavdem.cli.live_status import LONGEST_SETTLING, StatusLines, WatchNews
+from mavdem.cli.live_status import MAX_SETTLING_SECONDS, ChangeDebouncer, StatusLines
 from mavdem.dataset.segment_learnability import slow_streams
 from mavdem.facts import Fact, Level
 from mavdem.facts.assessment import Headline, NextStep
@@ -559,16 +559,16 @@ def test_after_a_landing_nobody_is_asked_to_take_off_again(monkeypatch):
     assert "motors watch motor 4: 7 % left" in text
 
 
-def test_what_is_watched_is_news_once_it_has_settled():
-    news = WatchNews()
-    assert not news.is_settled({"tracking": "missing"}, 100.0)
-    assert not news.is_settled({"tracking": "missing", "height": "missing"}, 102.0)
-    assert not news.is_settled({"height": "missing"}, 105.0)
-    assert news.is_settled({"height": "missing"}, 109.0)
+def test_changes_of_what_is_watched_are_printed_once_they_settled():
+    debouncer = ChangeDebouncer()
+    assert not debouncer.update({"tracking": "missing"}, 100.0)
+    assert not debouncer.update({"tracking": "missing", "height": "missing"}, 102.0)
+    assert not debouncer.update({"height": "missing"}, 105.0)
+    assert debouncer.update({"height": "missing"}, 109.0)
     # Without changes nothing waits; and what changes all the time does not wait for ever.
-    news.is_settled({}, 199.0)
-    settled = [news.is_settled({"height": time}, float(time)) for time in range(200, 220)]
-    assert settled.index(True) == LONGEST_SETTLING
+    debouncer.update({}, 199.0)
+    settled = [debouncer.update({"height": time}, float(time)) for time in range(200, 220)]
+    assert settled.index(True) == MAX_SETTLING_SECONDS
 
 
 @mark.parametrize("width", [60, 80, 120, 200])
