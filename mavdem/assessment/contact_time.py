@@ -182,10 +182,11 @@ class ContactSearch:
         return None
 
     def _exceeds_vibration(self, knock: Fact, start: float) -> bool:
-        """Returns whether a knock is larger than the specific forces by vibration, as the flight before shows them.
+        """Returns whether a knock is larger than the specific forces that vibration causes in flight.
 
-        The larger of two forces counts: the largest one before, and the one that vibration reaches in the time of the
-        search by chance, since the largest of later samples is as often above the largest before as below it.
+        The knock must exceed the largest force before the search. By chance, vibration alone exceeds that in half of
+        all searches that last as long as the flight before. So the knock must also exceed an upper fence for the peaks
+        of vibration: their median over windows of ``VIBRATION_SECONDS``, and a multiple of their interquartile range.
 
         Args:
             knock: fact that the accelerometer measured the knock.
@@ -203,7 +204,7 @@ class ContactSearch:
         window_peaks = accelerometer.window_peaks((vibration_start, start), VIBRATION_SECONDS)
         if len(window_peaks) >= MIN_VIBRATION_WINDOWS:
             lower_quartile, median, upper_quartile = np.quantile(window_peaks, [0.25, 0.5, 0.75])
-            quartile_range = float(upper_quartile - lower_quartile)
-            reached_force = float(median) + MAX_VIBRATION_QUARTILE_RANGES * quartile_range
-            largest_force = max(largest_force, reached_force)
+            interquartile_range = float(upper_quartile - lower_quartile)
+            upper_fence = float(median) + MAX_VIBRATION_QUARTILE_RANGES * interquartile_range
+            largest_force = max(largest_force, upper_fence)
         return bool(knock.figures["acceleration"] > largest_force)

@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from math import inf, isinf
+from math import inf
 
 import numpy as np
 
@@ -15,16 +15,17 @@ from mavdem.ingest.motors import POSSIBLE_MULTIROTORS
 from mavdem.witnesses.boot_sensors import BootSensors
 
 MIN_FLIGHT_SECONDS = 1.0
-"""Shortest time off the ground, s, that is listed as a flight: a land detector may be mistaken for a moment."""
+"""Shortest time off the ground, s, that is listed as a flight: a land detector may be wrong for a moment. A choice."""
 
 PATH_STEP = 1.0
-"""Seconds between two positions of the path whose length is the distance flown.
+"""Time between two positions of the path whose length is the distance flown, s; a choice.
 
-The noise of a position, decimetres, would add to the path of a hover at every sample.
+The noise of a position is some decimetres. With every sample of the position it would add metres to the path of a
+hover each second.
 """
 
 MAX_PATH_SPEED = 50.0
-"""Speed, m/s, above which a step of the position is a reset of the estimator: no multirotor of these sizes flies so."""
+"""Ground speed, m/s, above which a step of the position is a reset of the estimator: no usual multirotor is so fast."""
 
 
 @dataclass(frozen=True)
@@ -62,17 +63,19 @@ def flown_flights(signals: Signals) -> list[FlownFlight]:
         return []
     boots_with_attitude = {int(boot) for boot in np.unique(signals.tilts[0].boot)}
     flights = []
-    for recorded_span in recorded_spans(signals):
-        boot = recorded_span.boot
-        if boot not in boots_with_attitude or BootSensors(signals, boot).trust.flew is False:
+    for span in recorded_spans(signals):
+        if span.boot not in boots_with_attitude:
             continue
-        recorded_interval = [(recorded_span.start, recorded_span.end)]
-        for take_off, landing in flights_in_boot(signals, boot):
-            for start, end in intersection(recorded_interval, [(take_off, landing)]):
-                if end - start >= MIN_FLIGHT_SECONDS:
-                    # A flight that lasts since before the record has no known height of its take-off.
-                    known_take_off = -inf if start > take_off else take_off
-                    flights.append(_flight(signals, boot, known_take_off, (start, end)))
+        # None if the sensors do not show whether the vehicle flew.
+        did_fly = BootSensors(signals, span.boot).trust.flew
+        if did_fly is False:
+            continue
+        for take_off, landing in flights_in_boot(signals, span.boot):
+            for start, end in intersection([(span.start, span.end)], [(take_off, landing)]):
+                if end - start < MIN_FLIGHT_SECONDS:
+                    continue
+                recorded_take_off = None if start > take_off else take_off
+                flights.append(_flight(signals, span.boot, recorded_take_off, (start, end)))
     return flights
 
 
@@ -87,18 +90,20 @@ def largest_height(flights: Sequence[FlownFlight]) -> float | None:
     return max((flight.height for flight in flights if flight.height is not None), default=None)
 
 
-def _flight(signals: Signals, boot: int, take_off: float, interval: TimeInterval) -> FlownFlight:
+def _flight(
+    signals: Signals, boot: int, take_off: float | None, interval: TimeInterval
+) -> FlownFlight:
     """Measures distance and height of one flight.
 
     Args:
         signals: logged time series of the vehicle.
         boot: number of the boot.
-        take_off: time of the take-off, s since boot; minus infinity if it was before the record.
+        take_off: time of the take-off, s since boot; None if it was before the record, so that its height is not known.
         interval: the recorded part of the flight, s since boot.
     """
-    sensors = BootSensors(signals, boot, take_off)
+    sensors = BootSensors(signals, boot, -inf if take_off is None else take_off)
     height = None
-    if not isinf(take_off) and sensors.height_above_take_off is not None:
+    if take_off is not None and sensors.height_above_take_off is not None:
         heights = sensors.height_above_take_off.within(interval).values
         # The landing may be lower than the take-off, and a flight down a hill has no height above it.
         height = max(float(heights.max()), 0.0) if len(heights) else None

@@ -1,7 +1,7 @@
 """Vehicles that users have assigned to flights whose logs do not identify theirs, in a table of the fleet's store.
 
 Without a serial number or a calibration a log has only the MAVLink system id, which is 1 unless somebody changed it.
-That two logs have it in common is no evidence that they are of one vehicle; that a user says so is.
+Two logs with the same system id may therefore be of two vehicles, until a user assigns them to one.
 """
 
 import json
@@ -16,14 +16,18 @@ from mavdem.fleet.stored_rows import brief_json, row_of_json
 
 
 def name_in_log(row: FlightRow) -> str:
-    """Returns what the log of a row calls its vehicle, whatever was assigned to the flight."""
-    if row.vehicle_basis != GIVEN_BASIS:
+    """Returns the name of the vehicle in the log of a row, also if a user has assigned another vehicle to the flight.
+
+    Only flights whose logs have nothing but a system id can be assigned, so that their name is made of that.
+    """
+    is_assigned = row.vehicle_basis == GIVEN_BASIS
+    if not is_assigned:
         return row.vehicle
     return system_id_name(row.autopilot or "", row.system or 0)
 
 
 def rows_with_assigned_vehicles(db: sqlite3.Connection, rows: Iterable[FlightRow]) -> FlightRows:
-    """Returns rows in which flights have the vehicles that users assigned to them.
+    """Returns rows of flights with the vehicles that users have assigned to them.
 
     Args:
         db: the SQLite database of the fleet's store.
@@ -47,20 +51,38 @@ def rows_with_assigned_vehicles(db: sqlite3.Connection, rows: Iterable[FlightRow
 
 
 def assign_vehicle(db: sqlite3.Connection, row: FlightRow, vehicle: str) -> None:
-    """Assigns a vehicle to a flight, in a transaction of the caller; its former and its new vehicle are judged again.
+    """Assigns a vehicle to a flight, and marks its former and its new vehicle to be judged again.
+
+    The caller must have begun a transaction.
 
     Args:
         db: the SQLite database of the fleet's store.
         row: a row of the flight, whose log does not identify its vehicle.
-        vehicle: name of the vehicle; empty for what the log calls it.
+        vehicle: name of the vehicle; empty to take the assignment away.
     """
     content = content_hash(row.key)
     key = [content, name_in_log(row)]
     db.execute("delete from flight_vehicles where content = ? and logged_name = ?", key)
     if vehicle:
         db.execute("insert into flight_vehicles values (?, ?, ?)", [*key, vehicle])
+    for changed_vehicle in sorted(_update_flight_rows(db, content)):
+        db.execute("insert into unpublished (vehicle) values (?)", [changed_vehicle])
+        db.execute("update flights set judged = null where vehicle = ?", [changed_vehicle])
+
+
+def _update_flight_rows(db: sqlite3.Connection, content: str) -> set[str]:
+    """Writes the vehicles that are assigned to the flights of one log into their stored rows.
+
+    Args:
+        db: the SQLite database of the fleet's store.
+        content: hash of the content of the log.
+
+    Returns:
+        The former and the new vehicles of the rows that have changed.
+    """
     changed_vehicles = set()
-    # A key of the table is the hash and, after a hyphen, the size of the content.
+    # The column ``log`` has the hash of the content, a hyphen and the size. The full stop follows the hyphen in ASCII,
+    # so that this range has all texts that begin with the hash and a hyphen, and the index of the column is used.
     query = (
         "select rowid, row, coalesce(file, '') from flights where log > ? || '-' and log < ? || '.'"
     )
@@ -77,6 +99,4 @@ def assign_vehicle(db: sqlite3.Connection, row: FlightRow, vehicle: str) -> None
             row_id,
         ]
         db.execute("update flights set vehicle = ?, row = ?, brief = ? where rowid = ?", values)
-    for changed_vehicle in sorted(changed_vehicles):
-        db.execute("insert into unpublished (vehicle) values (?)", [changed_vehicle])
-        db.execute("update flights set judged = null where vehicle = ?", [changed_vehicle])
+    return changed_vehicles

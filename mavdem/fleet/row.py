@@ -52,7 +52,7 @@ GIVEN_BASIS = "given"
 """Basis of a vehicle's name that a user assigned to a flight whose log has only a system id."""
 
 MAX_CLOCK_LEAD = timedelta(days=1)
-"""How far ahead of this computer's clock that of a flight may be: two time zones differ by a day at most."""
+"""How far the date of a flight may be ahead of this computer's clock: two time zones differ by about a day at most."""
 
 PHYSICAL_COLUMNS = ("effect", "damping", "lag")
 """Columns of physical parameters, each of which has a status and an interval in further columns."""
@@ -333,7 +333,7 @@ class FlightRow:
 
     @property
     def past_date(self) -> datetime | None:
-        """The date, unless it is in the future, as in simulations and of clocks that are wrong; then None."""
+        """The date of the flight; None if it is in the future, as in a simulation or by a wrong clock, or not known."""
         if self.date is None or self.date > datetime.now(UTC) + MAX_CLOCK_LEAD:
             return None
         return self.date

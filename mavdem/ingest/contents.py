@@ -57,15 +57,18 @@ EMPTY_ZIP_MAGIC = b"PK\x05\x06"
 ARCHIVE_MAGICS = (XZ_MAGIC, ZIP_MAGIC, EMPTY_ZIP_MAGIC)
 """First bytes of the archives that are unpacked."""
 
-BOUNDED_PACKINGS = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)
-"""Ways of packing whose content is unpacked piece by piece, up to a bound.
+BOUNDED_COMPRESSION_METHODS = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)
+"""Compression methods of zip archives that are read: Python's zipfile can unpack these up to a bound.
 
-Python's zipfile unpacks all of each piece of the others (bzip2, LZMA): a kilobyte becomes a gigabyte before any bound
-is looked at.
+With the others (bzip2, LZMA) it unpacks all of the bytes that it has read: a kilobyte becomes a gigabyte before any
+bound is checked.
 """
 
 MAX_DIRECTORY_BYTES = 1 << 20
-"""Largest directory of a zip archive that is read, bytes: some ten thousand names, each of which takes a kilobyte."""
+"""Largest directory of a zip archive that is read, bytes: it has some ten thousand names.
+
+For each name zipfile makes an object, which takes about a kilobyte of memory.
+"""
 
 ENCRYPTION_FLAG = 1
 """Bit in the flags of a zip archive's member that needs a password (section 4.4.4 there)."""
@@ -318,9 +321,9 @@ def _content_of_zip(path: Path, limit: int | None) -> bytes:
             _ArchiveFile(io.FileIO(path)) as archive_file,
             zipfile.ZipFile(archive_file) as archive,
         ):
-            archive_file.is_opened = True
+            archive_file.is_directory_read = True
             member = _only_log(archive, path)
-            # The directory may state any size.
+            # A malicious directory may state a packed size that is larger than the file.
             packed_size = min(member.compress_size, path.stat().st_size)
             bounded_size = MIN_UNPACKED_LIMIT + MAX_COMPRESSION_RATIO * packed_size
             max_size = min(MAX_LOG_BYTES, bounded_size)
@@ -350,23 +353,27 @@ class _DirectoryTooLarge(Exception):
 
 
 class _ArchiveFile(io.BufferedReader):
-    """The file of a zip archive, of which no large directory is read.
+    """The file of a zip archive, which refuses to read a directory of more than ``MAX_DIRECTORY_BYTES``.
 
-    zipfile reads the whole directory at once and makes an object for each name, however many there are.
+    As an archive is opened, zipfile reads the whole directory at once and makes an object for each name, however many
+    there are.
 
     Attributes:
-        is_opened: whether zipfile has read the directory, so that further reads are those of members.
+        is_directory_read: whether zipfile has read the directory, so that it now reads the files in the archive.
     """
 
-    is_opened = False
+    is_directory_read = False
 
     def read(self, size: int | None = -1, /) -> bytes:
-        """Reads bytes as its base class does.
+        """Returns the next bytes of the file.
+
+        Args:
+            size: largest number of bytes; None or -1 for all that follow.
 
         Raises:
-            _DirectoryTooLarge: they would be those of a large directory.
+            _DirectoryTooLarge: the directory has not been read yet, and is too large.
         """
-        if not self.is_opened and size is not None and size > MAX_DIRECTORY_BYTES:
+        if not self.is_directory_read and size is not None and size > MAX_DIRECTORY_BYTES:
             raise _DirectoryTooLarge
         return super().read(size)
 
@@ -401,6 +408,6 @@ def _only_log(archive: zipfile.ZipFile, path: Path) -> zipfile.ZipInfo:
         )
     if logs[0].flag_bits & ENCRYPTION_FLAG:
         raise Unreadable(SourceFact.ARCHIVE_DAMAGED, path=path, reason="password", kind="zip")
-    if logs[0].compress_type not in BOUNDED_PACKINGS:
+    if logs[0].compress_type not in BOUNDED_COMPRESSION_METHODS:
         raise Unreadable(SourceFact.ARCHIVE_DAMAGED, path=path, reason="packing", kind="zip")
     return logs[0]

@@ -146,16 +146,19 @@ class Library:
     def _follow_moved_folder(self) -> None:
         """Corrects the paths of the library's logs in the fleet's tables after its folder was moved, copied or renamed.
 
-        These paths are absolute. Otherwise the fleet's rows of the logs would be taken for logs outside the library,
-        each of which would be listed a second time, without the results of the first.
+        These paths are absolute and end with ``LOGS``, the digest of the log and its file name. With a path of the
+        former folder, a log would be taken for one outside the library and listed a second time, without its results.
         """
         logs_folder = self.folder / LOGS
         moved_paths = []
         for (path,) in self.db.execute("select path from logs").fetchall():
-            *_, folder_name, digest, name = ("", "", *Path(path).parts[-3:])
-            new_path = utf8_text(str(logs_folder / digest / name))
-            is_log_of_library = folder_name == LOGS and new_path != path
-            if is_log_of_library and find_by_digest(self.db, digest) is not None:
+            file = Path(path)
+            digest = file.parent.name
+            new_path = utf8_text(str(logs_folder / digest / file.name))
+            is_in_logs_folder = file.parent.parent.name == LOGS
+            if not is_in_logs_folder or new_path == path:
+                continue
+            if find_by_digest(self.db, digest) is not None:
                 moved_paths.append({"former": path, "new": new_path})
         if not moved_paths:
             return
@@ -400,7 +403,8 @@ class Library:
     def vehicle_names(self) -> list[str]:
         """Returns the names of all vehicles, in alphabetical order.
 
-        A system id is no name of a vehicle, unless a user gave a name to it.
+        A name that is made of a MAVLink system id may be that of several vehicles. It is left out unless a user has
+        given a name to that vehicle.
         """
         query = """select distinct vehicle from entries where vehicle not in ('', ?) and
             (vehicle_basis <> ? or vehicle in (select vehicle from vehicle_names)) order by vehicle"""
@@ -448,16 +452,16 @@ class Library:
         return read_names(self.db)
 
     def known_scripts(self, scripts: Iterable[str]) -> Names:
-        """Returns the hashes of the scripts that the pages of this library may have, and keeps new ones.
+        """Returns the hashes of all scripts that the pages of this library may run, and stores those of this version.
 
-        A page has the scripts of the version of this program that wrote it. Without those of earlier versions, their
-        pages would show no charts after an upgrade.
+        A page has the scripts of the version of this program that wrote it. If the policy of the server allowed those
+        of the present version alone, pages of earlier versions would show no charts.
 
         Args:
             scripts: hashes of the scripts of this version.
 
         Returns:
-            These hashes, and those of every version that has served the library.
+            The hashes of every version that has served the library, this one included, in alphabetical order.
         """
         with self.transaction() as db:
             db.executemany(
@@ -522,7 +526,7 @@ class Library:
             The changed entry.
 
         Raises:
-            Refusal: the log identifies its vehicle, or is not read.
+            Refusal: the log identifies its vehicle, or has not been read yet.
         """
         name = plain_name(name)
         named_vehicles = [
@@ -545,22 +549,25 @@ class Library:
         return entry
 
     def _update_baseline(self, assigned_row: FlightRow) -> None:
-        """Gives the rows of a flight in the baseline the vehicle that was assigned to it.
+        """Corrects the vehicle of a flight in the baseline, the healthy flights, after the assignment has changed.
 
-        A flight from which the vehicle was taken away leaves the baseline: flights of strangers would be compared with
-        it.
+        A flight whose vehicle is unnamed again is removed from the baseline: flights of other vehicles with the same
+        system id would be compared with it.
 
         Args:
-            assigned_row: a row of the flight as it is now.
+            assigned_row: a row of the flight with its present vehicle.
         """
         content = content_hash(assigned_row.key)
         baseline = self.store.healthy
-        if all(content_hash(row.key) != content for row in baseline):
+        is_in_baseline = any(content_hash(row.key) == content for row in baseline)
+        if not is_in_baseline:
             return
-        rows = rows_with_assigned_vehicles(self.db, baseline)
-        self.store.healthy = [
-            row for row in rows if row.has_own_name or content_hash(row.key) != content
-        ]
+        corrected_baseline = []
+        for row in rows_with_assigned_vehicles(self.db, baseline):
+            is_of_this_flight = content_hash(row.key) == content
+            if row.has_own_name or not is_of_this_flight:
+                corrected_baseline.append(row)
+        self.store.healthy = corrected_baseline
 
     def widen_sharing(self, entry: LibraryEntry, sharing: str, note: str) -> LibraryEntry:
         """Shares a flight with more people and completes its note, when its log is uploaded again.
@@ -583,7 +590,7 @@ class Library:
 
         Args:
             ids: ids of the healthy flights; others are not healthy any more. Those of unnamed vehicles are left out,
-                since flights of strangers would be compared with them.
+                since flights of other vehicles with the same system id would be compared with them.
         """
         rows = self.flight_rows([self.entry(id) for id in ids])
         with refuse_full_disk():

@@ -23,10 +23,13 @@ TEXT_COLUMNS = {"date", "level", "sharing", "stage", *map(str, Light)}
 """Columns that are compared as texts, by their own names."""
 
 WIND_LOW_SQL = "coalesce(wind_low, wind_speed)"
-"""SQL expression of the lower end of the interval of the wind's speed. Logs that were read earlier have none."""
+"""SQL expression of the lower end of the wind speed's 90 % interval, m/s.
+
+It is the speed itself for logs that an earlier version has read, which stored no interval.
+"""
 
 WIND_HIGH_SQL = "coalesce(wind_high, wind_speed)"
-"""SQL expression of the upper end of that interval."""
+"""SQL expression of the upper end of that interval, likewise."""
 
 NUMBER_COLUMNS = {
     "wind": "wind_speed",
@@ -36,7 +39,10 @@ NUMBER_COLUMNS = {
     "distance": "distance",
     "height": "height",
 }
-"""SQL of what is compared as numbers, by the names that a search has for it; that of the wind has an interval."""
+"""SQL of what is compared as numbers, by the names that a search has for it.
+
+Where a search compares the wind, its interval is used instead of this column.
+"""
 
 LEVEL_COLUMNS = {"level", *map(str, Light)}
 """Columns with a level, by their own names."""
@@ -261,12 +267,7 @@ def _number_comparison(name: str, operator: str, number: float) -> SqlCondition 
         named_motor = f"*motor {number:g}[^0-9]*"
         return SqlCondition("((motor=?)or(lower(headline)glob(?)))", (number, named_motor))
     if column == Light.WIND:
-        # A wind is above a number if its whole interval is, below it likewise, and equal if its interval contains it.
-        if operator == "=":
-            is_inside = f"(({WIND_LOW_SQL} <= ?)and({WIND_HIGH_SQL} >= ?))"
-            return SqlCondition(is_inside, (number, number))
-        end = WIND_LOW_SQL if operator.startswith(">") else WIND_HIGH_SQL
-        return SqlCondition(f"{end} {operator} ?", (number,))
+        return _wind_comparison(operator, number)
     if column in NUMBER_COLUMNS:
         return SqlCondition(f"{NUMBER_COLUMNS[column]} {operator} ?", (number,))
     if name.isupper():
@@ -275,6 +276,23 @@ def _number_comparison(name: str, operator: str, number: float) -> SqlCondition 
         gains = "iif(json_valid(gains),gains,'{}')"
         return SqlCondition(f"json_extract({gains}, ?) {operator} ?", (f'$."{name}"', number))
     return None
+
+
+def _wind_comparison(operator: str, speed: float) -> SqlCondition:
+    """Translates the comparison of the wind speed, which is known as an interval, with a number to SQL.
+
+    The wind is above a number if its whole interval is, below it likewise, and equal to it if the interval contains it.
+
+    Args:
+        operator: ``<``, ``>``, ``<=``, ``>=`` or ``=``.
+        speed: the number, m/s.
+    """
+    if operator == "=":
+        contains_speed = f"(({WIND_LOW_SQL} <= ?)and({WIND_HIGH_SQL} >= ?))"
+        return SqlCondition(contains_speed, (speed, speed))
+    if operator in (">", ">="):
+        return SqlCondition(f"{WIND_LOW_SQL} {operator} ?", (speed,))
+    return SqlCondition(f"{WIND_HIGH_SQL} {operator} ?", (speed,))
 
 
 def _text_comparison(expression: str, operator: str) -> str:

@@ -20,15 +20,16 @@ MAX_LEAN_SHARE = 0.5
 
 
 def wind_light(evidence: Evidence, estimator: Fact) -> Fact:
-    """Returns the mean wind with its interval; unknown if the flight does not identify its speed.
+    """Judges the mean wind of a flight, which is estimated from how far the vehicle leans to hold its position.
 
-    A wind that carried the vehicle away is the light, whatever its speed.
+    A wind that carried the vehicle away is the light, whatever its speed. Otherwise the first level that applies is:
 
-    The wind is estimated from how far the vehicle leans to hold its position. The level is "watch" if that takes more
-    than ``MAX_LEAN_SHARE`` of the largest allowed lean, or if the estimator is bad, whose velocity the estimate needs.
-    Otherwise it is "good" if the lean is known to leave that room, or the speed to decide by
-    (:func:`mavdem.wind_velocity.beaufort.is_speed_known`). It is "unknown", with the figures of the estimate, if no
-    parameter limits the lean and the speed is known only roughly.
+    1. "unknown", without figures, if the flight does not identify the speed;
+    2. "watch" if the estimator is bad, whose velocity the estimate needs, or if the vehicle needed more than
+       ``MAX_LEAN_SHARE`` of the largest lean that its parameters allow, in air that was not calm;
+    3. "good" if it needed less of that lean, if the air was calm, or if no parameter limits the lean but the interval
+       of the speed is narrow (:func:`mavdem.wind_velocity.beaufort.is_speed_known`);
+    4. "unknown", with the figures of the estimate, if the speed is known only roughly.
 
     Args:
         evidence: signals, events and measurements of the vehicle.
@@ -36,9 +37,10 @@ def wind_light(evidence: Evidence, estimator: Fact) -> Fact:
 
     Returns:
         A fact whose level is the colour of the light: good, watch, bad or unknown. Where the speed is identified, it
-        has ``speed``, its interval ``low`` to ``high`` (m/s), ``direction``, None if that is not identified, the
-        ``share`` of the lean, 0 if that is not known, whether the speed ``is_rough``, known only roughly, and whether
-        the drag is that of typical multirotors; and as ``reason`` a bad estimator, or what makes an unknown light.
+        has these figures: ``speed`` and its interval ``low`` to ``high`` (m/s); ``direction``, None if that is not
+        identified; ``share`` of the largest lean, 0 if that is not known; ``is_rough``, whether the speed is known only
+        roughly; ``by_usual_drag``, whether the drag is that of typical multirotors; and ``reason``, the bad estimator
+        or why the speed is known only roughly.
     """
     if evidence.other_vehicle is not None:
         return evidence.other_vehicle
@@ -51,16 +53,16 @@ def wind_light(evidence: Evidence, estimator: Fact) -> Fact:
     if not wind.speed_identifiable:
         return Fact(WindLight.WIND_NOT_KNOWN, reason=wind.reasons["speed"])
     lowest_speed, highest_speed = wind.speed_interval
-    reason: Fact | None = None
     lean_share = _lean_share(evidence.condition, evidence.signals.telemetry)
-    takes_much_lean = lean_share > MAX_LEAN_SHARE and not wind.calm
     is_rough = not is_speed_known(wind.speed_interval)
+    reason: Fact | None = None
     if estimator.is_bad:
         level = Level.WATCH
         reason = estimator
-    elif takes_much_lean:
+    elif lean_share > MAX_LEAN_SHARE and not wind.calm:
         level = Level.WATCH
-    elif lean_share or not is_rough:
+    elif lean_share > 0 or not is_rough:
+        # Either the vehicle had enough lean in reserve, or the speed says enough without it.
         level = Level.GOOD
     else:
         level = Level.UNKNOWN

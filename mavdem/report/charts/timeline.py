@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from itertools import cycle
+from math import ceil
 from types import MappingProxyType
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -119,11 +120,11 @@ class Timeline(NamedTuple):
 
     @property
     def overview_groups(self) -> tuple[Group, ...]:
-        """The ``overview`` with the charts of roll and pitch first, if their setpoints were recorded, as a page has it.
+        """The charts over time as a page groups them: roll and pitch, those of the ``overview``, and the wind.
 
-        The first ``FULL_WIDTH_CHARTS`` stand below each other, and the others in up to ``MAX_COLUMNS`` columns, which
-        takes less of the page's length. An angle without its setpoint does not show how well the vehicle follows, and
-        is left out.
+        The first ``FULL_WIDTH_CHARTS`` stand below each other, and the others in up to ``MAX_COLUMNS`` columns, so that
+        the page is shorter. Roll and pitch are left out if their setpoints were not recorded: an angle alone does not
+        show how well the vehicle follows.
         """
         tilt_charts: list[Chart] = []
         for axis in TILT_AXES:
@@ -132,18 +133,20 @@ class Timeline(NamedTuple):
             if charts and len(charts[0].lines) > 1:
                 tilt_charts.append(charts[0])
         charts = (*tilt_charts, *self.flight_charts, *self.wind_charts)
-        # A single chart beside an empty column would be none the shorter.
-        first_count = FULL_WIDTH_CHARTS if len(charts) > FULL_WIDTH_CHARTS + 1 else len(charts)
-        groups = [Group((self._overview_of(charts[:first_count]),))]
-        others = tuple(self.marked(chart) for chart in charts[first_count:])
-        if others:
-            # Charts that follow each other share a column.
-            row_count = -(-len(others) // MAX_COLUMNS)
-            columns = tuple(
-                others[first : first + row_count] for first in range(0, len(others), row_count)
-            )
-            groups.append(Group(columns, is_flat=True))
-        return tuple(groups)
+        full_width_count = FULL_WIDTH_CHARTS
+        if len(charts) == FULL_WIDTH_CHARTS + 1:
+            # One chart in a column beside empty ones would not make the page shorter.
+            full_width_count += 1
+        full_width_group = Group((self._overview_of(charts[:full_width_count]),))
+        other_charts = tuple(self.marked(chart) for chart in charts[full_width_count:])
+        if not other_charts:
+            return (full_width_group,)
+        # Charts that follow each other share a column.
+        row_count = ceil(len(other_charts) / MAX_COLUMNS)
+        columns = []
+        for first in range(0, len(other_charts), row_count):
+            columns.append(other_charts[first : first + row_count])
+        return full_width_group, Group(tuple(columns), is_flat=True)
 
     def _overview_of(self, unmarked_charts: Charts) -> Charts:
         """Returns charts of this flight with what is marked in all of them, below the strip of flight modes."""
