@@ -362,6 +362,9 @@ def _trim_chart(
             estimates = relative_to_median_motor(
                 SHARE, motor_log_estimates(tuple(shares), half_widths)
             )
+            # A line needs a point: with few motors that work, there is no typical one to compare with.
+            if not estimates:
+                continue
             motor_count = min(motor_count, len(shares))
             motors = np.array([quantity.motor - 1.0 for quantity in estimates])
             deviation = 100 * np.array([estimate.value for estimate in estimates.values()])

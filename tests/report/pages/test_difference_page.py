@@ -48,6 +48,16 @@ def test_the_chart_of_trims_shows_the_changes_that_are_compared(difference):
     assert_allclose(after.y - before.y, [0.0, 9.5, 0.0, 0.0], atol=0.1)
 
 
+def test_a_side_whose_motors_hardly_work_has_no_dots(difference):
+    sides = {"A": [0.25] * 4, "B": [1.0, 0.0, 0.0, 0.0]}
+    documents = {}
+    for side, shares in sides.items():
+        documents[side] = {"condition": {"hover": {"trim_share": shares}}}
+    chart = _trim_chart(documents, LEGEND, difference)
+    assert [line.name for line in chart.lines] == [LEGEND["A"]]
+    assert len(chart.as_json(100)["lines"]) == 1
+
+
 def test_whiskers_of_trims_make_the_interval_of_the_change(difference):
     before, after = trim_chart(difference).lines
     stated = [100 * one.half_width for one in difference.changes if one.quantity.kind == "share"]
