@@ -232,7 +232,9 @@ class FlightLearning:
         if estimate.unusual and not was_unusual:
             latest_surprise = estimate.latest_mark
             cause = None if latest_surprise is None else latest_surprise.cause
-            self._log(Fact(SessionFact.MOTION_UNEXPECTED, clock=estimate.seen, cause=cause))
+            self._log(
+                Fact(SessionFact.MOTION_UNEXPECTED, clock=estimate.window_center, cause=cause)
+            )
         self.estimate = estimate
         # ``begin`` has made it together with the learner that gave the estimate.
         assert self._gusts is not None

@@ -175,7 +175,10 @@ class SessionStatus(ImmutableResult):
     """Latest lasting changes of the motors' balance; changes without a named motor are no alarms."""
 
     motor_alarms_of_flight: tuple[MotorAlarm, ...] | None = None
-    """Those of the present flight, by which its motors are judged; None on the ground, where all of them count."""
+    """Such changes in the present flight, by which its motors are judged; None on the ground.
+
+    There the motors are judged by all changes, ``motor_alarms``.
+    """
 
     findings: Findings | None = None
     """What the model so far is good for; None before it is judged."""
@@ -190,7 +193,7 @@ class SessionStatus(ImmutableResult):
     """Whether the latest flight ended on the ground; false while the vehicle may be falling with its motors stopped."""
 
     is_recording_judged: bool = False
-    """Whether that judgement is the one of the recording, by the rules for logs."""
+    """Whether ``model_judgement`` is that of the recording, which is judged by the rules for logs after a landing."""
 
     loss: Fact | None = None
     """How the flight was lost, until the next take-off; None if it was not."""
@@ -220,8 +223,11 @@ class SessionStatus(ImmutableResult):
     """Names of the messages that do not come, although the vehicle was asked for them."""
 
     @property
-    def from_takeoff(self) -> Displacement | None:
-        """How far the vehicle is from the place of its take-off; None on the ground, or where one is not known."""
+    def displacement_from_takeoff(self) -> Displacement | None:
+        """How far a flying vehicle is from the place of its take-off.
+
+        None if it does not fly, has met the ground in a lost flight, or if its position or that place is not known.
+        """
         if not self.is_flying or self.ground_contact is not None:
             return None
         if self.position is None or self.takeoff_position is None:
@@ -419,7 +425,10 @@ class SessionStatus(ImmutableResult):
 
     @property
     def _weak_motors(self) -> list[Fact]:
-        """The losses of thrust, the worst first, in flight of this flight, as facts with their newest figures."""
+        """The losses of thrust of motors, the worst first, as facts with their newest figures.
+
+        In flight they are those of the present flight, and on the ground those of the whole session.
+        """
         if self.motor_alarms_of_flight is not None:
             return thrust_losses(self.motor_alarms_of_flight)
         return thrust_losses(self.motor_alarms)

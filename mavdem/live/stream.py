@@ -634,15 +634,21 @@ class LiveStream:
         self._rows.restart(boot, self._review.phase)
 
     def _loss_with_weak_motor(self, loss: Fact) -> Fact:
-        """Adds the motor that was weak in a flight before it was lost to the loss, as the judgement of a log does."""
+        """Returns the fact that a flight was lost, with the motor that was weak earlier in that flight, if any was.
+
+        The judgement of a log does the same.
+        """
         weak_motors = thrust_losses(self.motor_alarms.of_latest_flight)
-        return with_weak_motor(loss, weak_motors[0]) if weak_motors else loss
+        if not weak_motors:
+            return loss
+        return with_weak_motor(loss, weak_motors[0])
 
     def _report(self, fact: Fact) -> None:
-        """Adds a fact to the events, at the time when the latest frames were received.
+        """Adds a fact to the events of the session, at the time when the latest frames were received.
 
         Args:
-            fact: the fact; to the alarm of a lost flight the motor is added that was weak before.
+            fact: the fact. If it is the alarm that a flight was lost, a motor that was weak earlier in that flight is
+                added to its reason.
         """
         if fact.code is SessionFact.ALARM:
             fact = fact.replace(reason=self._loss_with_weak_motor(fact.figures["reason"]))

@@ -336,35 +336,73 @@ class MotorLossDetector:
     def _test_for_torque_change(
         self, windows: Windows, changes: WindowChanges, evidence: CauseEvidence
     ) -> None:
-        """Tests whether something other than a motor, such as a shifted load, changed the steady torque.
-
-        The reference is the flight before a change, with which later flight is compared. Two cases end it:
-
-        1. A load that shifted and the change of which has lasted ``REFERENCE_SECONDS``, longer than a gust. Its
-           Bayes factor must reach the threshold, and its odds against all other causes must be strong evidence. It is
-           recorded, unless a turn of the vehicle in wind explains it.
-        2. A change of any cause, even an unknown one, that has lasted ``STALE_SECONDS``: flight before it is no longer
-           comparable. It is recorded without a cause if roll and pitch changed, by strong evidence, and no turn in wind
-           explains that: a shifted load and a weak motor both fit.
-
-        In both cases only the blocks since the change are kept, and are the new reference.
+        """Tests whether something other than a motor changed the steady torque: first a load, then any cause.
 
         Args:
             windows: (w,) lengths of the windows, in blocks: the change may have begun so many blocks ago.
             changes: Change of the balance for each window.
             evidence: Logarithms of the Bayes factors of all causes, some of them by window.
         """
-        seconds = windows * BLOCK_SECONDS
+        has_load_shifted = self._test_for_shifted_load(windows, changes, evidence)
+        if not has_load_shifted:
+            self._test_for_stale_reference(windows, changes, evidence)
+
+    def _test_for_shifted_load(
+        self, windows: Windows, changes: WindowChanges, evidence: CauseEvidence
+    ) -> bool:
+        """Tests whether a load has shifted, at least ``REFERENCE_SECONDS`` ago: a gust is shorter.
+
+        The Bayes factor of a load must reach the threshold, and its odds against all other causes must be strong
+        evidence. The change is recorded, unless a turn of the vehicle in wind explains it. The blocks since then are
+        the reference for later flight.
+
+        Args:
+            windows: (w,) lengths of the windows, in blocks.
+            changes: Change of the balance for each window.
+            evidence: Logarithms of the Bayes factors of all causes.
+
+        Returns:
+            Whether the evidence is strong enough.
+        """
+        is_lasting = windows * BLOCK_SECONDS >= REFERENCE_SECONDS
         # Windows that are too short get a Bayes factor of 0, whose logarithm is −∞.
-        lasting_load = evidence.load_log_factors + np.where(seconds >= REFERENCE_SECONDS, 0.0, -inf)
-        load = log_sum(lasting_load)
+        load_log_factors = evidence.load_log_factors + np.where(is_lasting, 0.0, -inf)
+        load_log_factor = log_sum(load_log_factors)
         # The last rival is that nothing changed, with a Bayes factor of 1.
         rivals = [
             *evidence.motor_log_factors,
             evidence.other_log_factor + log(OTHERS_PER_LOAD),
             0.0,
         ]
-        log_odds = load - log_sum(rivals)
+        log_odds = load_log_factor - log_sum(rivals)
+        if load_log_factor < self._threshold or log_odds < STRONG_EVIDENCE_NATS:
+            return False
+        window = int(np.argmax(load_log_factors))
+        change = _DatedChange(changes, window, int(windows[window]))
+        block_count = change.block_count
+        if self._is_independent_of_heading(change):
+            causes = cause_probabilities(evidence, is_lasting)
+            block_count = self._add_torque_change(change, float(log_odds), causes)
+        self._blocks.keep_last(block_count)
+        return True
+
+    def _test_for_stale_reference(
+        self, windows: Windows, changes: WindowChanges, evidence: CauseEvidence
+    ) -> None:
+        """Tests whether anything has changed, at least ``STALE_SECONDS`` ago, and renews the reference if so.
+
+        Flight before such a change cannot be compared with later flight, even if the cause is unknown. So only the
+        blocks since the change are kept as the reference. The change is recorded without a cause if strong evidence
+        shows that roll and pitch changed, and no turn in wind explains that: a shifted load and a weak motor both fit.
+
+        Args:
+            windows: (w,) lengths of the windows, in blocks.
+            changes: Change of the balance for each window.
+            evidence: Logarithms of the Bayes factors of all causes, some of them by window.
+        """
+        is_lasting = windows * BLOCK_SECONDS >= STALE_SECONDS
+        # Added to the logarithms of Bayes factors, this leaves out the windows that are too short.
+        log_selection = np.where(is_lasting, 0.0, -inf)
         # (w,) the sum of the Bayes factors of all causes that change roll and pitch, by window, then of all causes.
         tilt_causes = log_sum(
             [
@@ -374,29 +412,18 @@ class MotorLossDetector:
             ]
         )
         any_cause = log_sum([evidence.yaw_log_factors, tilt_causes])
-        is_lasting = np.where(seconds >= STALE_SECONDS, 0.0, -inf)
-        stale_change = is_lasting + any_cause
-        if load >= self._threshold and log_odds >= STRONG_EVIDENCE_NATS:
-            window = int(np.argmax(lasting_load))
-            change = _DatedChange(changes, window, int(windows[window]))
-            block_count = change.block_count
-            if self._is_independent_of_heading(change):
-                causes = cause_probabilities(evidence, seconds >= REFERENCE_SECONDS)
-                block_count = self._add_torque_change(change, float(log_odds), causes)
-        elif stale_change.max() >= self._threshold:
-            window = int(np.argmax(stale_change))
-            change = _DatedChange(changes, window, int(windows[window]))
-            block_count = change.block_count
-            # Against a change in yaw alone, and against no change at all.
-            log_odds = log_sum(is_lasting + tilt_causes) - log_sum(
-                [log_sum(evidence.yaw_log_factors), 0.0]
-            )
-            if log_odds >= STRONG_EVIDENCE_NATS and self._is_independent_of_heading(change):
-                causes = cause_probabilities(evidence, seconds >= STALE_SECONDS)
-                block_count = self._add_torque_change(change, float(log_odds), causes)
-        else:
+        lasting_change = log_selection + any_cause
+        if lasting_change.max() < self._threshold:
             return
-        # The reference of later flight begins with the change.
+        window = int(np.argmax(lasting_change))
+        change = _DatedChange(changes, window, int(windows[window]))
+        block_count = change.block_count
+        # The rivals are a change in yaw alone, and no change at all, with a Bayes factor of 1.
+        rivals = [log_sum(evidence.yaw_log_factors), 0.0]
+        log_odds = log_sum(log_selection + tilt_causes) - log_sum(rivals)
+        if log_odds >= STRONG_EVIDENCE_NATS and self._is_independent_of_heading(change):
+            causes = cause_probabilities(evidence, is_lasting)
+            block_count = self._add_torque_change(change, float(log_odds), causes)
         self._blocks.keep_last(block_count)
 
     def _add_torque_change(

@@ -33,7 +33,7 @@ CLOCK_BEGINS_ANEW = f"{'restart':<20}The autopilot restarted: its clock begins a
 """The row between events of two boots, in the columns of the other rows."""
 
 NO_LIGHTS: NamedFacts = MappingProxyType({})
-"""No light is printed above."""
+"""Lights by name that are printed above others, where there are none."""
 
 HARD_SPACE = "\N{NO-BREAK SPACE}"
 """A space at which no line is broken."""
@@ -122,7 +122,9 @@ def _title_lines(title: Sentence, columns: int) -> list[str]:
 def _lines_of_lights(
     lights: NamedFacts, columns: int, lights_before: NamedFacts = NO_LIGHTS
 ) -> list[str]:
-    """Returns the lines of some lights, in their order. A warning that one before has already refers to that one.
+    """Returns the lines of some lights, in their order.
+
+    Where a light warns of the same as an earlier one, its line names that light instead of repeating the sentence.
 
     Args:
         lights: the lights by name, each a fact with a level.
@@ -132,9 +134,11 @@ def _lines_of_lights(
     names_by_sentence = {fact.sentence: name for name, fact in lights_before.items()}
     lines = []
     for name, fact in lights.items():
-        first_name = names_by_sentence.setdefault(fact.sentence, name)
-        if fact.warns and first_name != name:
-            lines.append(f"{_label_and_level(name, fact)}See {first_name}.")
+        earlier_name = names_by_sentence.get(fact.sentence)
+        if earlier_name is None:
+            names_by_sentence[fact.sentence] = name
+        if fact.warns and earlier_name is not None:
+            lines.append(f"{_label_and_level(name, fact)}See {earlier_name}.")
         else:
             lines += _lines_of_light(name, fact, columns)
     return lines

@@ -39,23 +39,25 @@ def evidence_sentences(fact: Fact) -> list[Sentence]:
 
 
 def margin_sentences(fact: Fact, loops: LoopsByAxis, margins: Iterable[Fact]) -> list[Sentence]:
-    """Returns the sentence why a margin is too small: the crossover of its loop, and which margin is the goal.
+    """Returns the sentence that explains margins that are too small: the crossover of their loop, and the goal.
+
+    It also names the other axes whose margins are too small.
 
     Args:
-        fact: the finding on the margins of one axis.
+        fact: a finding, such as the headline, which may be about the margins of one axis.
         loops: identified loops by axis.
-        margins: facts on the margins of all axes, of which those that warn are named as well.
+        margins: facts on the margins of all axes.
 
     Returns:
-        A list with one sentence; empty where the fact is another, or its loop is not known.
+        A list with one sentence; empty if the fact does not warn of margins, or their loop was not identified.
     """
     loop = loops.get(str(fact.figures.get("axis")))
     if fact.code is not MarginsLight.LOOP_MARGINS or not fact.warns or loop is None:
         return []
     others = []
     for other in margins:
-        is_other_axis = other.code is fact.code and other.figures["axis"] != loop.axis
-        if is_other_axis and other.warns:
+        is_of_other_axis = other.code is fact.code and other.figures["axis"] != loop.axis
+        if is_of_other_axis and other.warns:
             others.append(other.figures)
     open_loop = loop.attitude if fact.subject == "attitude" else loop.rate
     return render_section(

@@ -8,19 +8,19 @@ from math import ceil, floor, log10
 from mavdem.confidence import Interval
 
 MIN_TICKS = 2
-"""Numbered ticks that an axis of values must have, to read values between them: a choice."""
+"""Least number of numbered ticks of an axis of values, so that values between them can be read. A choice."""
 
 TAB_HEIGHT = 900.0
-"""Height of a tab in a window of 1600 by 1000 points, below the names of the tabs and above the time."""
+"""Height of a tab of the viewer in a window of 1600 by 1000 points, without the names of the tabs and the time line."""
 
 PLOT_FRAME_HEIGHT = 47.0
-"""Height of the title of a plot and of the numbers below it, points."""
+"""Height that the title of a plot and the numbers of its time axis take, points."""
 
 MIN_TICK_DISTANCE = 20.0
-"""The viewer leaves at least this distance between two numbers of an axis, points."""
+"""Least distance that the viewer leaves between two numbers of an axis, points."""
 
 AXIS_MARGIN = 0.05
-"""Space above and below the values of a plot, in spans of these."""
+"""Space above and below the values of a plot, each as a share of the span of the values."""
 
 SMALLEST_RELATIVE_SPAN = 0.01
 """Least span of an axis, as a share of the largest value: a smaller one would be numbered with many decimals."""
@@ -40,6 +40,9 @@ def tick_intervals(height_share: float) -> float:
 
     Args:
         height_share: height of the plot, as a share of the height of its tab.
+
+    Returns:
+        The number, which need not be whole.
     """
     height_of_values = (height_share * TAB_HEIGHT - PLOT_FRAME_HEIGHT) / (1 + 2 * AXIS_MARGIN)
     return height_of_values / MIN_TICK_DISTANCE

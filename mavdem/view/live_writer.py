@@ -180,7 +180,7 @@ class LiveWriter:
             if estimate.unusual:
                 angle_plot = f"axes/{self.channels.output_names[0]}"
                 mark = Lines(f"{angle_plot}/8_surprises", ("surprise",), (LIMITED,), is_filled=True)
-                self._mark_time(mark, estimate.seen + row.timeline_offset)
+                self._mark_time(mark, estimate.window_center + row.timeline_offset)
         self._widen_axes()
 
     def mark_motor_torque(self, start_time: float) -> None:
@@ -493,9 +493,9 @@ class LiveWriter:
 
         F(t) measures how well a sample agrees with the model; surprise measures how far it drops below its recent
         median. F(t) is known only when the window of samples around a time is complete, so it is drawn at the centre of
-        the window, ``estimate.seen``. The free energy action F̄ of a model is drawn at the last sample of its training
-        data; divided by the number of these samples, it is the mean of their F(t). A constant line at 1 shows the
-        surprise that one of twenty samples exceeds without a change.
+        the window, ``estimate.window_center``. The free energy action F̄ of a model is drawn at the last sample of its
+        training data; divided by the number of these samples, it is the mean of their F(t). A constant line at 1 shows
+        the surprise that one of twenty samples exceeds without a change.
 
         Args:
             estimates: rows with their estimates.
@@ -506,8 +506,8 @@ class LiveWriter:
         surprises = []
         energies_per_sample = []
         for row, estimate in estimates:
-            if np.isfinite(estimate.seen):
-                time = estimate.seen + row.timeline_offset
+            if np.isfinite(estimate.window_center):
+                time = estimate.window_center + row.timeline_offset
                 energies.append(Sample(CONTINUOUS_SEGMENT, time, [estimate.free_energy]))
                 if estimate.free_energy_terms is not None:
                     terms.append(Sample(CONTINUOUS_SEGMENT, time, estimate.free_energy_terms))

@@ -199,7 +199,7 @@ def _finite_bounds(chart: Chart) -> Iterator[Array]:
     """Yields the values (N,) of each line of a chart and, where it has a band, the lower and the upper edge (N,).
 
     Args:
-        chart: the chart, to which the command is added.
+        chart: the chart of the lines.
     """
     for line in chart.lines:
         yield line.y

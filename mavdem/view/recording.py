@@ -172,11 +172,11 @@ class RecordingTabs:
         forecast = f"forecasts for {held_out.seconds:.2g} s"
         titles = plot_titles(axis, display_unit(unit).name, forecast, held_out.model)
         angle_chart = forecast_chart(0, held_out, series[OUTPUTS], unit)
-        flown_lines = self._angle_and_setpoint(axis)
-        if flown_lines:
-            # The measurement of the forecast's chart ends with settled flight, this one with the record.
+        lines_of_whole_record = self._angle_and_setpoint(axis)
+        if lines_of_whole_record:
+            # They replace the measured line of the forecasts, which has settled flight alone.
             forecast_lines = [line for line in angle_chart.lines if line.name != "measured"]
-            angle_chart = angle_chart._replace(lines=(*flown_lines, *forecast_lines))
+            angle_chart = angle_chart._replace(lines=(*lines_of_whole_record, *forecast_lines))
         charts = {
             "angle": angle_chart,
             "free_energy": free_energy_chart(learned, energy),
@@ -231,8 +231,10 @@ class RecordingTabs:
         charts = self._timeline.axis_charts.get(axis, ())
         if not charts:
             return ()
-        *setpoint, angle = charts[0].lines
-        return *setpoint, angle._replace(name="measured", colour=palette.MEASURED)
+        lines = charts[0].lines
+        # The angle comes last, after its setpoint where one was recorded.
+        measured_line = lines[-1]._replace(name="measured", colour=palette.MEASURED)
+        return [*lines[:-1], measured_line]
 
     def _wind_chart(self, title: str) -> Chart:
         """Returns the chart of the wind with this title; one without lines where it is not known."""
@@ -558,7 +560,7 @@ def parameter_chart(assessment: Assessment) -> Chart:
     times = []
     estimates_over_time = []
     for estimates_of_part in history:
-        # Each row is of one parameter: its value and the half width of its interval.
+        # Each row has the value of one parameter and the half width of its interval.
         estimates = parameter_estimates(estimates_of_part.physical)
         part_time = estimates_of_part.samples.time
         # The NaN after each part breaks the lines there.

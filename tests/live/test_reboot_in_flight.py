@@ -41,7 +41,7 @@ def test_height_distance_and_battery_outlast_a_reboot(flown):
         stream.feed(stamp / 1e6, frame)
         status = stream.status()
         if stream.boot == 1 and status.is_flying and not heights:
-            heights.append(status.from_takeoff)
+            heights.append(status.displacement_from_takeoff)
             shown = vehicle_text(replace(status, state=stream.vehicle_state()))
             assert "by satellites and barometer" in shown
     assert heights[0].distance < 5.0

@@ -723,7 +723,7 @@ def test_unexpected_motion_is_one_event_while_it_lasts(monkeypatch):
 
     def update(self, time, *sample):
         found = real(self, time, *sample)
-        return found and found._replace(unusual=88 < time < 90, seen=time)
+        return found and found._replace(unusual=88 < time < 90, window_center=time)
 
     monkeypatch.setattr("mavdem.dem.OnlineLearner.update", update)
     one, _, said = session_of(batches(16.0))

@@ -43,7 +43,7 @@ def test_distance_and_height_from_the_take_off_are_shown_in_flight(monkeypatch):
     ]
     flight = Unplaced(hover, attitude=20.0, motors=20.0).frames(end=12.8)
     status = replay(by_time(flight, positions)).stream.status()
-    assert status.is_flying and status.from_takeoff == (approx(20.0), approx(10.0))
+    assert status.is_flying and status.displacement_from_takeoff == (approx(20.0), approx(10.0))
     # The drift in wind is judged by the velocity north and east of the same messages.
     assert {call.args[2] for call in judged.call_args_list} == {(1.5, -2.0)}
     shown = vehicle_text(
@@ -65,7 +65,7 @@ def test_no_distance_is_shown_where_the_take_off_was_not_seen():
         for time in np.arange(12.0, 19.0, 0.5).tolist()
     ]
     status = replay(by_time(flight, positions)).stream.status()
-    assert status.is_flying and status.from_takeoff is None
+    assert status.is_flying and status.displacement_from_takeoff is None
 
 
 def test_a_take_off_before_the_vehicle_is_followed_is_seen():

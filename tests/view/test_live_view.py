@@ -76,7 +76,7 @@ def estimate(i, time):
     rng = default_rng(i)
     return Estimate(
         time=time,
-        seen=time - LATE,
+        window_center=time - LATE,
         training_end_time=time - 0.1,
         wind_time=time - 0.25,
         free_energy=-100.0 - i,
@@ -226,7 +226,7 @@ def test_parameters_and_surprises_are_drawn_and_axes_have_three_ticks(recording)
     assert "parameters/4_line" not in lines
     half_width = np.ptp(lines["parameters/0_band"][1][:2]) / 2
     assert half_width == approx(0.0573, rel=1e-3)
-    surprised = [known.seen for known in ESTIMATES if known is not None and known.unusual]
+    surprised = [known.window_center for known in ESTIMATES if known is not None and known.unusual]
     times, values = lines["axes/roll/8_surprises"]
     assert_allclose(np.unique(times[np.isfinite(values[:, 0])]), surprised, atol=1e-8)
     for plot in ("axes/roll", "free_energy", "parameters", "air", "wind"):

@@ -42,7 +42,8 @@ class Estimate(NamedTuple):
         ahead_band: (H, m) half width of the 90 % band about ``ahead``: the quantile of the latest errors.
         ahead_ratio: (H, m) squared error of ``ahead``, averaged over about 10 s, relative to the better of two
             trivial predictions: the last sample held, and the mean so far. NaN before errors are known.
-        seen: Time that ``free_energy`` and ``surprise`` belong to, s: the centre of the latest embedding window.
+        window_center: Time to which ``free_energy`` and ``surprise`` belong, s: that of the centre of the latest
+            embedding window.
         free_energy: F(t), nats, by the current model: the same function whose sum over the model's training samples is
             ``free_energy_action``.
         free_energy_terms: (10,) terms of F(t), nats, in the order of ``mavdem.dem.engine.free_energy.Term``; ``None``
@@ -71,7 +72,7 @@ class Estimate(NamedTuple):
     ahead: Array
     ahead_band: Array
     ahead_ratio: Array
-    seen: float = np.nan
+    window_center: float = np.nan
     free_energy: float = np.nan
     free_energy_terms: Array | None = None
     free_energy_action: float = np.nan

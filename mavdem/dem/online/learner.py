@@ -453,7 +453,7 @@ class OnlineLearner:
         window = monitor.learned.settings.window
         samples_since_center = window - 1 - window // 2
         return estimate._replace(
-            seen=sample.time - samples_since_center * self._dt,
+            window_center=sample.time - samples_since_center * self._dt,
             free_energy=free_energy,
             free_energy_terms=terms,
             free_energy_action=monitor.free_energy_action,

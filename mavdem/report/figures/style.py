@@ -158,7 +158,7 @@ def _draw_chart(axes: Axes, chart: Chart) -> None:
 
     Args:
         axes: Matplotlib's axes, which are empty.
-        chart: the chart, to which the command is added.
+        chart: the chart to draw.
     """
     for line in chart.lines:
         _draw_line(axes, line)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import asdict
 from math import nan
 from pathlib import Path
@@ -208,7 +208,7 @@ def log_page(
 
 
 def _margin_sentences(assessment: Assessment) -> list[Sentence]:
-    """Returns the sentence why the margins of the headline are too small; empty where the headline is another."""
+    """Returns a list with the sentence that says why margins are too small; empty if that is not the headline."""
     if assessment.evidence is None:
         return []
     margins = [fact for axis in assessment.evidence.margins for fact in axis.facts]
@@ -221,56 +221,74 @@ def unfold_chapters_of_warnings(
     """Yields the chapters of a page with their levels, and opens those that explain the worst lights.
 
     A light is the judgement of one part of the vehicle, with a level. The level of a chapter is the worst one of the
-    lights that it explains. Chapters with a bad light are open or, if nothing is bad, one of those with a light to be
-    watched, so that the page stays short: the headline's, if it has one. Of several bad lights with the same fact, such
-    as how the flight was lost, the first has its chapter open. All others are folded. The chapter of the log is never
-    open, since its light says everything. Where nothing is bad, the row of pictures of the tuning is open as well.
+    lights that it explains. All chapters are folded except those that :func:`_titles_to_open` names.
 
     Args:
         chapters: the chapters.
         lights: the judgement of each part of the vehicle, such as its motors: a fact with a level, by name.
         headline: the headline, which is the fact of a light, or of an event.
     """
+    titles_to_open = _titles_to_open(chapters, lights, headline)
+    for chapter in chapters:
+        levels = _levels_of_chapter(chapter, lights)
+        if levels:
+            chapter = chapter._replace(level=min(levels, key=CHAPTER_LEVELS.index))
+        yield chapter._replace(folded=chapter.title not in titles_to_open)
+
+
+def _titles_to_open(
+    chapters: Sequence[Chapter], lights: NamedFacts, headline: Fact
+) -> Collection[str]:
+    """Returns the titles of the chapters that are open when a page is loaded.
+
+    These are all chapters with a bad light. If nothing is bad, there are two, so that the page stays short: one with a
+    light to be watched, the headline's if it has one, and the row of pictures by which a tuning is judged at a glance.
+    The chapter of the log is never open, since its light says everything.
+
+    Args:
+        chapters: the chapters, with the levels of their sections.
+        lights: the judgement of each part of the vehicle, a fact with a level, by name.
+        headline: the headline, which is the fact of a light, or of an event.
+    """
     vehicle_levels = {fact.level for name, fact in lights.items() if name != Light.LOG}
     worst_level = Level.BAD if Level.BAD in vehicle_levels else Level.WATCH
-    lights_of_new_facts = {}
+    unexplained_lights = _lights_without_repeated_facts(lights)
+    titles = []
+    for chapter in chapters:
+        sections = [section for section in chapter.sections if section.fact not in lights.values()]
+        levels = _levels_of_chapter(chapter._replace(sections=sections), unexplained_lights)
+        if worst_level in levels and chapter.title != LOG_TITLE:
+            titles.append(chapter.title)
+    if worst_level is Level.BAD:
+        return titles
+    titles_of_headline = []
+    for light, title in CHAPTER_OF_LIGHT.items():
+        if title in titles and light in lights and lights[light].code is headline.code:
+            titles_of_headline.append(title)
+    # The headline may be an event, or a fact of the log, which none of these chapters explains.
+    titles.sort(key=lambda title: title not in titles_of_headline)
+    return [*titles[:1], TUNING_TITLE]
+
+
+def _lights_without_repeated_facts(lights: NamedFacts) -> NamedFacts:
+    """Returns the lights for which a page needs an open chapter.
+
+    Several lights may have the same fact, such as how the flight was lost: only the first of them is returned. The
+    light of the tracking is left out after a loss, since the charts above the chapters show roll and pitch then.
+
+    Args:
+        lights: the judgement of each part of the vehicle, a fact with a level, by name.
+    """
+    selected_lights = {}
     stated_facts = set()
     for name, fact in lights.items():
         # Facts about the same thing at the same time may differ in what they add for their light.
         key = (fact.code, fact.subject, fact.time)
-        # Roll and pitch of a loss are among the charts of the whole flight, above the chapters.
         is_shown_above = name == Light.TRACKING and fact.code in Ending
         if key not in stated_facts and not is_shown_above:
-            lights_of_new_facts[name] = fact
+            selected_lights[name] = fact
         stated_facts.add(key)
-    judged_chapters = []
-    titles_to_open = []
-    for chapter in chapters:
-        levels = _levels_of_chapter(chapter, lights)
-        new_sections = [
-            section for section in chapter.sections if section.fact not in lights.values()
-        ]
-        levels_of_new_facts = _levels_of_chapter(
-            chapter._replace(sections=new_sections), lights_of_new_facts
-        )
-        if worst_level in levels_of_new_facts and chapter.title != LOG_TITLE:
-            titles_to_open.append(chapter.title)
-        if levels:
-            chapter = chapter._replace(level=min(levels, key=CHAPTER_LEVELS.index))
-        judged_chapters.append(chapter)
-    if worst_level is Level.WATCH:
-        titles_of_headline = {
-            title
-            for light, title in CHAPTER_OF_LIGHT.items()
-            if light in lights and lights[light].code is headline.code
-        }
-        titles_to_open.sort(key=lambda title: title not in titles_of_headline)
-        del titles_to_open[1:]
-    if worst_level is Level.WATCH:
-        # There is room for the row of pictures by which a tuning is judged at a glance.
-        titles_to_open.append(TUNING_TITLE)
-    for chapter in judged_chapters:
-        yield chapter._replace(folded=chapter.title not in titles_to_open)
+    return selected_lights
 
 
 def _levels_of_chapter(chapter: Chapter, lights: NamedFacts) -> set[Level]:
@@ -777,7 +795,7 @@ def _numbered_live_events(events: Sequence[Event], headline: Fact) -> list[PageE
 
 
 def _live_map_wind(status: SessionStatus) -> MapWind | None:
-    """Returns the wind on the map of a live page: that of now in flight, otherwise the mean of the flight.
+    """Returns the wind on the map of a live page: the present wind in flight, and after it the mean of the flight.
 
     Args:
         status: state of the session.
