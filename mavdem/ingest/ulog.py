@@ -6,7 +6,7 @@ Layout: https://docs.px4.io/main/en/dev_log/ulog_file_format.html.
 """
 
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from math import isfinite
 
 import numpy as np
@@ -53,6 +53,9 @@ DEFAULT_ID = 1
 
 MAX_ID = 255
 """Largest MAVLink id."""
+
+MAX_SILENCE_SECONDS = 86_400
+"""Longest silence within a log, s: some topics are logged at least each second, so that a day is no silence."""
 
 
 def read_ulog(path: PathName) -> Log:
@@ -262,9 +265,12 @@ def _cleaned_topics(logged_topics: Sequence[LoggedTopic], start: float) -> tuple
             subscriptions.setdefault((topic.name, topic.instance), []).append(topic.columns)
     topics: dict[str, dict[int, Columns]] = {}
     outlier_count = 0
-    for (name, instance), tables in subscriptions.items():
-        fields = concatenated_columns(tables)
-        is_outlier = outlier_stamps(fields["timestamp"] / MICROSECONDS)
+    fields_by_topic = {key: concatenated_columns(tables) for key, tables in subscriptions.items()}
+    first_stamp, last_stamp = _span_without_long_silence(fields_by_topic.values())
+    for (name, instance), fields in fields_by_topic.items():
+        stamps = fields["timestamp"]
+        is_outlier = outlier_stamps(stamps / MICROSECONDS)
+        is_outlier |= (stamps < first_stamp) | (stamps > last_stamp)
         # The first message may be long past, and is never an outlier.
         is_outlier[:1] = False
         outlier_count += int(np.count_nonzero(is_outlier))
@@ -278,6 +284,34 @@ def _cleaned_topics(logged_topics: Sequence[LoggedTopic], start: float) -> tuple
         time[0] = np.clip(start, time[0], second_time)
         topics.setdefault(name, {})[instance] = fields | {"time": time}
     return topics, outlier_count
+
+
+def _span_without_long_silence(tables: Iterable[Columns]) -> tuple[int, int]:
+    """Returns the first and the last stamp of the part of a log that no silence of ``MAX_SILENCE_SECONDS`` interrupts.
+
+    The clock of a boot does not jump, so that parts that are further apart have wrong stamps, as those of a log that
+    was put together have. Of several parts the one with most messages is the log.
+
+    Args:
+        tables: columns of each topic, with ``timestamp``, µs. The first message of a topic may be long past, and does
+            not count.
+
+    Returns:
+        Both stamps, µs; 0 and the largest stamp where no message counts.
+    """
+    counted_stamps = [table["timestamp"][1:] for table in tables if len(table["timestamp"]) > 1]
+    if not counted_stamps:
+        return 0, np.iinfo(np.uint64).max
+    earliest = min(int(stamps.min()) for stamps in counted_stamps)
+    latest = max(int(stamps.max()) for stamps in counted_stamps)
+    max_silence = MAX_SILENCE_SECONDS * MICROSECONDS
+    if latest - earliest <= max_silence:
+        return earliest, latest
+    stamps = np.sort(np.concatenate(counted_stamps))
+    part_starts = np.flatnonzero(np.diff(stamps, prepend=stamps[:1]) > max_silence)
+    part_edges = np.array([0, *part_starts, len(stamps)])
+    largest_part = np.argmax(np.diff(part_edges))
+    return int(stamps[part_edges[largest_part]]), int(stamps[part_edges[largest_part + 1] - 1])
 
 
 def _file_repairs(other_records: OtherRecords, loss: RecordLoss, outlier_count: int) -> Facts:

@@ -377,6 +377,14 @@ def test_stamps_that_cannot_be_are_left_out(tmp_path):
     assert vehicle.messages["EXTENDED_SYS_STATE"]["time"][0] == 2.2
 
 
+def test_a_part_whose_clock_is_years_ahead_is_left_out(tmp_path):
+    ten_years = 315_360_000.0
+    pieces = [*flight(TIMES[:100]), *flight(TIMES[100:200] + ten_years), *flight(TIMES[200:])]
+    vehicle = vehicle_in(tmp_path, *pieces)
+    assert stamps_of(vehicle) == INTACT[:100] + INTACT[200:]
+    assert Flaw.FAR_STAMP in [fact.figures.get("flaw") for fact in vehicle.repairs]
+
+
 def test_what_held_when_logging_started_has_that_time(tmp_path):
     state = [data("vehicle_land_detected", 2.2, True), data("vehicle_land_detected", 21.0, False)]
     begun = HEADER.replace(struct.pack("<Q", 1_000_000), struct.pack("<Q", 20_000_000))
