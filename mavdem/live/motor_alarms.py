@@ -46,7 +46,7 @@ class MotorAlarms:
         self._reported_loss: MotorAlarm | None = None
         # Why the test cannot find anything, as of the latest sample.
         self._undetectable_reason: Fact | None = None
-        # Boot and time, s of its clock, of the first sample of the latest flight; None before it.
+        # Boot and time, s of its clock, of the first motor outputs of the latest flight; None before it.
         self._flight_boot: int | None = None
         self._flight_start = nan
 
@@ -92,7 +92,7 @@ class MotorAlarms:
 
     @property
     def of_latest_flight(self) -> tuple[MotorAlarm, ...]:
-        """The latest changes, as far as they are of the latest flight in which the balance was tested."""
+        """The latest changes, as far as they are of the latest flight."""
         if self._flight_boot is None:
             return ()
         changes = []
@@ -138,11 +138,7 @@ class MotorAlarms:
             A fact (coded finding) for each change that this sample completes; most samples complete none.
         """
         if self.has_landed or self._flight_boot is None:
-            self._flight_boot = boot
-            self._flight_start = time
-        if self.has_landed:
-            self.active = ()
-            self.has_landed = False
+            self._begin_flight(time, boot)
         # Balances of other motors, or on another range of the outputs, cannot be compared: detection begins again.
         tested_motors = (boot, motors.geometry, motors.scale.low, motors.scale.high)
         if self._detector is None or tested_motors != self._tested_motors:
@@ -161,6 +157,27 @@ class MotorAlarms:
         if isfinite(heading):
             facts += self._search_gradual_loss(time, commands, lean)
         return tuple(facts)
+
+    def note_unsettled(self, time: float, boot: int, *, is_flying: bool) -> None:
+        """Notes whether the vehicle is on the ground or in a flight that is not settled yet, with which one begins.
+
+        Args:
+            time: time of the latest sample of motor outputs, s of the boot clock.
+            boot: number of the boot.
+            is_flying: whether the vehicle is airborne.
+        """
+        if not is_flying:
+            self.has_landed = True
+        elif self.has_landed:
+            self._begin_flight(time, boot)
+
+    def _begin_flight(self, time: float, boot: int) -> None:
+        """Ends what was active in the flight before, since a new one has begun; arguments as of ``note_unsettled``."""
+        self._flight_boot = boot
+        self._flight_start = time
+        if self.has_landed:
+            self.active = ()
+            self.has_landed = False
 
     def _activate(self, change: MotorAlarm) -> None:
         """Makes the losses of all motors that are weak now the active alarms, after a change of one of them.

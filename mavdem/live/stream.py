@@ -592,8 +592,8 @@ class LiveStream:
     def _test_motors(self, time: float) -> None:
         """Tests the latest motor outputs for a motor that works harder than before, and reports what is found.
 
-        Only in settled flight do the outputs of the motors show their balance. On the ground it is only noted that the
-        vehicle has landed, with which the alarms of the flight end at the next take-off.
+        Only in settled flight do the outputs of the motors show their balance. Before and after it, it is only noted
+        whether the vehicle flies: the alarms of a flight end at the next take-off.
 
         Args:
             time: time of the latest sample of motor outputs, s of the boot clock.
@@ -602,8 +602,7 @@ class LiveStream:
         if inputs is None:
             return
         if not self._phase.is_settled(time):
-            if not self._phase.is_flying:
-                self.motor_alarms.has_landed = True
+            self.motor_alarms.note_unsettled(time, self.boot, is_flying=self._phase.is_flying)
             return
         outputs = self._rows.latest_motor_outputs()
         if outputs is None:
