@@ -128,6 +128,7 @@ class LoopAction(Code):
 
     LOOPS_JUDGED = "loops_judged"
     LOAD_ADVISED_GAINS = "load_advised_gains"
+    FLY_BEFORE_GAINS = "fly_before_advised_gains"
     RAISE_AS_ADVISED = "raise_as_advised"
     LOWER_BY_A_THIRD = "lower_by_a_third"
     FLY_DOUBLETS = "fly_doublets"

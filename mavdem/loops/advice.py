@@ -17,7 +17,7 @@ import numpy as np
 from mavdem.confidence import INTERVAL_QUANTILES
 from mavdem.errors import NotLearnable
 from mavdem.facts import Fact, Facts
-from mavdem.facts.loops import GainFact
+from mavdem.facts.loops import GainFact, LoopAction, LoopFact
 from mavdem.immutable import ImmutableResult
 from mavdem.ingest.telemetry import Parameters
 from mavdem.loops.axis_loops import (
@@ -113,6 +113,18 @@ class Advice(ImmutableResult):
         present gains may be right as they are, and another flight is to show that first.
         """
         return max(self.sure, self.share_lacking) >= SURE_SHARE
+
+    @property
+    def flight_before_gains(self) -> Fact:
+        """The advice to fly before the gains are loaded, as a fact with the shares of the models."""
+        return Fact(
+            LoopAction.FLY_BEFORE_GAINS,
+            axis=self.before.axis,
+            share=self.sure,
+            share_lacking=self.share_lacking,
+            needed=SURE_SHARE,
+            is_biased=any(fact.code is LoopFact.EFFECT_BIASED for fact in self.before.cautions),
+        )
 
     @property
     def conclusion(self) -> Fact:

@@ -238,7 +238,10 @@ def _remedies_besides_tuning(decision: LoopDecision | None) -> list[str]:
     Args:
         decision: decision on the loops of the axis; None if there is none.
     """
-    if decision is None or decision.action is None or decision.action.code in ADVICE_TO_TUNE:
+    if decision is None or decision.action is None:
+        return []
+    # The next step of this report, or the advice on the gains, says what to do.
+    if decision.action.code in (*ADVICE_TO_TUNE, LoopAction.FLY_BEFORE_GAINS):
         return []
     return [decision.action.sentence_and_remedy]
 

@@ -19,7 +19,7 @@ from mavdem.facts import Fact, Level
 from mavdem.facts.ending import Ending
 from mavdem.facts.loops import GainFact, LoopAction, LoopFact, ResponseFact, StepResponseFact
 from mavdem.facts.margins import MarginsLight, TrackingLight
-from mavdem.loops.advice import gain_reduction_advice
+from mavdem.loops.advice import advise, gain_reduction_advice
 from mavdem.loops.axis_loops import MARGIN_TARGETS
 from mavdem.loops.limit_cycles import Oscillation
 from mavdem.loops.margins import OpenLoop
@@ -74,7 +74,7 @@ def test_a_loop_with_its_margins_stays_as_it_is():
 
 @mark.parametrize("tracking", [FOLLOWS, OVERSHOOTS, falls_short(0.0)])
 def test_a_loop_below_the_goal_gets_advised_gains_whatever_it_does_in_flight(tracking):
-    decision = decided(made_up(2.5), tracking, response=RESONANCE)
+    decision = decided(made_up(4.5), tracking, response=RESONANCE)
     assert decision.diagnosis is LoopDiagnosis.BELOW_GOAL and not decision.doubts
     assert decision.action.sentence == (
         "Load the gains that `mavdem tune my.tlog --axis all` advises."
@@ -83,12 +83,28 @@ def test_a_loop_below_the_goal_gets_advised_gains_whatever_it_does_in_flight(tra
 
 
 def test_a_loop_below_the_goal_of_a_biased_effectiveness_gets_advised_gains():
-    loop = made_up(2.1)
+    loop = made_up(4.5)
     caution = Fact(LoopFact.EFFECT_BIASED, reason=NOT_STEERED)
     biased = replace(loop, plant=loop.plant._replace(bias=-0.15), cautions=(caution,))
     decision = decided(biased)
     assert (decision.diagnosis, decision.doubts) == (LoopDiagnosis.BELOW_GOAL, ())
     assert decision.action.code is LoopAction.LOAD_ADVISED_GAINS
+
+
+def test_a_flight_that_is_no_basis_for_the_advised_gains_is_flown_again_before_they_are_loaded():
+    advice = advise(made_up(2.5))
+    assert advice.parameters and not advice.is_sound
+    decision = decided(made_up(2.5))
+    assert (decision.diagnosis, decision.doubts) == (LoopDiagnosis.BELOW_GOAL, ())
+    assert decision.action.code is LoopAction.FLY_BEFORE_GAINS
+    assert decision.action.sentence.startswith("Keep the gains, and fly ten small, quick doublets")
+    shares = decision.action.figures
+    assert shares["share"] == advice.sure and shares["share_lacking"] == advice.share_lacking
+    to_load = decided(made_up(4.5)).action
+    assert to_load.code is LoopAction.LOAD_ADVISED_GAINS
+    # What another axis surely needs is not put off.
+    assert common_action([decision.action, to_load]) is to_load
+    assert common_action([decision.action, None]) is decision.action
 
 
 def test_a_loop_that_meets_the_goal_only_in_many_models_is_flown_first():

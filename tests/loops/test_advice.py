@@ -325,7 +325,9 @@ def test_a_flight_that_shows_neither_lack_nor_success_is_flown_again_before_gain
     assert steps["unclear"].sentence.startswith(
         "Keep the gains, and fly ten small, quick doublets about roll in calm air;"
     )
-    assert "69 % reach the goal with the gains of this report" in steps["unclear"].sentence
+    assert (
+        "69 % reach the goal with the gains that `mavdem tune` advises" in steps["unclear"].sentence
+    )
 
 
 def test_a_loop_that_keeps_its_gains_does_not_make_those_of_another_less_sure():

@@ -137,12 +137,13 @@ def falls_short(axis, at_limit_share):
 FLIGHTS = {
     "sound": {},
     "probably sound": {"loop": 1.7},
-    "below the goal": {"loop": 2.5},
-    "below the goal, and slow": {"loop": 2.5, "tracking": lambda axis: falls_short(axis, 0.0)},
-    "below the goal and overshoots": {"loop": 2.5, "tracking": overshoots},
-    "below the goal and resonates": {"loop": 2.5, "response": resonance},
+    "below the goal": {"loop": 3.0},
+    "below the goal in many models": {"loop": 2.5},
+    "below the goal, and slow": {"loop": 3.0, "tracking": lambda axis: falls_short(axis, 0.0)},
+    "below the goal and overshoots": {"loop": 3.0, "tracking": overshoots},
+    "below the goal and resonates": {"loop": 3.0, "response": resonance},
     "below the goal, resonates, and misses far": {
-        "loop": 2.5,
+        "loop": 3.0,
         "response": resonance,
         "tracking": misses,
     },
@@ -156,7 +157,7 @@ FLIGHTS = {
     "refuted and overshoots": {"loop": REFUTED, "tracking": overshoots},
     "not steered": {"loop": NOT_STEERED},
     "not steered but resonates": {"loop": NOT_STEERED, "response": resonance},
-    "measured by an injected signal": {"loop": 2.5, "injected": injected(20.0)},
+    "measured by an injected signal": {"loop": 3.0, "injected": injected(20.0)},
     "oscillates": {"loop": 6.0, "oscillation": OSCILLATION},
     "oscillates, overshoots, without gains": {
         "loop": NOT_STEERED,
@@ -164,9 +165,9 @@ FLIGHTS = {
         "oscillation": OSCILLATION,
         "parameters": {},
     },
-    "below the goal, with a bad motor": {"loop": 2.5, "motors": MotorsLight.MOTOR_LIMITED},
+    "below the goal, with a bad motor": {"loop": 3.0, "motors": MotorsLight.MOTOR_LIMITED},
 }
-"""Flights of roll by what they show; pitch is sound in all of them."""
+"""Flights of roll by what they show; in all of them pitch is to fly before new gains: many models lack margin."""
 
 
 @fixture(scope="module")
@@ -372,15 +373,17 @@ def test_every_surface_gives_the_advice_of_the_decision(name, assessments, tunin
         if decision.action is not None
     ]
     has_gains_to_load = bool(getattr(tuning, "parameters", {}))
-    if has_gains_to_load:
-        assert {action.code for action in actions} & {*ADVICE_TO_TUNE}
-    else:
-        assert LoopAction.LOAD_ADVISED_GAINS not in {action.code for action in actions}
+    codes = {action.code for action in actions}
+    is_to_load = bool(codes & {*ADVICE_TO_TUNE})
+    if has_gains_to_load and not is_to_load:
+        assert LoopAction.FLY_BEFORE_GAINS in codes
+    if not has_gains_to_load:
+        assert not codes & {*ADVICE_TO_TUNE, LoopAction.FLY_BEFORE_GAINS}
     for surface, text in surfaces_of(name).items():
         assert directions(text) <= decided, surface
-        if not has_gains_to_load:
+        if not is_to_load:
             assert not any(words in text for words in LOADED), surface
-        else:
+        if has_gains_to_load:
             assert not any(words in text for words in LOWERED), surface
 
 

@@ -4,8 +4,8 @@ It is made once, from limit cycles, margins, the measured response, tracking, an
 A doubt is a fact (a coded finding) because of which no gains may be computed from the identified loop; what a fact
 advises is its remedy.
 Lights, screen, pages, dashboards, `mavdem tune`, live sessions, fleets and documents show this decision, and no other
-advice on gains. Which gains `mavdem tune` advises is computed later (:mod:`mavdem.loops.advice`), since it takes long;
-whether it advises any is decided here.
+advice on gains. Whether `mavdem tune` advises to load any, or to fly before, is decided here, by the same rule
+(``Advice.is_sound``).
 """
 
 from collections.abc import Mapping, Sequence
@@ -14,6 +14,7 @@ from dataclasses import dataclass
 from enum import StrEnum
 from typing import NamedTuple
 
+from mavdem.assessment.axis.gains import loop_at_end_of_log
 from mavdem.assessment.axis.margins import AxisMargins
 from mavdem.containers import Names
 from mavdem.errors import NotLearnable
@@ -21,9 +22,10 @@ from mavdem.facts import Fact, Facts
 from mavdem.facts.loops import LoopAction
 from mavdem.facts.margins import MarginsLight, TrackingLight
 from mavdem.ingest.telemetry import Parameters
-from mavdem.loops.advice import GAIN_REDUCTION, reasons_for_no_gains
-from mavdem.loops.axis_loops import Loop, margin_rating
+from mavdem.loops.advice import GAIN_REDUCTION, advise, reasons_for_no_gains
+from mavdem.loops.axis_loops import MARGIN_TARGETS, Loop, margin_rating
 from mavdem.loops.controllers import controller_from_parameters
+from mavdem.loops.gain_design import SURE_SHARE
 from mavdem.loops.limit_cycles import MIN_AT_LIMIT_SHARE, Oscillation
 
 CONTROLLER_GAINS = {"rate": ("p", "d"), "attitude": ("angle_gain",)}
@@ -266,8 +268,8 @@ def _decision_by_identified_loop(
 ) -> LoopDecision:
     """Returns the decision on an axis whose identified loop has margins below the goal.
 
-    The action is to load the gains that `mavdem tune` advises. If there are doubts about the loop, such as a biased
-    control effectiveness, the action is the remedy of the first doubt.
+    The action is to load the gains that `mavdem tune` advises, or to fly before if the flight is no basis for them. If
+    there are doubts about the loop, such as motors at their limits, the action is the remedy of the first doubt.
 
     Args:
         observations: margins, tracking and doubts that the flight shows of the axis.
@@ -282,9 +284,30 @@ def _decision_by_identified_loop(
     if doubts:
         action = _action_to_remedy(doubts[0])
     else:
-        action = Fact(LoopAction.LOAD_ADVISED_GAINS, arguments=observations.tune_arguments)
+        action = _flight_before_gains(loop, raises_sound_gains=False) or Fact(
+            LoopAction.LOAD_ADVISED_GAINS, arguments=observations.tune_arguments
+        )
     reason = loop_fact.replace(action=action)
     return LoopDecision(axis, LoopDiagnosis.BELOW_GOAL, reason, action, doubts)
+
+
+def _flight_before_gains(loop: Loop, *, raises_sound_gains: bool) -> Fact | None:
+    """Returns the advice to fly before gains are loaded, if the flight is no basis for those of `mavdem tune`.
+
+    Args:
+        loop: rate and attitude loop of the axis, without reasons against new gains.
+        raises_sound_gains: whether the gains are raised although the loop has its margins.
+
+    Returns:
+        The advice; None if the gains may be loaded, or none would change.
+    """
+    loop_at_end = loop_at_end_of_log(loop)
+    if 1 - loop_at_end.share_meeting(MARGIN_TARGETS["default"]) >= SURE_SHARE:
+        # The loop surely lacks margin, whatever the new gains reach, which takes a second to compute.
+        return None
+    advice = advise(loop_at_end, raises_sound_gains=raises_sound_gains)
+    is_before_gains = bool(advice.parameters) and not advice.is_sound
+    return advice.flight_before_gains if is_before_gains else None
 
 
 def _decision_by_tracking(observations: LoopObservations) -> LoopDecision | None:
@@ -368,7 +391,9 @@ def _decision_to_raise_gains(observations: LoopObservations, loop: Loop) -> Loop
     if doubts:
         action = _action_to_remedy(doubts[0])
     else:
-        action = Fact(LoopAction.RAISE_AS_ADVISED, axis=axis, arguments=observations.tune_arguments)
+        action = _flight_before_gains(loop, raises_sound_gains=True) or Fact(
+            LoopAction.RAISE_AS_ADVISED, axis=axis, arguments=observations.tune_arguments
+        )
     reason = observations.tracking.replace(action=action)
     return LoopDecision(axis, LoopDiagnosis.FOLLOWS_BADLY, reason, action, doubts, is_too_slow=True)
 
@@ -486,8 +511,9 @@ def _advice_to_compare_peaks(observations: LoopObservations, peak_fact: Fact) ->
 def common_action(actions: Sequence[Fact | None]) -> Fact | None:
     """Returns the one action that a status light advises for several axes: the action of the first that needs one.
 
-    A flight after it shows what the other axes still need. But gains that are to be lowered by a third are lowered on
-    all axes at once, before that flight: their changes are joined in one action.
+    A flight after it shows what the other axes still need. There are two exceptions. Gains that are to be lowered by a
+    third are lowered on all axes at once, before that flight: their changes are joined in one action. And gains that
+    one axis surely needs are not put off since another one is to fly first.
 
     Args:
         actions: the action of each axis; None if nothing is to be done.
@@ -499,6 +525,9 @@ def common_action(actions: Sequence[Fact | None]) -> Fact | None:
     if not needed_actions:
         return None
     first_action = needed_actions[0]
+    if first_action.code is LoopAction.FLY_BEFORE_GAINS:
+        actions_to_tune = [action for action in needed_actions if action.code in ADVICE_TO_TUNE]
+        return actions_to_tune[0] if actions_to_tune else first_action
     if first_action.code is not LoopAction.LOWER_BY_A_THIRD:
         return first_action
     reductions = [action for action in needed_actions if action.code is LoopAction.LOWER_BY_A_THIRD]

@@ -15,7 +15,7 @@ from mavdem.errors import NotLearnable
 from mavdem.facts import Fact, Facts, Level
 from mavdem.facts.assessment import NextStep, Override
 from mavdem.facts.lights import Light
-from mavdem.facts.loops import LoopFact
+from mavdem.facts.loops import LoopAction, LoopFact
 from mavdem.facts.margins import MarginsLight
 from mavdem.immutable import freeze
 from mavdem.ingest.parameter_file import parameter_files
@@ -298,15 +298,12 @@ def _step_with_gains(
         for caution in advice.before.cautions
     )
     if not any(advice.is_sound for advice in new_gains):
-        return Fact(
-            NextStep.FLY_BEFORE_GAINS,
-            judgement.headline.level,
-            names=tuple(advice.before.axis for advice in new_gains),
-            share=max(advice.sure for advice in new_gains),
-            share_lacking=max(advice.share_lacking for advice in new_gains),
-            needed=SURE_SHARE,
-            is_biased=is_biased,
+        # The most certain of the axes, whose flight is nearest to a basis for the gains.
+        clearest = max(new_gains, key=lambda advice: max(advice.sure, advice.share_lacking))
+        flight = clearest.flight_before_gains.replace(
+            names=tuple(advice.before.axis for advice in new_gains)
         )
+        return Fact(NextStep.FLY_BEFORE_GAINS, judgement.headline.level, reason=flight)
     return Fact(
         NextStep.LOAD_GAINS,
         judgement.headline.level,
@@ -439,14 +436,14 @@ def _advice_on_loop(
 def _gains_come_next(headline: Fact) -> bool:
     """Returns whether new gains are the next step.
 
-    They are if the headline advises them, or if it is not bad.
+    They are if the headline advises them, or to fly before they are loaded, or if it is not bad.
 
     Args:
         headline: headline of the judgement; if it is about loops, its figure ``action`` is the advised action.
     """
     action = headline.figures.get("action")
     if action is not None:
-        return action.code in ADVICE_TO_TUNE
+        return action.code in ADVICE_TO_TUNE or action.code is LoopAction.FLY_BEFORE_GAINS
     return not headline.is_bad
 
 
