@@ -13,7 +13,7 @@ from mavdem.assessment.autopilot_messages import status_texts
 from mavdem.dataset.segments import Segment, settled_segments
 from mavdem.dataset.signals import Signals, global_positions
 from mavdem.dataset.time_series import float_column
-from mavdem.facts.vehicle import Basis, DateBasis
+from mavdem.facts.vehicle import Basis, DateBasis, system_id_name
 from mavdem.ingest.telemetry import MICROSECONDS, Parameters, Telemetry
 from mavdem.ingest.utc import MIN_UTC, utc_at_boot
 from mavdem.ingest.vocabulary import (
@@ -157,16 +157,6 @@ def vehicle_name(telemetry: Telemetry) -> NameWithBasis:
                 digest = hashlib.sha256(text.encode()).hexdigest()[:NAME_DIGITS]
                 return NameWithBasis(f"{sensor}-{digest}", sensor)
     return NameWithBasis(system_id_name(telemetry.autopilot, telemetry.system), Basis.SYSTEM_ID)
-
-
-def system_id_name(autopilot: str, system: int) -> str:
-    """Returns the name of a vehicle of which only the MAVLink system id is known, such as "px4-1".
-
-    Args:
-        autopilot: MAV_AUTOPILOT without its prefix.
-        system: MAVLink system id.
-    """
-    return f"{autopilot}-{system}".lower()
 
 
 def _calibration_values(parameters: Parameters, name_formats: str) -> list[float]:

@@ -29,3 +29,13 @@ class TierAllowance(Code):
     TIER_A = "tier_a"
     TIER_B = "tier_b"
     TIER_C = "tier_c"
+
+
+def system_id_name(autopilot: str, system: int) -> str:
+    """Returns the name of a vehicle of which only the MAVLink system id is known, such as "px4-1".
+
+    Args:
+        autopilot: MAV_AUTOPILOT without its prefix.
+        system: MAVLink system id.
+    """
+    return f"{autopilot}-{system}".lower()

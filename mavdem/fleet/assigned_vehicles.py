@@ -9,7 +9,7 @@ import sqlite3
 from collections.abc import Iterable
 from dataclasses import replace
 
-from mavdem.assessment.identity import system_id_name
+from mavdem.facts.vehicle import system_id_name
 from mavdem.fleet.names import content_hash
 from mavdem.fleet.row import GIVEN_BASIS, SYSTEM_ID_BASIS, FlightRow, FlightRows
 from mavdem.fleet.stored_rows import brief_json, row_of_json

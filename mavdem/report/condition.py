@@ -23,9 +23,6 @@ from mavdem.wind_velocity.vehicle_drag import DRAG_MODEL_SETTINGS, LEAN_SD, Drag
 WIND_LIGHTS = (Light.WIND, Light.ESTIMATOR)
 """Lights that bear on the wind: the estimate rests on the attitude and velocity of the autopilot's estimator."""
 
-LEAN_ALLOWANCE = coverage_factor() * LEAN_SD / GRAVITY
-"""Half width of the 90 % interval of the lean that no wind causes, by its prior, rad: intervals of the wind hold it."""
-
 DRAG_SOURCES = {
     DragSource.POPULATION: "typical vehicles",
     DragSource.PARAMETERS: "the autopilot's parameters",
@@ -191,7 +188,8 @@ def wind_blocks(evidence: WindEvidence, tables: Sequence[Table] = ()) -> Blocks:
         "wind",
         wind=wind,
         typical_drag=typical_drag,
-        lean_allowance=LEAN_ALLOWANCE,
+        # Half the width of the 90 % interval, rad, of the lean that no wind causes: intervals of the wind hold it.
+        lean_allowance=coverage_factor() * LEAN_SD / GRAVITY,
         autopilot_wind=_autopilot_wind(evidence, wind),
         is_blurred_by_drag=is_blurred_by_drag,
         drag_model_setting=DRAG_MODEL_SETTINGS.get(evidence.autopilot, ""),
