@@ -95,6 +95,11 @@ class _LossCommands:
         """(k,) change of the mean commands from the usual ones."""
         return self.during.mean(axis=0) - self.usual
 
+    def change_until(self, end_time: float) -> Array:
+        """Returns the change (k,) of the mean commands from the usual ones, from the loss to a time, s since boot."""
+        is_selected = self.time <= end_time
+        return self.during[is_selected].mean(axis=0) - self.usual
+
 
 def failure_by_commands(signals: Signals, boot: int, loss_context: LossContext) -> Fact | None:
     """Returns the fact about what failed first, by the commands of the motors; None if they show no failure.
@@ -132,36 +137,63 @@ def failure_by_commands(signals: Signals, boot: int, loss_context: LossContext) 
     frozen = _frozen_output(signals, commands)
     if frozen is not None:
         return frozen
-    weak = weak_motor(commands.motors, commands.change, loss_context.fall_direction)
+    return _weak_motor_failure(signals, boot, commands, loss_context)
+
+
+def _weak_motor_failure(
+    signals: Signals, boot: int, commands: _LossCommands, loss_context: LossContext
+) -> Fact | None:
+    """Returns the fact that one motor was too weak, by the change of the commands from the usual ones.
+
+    The change is averaged over one of three intervals, the first of them that shows a weak motor:
+
+    1. the whole time of the loss;
+    2. its first ``FIRST_RESPONSE_SECONDS``: if the loss takes long, the controller changes the commands of all motors
+       again and again, so that their means over the whole time do not show the weak motor;
+    3. before a loss of attitude, the time from the controller's response to the failure to the beginning of the loss:
+       the controller responds to the body rate, and this may be over when the attitude has left its setpoint.
+
+    Args:
+        signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.
+        boot: number of the boot; a boot lasts from one start of the autopilot to the next.
+        commands: commands of the motors while the vehicle was lost, just before, and as usual in the flight.
+        loss_context: the time in which the attitude left its setpoint, or before an impact.
+
+    Returns:
+        The fact; None if no motor was too weak.
+    """
+    motors = commands.motors
+    fall_direction = loss_context.fall_direction
+    loss_start = float(commands.time[0])
+    weak = weak_motor(motors, commands.change, fall_direction)
     if weak is None:
-        # If the time before the loss is long, the controller changes the commands of all motors again and again, so
-        # that their means over this time do not show the weak one. Its first response does.
-        is_first = commands.time <= commands.time[0] + FIRST_RESPONSE_SECONDS
-        first_change = commands.during[is_first].mean(axis=0) - commands.usual
-        weak = weak_motor(commands.motors, first_change, loss_context.fall_direction)
-    if weak is None and is_attitude_lost:
-        # The controller answers the rate of a vehicle that begins to turn, and may have done with its first response
-        # when the attitude has left its setpoint.
-        _, loss_end = loss_context.interval
-        response = _commands_around(signals, boot, (_start_of_response(commands), loss_end))
-        if response is not None:
-            is_first = response.time <= commands.time[0]
-            commands = response
-            first_change = response.during[is_first].mean(axis=0) - response.usual
-            weak = weak_motor(response.motors, first_change, loss_context.fall_direction)
-    if weak is None:
+        first_change = commands.change_until(loss_start + FIRST_RESPONSE_SECONDS)
+        weak = weak_motor(motors, first_change, fall_direction)
+    if weak is not None:
+        return _failure_of_motor(commands, loss_context, weak)
+    if fall_direction is None:
+        # The vehicle hit something, and its attitude was not lost before.
         return None
-    return _failure_of_motor(commands, loss_context, weak)
+    _, loss_end = loss_context.interval
+    response = _commands_around(signals, boot, (_start_of_response(commands), loss_end))
+    if response is None:
+        return None
+    weak = weak_motor(motors, response.change_until(loss_start), fall_direction)
+    return None if weak is None else _failure_of_motor(response, loss_context, weak)
 
 
 def _start_of_response(commands: _LossCommands) -> float:
-    """Returns the time, s since boot, from which on the motors answered a failure.
+    """Returns when the controller began to respond to a failure, before the attitude was lost.
 
-    It is at most ``FIRST_RESPONSE_SECONDS`` before the attitude left its setpoint. In each sample between these times
-    the command of some motor is outside the range that it had in the ``RECOVERY_SECONDS`` before.
+    From then to the loss of attitude the command of some motor is outside its usual range in each sample. The usual
+    range is that of the ``RECOVERY_SECONDS`` before the loss without the last ``FIRST_RESPONSE_SECONDS``, in which the
+    response is sought.
 
     Args:
         commands: commands of the motors while the vehicle was lost, and before it.
+
+    Returns:
+        The time, s since boot; the beginning of the loss if the commands show no response before it.
     """
     loss_start = float(commands.time[0])
     response_start = loss_start - FIRST_RESPONSE_SECONDS
@@ -172,10 +204,13 @@ def _start_of_response(commands: _LossCommands) -> float:
     if not len(usual) or not len(times):
         return loss_start
     values = recorded.values[is_in_response]
-    is_usual = ((values >= usual.min(axis=0)) & (values <= usual.max(axis=0))).all(axis=1)
-    usual_rows = np.flatnonzero(is_usual)
+    is_in_range = (values >= usual.min(axis=0)) & (values <= usual.max(axis=0))
+    usual_rows = np.flatnonzero(is_in_range.all(axis=1))
+    # The response begins after the last sample in which all commands were in their usual range.
     first_row = usual_rows[-1] + 1 if len(usual_rows) else 0
-    return float(times[first_row]) if first_row < len(times) else loss_start
+    if first_row == len(times):
+        return loss_start
+    return float(times[first_row])
 
 
 def _commands_around(signals: Signals, boot: int, interval: TimeInterval) -> _LossCommands | None:
@@ -297,13 +332,14 @@ def _failure_of_motor(
         return None
     opposite_was_at_limit, _ = samples_at_limits(commands.just_before[:, weak.opposite], scale)
     motor_was_idle = commands.just_before[:, weak.motor] < idle_command
-    has_swung = (opposite_was_at_limit | motor_was_idle).any()
+    was_commanded_other_way = (opposite_was_at_limit | motor_was_idle).any()
     is_at_limit, _ = samples_at_limits(commands.during, scale)
     opposite_is_idle = commands.during[:, weak.opposite] < idle_command
     shows_failure = is_at_limit[:, weak.motor] | opposite_is_idle
-    if has_swung or not shows_failure.any():
+    if was_commanded_other_way or not shows_failure.any():
         return None
-    failure_time = commands.time[np.argmax(shows_failure)]
+    first_row = np.flatnonzero(shows_failure)[0]
+    failure_time = commands.time[first_row]
     if is_first_at_limit(is_at_limit, weak.motor):
         return Fact(FailedFirst.LIMIT_FIRST, time=failure_time, subject=name)
     highest_command = commands.during[:, weak.motor].max()

@@ -28,8 +28,8 @@ STEADY_HEADING = 0.0
 class GradualLossWatch:
     """Searches the settled flight so far, two minutes at most, for a motor that lost thrust slowly.
 
-    After two minutes the flight before the loss is forgotten, and the search finds a motor that stays weak no more. So
-    a loss is over only if the command of the motor has gone back too.
+    The search needs flight in which the motor was sound. Two minutes after the loss none of it is kept, and the search
+    no longer finds a motor that is still weak. So a loss is over only if the command of the motor has fallen too.
 
     Attributes:
         loss: the loss as of the latest search that found it; None without one.
@@ -51,7 +51,8 @@ class GradualLossWatch:
         self._search_time = -inf
         # When the loss was found last, s.
         self._found_time = -inf
-        # Command of the weak motor before the loss, and when the loss was found last, relative to the mean of all.
+        # Commands of the weak motor, relative to the mean command of all motors: the first before the loss, and the
+        # second at the time of the latest search that found the loss.
         self._sound_command = nan
         self._weak_command = nan
 
@@ -92,7 +93,7 @@ class GradualLossWatch:
         leans = np.array([each.lean for each in self._blocks])
         loss = gradual_loss(block_ends, block_commands, leans, self._geometry, self._boot)
         if loss is not None:
-            self._take_loss(loss, block_ends, block_commands)
+            self._update_loss(loss, block_ends, block_commands)
             self._found_time = time
         elif self.loss is not None and time - self._found_time > MAX_CONFIRMATION_SECONDS:
             is_recent = block_ends > time - MAX_CONFIRMATION_SECONDS
@@ -101,15 +102,16 @@ class GradualLossWatch:
             if command - self._sound_command < HALF_CHANGE * rise:
                 self.loss = None
 
-    def _take_loss(self, loss: MotorAlarm, block_ends: Array, block_commands: Array) -> None:
-        """Takes the loss that a search has found, unless it is only the latest part of the one that is known.
+    def _update_loss(self, loss: MotorAlarm, block_ends: Array, block_commands: Array) -> None:
+        """Updates the known loss and the commands of its motor by the loss that the latest search has found.
 
-        It is a part if it is smaller, and the flight before the known loss is forgotten: the motor was weak before it.
+        The search sees only the latest two minutes. If the motor was weak in all of them, the search finds the growth
+        of the loss in this time, and not the whole loss. Such a loss replaces the known one only if it is larger.
 
         Args:
-            loss: the loss.
+            loss: the loss that the search has found.
             block_ends: (B,) ends of the blocks that were searched, s of the boot clock.
-            block_commands: (B, k) their mean commands.
+            block_commands: (B, k) mean commands of the k motors in these blocks, as fractions of the range.
         """
         known_loss = self.loss
         if known_loss is None or known_loss.name != loss.name:
@@ -117,8 +119,8 @@ class GradualLossWatch:
             self._sound_command = self._relative_command(loss, block_commands, is_before)
             self.loss = loss
         else:
-            is_forgotten = block_ends[0] > known_loss.onset_time - MIN_BEFORE_SECONDS
-            if not is_forgotten or loss.size > known_loss.size:
+            has_sound_flight = block_ends[0] <= known_loss.onset_time - MIN_BEFORE_SECONDS
+            if has_sound_flight or loss.size > known_loss.size:
                 self.loss = loss
         is_recent = block_ends > block_ends[-1] - MIN_LOSS_SECONDS
         self._weak_command = self._relative_command(loss, block_commands, is_recent)

@@ -92,7 +92,7 @@ class MotorAlarms:
 
     @property
     def of_latest_flight(self) -> tuple[MotorAlarm, ...]:
-        """The latest changes, as far as they are of the latest flight."""
+        """Those of the latest changes that belong to the latest flight, which may go on after a reboot in the air."""
         if self._flight_boot is None:
             return ()
         changes = []
@@ -187,6 +187,7 @@ class MotorAlarms:
         """
         assert self._detector is not None
         self.change_time = change.onset_time
+        # The slow loss of a motor is its whole loss, and replaces a sudden part of it.
         weak_motors = {loss.name: loss for loss in self._detector.weak_motors.values()}
         if self._reported_loss is not None and self._gradual_watch is not None:
             gradual_loss = self._gradual_watch.loss or self._reported_loss
@@ -200,10 +201,10 @@ class MotorAlarms:
         return loss is not None and change.is_weak and change.name == loss.name
 
     def _search_gradual_loss(self, time: float, commands: list[float], lean: Numbers) -> Facts:
-        """Searches flight in which no motor changed suddenly for one that loses thrust slowly.
+        """Searches flight in which no motor changed suddenly for one that loses thrust slowly, and reports the result.
 
-        The loss stays among the changes with its newest figures. It is reported when it is found, again when it has
-        grown by ``MIN_REPORTED_GROWTH``, and as a recovery when it is over.
+        Each sample is passed to the search (:class:`GradualLossWatch`), which runs once a second. It begins anew while
+        a motor is weak by a sudden loss, unless a slow loss was reported before.
 
         Args:
             time: time of the sample, s of the boot clock.
@@ -211,7 +212,7 @@ class MotorAlarms:
             lean: roll and pitch, rad; NaN where they are not known.
 
         Returns:
-            The report, if there is one.
+            The report of a slow loss or of its end; most samples have none.
         """
         assert self._detector is not None
         assert self._gradual_watch is not None
@@ -219,31 +220,54 @@ class MotorAlarms:
         if not watch.is_continued(time):
             # After a landing or a long gap there is no reference, so that nothing shows whether the loss is over.
             self._reported_loss = None
-        reported = self._reported_loss
-        if reported is None and self._detector.weak_motors:
+        if self._reported_loss is None and self._detector.weak_motors:
             # The flight before a sudden loss is no reference for a slow one.
             watch.restart()
             return ()
         watch.add_sample(time, commands, lean)
-        loss = watch.loss
-        if loss is None and reported is None:
-            return ()
-        if loss is None:
-            assert reported is not None
-            loss = reported._replace(time=time, onset_time=time, size=0.0, loss=())
-            self._reported_loss = None
+        if watch.loss is None:
+            return self._report_end_of_gradual_loss(time)
+        return self._report_gradual_loss(watch.loss)
+
+    def _report_gradual_loss(self, loss: MotorAlarm) -> Facts:
+        """Stores the newest figures of a slow loss, and reports it when it is new or has grown.
+
+        Args:
+            loss: the loss as of the latest search.
+
+        Returns:
+            The event of the loss, if it is that of another motor than the reported one, or has grown since its report
+            by ``MIN_REPORTED_GROWTH``; otherwise nothing.
+        """
+        reported_loss = self._reported_loss
+        if reported_loss is None or reported_loss.name != loss.name:
             self.latest.append(loss)
-        elif reported is None or reported.name != loss.name:
-            self.latest.append(loss)
-            self._reported_loss = loss
+            is_report_due = True
         else:
             self._replace_latest(loss)
-            if loss.size < MIN_REPORTED_GROWTH * reported.size:
-                self._activate(loss)
-                return ()
+            is_report_due = loss.size >= MIN_REPORTED_GROWTH * reported_loss.size
+        if is_report_due:
             self._reported_loss = loss
         self._activate(loss)
-        return (loss.event,)
+        return (loss.event,) if is_report_due else ()
+
+    def _report_end_of_gradual_loss(self, time: float) -> Facts:
+        """Reports that a motor has recovered from the slow loss that was reported; nothing if none was.
+
+        Args:
+            time: time of the recovery, s of the boot clock.
+
+        Returns:
+            The event of the recovery, if there is one.
+        """
+        if self._reported_loss is None:
+            return ()
+        # A change of size 0 is a recovery.
+        recovery = self._reported_loss._replace(time=time, onset_time=time, size=0.0, loss=())
+        self._reported_loss = None
+        self.latest.append(recovery)
+        self._activate(recovery)
+        return (recovery.event,)
 
     def _replace_latest(self, loss: MotorAlarm) -> None:
         """Replaces the latest change of a motor by its newest figures, with the time at which it was found first."""
