@@ -1,12 +1,15 @@
 """The evidence for an event in one sentence: which measurements confirm it (its witnesses), and which contradict it."""
 
 from collections.abc import Iterable
+from typing import TYPE_CHECKING
 
 from mavdem.facts import Fact
 from mavdem.facts.margins import MarginsLight
-from mavdem.loops.axis_loops import MARGIN_TARGETS, LoopsByAxis
 from mavdem.report.blocks import Sentence
 from mavdem.report.templates import render_section
+
+if TYPE_CHECKING:
+    from mavdem.loops.axis_loops import LoopsByAxis
 
 
 def evidence_sentences(fact: Fact) -> list[Sentence]:
@@ -38,7 +41,7 @@ def evidence_sentences(fact: Fact) -> list[Sentence]:
     )
 
 
-def margin_sentences(fact: Fact, loops: LoopsByAxis, margins: Iterable[Fact]) -> list[Sentence]:
+def margin_sentences(fact: Fact, loops: "LoopsByAxis", margins: Iterable[Fact]) -> list[Sentence]:
     """Returns the sentence that explains margins that are too small: the crossover of their loop, and the goal.
 
     It also names the other axes whose margins are too small.
@@ -51,6 +54,9 @@ def margin_sentences(fact: Fact, loops: LoopsByAxis, margins: Iterable[Fact]) ->
     Returns:
         A list with one sentence; empty if the fact does not warn of margins, or their loop was not identified.
     """
+    # Imported here, since pages without loops need nothing of it.
+    from mavdem.loops.axis_loops import MARGIN_TARGETS
+
     loop = loops.get(str(fact.figures.get("axis")))
     if fact.code is not MarginsLight.LOOP_MARGINS or not fact.warns or loop is None:
         return []
