@@ -118,10 +118,11 @@ class HeightWatch:
             # The difference at the take-off is needed, and follows from the messages since then.
             start = flight_start
         former_event = self._disagreement
-        lasts_from_before = former_event is not None and former_event.end_time is None
-        latest = self._disagreement_since(start, moment, is_known=lasts_from_before)
+        is_ongoing = former_event is not None and former_event.end_time is None
+        latest = self._disagreement_since(start, moment, is_known=is_ongoing)
         if latest is None:
             return None
+        # The former event, if the latest one continues it; otherwise the latest one itself.
         event = _with_known_start(latest, former_event)
         is_new = event is latest
         if is_new:
@@ -167,16 +168,22 @@ class HeightWatch:
             self._latest_rest = rests[-1]
 
     def begin_flight(self) -> None:
-        """Keeps the rest before a take-off, for comparison after the landing, and forgets earlier heights."""
+        """Stores when the vehicle rested before the take-off, and forgets the heights of earlier flights.
+
+        After the landing, the heights at rest before and after the flight are compared.
+        """
         self._rest_before_flight = self._latest_rest
         self._initial_difference = None
         self._disagreement = None
 
     def end_flight(self, now: float) -> Fact | None:
-        """Ends a disagreement of barometer and satellites with its flight, and returns it; None without any.
+        """Ends a disagreement of barometer and satellites that lasts until the landing.
 
         Args:
             now: present time on the boot clock, s.
+
+        Returns:
+            The latest disagreement in this flight, which may have ended before; None without any.
         """
         event = self._disagreement
         if event is not None and event.end_time is None:

@@ -1,10 +1,11 @@
 """What a model that was learned in a live flight is good for, and the judgement of its vehicle."""
 
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
+from mavdem.arrays import Array
 from mavdem.assessment.axis import AxisEstimates
 from mavdem.assessment.axis.findings import (
     Findings,
@@ -13,6 +14,7 @@ from mavdem.assessment.axis.findings import (
 )
 from mavdem.assessment.axis.loops import loop_of_parameters_or_reason
 from mavdem.assessment.condition import Condition
+from mavdem.assessment.evidence import Evidence
 from mavdem.assessment.judgement import Judgement, judge
 from mavdem.assessment.lights.margins import margins_light
 from mavdem.assessment.lights.motors import motors_light
@@ -58,8 +60,8 @@ def judge_model(
     The samples of the model are put into the form of a log of one axis in settled flight, so that the functions that
     judge logs can be used: limit cycle, hover trim, control loop, and from these the lights and the headline. What
     needs other axes or messages is left for the judgement of the recording after the flight. So are the margins where
-    the stream has the setpoint of the body rate: a log identifies the loop by that setpoint then, and refuses margins
-    where they are too uncertain, which inputs and outputs alone would still give.
+    the stream has the setpoint of the body rate: the recording then identifies the loop by that setpoint, and reports
+    no margins that are too uncertain. Inputs and outputs alone, as here, would still give such margins.
 
     It is slow, and runs in the executor that learns models: arguments and results can be pickled.
 
@@ -67,29 +69,20 @@ def judge_model(
         learned: the model, of one axis.
         row_format: format of its rows: message names, mixer geometry, and scale of the motors.
         alarms: changes of the motors' balance while the samples were recorded.
-        recording_name: the log that shows what no live message does; empty if it is known later, None without one.
+        recording_name: name of the recorded log, by which the rest is judged later; empty if the name is not known yet,
+            None if nothing is recorded.
         has_rate_setpoint: whether the stream has a setpoint of the body rate by which a log identifies the loop.
-        alarms_of_flight: those of the present flight, by which the motors are judged in flight; None for all.
+        alarms_of_flight: such changes in the present flight, by which the motors are judged in flight; None to judge
+            them by all ``alarms``.
     """
     record = learned.record
     # Motor outputs (T, r), and angle, rad, with body rate, rad/s (T, 2), of the longest segment.
     inputs, outputs = max(record.segments, key=lambda segment: len(segment.outputs))
     axis = record.output_names[0]
-    count = len(inputs)
-    duration = count * learned.dt
-    time: Any = learned.dt * np.arange(count)
+    duration = len(inputs) * learned.dt
+    time = learned.dt * np.arange(len(inputs), dtype=float)
 
-    geometry = row_format.geometry
-    motors = MotorOutputs(
-        row_format.motor_message,
-        time=time,
-        boot=np.zeros(count, int),
-        outputs=inputs,
-        geometry=geometry,
-        scale=row_format.scale,
-        sent_count=count,
-        unused_count=0,
-    )
+    motors = _motor_outputs(row_format, time, inputs)
     angle, body_rate = outputs.T
     attitude = attitude_from_samples(row_format.attitude_message, time, 0, angle, body_rate)
     telemetry = Telemetry(
@@ -106,7 +99,7 @@ def judge_model(
 
     limit_cycle = detect_limit_cycle(motors, {axis: attitude}, [Segment(0, 0.0, duration)])
     mean_lean = {axis: np.degrees(outputs[:, 0].mean())}
-    hover = hover_figures(geometry.names, row_format.scale, duration, inputs, mean_lean)
+    hover = hover_figures(motors.geometry.names, row_format.scale, duration, inputs, mean_lean)
     condition = Condition(duration=duration, settled=duration, hover=hover, oscillation=limit_cycle)
     # The torque of a limit cycle is the vehicle's own, not the wind's.
     learned = with_vehicle_made_torque_marked(learned, vehicle_made_torque=limit_cycle is not None)
@@ -124,24 +117,62 @@ def judge_model(
         loops[axis] = loop_of_parameters_or_reason(figures, record)
     losses = tuple(thrust_losses(alarms if alarms_of_flight is None else alarms_of_flight))
     evidence = live_evidence(signals, condition, LiveFindings(events=losses, loops=loops))
-    motors_fact = motors_light(evidence)
-    if motors_fact.code is TrimFact.TRIM_UNKNOWN:
-        # The trim needs all axes, and the model has one.
-        motors_fact = judged_later
-    margins_fact = margins_light(evidence)
-    # Without the setpoint a peak of the rate may be a test signal that is flown.
-    is_peak_unexplained = margins_fact.code is MarginsLight.RATE_STANDS_OUT
-    is_loop_identified_later = (
-        has_rate_setpoint and margins_fact.code is not MarginsLight.OSCILLATES
-    )
-    if is_peak_unexplained or is_loop_identified_later:
-        margins_fact = judged_later
     judgement = judge(
         evidence,
         findings.purposes,
-        motors=motors_fact,
-        margins=margins_fact,
+        motors=_motors_light(evidence, judged_later),
+        margins=_margins_light(evidence, judged_later, has_rate_setpoint=has_rate_setpoint),
         tracking=judged_later,
         estimator=judged_later,
     )
     return JudgedModel(findings, judgement)
+
+
+def _motor_outputs(row_format: RowFormat, time: Array, outputs: Array) -> MotorOutputs:
+    """Returns the motor outputs of one segment of a model's samples in the form in which a log has them.
+
+    Args:
+        row_format: format of the rows: message names, mixer geometry, and scale of the r motors.
+        time: (T,) times of the samples, s.
+        outputs: (T, r) motor outputs in the unit of the message.
+    """
+    count = len(time)
+    return MotorOutputs(
+        row_format.motor_message,
+        time=time,
+        boot=np.zeros(count, int),
+        outputs=outputs,
+        geometry=row_format.geometry,
+        scale=row_format.scale,
+        sent_count=count,
+        unused_count=0,
+    )
+
+
+def _motors_light(evidence: Evidence, judged_later: Fact) -> Fact:
+    """Judges the motors by the samples of a model.
+
+    Args:
+        evidence: what the samples show of the vehicle.
+        judged_later: the fact in place of a light for which the samples are not enough.
+    """
+    light = motors_light(evidence)
+    # The trim needs all axes, and the model has one.
+    return judged_later if light.code is TrimFact.TRIM_UNKNOWN else light
+
+
+def _margins_light(evidence: Evidence, judged_later: Fact, *, has_rate_setpoint: bool) -> Fact:
+    """Judges the margins of the control loop by the samples of a model.
+
+    Args:
+        evidence: what the samples show of the vehicle.
+        judged_later: the fact in place of a light for which the samples are not enough.
+        has_rate_setpoint: whether a log of the flight identifies the loop by the setpoint of the body rate. Then only
+            an oscillation is judged before.
+    """
+    light = margins_light(evidence)
+    if light.code is MarginsLight.OSCILLATES:
+        return light
+    # The samples have no setpoint, so that a peak of the rate may be a test signal that is flown.
+    is_peak_unexplained = light.code is MarginsLight.RATE_STANDS_OUT
+    return judged_later if has_rate_setpoint or is_peak_unexplained else light

@@ -263,10 +263,10 @@ class SessionStatus(ImmutableResult):
 
     @property
     def _judgement_by_model(self) -> Judgement:
-        """The judgement of the latest model; before one is judged, that nothing which needs a model is known.
+        """The judgement of the latest model; before one is judged, lights that say why there is none.
 
-        Tracking and estimator are judged without a model, so that the judgement of the model does not contain them. If
-        they are not judged yet, their lights get the reason from the list of what is watched.
+        Tracking and estimator need no model, so that its judgement leaves them for later. Their lights then get the
+        reason why they are not watched in flight.
         """
         reason = self._reason_without_model
         watch_facts = self._followed_watch_facts
@@ -287,8 +287,8 @@ class SessionStatus(ImmutableResult):
     def _judgement_with_all_lights(self) -> Judgement:
         """The judgement by the model, in which worse lights that need no model replace the model's.
 
-        The lights are the judgements of the parts of the vehicle. Of a judged recording only a warning replaces them.
-        The headline is decided by the first rule that applies:
+        The lights are the judgements of the parts of the vehicle. The headline is decided by the first rule that
+        applies:
 
         1. If a light is bad, it becomes the headline, an event first, unless the headline of the model is bad already.
         2. Before a model is judged, the headline sums up the lights that need none, while the vehicle is received or
@@ -298,13 +298,7 @@ class SessionStatus(ImmutableResult):
         """
         by_model = self._judgement_by_model
         lights_without_model = self._lights_without_model
-        lights = {}
-        for name, light_by_model in by_model.lights.items():
-            light_without_model = lights_without_model.get(name, light_by_model)
-            if self.is_recording_judged and not light_without_model.warns:
-                # What a recording leaves unknown was not checked better in flight.
-                light_without_model = light_by_model
-            lights[name] = worst_fact([light_without_model, light_by_model])
+        lights = self._worst_lights_of_both(by_model.lights, lights_without_model)
         headline = by_model.headline
         next_step = by_model.next_step
         vibration = lights[Light.VIBRATION]
@@ -340,6 +334,27 @@ class SessionStatus(ImmutableResult):
             if headline.warns:
                 return _judgement_with_headline(headline, lights)
         return Judgement(headline, next_step, lights)
+
+    def _worst_lights_of_both(
+        self, lights_by_model: NamedFacts, lights_without_model: NamedFacts
+    ) -> dict[str, Fact]:
+        """Returns the worse of two lights for each part of the vehicle.
+
+        Where the recording is judged, its lights are replaced by warnings only: what it leaves unknown was not checked
+        better in flight.
+
+        Args:
+            lights_by_model: all lights, as the model or the recording shows them, by the name of the part.
+            lights_without_model: the lights of some parts that need no model.
+        """
+        lights = {}
+        for name, light_by_model in lights_by_model.items():
+            light = lights_without_model.get(name)
+            if light is None or (self.is_recording_judged and not light.warns):
+                lights[name] = light_by_model
+            else:
+                lights[name] = worst_fact([light, light_by_model])
+        return lights
 
     def _judgement_in_flight(self, judgement: Judgement) -> Judgement:
         """Returns a judgement whose headline and next step are for a vehicle in flight, where alarms come first.

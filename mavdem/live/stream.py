@@ -479,14 +479,14 @@ class LiveStream:
         elif name in VELOCITY_MESSAGES:
             self._process_velocity(message, time)
         if name in (BAROMETER_MESSAGE, RECEIVER_MESSAGE):
-            self._process_place(message)
+            self._update_takeoff_distance(message)
         if name in KEPT_MESSAGES:
             self._review.recent_messages.add(name, time, message.values)
         self._review.proceed(self._clock.now, self._rows)
         self._rows.end_segment_unless_free()
 
-    def _process_place(self, message: Message) -> None:
-        """Takes a pressure or a position by satellites, which show how far the vehicle is from its take-off.
+    def _update_takeoff_distance(self, message: Message) -> None:
+        """Updates how far the vehicle is from its take-off by a pressure or a position by satellites.
 
         Args:
             message: a SCALED_PRESSURE or a GPS_RAW_INT.

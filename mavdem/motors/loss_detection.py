@@ -431,8 +431,9 @@ class MotorLossDetector:
     ) -> int:
         """Records a change in roll and pitch that names no motor.
 
-        The windows are seconds apart, so that the beginning is dated anew: at the block that divides the blocks kept
-        into two parts with the largest difference of their means, by the likelihood of independent normal noise.
+        The lengths of the windows differ by seconds, so that the beginning of the change is dated anew: at the block
+        that divides the blocks into two parts with the most significant difference of their means. This is the maximum
+        likelihood estimate of a change point in independent normal noise.
 
         Args:
             change: The change of the balance.
@@ -445,10 +446,13 @@ class MotorLossDetector:
         balances = np.array(self._blocks.balances)
         scaled = (balances - balances.mean(axis=0)) / np.sqrt(change.variance)
         count = len(balances)
-        # Numbers of blocks since the beginning; the window before and the one after are half as long and twice.
+        # Possible numbers of blocks since the change began. The next shorter window is half as long as that of the
+        # change, and the next longer one twice.
         candidates = np.arange(change.block_count // 2, min(2 * change.block_count, count - 1) + 1)
         sums_since = np.cumsum(scaled[::-1], axis=0)[candidates - 1]
-        # The sums before are the opposite: n m / (n + m) times the squared difference of the means of n and m blocks.
+        # With n blocks since the change and m before, the log likelihood is n m / (n + m) times half of the squared
+        # difference of their means, summed over the axes. As all blocks have the mean 0, the sum of those before is the
+        # negative of the sum s of those since, and the difference of the means is s (n + m) / (n m).
         likelihoods = (sums_since**2).sum(axis=1) * count / (candidates * (count - candidates))
         block_count = int(candidates[np.argmax(likelihoods)])
         size = float(np.linalg.norm(change.size * self._model.tilt_axes))

@@ -79,6 +79,29 @@ def recordings_answer(recordings: Recordings) -> Response:
     return JSONResponse(recordings.as_dict(), status, headers)
 
 
+def _changes_from_baseline(name: str, rows: FlightRows, healthy_rows: FlightRows) -> Blocks:
+    """Returns how the latest flight of a vehicle differs from its baseline, the flights marked as healthy.
+
+    Args:
+        name: name of the vehicle in its logs.
+        rows: rows of all its flights in the fleet's table.
+        healthy_rows: those of the baseline.
+
+    Returns:
+        Parts of a page; none without a baseline, or if all flights of the vehicle are in it.
+    """
+    if not healthy_rows:
+        return []
+    latest_difference = baseline_differences(rows, healthy_rows).get(name)
+    if latest_difference is None:
+        return []
+    latest_row, difference = latest_difference
+    # The baseline has flights of this vehicle, so that they were compared.
+    assert difference is not None
+    # The page itself says that several vehicles may have the name.
+    return baseline_blocks(latest_row, difference, has_identity_cautions=False)
+
+
 class Pages:
     """Endpoints that answer with pages for a browser, or with files.
 
@@ -342,24 +365,14 @@ class Pages:
         entries = matches.entries
         if not entries:
             raise Refusal(RefusalReason.NO_SUCH_FLIGHT)
-        # A log may have several vehicles, so that its rows are filtered by the name, too.
         if all(entry.is_vehicle_unnamed for entry in entries):
             return self._unnamed_vehicles(request, name, entries)
+        # A log may have several vehicles, so that its rows are filtered by the name, too.
         rows = [row for row in self._library.flight_rows(entries) if row.vehicle == name]
         healthy_rows = [row for row in self._library.store.healthy if row.vehicle == name]
-        changes: Blocks = []
-        if healthy_rows:
-            # There is no difference if all flights of the vehicle are in the baseline.
-            latest_difference = baseline_differences(rows, healthy_rows).get(name)
-            if latest_difference is not None:
-                latest_row, difference = latest_difference
-                # The baseline has flights of this vehicle, so that they were compared.
-                assert difference is not None
-                # The page itself says that several vehicles may have the name.
-                changes = baseline_blocks(latest_row, difference, has_identity_cautions=False)
         html = vehicle_page(
             group_by_vehicle(rows).get(name, []),
-            changes,
+            _changes_from_baseline(name, rows, healthy_rows),
             name=name,
             entries=entries,
             baseline=len({row.key for row in healthy_rows}),

@@ -103,9 +103,13 @@ def estimator_light(evidence: Evidence) -> Fact:
     missing_fix = _missing_fix(evidence)
     # The number of satellites if GPS had no fix, but the position came from another source, such as optical flow.
     satellites_without_fix = None
+    # An estimator that assumes a standstill reports by that itself that it has no source.
+    is_standstill_assumed = missing_fix is not None and bool(
+        missing_fix.figures.get("is_standstill_assumed")
+    )
     if (
         missing_fix is not None
-        and "is_standstill_assumed" not in missing_fix.figures
+        and not is_standstill_assumed
         and _has_other_position_source(evidence)
     ):
         # Then the light may be good. But the pilot should know that GPS could not have replaced that source.
