@@ -322,6 +322,18 @@ def test_a_charge_of_nothing_is_bad_with_ardupilots_defaults_unless_its_cells_ar
     assert words in fact.sentence
 
 
+@pytest.mark.parametrize("parameters", [{}, {"BATT_CAPACITY": 5e3, "BATT_LOW_MAH": 1e3}])
+def test_a_charge_that_jumps_to_nothing_was_not_used(parameters):
+    telemetry = HOVER.telemetry(20.0, 20.0)
+    telemetry = replace(telemetry, parameters={**telemetry.parameters, **parameters})
+    charge = np.where(TIME < 20.0, 85, 0)
+    status = columns(TIME, voltage_battery=1000 * FULL, battery_remaining=charge)
+    fact = power_light(evidence(changed(telemetry, "SYS_STATUS", **status)))
+    assert fact.code is PowerLight.CHARGE_LOW and fact.warns
+    assert fact.sentence.endswith("estimate: it fell from 85 % at once, as no battery does.")
+    assert fact.remedy == "Check the power module of the battery."
+
+
 def test_ardupilots_parameters_say_which_charge_is_low_and_critical():
     parameters = {"BATT_CAPACITY": 5000.0, "BATT_LOW_MAH": 1000.0, "BATT_CRT_MAH": 500.0}
     assert ardupilot_charge_levels(parameters, 1) == Limits(watch=0.2, bad=0.1)

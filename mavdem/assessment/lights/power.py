@@ -55,6 +55,10 @@ CHARGED_CELL_VOLTAGE = 3.6
 """Voltage, V, of a cell under load from which on it is not empty: PX4's default of BAT1_V_EMPTY, that of an empty cell
 at rest."""
 
+SHORTEST_DISCHARGE = 36.0
+"""Time, s, in which a full battery is emptied at the earliest: lithium polymer cells bear 100 times their capacity an
+hour at most, by their makers."""
+
 BATTERY_REPORTS = {
     ReportedEvent.BATTERY_WARNED,
     ReportedEvent.BATTERY_ALARMED,
@@ -294,7 +298,7 @@ def _battery_charges(evidence: Evidence, batteries: Sequence[Battery]) -> Iterat
     Yields:
         Facts with the lowest charge as ``share`` of the full one, and the parameter as ``share_limit``, None where
         none is set and the charge was all used; ``cell_voltage`` is the lowest of a cell, V, where that shows a larger
-        capacity.
+        capacity; ``share_before`` is the charge before it fell to nothing faster than a battery can be emptied.
     """
     telemetry = evidence.signals.telemetry
     is_px4 = telemetry.autopilot == "PX4"
@@ -323,14 +327,43 @@ def _battery_charges(evidence: Evidence, batteries: Sequence[Battery]) -> Iterat
             charged_cell_voltage = _charged_cell_voltage(evidence, battery)
         is_bad = is_critical or (is_spent and charged_cell_voltage is None)
         share_limit = levels.bad if is_critical else levels.watch
+        optional_figures = {}
+        if charged_cell_voltage is not None:
+            optional_figures["cell_voltage"] = charged_cell_voltage
+        share_before_fall = _share_before_sudden_fall(evidence, battery) if is_spent else None
+        if share_before_fall is not None:
+            optional_figures["share_before"] = share_before_fall
         yield Fact(
             PowerLight.CHARGE_LOW,
             Level.BAD if is_bad else None,
             subject=battery_name(battery.number) if has_several else "",
             share=lowest_share,
             share_limit=share_limit if lowest_share < share_limit else None,
-            **({} if charged_cell_voltage is None else {"cell_voltage": charged_cell_voltage}),
+            **optional_figures,
         )
+
+
+def _share_before_sudden_fall(evidence: Evidence, battery: Battery) -> float | None:
+    """Returns the share of the full charge from which that of a battery fell to nothing faster than it can be used.
+
+    Args:
+        evidence: signals, events and measurements of the vehicle.
+        battery: battery whose charge fell to nothing in flight.
+
+    Returns:
+        The share before the first sample of nothing in a flight; None if the battery can be emptied as fast as it fell.
+    """
+    for flight in evidence.in_flight(battery.charge):
+        empty_rows = np.flatnonzero(flight.values == 0)
+        if not len(empty_rows) or empty_rows[0] == 0:
+            continue
+        row = empty_rows[0]
+        share_before = float(flight.values[row - 1]) / 100
+        # The charge is sent in whole percent.
+        fastest_use = 0.01 + float(flight.time[row] - flight.time[row - 1]) / SHORTEST_DISCHARGE
+        if share_before > fastest_use:
+            return share_before
+    return None
 
 
 def _charged_cell_voltage(evidence: Evidence, battery: Battery) -> float | None:
