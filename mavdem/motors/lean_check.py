@@ -61,10 +61,11 @@ def is_beyond_lean(run: SteadyRun, signatures: MotorSignatures, onset_time: floa
     step_row = 1
     step_error = np.sqrt(block_variance * inflation * inverse[step_row, step_row])
     tilt_columns = [AXES.index(axis) for axis in TILT_AXES]
-    scores = abs(fit[step_row] / step_error)[tilt_columns]
     # Two axes are tested, each on both sides.
     limit = scipy.special.stdtrit(freedom, 1 - FALSE_SHARE / (2 * len(TILT_AXES)))
-    return bool((scores > limit).any())
+    # Constant commands have no error, so that the step is not divided by it.
+    is_significant = abs(fit[step_row]) > limit * step_error
+    return bool(is_significant[tilt_columns].any())
 
 
 def _selected(run: SteadyRun, selection: Flags) -> SteadyRun:

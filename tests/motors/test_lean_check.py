@@ -46,6 +46,16 @@ def test_a_shift_is_beyond_the_lean_only_with_a_torque_that_no_lean_asks_for(
     assert is_beyond_lean(run, QUAD, SHIFT) is is_beyond
 
 
+@mark.filterwarnings("error")
+def test_constant_commands_have_no_shift_and_a_step_between_constants_is_one():
+    lean = flown(0.0, 0.0).lean
+    time = flown(0.0, 0.0).time
+    commands = np.full((len(time), 4), 0.5)
+    assert not is_beyond_lean(SteadyRun(time, commands, lean), QUAD, SHIFT)
+    stepped = np.where(np.outer(time > SHIFT, [1, 0, 1, 0]), 0.6, commands)
+    assert is_beyond_lean(SteadyRun(time, stepped, lean), QUAD, SHIFT)
+
+
 def test_without_the_lean_or_flight_enough_the_wind_may_explain_a_shift():
     run = flown(0.0, 0.04)
     unknown_lean = SteadyRun(run.time, run.commands, np.full_like(run.lean, np.nan))
