@@ -1,6 +1,7 @@
 """Control loops in sentences and tables, made of facts (coded findings): margins, decisions, gains to set."""
 
 from collections.abc import Collection, Container, Iterator
+from math import nan
 from operator import attrgetter
 from typing import NamedTuple
 
@@ -49,6 +50,9 @@ LOOP_FIGURES = {
     "rejection": LoopFigure("peak response to a disturbance of 100 °/s² (°/s, °)", 100.0),
 }
 """Figures in the table of a loop, by the attribute of ``OpenLoop``."""
+
+FIGURES_OF_STABLE_LOOPS = ("ms", "bandwidth", "rejection")
+"""Figures of ``LOOP_FIGURES`` that are of a steady response, which an unstable loop never reaches."""
 
 TUNED_FIGURES = ("phase_margin", "gain_margin", "ms", "crossover")
 """Figures of ``LOOP_FIGURES`` beside the gains to set: what the goal of tuning is made of, and the loop's speed.
@@ -629,11 +633,15 @@ def margin_tables(loops: LoopsByAxis, doubtful: Container[str] = ()) -> Iterator
 def _figure_text(loop: OpenLoop, attribute: str, scale: float) -> str:
     """Returns a figure of a loop with its interval, such as "57 (50 to 63)"; without the interval if an end is NaN.
 
+    A figure that an unstable loop, or one around an unstable loop, does not have is a dash: it would look good.
+
     Args:
         loop: rate or attitude loop of the estimated plant and of draws.
         attribute: name of the figure, such as "phase_margin".
         scale: factor from the unit of the figure to the shown one.
     """
+    if attribute in FIGURES_OF_STABLE_LOOPS and not loop.is_stable:
+        return rounded(nan)
     return _with_interval(getattr(loop, attribute), getattr(loop, f"{attribute}_interval"), scale)
 
 

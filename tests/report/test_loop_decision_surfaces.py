@@ -405,6 +405,19 @@ def test_no_goal_is_met_by_an_axis_that_does_not_follow(surfaces_of):
     assert "Enough margin, but the axis does not follow its setpoint" in said["tune"]
 
 
+@mark.slow
+def test_figures_that_an_unstable_loop_does_not_have_are_dashes():
+    unstable, sound = loop("roll", 12.0), loop("roll", 1.0)
+    assert not unstable.attitude.is_stable
+    for table in margin_tables({"now": unstable, "advised": sound}):
+        rows = {row[0]: row[1:] for row in table.rows}
+        for name in ("maximum sensitivity Ms", "bandwidth, -3 dB (Hz)"):
+            now, advised = rows[name]
+            assert now == "-" and advised != "-"
+        # Its gain is known.
+        assert rows["crossover (Hz)"][0] != "-"
+
+
 def test_a_doubtful_loop_is_called_so_in_each_cell():
     (rate, _) = margin_tables({"roll": loop("roll", 1.0), "pitch": loop("pitch", 1.0)}, {"pitch"})
     for label, roll_cell, pitch_cell in rate.rows[1:]:
