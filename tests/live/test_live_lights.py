@@ -195,6 +195,10 @@ def test_the_table_has_every_light_with_its_figure(slow):
     assert rows["vibration"].level is Level.GOOD and rows["vibration"].figure == "7.4 m/s²"
     assert rows["motors"].figure == "motor 2 (rear left): 9 to 26 % lost"
     assert rows["margins"].figure == "no oscillation"
+    # A time on the boot clock, and no duration.
+    watched = Fact(MotorWatchFact.NO_LOSS_FOUND, clock=63.0)
+    [motors, *_] = light_rows(replace(status, worst_lights={Light.MOTORS: watched}))
+    assert motors.figure == "no loss from 63 s"
     # The rates are too low for a model.
     assert rows["log"].level is Level.WATCH and rows["log"].figure == "25 Hz"
 
