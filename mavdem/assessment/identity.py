@@ -297,7 +297,8 @@ def _flight_date(signals: Signals, receive_time: float) -> _DateWithBasis:
 def _time_by_autopilot(telemetry: Telemetry, flight: Segment | None) -> float | None:
     """Returns when a flight began, by the messages SYSTEM_TIME, which have UNIX time and time since boot.
 
-    If the boot of the flight has none whose UNIX time is set, the log's first such message dates it.
+    Without a flight, or if no message of its boot has a UNIX time that is set, it is the time of the log's first
+    message that has one.
 
     Args:
         telemetry: messages of the vehicle.
@@ -308,15 +309,17 @@ def _time_by_autopilot(telemetry: Telemetry, flight: Segment | None) -> float | 
     """
     messages = telemetry.messages
     if flight is not None:
-        utc_of_flight = utc_at_boot(messages, flight.boot)
-        if utc_of_flight is not None:
-            return utc_of_flight + flight.start
+        boot_utc = utc_at_boot(messages, flight.boot)
+        if boot_utc is not None:
+            return boot_utc + flight.start
     columns = messages.get("SYSTEM_TIME", {})
-    for boot in np.unique(columns.get("boot", np.zeros(0, dtype=int))).tolist():
-        utc = utc_at_boot(messages, boot)
-        if utc is not None:
+    boots = np.unique(columns.get("boot", np.zeros(0, dtype=int)))
+    for boot in boots.tolist():
+        boot_utc = utc_at_boot(messages, boot)
+        if boot_utc is not None:
             is_set = float_column(columns, "time_unix_usec") / MICROSECONDS >= MIN_UTC
-            return utc + float(columns["time"][is_set & (columns["boot"] == boot)][0])
+            times_with_utc = columns["time"][is_set & (columns["boot"] == boot)]
+            return boot_utc + float(times_with_utc[0])
     return None
 
 

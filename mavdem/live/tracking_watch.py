@@ -56,7 +56,9 @@ class TrackingWatch:
         return bool(samples) and now - samples[-1].time <= MEMORY_SECONDS
 
     def has_rate_setpoint(self, vehicle: Telemetry, axis: str) -> bool:
-        """Returns whether a setpoint of the body rate has come that changes, as fast as a log needs it for the loop.
+        """Returns whether the stream has a setpoint of the body rate by which its recording may show the rate loop.
+
+        It must be as fast as the setpoint that a log needs for that, and must change: a constant one excites nothing.
 
         Args:
             vehicle: identity and parameters of the vehicle, without messages.
@@ -68,13 +70,13 @@ class TrackingWatch:
         columns = columns_from(MESSAGE_FIELDS[SETPOINT_MESSAGE], samples, self._recent.boot)
         telemetry = replace(vehicle, messages={SETPOINT_MESSAGE: columns})
         for setpoint in recorded_setpoints(telemetry, axis):
+            if setpoint.unit != "rad/s":
+                # A setpoint of the angle.
+                continue
             times = setpoint.signal.time
             is_fast_enough = len(times) > 1 and mean_rate(times) >= MIN_SLOW_MOTION_RATE
-            if (
-                setpoint.unit == "rad/s"
-                and is_fast_enough
-                and np.diff(setpoint.signal.values).any()
-            ):
+            has_changed = np.diff(setpoint.signal.values).any()
+            if is_fast_enough and has_changed:
                 return True
         return False
 

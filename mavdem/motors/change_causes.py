@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from math import log
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from mavdem.arrays import Array, Flags
-from mavdem.dataset.axes import YAW
+from mavdem.dataset.axes import TILT_COLUMNS, YAW
 from mavdem.motors.change_statistics import WindowChanges, log_t_density
 from mavdem.motors.motor_changes import CauseProbabilities
 
@@ -184,36 +184,33 @@ def cause_probabilities(evidence: CauseEvidence, selection: Flags) -> CauseProba
     Args:
         evidence: Logarithms of the Bayes factors of all causes.
         selection: (w,) the windows that count: when the change may have begun.
+
+    Returns:
+        The probabilities; the rest is that of a change in yaw alone, or of one in all axes.
     """
-    motor_log_factors = log_sum(evidence.motor_log_factors_by_window) - log(
-        len(evidence.motor_log_factors)
-    )
-    log_factors = np.array(
+    hypothesis_count = len(evidence.motor_log_factors)
+    motor_log_factors = log_sum(evidence.motor_log_factors_by_window) - log(hypothesis_count)
+    # (4, w): with their prior odds, a load, a motor, a change in all axes and one in yaw.
+    log_factors_by_window = np.array(
         [
             evidence.load_log_factors + log(LOADS_PER_MOTOR),
             motor_log_factors,
             evidence.all_axes_log_factors + log(OTHERS_PER_MOTOR),
             evidence.yaw_log_factors + log(OTHERS_PER_MOTOR),
         ]
-    )[:, selection]
-    # (4,) each summed over the windows.
-    log_weights = log_sum(log_factors.T)
-    load, motor, *_ = np.exp(log_weights - log_sum(log_weights))
-    return CauseProbabilities(float(load), float(motor))
+    )
+    # (4,): the sum over the windows.
+    log_factors = log_sum(log_factors_by_window[:, selection].T)
+    probabilities = np.exp(log_factors - log_sum(log_factors))
+    return CauseProbabilities(load=float(probabilities[0]), motor=float(probabilities[1]))
 
 
 def _log_factors_of_load(changes: WindowChanges, no_change: Array, lean: Array) -> Array:
     """Returns the log Bayes factors of a load that shifted, by unknown distances forward and to the right.
 
-    The torque of all forces of the air about the centre of mass changes by their sum times the distance that the centre
-    moved. In steady flight that sum is opposite to the weight, so that its direction in the body is known from the
-    lean: with roll φ, pitch θ, the changes R and P of the roll and pitch commands, and the ratio κ of the yaw command
-    to a tilt command for the same torque, the change of the yaw command is
-
-        Y = κ (R tan θ / cos φ − P tan φ).
-
-    The true R and P are normal with the standard deviation ``OTHER_CHANGE_SD``, so that given the measured ones they
-    are normal too. The factor is averaged over ``YAW_PER_TILT``.
+    A load changes roll and pitch by amounts R and P that are normal with the standard deviation ``OTHER_CHANGE_SD``
+    beforehand, so that given the measured changes they are normal too. They decide the change of yaw by the lean
+    (:func:`_yaw_change_of_load`), up to a ratio, over whose values ``YAW_PER_TILT`` the factor is averaged.
 
     Args:
         changes: Change of the balance in roll, pitch and yaw for each of w windows.
@@ -224,28 +221,62 @@ def _log_factors_of_load(changes: WindowChanges, no_change: Array, lean: Array) 
         (w,) logarithms of the Bayes factors against "nothing changed".
     """
     prior_variance = OTHER_CHANGE_SD**2
-    tilt_variance = changes.variance[:, :2]
-    shrinkage = prior_variance / (prior_variance + tilt_variance)
-    tilt_change = shrinkage * changes.change[:, :2]
-    tilt_posterior_variance = shrinkage * tilt_variance
-
-    lean_sd = np.full(lean.shape, float(LEVEL_ERROR))
-    lean_sd[~np.isfinite(lean)] = UNKNOWN_LEAN_SD
-    roll, pitch = np.nan_to_num(lean).T
-    # (w, 2) derivatives of Y / κ by R and P, and variances of these derivatives.
-    slopes = np.column_stack([np.tan(pitch) / np.cos(roll), -np.tan(roll)])
-    slope_variances = lean_sd[:, ::-1] ** 2
-    yaw = (slopes * tilt_change).sum(axis=1)
-    squared_changes = tilt_change**2 + tilt_posterior_variance
-    yaw_variance = slopes**2 * tilt_posterior_variance + slope_variances * squared_changes
+    measured_variance = changes.variance[:, TILT_COLUMNS]
+    shrinkage = prior_variance / (prior_variance + measured_variance)
+    tilt_change = shrinkage * changes.change[:, TILT_COLUMNS]
+    tilt_variance = shrinkage * measured_variance
+    yaw_change = _yaw_change_of_load(tilt_change, tilt_variance, lean)
     # (7, w, 3): ratios by windows by axes.
     ratios = YAW_PER_TILT[:, None]
     expected = np.zeros((len(YAW_PER_TILT), *changes.change.shape))
-    expected[..., YAW] = ratios * yaw
+    expected[..., YAW] = ratios * yaw_change.mean
     added_variance = np.full(expected.shape, prior_variance)
-    added_variance[..., YAW] = ratios**2 * yaw_variance.sum(axis=1)
+    added_variance[..., YAW] = ratios**2 * yaw_change.variance
     densities = log_t_density(changes, expected, added_variance)
     return np.asarray(log_sum(densities) - log(len(YAW_PER_TILT)) - no_change)
+
+
+class _YawChange(NamedTuple):
+    """Change of the yaw command for each of w windows, divided by the ratio of yaw to tilt commands for one torque."""
+
+    mean: Array
+    """(w,) its mean."""
+    variance: Array
+    """(w,) its variance."""
+
+
+def _yaw_change_of_load(tilt_change: Array, tilt_variance: Array, lean: Array) -> _YawChange:
+    """Predicts by how much a shifted load changes the yaw command, from the changes of the roll and pitch commands.
+
+    The torque of all forces of the air about the centre of mass changes by their sum times the distance that the centre
+    moved. In steady flight that sum is opposite to the weight, so that its direction in the body is known from the
+    lean: with roll φ, pitch θ, the changes R and P of the roll and pitch commands, and the ratio κ of the yaw command
+    to a tilt command for the same torque, the change of the yaw command is
+
+        Y = κ (R tan θ / cos φ − P tan φ).
+
+    Args:
+        tilt_change: (w, 2) expected R and P for each of w windows.
+        tilt_variance: (w, 2) their variances.
+        lean: (w, 2) roll and pitch, rad; NaN where they are not known.
+
+    Returns:
+        Mean and variance of Y / κ.
+    """
+    lean_sd = np.full(lean.shape, float(LEVEL_ERROR))
+    lean_sd[~np.isfinite(lean)] = UNKNOWN_LEAN_SD
+    roll, pitch = np.nan_to_num(lean).T
+    # (w, 2) derivatives of Y / κ by R and P. For a small lean they are the pitch and minus the roll, so that their
+    # variances are those of the pitch and of the roll: the columns change places.
+    slopes = np.column_stack([np.tan(pitch) / np.cos(roll), -np.tan(roll)])
+    slope_variances = lean_sd[:, ::-1] ** 2
+    # The variance of a product of independent factors.
+    squared_changes = tilt_change**2 + tilt_variance
+    variances = slopes**2 * tilt_variance + slope_variances * squared_changes
+    return _YawChange(
+        mean=(slopes * tilt_change).sum(axis=1),
+        variance=variances.sum(axis=1),
+    )
 
 
 def hypothetical_rises(motor_count: int, weak_motor_sizes: Mapping[int, float]) -> Array:

@@ -300,16 +300,18 @@ class Drag(ImmutableResult):
         Returns:
             (2, 2) lower ends in the first row and upper ends in the second; columns are body x and y.
         """
-        indices = {
-            "linear": [LOG_LINEAR, LOG_LINEAR_RATIO],
-            "quadratic": [LOG_QUADRATIC, LOG_QUADRATIC_RATIO],
+        log_mean, log_ratio = {
+            "linear": (LOG_LINEAR, LOG_LINEAR_RATIO),
+            "quadratic": (LOG_QUADRATIC, LOG_QUADRATIC_RATIO),
         }[name]
+        medians = {"linear": self.linear, "quadratic": self.quadratic}[name]
         # Row x is 1 · ln mean − ½ · ln ratio, and row y is 1 · ln mean + ½ · ln ratio.
         weights = np.zeros((2, DRAG_PARAMETERS))
-        weights[:, indices] = np.column_stack([np.ones(2), AXIS_SHARES])
-        sd = np.sqrt(np.diag(weights @ self.covariance @ weights.T))
-        half_widths = np.outer([-1, 1], coverage_factor() * sd)
-        return getattr(self, name) * np.exp(half_widths)
+        weights[:, log_mean] = 1.0
+        weights[:, log_ratio] = AXIS_SHARES
+        log_sd = np.sqrt(np.diag(weights @ self.covariance @ weights.T))
+        log_half_width = coverage_factor() * log_sd
+        return np.array([medians * np.exp(-log_half_width), medians * np.exp(log_half_width)])
 
     def relative_sd(self, speed: float) -> float:
         """Returns the relative standard deviation of the drag force at an air speed in m/s, to first order.

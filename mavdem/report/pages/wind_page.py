@@ -77,9 +77,9 @@ def wind_page(
 
 
 def _wind_level(wind_evidence: WindEvidence, assessment: Assessment) -> Level:
-    """Returns the level of the light of the wind by the estimate of this page.
+    """Returns the level of the light of the wind by the estimate of this page, or that of the log if it did not fly.
 
-    With an earlier drag that estimate is narrower than that in the assessment of the log.
+    The two may differ: this page may use the vehicle's drag from an earlier flight, by which the wind is known better.
 
     Args:
         wind_evidence: the wind that was estimated for this page.
