@@ -246,7 +246,7 @@ class StatusLines:
         is_terminal = self._terminal_text is not None
         if changed_facts and (has_settled or not is_terminal):
             self._printed_watch_facts.update(changes)
-            print_to_stderr(timed(watched_quantities_text(changed_facts)))
+            print_to_stderr(line_with_time(watched_quantities_text(changed_facts)))
 
     def _print_new(self, status: SessionStatus, texts: StatusTexts) -> None:
         """Prints a line if the state has changed since the last line, or if that line was printed long ago.
@@ -284,7 +284,7 @@ class StatusLines:
                 reported_texts.add(escape_unprintable(reason.sentence_and_remedy))
             problems = [text for text in texts.problems if text not in reported_texts]
             sentences = [texts.vehicle, texts.learning, *problems, texts.judgement]
-        print_to_stderr(timed(" ".join(sentences)))
+        print_to_stderr(line_with_time(" ".join(sentences)))
 
 
 def _unwatched_names(watch_facts: Facts) -> list[str]:
@@ -394,7 +394,7 @@ def print_fact(fact: Fact, moment: str = "") -> None:
         fact: A coded finding, of which the sentence and the remedy are printed.
         moment: When it was reported; empty for now.
     """
-    text = Text(timed(escape_unprintable(fact.sentence_and_remedy), moment), _style(fact))
+    text = Text(line_with_time(escape_unprintable(fact.sentence_and_remedy), moment), _style(fact))
     with suppress(OSError):
         STDERR.print(text, soft_wrap=not STDERR.is_terminal)
 
@@ -408,12 +408,12 @@ def print_event(event: Event) -> None:
         print_fact(event.fact, moment_text(event))
 
 
-def timed(text: str, moment: str = "") -> str:
-    """Returns a line with the time before it, by which a pilot finds it again.
+def line_with_time(text: str, moment: str = "") -> str:
+    """Returns a line of text that begins with a time, by which a pilot finds it again.
 
     Args:
-        text: The line.
-        moment: The time; empty for the present time of day.
+        text: The text.
+        moment: The time as text; empty for the present time of day.
     """
     return f"{moment or strftime('%H:%M:%S')} {text}"
 

@@ -90,7 +90,7 @@ class PredictionBand(NamedTuple):
 
 
 class UsefulHorizon(NamedTuple):
-    """The longest horizon at which predictions are still useful (``Estimate.useful``); NaN where none is."""
+    """The longest horizon at which predictions are useful; NaN where none is (``Estimate.longest_useful_horizon``)."""
 
     seconds: float = nan
     """The horizon, s."""
@@ -518,14 +518,15 @@ class SessionStatus(ImmutableResult):
         """
         # Horizons are whole steps, so that the one nearest to ``REPORTED_HORIZON`` is reported.
         horizons = estimate.ahead_times - estimate.time
-        reported = abs(horizons - REPORTED_HORIZON).argmin()
-        angle_band = PredictionBand(horizons[reported], estimate.ahead_band[reported, 0])
+        reported_index = np.abs(horizons - REPORTED_HORIZON).argmin()
+        angle_band = PredictionBand(
+            horizons[reported_index], estimate.ahead_band[reported_index, 0]
+        )
         useful_horizon = self.useful_horizon
-        # The index of the longest horizon at which predictions are useful; None if there is none.
-        longest_useful = estimate.useful
-        if longest_useful is not None:
-            mean_error_ratio = estimate.ahead_ratio[longest_useful].mean()
-            useful_horizon = UsefulHorizon(horizons[longest_useful], mean_error_ratio)
+        useful_index = estimate.longest_useful_horizon
+        if useful_index is not None:
+            mean_error_ratio = estimate.ahead_ratio[useful_index].mean()
+            useful_horizon = UsefulHorizon(horizons[useful_index], mean_error_ratio)
         return replace(self, prediction_band=angle_band, useful_horizon=useful_horizon)
 
 

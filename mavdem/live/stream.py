@@ -316,14 +316,22 @@ class LiveStream:
         loss = None if watchdog.loss is None else self._loss_with_weak_motor(watchdog.loss)
         # Where the take-off was not seen, a position in the air was taken for its place.
         is_takeoff_seen = isfinite(self.takeoff_time)
+        flight_seconds = None
+        if self.is_flying and is_takeoff_seen:
+            flight_seconds = self._clock.now - self.takeoff_time
+        active_alarms = []
+        for alarm in (*watchdog.active_alarms, *self.motor_alarms.active):
+            # The alarm that the flight was lost also names a motor that was weak before.
+            if loss is not None and alarm == watchdog.loss:
+                active_alarms.append(loss)
+            else:
+                active_alarms.append(alarm)
         return SessionStatus(
             vehicle=vehicle.name if vehicle else None,
             no_model_reason=self._no_rows_reason,
             rates=self._rows.rates(self._clock.now),
             is_flying=self.is_flying,
-            flight_seconds=(
-                self._clock.now - self.takeoff_time if self.is_flying and is_takeoff_seen else None
-            ),
+            flight_seconds=flight_seconds,
             lost_messages=vehicle.lost_messages if vehicle else 0,
             gap_seconds=vehicle.uncounted_gap_seconds if vehicle else 0.0,
             late_samples=self._rows.late_samples,
@@ -333,10 +341,7 @@ class LiveStream:
             has_landed=watchdog.has_landed,
             loss=loss,
             ground_contact=watchdog.ground_contact,
-            active_alarms=tuple(
-                loss if loss is not None and alarm == watchdog.loss else alarm
-                for alarm in (*watchdog.active_alarms, *self.motor_alarms.active)
-            ),
+            active_alarms=tuple(active_alarms),
             position=None if self.pose is None else self.pose.position,
             takeoff_position=self._pose.takeoff_position if is_takeoff_seen else None,
             displacement=None if is_takeoff_seen else self._takeoff_place.displacement,

@@ -89,11 +89,16 @@ def _vehicle(flight: AxisRows) -> str:
 
 
 def _date(flight: AxisRows) -> str:
-    """Returns date and time of a flight, up to the minute; of a date in the future that the clock says that year."""
+    """Returns date and time of a flight, up to the minute; empty if they are not known.
+
+    A date in the future is wrong, so that only its year is returned, as that of the vehicle's clock.
+    """
     row = log_row(flight)
-    if row.date is not None and row.past_date is None:
+    if row.date is None:
+        return ""
+    if row.past_date is None:
         return f"clock in {row.date.year}"
-    return f"{row.date or ''}"[:DATE_LENGTH]
+    return f"{row.date}"[:DATE_LENGTH]
 
 
 def _tier(flight: AxisRows) -> str:

@@ -339,14 +339,15 @@ class Library:
         (version,) = self.db.execute("pragma data_version").fetchone()
         if version == self._thread_state.fleet_version:
             return
-        # Finds the keys of all logs that the index has. Paths of the fleet's table ``logs`` are absolute and have this
+        # The keys of all logs that the index has. Paths of the fleet's table ``logs`` are absolute and have this
         # system's separator; paths in the index may be relative to the library's folder and have the one of POSIX.
         indexed_logs = """select logs.log from entries
         join logs on logs.path in (entries.path, ? || replace(entries.path, '/', ?))"""
-        query = f"""select row, file from flights where file is not null and log not in ({indexed_logs})
+        new_rows = f"""select row, file from flights where file is not null and log not in ({indexed_logs})
         and not exists (select 1 from entries where path = file) order by rowid"""
+        folder = utf8_text(f"{self.folder}{os.sep}")
         with self.transaction() as db:
-            rows = self.store.sound_rows(query, [utf8_text(f"{self.folder}{os.sep}"), os.sep])
+            rows = self.store.sound_rows(new_rows, [folder, os.sep])
             for file, rows_of_file in group_by(rows, lambda row: row.file).items():
                 insert_entry(db, entry_of_fleet_log(file, rows_of_file))
         self._thread_state.fleet_version = version

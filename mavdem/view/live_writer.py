@@ -266,7 +266,12 @@ class LiveWriter:
             return
         if is_first:
             lines.send_style(self._recording)
-        values = self._clipped_to_plot(lines, values, clip)
+        plot = plot_of(lines)
+        plot_range = self._plot_ranges.get(plot)
+        if clip and plot_range is not None:
+            values = _clipped_to_plot(values, plot_range)
+        else:
+            self._extend_plot_range(plot, values)
         time = np.array(list(new_samples))
         self._store_range(lines, time[-1], values)
         segments = [latest_sample.segment, *(sample.segment for sample in new_samples.values())]
@@ -297,31 +302,22 @@ class LiveWriter:
             self._recording.log(axis_path(plot), style, static=True)
         ranges.append(PlotRange(time, float(finite_values.min()), float(finite_values.max())))
 
-    def _clipped_to_plot(self, lines: Lines, values: Array, clip: bool) -> Array:
-        """Clips values to the range of their plot or, without ``clip``, extends this range so that it includes them.
+    def _extend_plot_range(self, plot: str, values: Array) -> None:
+        """Extends the range of a plot, within which values of other lines are clipped, so that it includes new values.
 
         Args:
-            lines: the lines, whose path begins with the path of the plot.
-            values: (N, k) values of k lines.
-            clip: whether to clip, to the range and ``CLIP_SPANS`` times its span beyond. In a plot without a range
-                nothing is clipped.
-
-        Returns:
-            (N, k) values to draw.
+            plot: path of the plot.
+            values: (N, k) values of k lines; those that are not finite are left out.
         """
-        plot = plot_of(lines)
-        plot_range = self._plot_ranges.get(plot)
-        if clip and plot_range is not None:
-            low, high = plot_range
-            margin = CLIP_SPANS * (high - low)
-            return np.clip(values, low - margin, high + margin)
         finite_values = values[np.isfinite(values)]
-        if len(finite_values):
-            low, high = float(finite_values.min()), float(finite_values.max())
-            if plot_range is not None:
-                low, high = min(plot_range[0], low), max(plot_range[1], high)
-            self._plot_ranges[plot] = low, high
-        return values
+        if not len(finite_values):
+            return
+        low, high = float(finite_values.min()), float(finite_values.max())
+        former_range = self._plot_ranges.get(plot)
+        if former_range is not None:
+            former_low, former_high = former_range
+            low, high = min(former_low, low), max(former_high, high)
+        self._plot_ranges[plot] = low, high
 
     def _draw_predicted_angle(self, rows: list[DisplayRow]) -> None:
         """Draws the measured angle of the model's axis, and its prediction for a fraction of a second ahead.
@@ -536,6 +532,18 @@ def _of_one_line(samples: Sequence[Sample], column: int) -> list[Sample]:
         column: index of the line.
     """
     return [sample._replace(values=sample.values[column : column + 1]) for sample in samples]
+
+
+def _clipped_to_plot(values: Array, plot_range: Interval) -> Array:
+    """Clips values to the range of their plot, extended on both sides by ``CLIP_SPANS`` times its span.
+
+    Args:
+        values: (N, k) values of k lines.
+        plot_range: lower and upper end of the range.
+    """
+    low, high = plot_range
+    margin = CLIP_SPANS * (high - low)
+    return np.clip(values, low - margin, high + margin)
 
 
 def axis_path(plot: str) -> str:

@@ -87,7 +87,7 @@ class Estimate(NamedTuple):
     physical: Physical | None = None
 
     @property
-    def useful(self) -> int | None:
+    def longest_useful_horizon(self) -> int | None:
         """Index of the longest horizon with useful predictions (mean ``ahead_ratio`` below 0.5); None without one."""
         useful_horizons = np.flatnonzero(self.ahead_ratio.mean(axis=-1) < USEFUL_ERROR_RATIO)
         return int(useful_horizons[-1]) if len(useful_horizons) else None

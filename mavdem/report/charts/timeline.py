@@ -120,7 +120,7 @@ class Timeline(NamedTuple):
 
     @property
     def overview_groups(self) -> tuple[Group, ...]:
-        """The charts over time as a page groups them: roll and pitch, those of the ``overview``, and the wind.
+        """The charts over time as a page groups them: first those of roll and pitch, then those of flight and wind.
 
         The first ``FULL_WIDTH_CHARTS`` stand below each other, and the others in up to ``MAX_COLUMNS`` columns, so that
         the page is shorter. Roll and pitch are left out if their setpoints were not recorded: an angle alone does not

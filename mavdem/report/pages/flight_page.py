@@ -699,34 +699,14 @@ def live_page(
         names: names that were given to vehicles in the library of a server.
     """
     # Imported here: a page of a log needs nothing of live sessions.
-    from mavdem.report.live import live_report, live_title, vehicle_text
+    from mavdem.report.live import live_title
 
     judgement = status.overall_judgement
     timeline = live_timeline(history, axis)
     if timeline is not None:
         timeline = timeline._replace(takeoff=status.takeoff_position)
-    events = history.events
-    chapters = []
-    if learned is not None:
-        chapters.append(Chapter("Motors", motor_blocks(learned, None)))
-    advised_gains = [
-        event
-        for event in events
-        # That gains are being computed is over when the page is written.
-        if isinstance(event.fact.code, GainFact | LoopAction)
-        and event.fact.code is not GainFact.ADVICE_AWAITED
-    ]
-    if advised_gains:
-        chapters.append(Chapter(GAINS_TITLE, [Sentence(event.sentence) for event in advised_gains]))
-    seconds = 0.0 if learned is None else len(learned.record) * learned.dt
-    report = live_report(history, status, account, axis, seconds)
-    title = f"Prediction of {axis} in flight, and the link"
-    chapters.append(Chapter(title, report, folded=True))
-    if learned is not None:
-        findings = status.findings or model_findings(learned, alarms=status.motor_alarms)
-        blocks = [*purpose_tables(findings), *torque_blocks(learned)]
-        chapters.append(Chapter(f"Model of {axis}", blocks))
-    page_events = _numbered_live_events(events, judgement.headline)
+    chapters = _live_chapters(axis, history, status, account, learned)
+    page_events = _numbered_live_events(history.events, judgement.headline)
     if timeline is not None:
         numbers = [event.number for event in page_events]
         labels = tuple("" if number is None else str(number) for number in numbers)
@@ -748,20 +728,78 @@ def live_page(
         saved_flight=saved_flight,
     )
     sentences = judgement_sentences(judgement)
-    summary = [sentences.headline, sentences.next_step]
-    if status.is_over:
-        subtitle = f"What {axis} did, learned and predicted while it flew, over {link}."
-    else:
-        # The title names the vehicle.
-        vehicle_state = capitalize_first(vehicle_text(status).removeprefix(f"{status.vehicle}, "))
-        subtitle = f"{vehicle_state} Link {link}, as of {strftime('%H:%M:%S')}."
-        if status.delay_fact is not None:
-            subtitle = f"{subtitle} {status.delay_fact}"
-    # A page of a session that goes on is sent every few seconds.
-    max_points = MAX_POINTS if status.is_over else MAX_POINTS_OF_SMALL_PAGE
     return render_document(
-        live_title(status, link, names), subtitle, summary, chapters, back, head, max_points
+        live_title(status, link, names),
+        _live_subtitle(status, link, axis),
+        [sentences.headline, sentences.next_step],
+        chapters,
+        back,
+        head,
+        # A page of a session that goes on is sent every few seconds.
+        MAX_POINTS if status.is_over else MAX_POINTS_OF_SMALL_PAGE,
     )
+
+
+def _live_subtitle(status: SessionStatus, link: str, axis: str) -> str:
+    """Returns what stands below the title of a live page: the state of the vehicle now, or what the page is about.
+
+    Args:
+        status: state of the session now, or at its end.
+        link: address of the vehicle.
+        axis: axis that was learned.
+    """
+    # Imported here: a page of a log needs nothing of live sessions.
+    from mavdem.report.live import vehicle_text
+
+    if status.is_over:
+        return f"What {axis} did, learned and predicted while it flew, over {link}."
+    # The title names the vehicle.
+    vehicle_state = capitalize_first(vehicle_text(status).removeprefix(f"{status.vehicle}, "))
+    subtitle = f"{vehicle_state} Link {link}, as of {strftime('%H:%M:%S')}."
+    if status.delay_fact is not None:
+        subtitle = f"{subtitle} {status.delay_fact}"
+    return subtitle
+
+
+def _live_chapters(
+    axis: str,
+    history: LiveHistory,
+    status: SessionStatus,
+    account: Mapping[TimeUse, float],
+    learned: Learned | None,
+) -> list[Chapter]:
+    """Returns the chapters of a live page: motors, advised gains, predictions and link, and the model.
+
+    Args:
+        axis: axis that was learned.
+        history: events and signals of the live flight on one timeline.
+        status: state of the session now, or at its end.
+        account: seconds of the flight by what they were used for.
+        learned: the latest model; None if there is none, and then no chapter on motors and model.
+    """
+    # Imported here: a page of a log needs nothing of live sessions.
+    from mavdem.report.live import live_report
+
+    chapters = []
+    if learned is not None:
+        chapters.append(Chapter("Motors", motor_blocks(learned, None)))
+    gain_sentences = []
+    for event in history.events:
+        is_about_gains = isinstance(event.fact.code, GainFact | LoopAction)
+        # That gains are being computed is over when the page is written.
+        if is_about_gains and event.fact.code is not GainFact.ADVICE_AWAITED:
+            gain_sentences.append(Sentence(event.sentence))
+    if gain_sentences:
+        chapters.append(Chapter(GAINS_TITLE, gain_sentences))
+    seconds = 0.0 if learned is None else len(learned.record) * learned.dt
+    report = live_report(history, status, account, axis, seconds)
+    title = f"Prediction of {axis} in flight, and the link"
+    chapters.append(Chapter(title, report, folded=True))
+    if learned is not None:
+        findings = status.findings or model_findings(learned, alarms=status.motor_alarms)
+        blocks = [*purpose_tables(findings), *torque_blocks(learned)]
+        chapters.append(Chapter(f"Model of {axis}", blocks))
+    return chapters
 
 
 def _numbered_live_events(events: Sequence[Event], headline: Fact) -> list[PageEvent]:

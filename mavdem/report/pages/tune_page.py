@@ -124,12 +124,15 @@ def _step_chapter(tuning: Tuning, assessment: Assessment) -> Chapter:
                 # Without a measured response, the chart has what the identified loop predicts.
                 panels[axis][loop_name] = [predicted_step_chart(compared_loops(advice), loop_name)]
     groups = _groups_of_columns(panels, assessment, _step_caption(panels))
-    reasons = []
+    # For the axes that have charts, the page also says why a loop has no measured response.
+    axes_and_reasons = []
     for axis, loops in responses.items():
+        if not panels[axis]:
+            continue
         for response in loops.values():
-            if panels[axis] and isinstance(response.measured, Fact):
-                reasons.append((axis, response.measured))
-    return Chapter("Step response", sentences_by_axes(reasons), groups)
+            if isinstance(response.measured, Fact):
+                axes_and_reasons.append((axis, response.measured))
+    return Chapter("Step response", sentences_by_axes(axes_and_reasons), groups)
 
 
 def _step_caption(panels: Mapping[str, Mapping[str, Sequence[Panel]]]) -> str:
