@@ -396,11 +396,22 @@ def test_a_height_that_diverged_in_flight_makes_the_estimator_bad():
 
 @mark.parametrize("force, level", [(9.8, "good"), (8.4, "watch")])
 def test_an_accelerometer_that_is_wrong_at_rest_is_to_be_watched(force, level):
+    telemetry = with_force_at_rest(force)
+    assert estimator_light(evidence(telemetry)).level == level
+    if level == "watch":
+        # A flight without a receiver, on purpose, does not hide it.
+        without_position = changed(telemetry, "EKF_STATUS_REPORT", flags=165)
+        for flown in (telemetry, without_position):
+            assert estimator_light(evidence(flown)).code is EstimatorLight.ACCELEROMETER_WRONG
+
+
+def with_force_at_rest(force):
+    """The hover with a filter's report, whose accelerometer measures a specific force, m/s², all the time."""
     telemetry = changed(filtered(), "HIGHRES_IMU", **columns(TIME, xacc=0.0, yacc=0.0, zacc=-force))
     noise = 1e-3 * np.random.default_rng(5).standard_normal(
         len(telemetry.messages["ATTITUDE"]["time"])
     )
-    assert estimator_light(evidence(changed(telemetry, "ATTITUDE", rollspeed=noise))).level == level
+    return changed(telemetry, "ATTITUDE", rollspeed=noise)
 
 
 def test_a_constant_supply_is_not_denied():

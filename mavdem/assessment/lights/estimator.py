@@ -125,11 +125,14 @@ def estimator_light(evidence: Evidence) -> Fact:
         *_spare_instances(evidence),
         *_poor_fixes(evidence),
     ]
-    if missing_fix is not None:
+    if missing_fix is not None and not is_standstill_assumed:
         facts.append(missing_fix)
     facts += _compass_disturbances(evidence)
     facts += _wrong_accelerometers(evidence)
     facts += evidence.warnings_in_flight(ESTIMATOR_EVENTS)
+    if missing_fix is not None and is_standstill_assumed:
+        # A vehicle without a receiver is flown so on purpose, which must not hide a sensor that is wrong.
+        facts.append(missing_fix)
     if not facts:
         unmeasured_fact = Fact(EstimatorLight.ESTIMATOR_UNMEASURED, airborne=evidence.was_in_air)
         if satellites_without_fix is None:
