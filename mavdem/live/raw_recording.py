@@ -60,7 +60,7 @@ class RawRecording:
         # Number of bytes of a .tlog so far, and of those until the last frame of each system and component.
         self._size = 0
         self._sizes_by_sender: dict[tuple[int, int], int] = {}
-        # Every ``BATCH_SECONDS`` the time, UNIX s, and how many bytes there were then.
+        # For every ``BATCH_SECONDS`` the time, UNIX s, and the number of bytes that were written until then.
         self._sizes_by_time: list[tuple[float, int]] = []
         self.first_stamp = nan
         self._mcap = None
@@ -178,7 +178,7 @@ class RawRecording:
         if self._mcap is not None:
             return []
         # What came well before the restart, which may be hours of flight, is not read.
-        start = self._size_at(restart[0])
+        start = self._offset_before(restart[0])
         with open(self._path, "rb") as file:
             file.seek(start)
             records = _stamped_records(file.read(self._size - start))
@@ -186,20 +186,21 @@ class RawRecording:
         restart_offset = self._size if silence_end is None else start + silence_end
         return self._move_from(restart_offset, other)
 
-    def _size_at(self, time: float) -> int:
-        """Returns how many bytes of a .tlog were written before a time, less at most those of ``BATCH_SECONDS``.
+    def _offset_before(self, time: float) -> int:
+        """Returns an offset in a .tlog, bytes, which no frame of a time or later precedes.
 
-        If the computer's clock was set back later, fewer are returned: all bytes of that time and later follow them.
+        It is at most the bytes of ``BATCH_SECONDS`` before the first such frame, or more if the computer's clock was
+        set back.
 
         Args:
             time: UNIX s.
         """
-        size = 0
-        for stamp, size_then in self._sizes_by_time:
+        offset = 0
+        for stamp, size in self._sizes_by_time:
             if stamp >= time:
                 break
-            size = size_then
-        return size
+            offset = size
+        return offset
 
     def _move_from(self, start: int, other: RawRecording) -> list[ReceivedPiece]:
         """Moves the end of the closed .tlog, from an offset on, to another recording.

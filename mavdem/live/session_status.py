@@ -302,11 +302,9 @@ class SessionStatus(ImmutableResult):
         headline = by_model.headline
         next_step = by_model.next_step
         vibration = lights[Light.VIBRATION]
-        if (
-            vibration.code is VibrationLight.VIBRATION_UNKNOWN
-            and "VIBRATION" in self.absent_messages
-        ):
-            # The message was requested in vain, so that the light must not advise to request it.
+        was_requested_in_vain = "VIBRATION" in self.absent_messages
+        if vibration.code is VibrationLight.VIBRATION_UNKNOWN and was_requested_in_vain:
+            # Neither the light nor the next step must advise to request the message.
             lights[Light.VIBRATION] = vibration.replace(is_asked=True)
             if next_step.figures.get("reason") == vibration:
                 next_step = choose_next_step(headline, lights, None)

@@ -693,13 +693,13 @@ class Library:
         if not (results / PAGE_FILE).is_file():
             return columns | {"stage": Stage.FAILED, "problem": outcome.rows[0].status}
         (results / PROGRESS).unlink(missing_ok=True)
-        first_row, *_ = rows_with_assigned_vehicles(self.db, outcome.rows[:1])
+        (first_row,) = rows_with_assigned_vehicles(self.db, outcome.rows[:1])
         if first_row.vehicle_basis == GIVEN_BASIS:
             columns |= {"vehicle": first_row.vehicle, "vehicle_basis": GIVEN_BASIS}
         paths = list(results.iterdir())
-        # The progress file also names the recordings that can be made on request.
         names = {path.name for path in paths} - {SERIES_FILE}
-        names.update(filter(None, columns.get("files", "").split(",")))
+        # The progress file also names the recordings that can be made on request.
+        names.update(name for name in columns.get("files", "").split(",") if name)
         return columns | {
             "stage": Stage.DONE,
             "problem": "",

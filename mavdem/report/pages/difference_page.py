@@ -90,7 +90,7 @@ def comparison_page(
         reviews: their documents.
         difference: differences between the vehicles.
         parameters: parameters of the autopilot that changed.
-        lacking: the sides, "A" or "B", whose parameters are not known.
+        lacking: the sides, "A" or "B", whose parameters of the autopilot are not known.
         back: the page that leads here, if any.
         flights: time series of the flight of each side (``flight_series``): empty of a fleet, None where they were not
             stored with the flight.
@@ -106,19 +106,14 @@ def comparison_page(
         charts = tuple(_step_charts(reviews_by_side, legend, axis))
         if charts:
             steps_of_axes[axis] = charts
-    changes = [
+    changed_parameters = [
         [name, f"{value_before:.4g}", f"{value_after:.4g}"]
         for name, value_before, value_after in parameters
     ]
-    change_header = f"{counted(len(changes), 'parameter')} changed"
-    plan = change_plan(difference)
-    drawn = drawn_changes(difference)
-    not_drawn = [change for change in difference.changes if change not in drawn]
-    changed_group = Group.side_by_side([plan], CHANGES_CAPTION)
-    series_charts = [*_series_charts(flights, legend)]
+    series_charts = list(_series_charts(flights, legend))
     chapters = [
         Chapter("Both flights", (), _overview_groups(reviews_by_side, legend, series_charts)),
-        Chapter("What changed", same_sentences(not_drawn), [] if plan is None else [changed_group]),
+        _change_chapter(difference),
         Chapter("Lights", light_blocks(reviews_by_side)),
         Chapter("Step response", (), [Group.of_axes(steps_of_axes)] if steps_of_axes else []),
         Chapter(
@@ -135,7 +130,11 @@ def comparison_page(
             "wind: 90 % interval",
             [_vibration_row(reviews_by_side), *_wind_rows(reviews_by_side)],
         ),
-        _table_chapter("Parameters", change_header, changes),
+        _table_chapter(
+            "Parameters",
+            f"{counted(len(changed_parameters), 'parameter')} changed",
+            changed_parameters,
+        ),
         Chapter(
             "In words", difference_blocks(difference, parameters, lacking, headline), folded=True
         ),
@@ -152,6 +151,19 @@ def comparison_page(
     summary += next_blocks(difference, reviews_by_side)
     subtitle = f"{legend['A']} and {legend['B']} over each other."
     return render_document(" and ".join(names), subtitle, summary, chapters, back)
+
+
+def _change_chapter(difference: VehicleDifference) -> Chapter:
+    """Returns the chapter of what changed between the flights: a drawing of the vehicle, and the rest in sentences.
+
+    Args:
+        difference: differences between the vehicles.
+    """
+    plan = change_plan(difference)
+    groups = [] if plan is None else [Group.side_by_side([plan], CHANGES_CAPTION)]
+    drawn = drawn_changes(difference)
+    not_drawn = [change for change in difference.changes if change not in drawn]
+    return Chapter("What changed", same_sentences(not_drawn), groups)
 
 
 def _series_charts(
@@ -172,7 +184,7 @@ def _series_charts(
 def _overview_groups(
     reviews_by_side: Reviews, legend: Mapping[str, str], series_charts: Sequence[Chart]
 ) -> list[Group]:
-    """Returns one row of pictures of both flights: the gyro's spectra, and the time series that shows most of each.
+    """Returns one row of pictures of both flights: the gyro's spectra, and the time series in ``OVERVIEW_SERIES``.
 
     Args:
         reviews_by_side: review documents of both logs, by side.
@@ -182,7 +194,9 @@ def _overview_groups(
     spectra = _spectrum_chart(reviews_by_side, legend)
     charts = [_with_single_side(spectra)] if spectra.lines else []
     charts_by_title = {chart.title: chart for chart in series_charts}
-    charts += [charts_by_title[title] for title in OVERVIEW_SERIES if title in charts_by_title]
+    for title in OVERVIEW_SERIES:
+        if title in charts_by_title:
+            charts.append(charts_by_title[title])
     return [Group.side_by_side(charts)] if charts else []
 
 

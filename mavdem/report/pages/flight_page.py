@@ -352,19 +352,18 @@ def _numbered_events(
             texts_above.add(fact.remedy)
         texts_above_event = frozenset(texts_above)
         texts_above |= {fact.remedy, evidence_text(fact)}
-        is_headline = str(fact) == headline
-        if fact.time is None:
-            page_events.append(
-                PageEvent(Event(nan, fact), is_headline=is_headline, repeated=texts_above_event)
-            )
-            continue
-        number += 1
-        boot = fact.figures.get("boot")
-        is_on_clock = timeline is not None and boot in (None, timeline.boot)
-        event = Event(fact.time, fact)
-        page_events.append(
-            PageEvent(event, number, is_on_clock, is_headline, repeated=texts_above_event)
+        page_event = PageEvent(
+            Event(nan, fact), is_headline=str(fact) == headline, repeated=texts_above_event
         )
+        if fact.time is not None:
+            number += 1
+            boot = fact.figures.get("boot")
+            page_event = page_event._replace(
+                event=Event(fact.time, fact),
+                number=number,
+                is_on_clock_of_charts=timeline is not None and boot in (None, timeline.boot),
+            )
+        page_events.append(page_event)
     return page_events
 
 
