@@ -604,27 +604,35 @@ class LiveSession:
     def _log_advice(self, advice: Facts, judgement: Judgement | None) -> None:
         """Reports the stability margins that the recording shows, if they are known, and then the advice on gains.
 
-        Without settled flight there is nothing to compute gains from, and only the judgement is of use.
-
         Args:
             advice: what to do with the gains of each axis; empty while no advice is ready.
             judgement: judgement of the recorded flight; None before it is ready.
         """
         if not self._learning.has_settled:
+            # Without settled flight no gains can be computed, which needs no report. An error is reported all the same.
             advice = tuple(fact for fact in advice if fact.code is GainFact.ADVICE_FAILED)
         if advice and judgement is not None:
-            margins = judgement.lights[Light.MARGINS]
-            # If the margins are not known, or the decision on their loop repeats them, the advice states that.
-            if margins.code is MarginsLight.LOOP_MARGINS and not _states_margins(advice, margins):
-                if any(fact.code is GainFact.GAINS_WRITTEN for fact in advice):
-                    # The gains follow, with their files: nobody has to run a command for them.
-                    margins = margins.replace(action=None)
-                self._presentation.log(margins)
+            self._log_margins(judgement.lights[Light.MARGINS], advice)
         is_lost = self.stream.status().loss is not None
         for fact in advice:
-            # The loss was an alarm, and nobody asks why a vehicle that has crashed gets no new gains.
-            if not (is_lost and fact.code is GainFact.GAINS_LEFT):
-                self._presentation.log(fact)
+            if is_lost and fact.code is GainFact.GAINS_LEFT:
+                # The loss was an alarm, and nobody asks why a vehicle that has crashed gets no new gains.
+                continue
+            self._presentation.log(fact)
+
+    def _log_margins(self, margins: Fact, advice: Facts) -> None:
+        """Reports the stability margins, unless the advice on gains states them, or says why they are not known.
+
+        Args:
+            margins: the light of the margins, with the action that it advises.
+            advice: what to do with the gains of each axis, which is reported next.
+        """
+        if margins.code is not MarginsLight.LOOP_MARGINS or _states_margins(advice, margins):
+            return
+        if any(fact.code is GainFact.GAINS_WRITTEN for fact in advice):
+            # The gains follow, with their files: nobody has to run a command for them.
+            margins = margins.replace(action=None)
+        self._presentation.log(margins)
 
     def end(self) -> None:
         """Restores the vehicle's rates, which it must confirm, and ends the recording."""

@@ -617,6 +617,9 @@ class Watchdog:
     def _judge_control(self, review: _Review, moment: FlightMoment) -> list[Fact]:
         """Judges in flight whether control was lost, and whether the vehicle falls or has met the ground.
 
+        A loss stays as it was found first, until the vehicle meets the ground. Of a new loss near the ground nothing is
+        reported before the impact, which is only a moment away and shows what happened.
+
         Args:
             review: the review, whose ``facts`` get the loss.
             moment: present time, and the motion.
@@ -628,17 +631,18 @@ class Watchdog:
         loss = self.control.loss(moment)
         if loss is not None:
             known_loss = self.alarms.facts.get(WatchedQuantity.CONTROL)
-            # The loss stays as it was found first, until the vehicle meets the ground.
+            is_new = known_loss is None
             loss = known_loss or loss
             flight_end = None
             if self.ground_contact is None:
                 # The contact shows more exactly than the attitude when the vehicle hit the ground, and how fast.
                 flight_end = self.control.crash_after_loss(moment)
-                may_wait = loss.code in LOSSES_IN_AIR and flight_end is None and known_loss is None
-                if may_wait and self.control.awaits_impact(loss, moment):
+                is_in_air = loss.code in LOSSES_IN_AIR and flight_end is None
+                if is_new and is_in_air and self.control.awaits_impact(loss, moment):
                     return []
             self._take_loss(loss, flight_end, review)
         elif self.loss is None and self._is_sinking:
+            # A vehicle that sinks at full throttle may hit the ground although its attitude follows the setpoint.
             flight_end = self.control.crash_after_loss(moment)
             if flight_end is not None and flight_end.loss is not None:
                 self._take_loss(flight_end.loss, flight_end, review)

@@ -145,9 +145,12 @@ def gradual_loss(
     )
     if motor is None:
         return None
-    unit_rise = np.eye(len(geometry.names))[motor]
-    estimate = model.estimated_rises(unit_rise, ramp.before, ramp.before + ramp.change, variance)
-    rise, half_width = float(estimate.rises[motor]), float(estimate.half_widths[motor])
+    # Only the rise of this motor's command is estimated.
+    rise_pattern = np.zeros(len(geometry.names))
+    rise_pattern[motor] = 1.0
+    estimate = model.estimated_rises(rise_pattern, ramp.before, ramp.before + ramp.change, variance)
+    rise = float(estimate.rises[motor])
+    half_width = float(estimate.half_widths[motor])
     return MotorAlarm(
         time=float(block_times[-1]),
         onset_time=float(block_times[ramp.start]),

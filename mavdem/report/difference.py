@@ -518,7 +518,8 @@ def bound_sentences(difference: VehicleDifference) -> list[Sentence]:
 
     Returns:
         The sentence, with the largest change that the intervals of each kind of quantity contain, and the change that
-        nine of ten such comparisons find. None if a tested quantity changed or is doubtful.
+        nine of ten such comparisons find. It is empty if a tested quantity changed or is doubtful, or if both states
+        are the same flight.
     """
     tested_changes = difference.tested
     for change in tested_changes:
@@ -526,22 +527,37 @@ def bound_sentences(difference: VehicleDifference) -> list[Sentence]:
             return []
     if difference.is_of_same_flight:
         return []
+    changes_by_kind = group_by(tested_changes, lambda change: change.quantity.kind)
     bounds = []
-    for kind, changes in group_by(tested_changes, lambda change: change.quantity.kind).items():
+    for kind, changes in changes_by_kind.items():
         significance = significance_of_single_change(tested_changes, kind)
-        detectable = max(change.detectable_difference(significance) for change in changes)
-        changes_by_bound = group_by(
-            changes, lambda change: _limit_text(change.quantity.kind, change.largest_difference)
-        )
-        bounds_of_kind = [
-            f"of {_names_of_quantities(changes_of_bound)} within ±{bound}"
-            for bound, changes_of_bound in changes_by_bound.items()
-        ]
-        bounds.append(
-            f"{SHOWN_QUANTITIES[kind].name} {listed(bounds_of_kind)} "
-            f"(a change of {_limit_text(kind, detectable)} would have been found)"
-        )
+        bounds.append(_bound_text(kind, changes, significance))
     return render_section("difference_bounds", bounds=bounds)
+
+
+def _bound_text(kind: str, changes: Sequence[QuantityChange], significance: float) -> str:
+    """Returns within which bounds the quantities of a kind stayed, and which change of any would have been found.
+
+    Args:
+        kind: kind of the quantities, such as ``DAMPING``.
+        changes: changes of all quantities of this kind, at least one.
+        significance: largest p-value with which one of them alone is called changed.
+
+    Returns:
+        Text such as "damping of roll within ±8 % and of pitch within ±9 % (a change of 12 % would have been found)".
+    """
+    # Quantities with the same bound, as it is shown, are named together.
+    changes_by_bound = group_by(
+        changes, lambda change: _limit_text(kind, change.largest_difference)
+    )
+    bounds = []
+    for bound, changes_with_bound in changes_by_bound.items():
+        bounds.append(f"of {_names_of_quantities(changes_with_bound)} within ±{bound}")
+    detectable = max(change.detectable_difference(significance) for change in changes)
+    return (
+        f"{SHOWN_QUANTITIES[kind].name} {listed(bounds)} "
+        f"(a change of {_limit_text(kind, detectable)} would have been found)"
+    )
 
 
 def _names_of_quantities(changes: Sequence[QuantityChange]) -> str:
@@ -577,7 +593,7 @@ def same_sentences(same: Sequence[QuantityChange]) -> list[Sentence]:
 def _texts_of_equal_changes(
     changes: Sequence[QuantityChange], difference: VehicleDifference
 ) -> Iterator[str]:
-    """Yields the text of each change, one for all motors whose figures read alike.
+    """Yields the text of each change. Motors with the same change share one: "motor 1 and motor 2's effect −5 % ± 2 %".
 
     Args:
         changes: changes of quantities of motors or axes.
@@ -588,8 +604,10 @@ def _texts_of_equal_changes(
         text = change_text(change, difference)
         motors = []
         if change.quantity.is_of_motor:
-            motors = [_motor_name(change, difference)]
-            text = text.removeprefix(f"{motors[0]}'s ")
+            motor = _motor_name(change, difference)
+            motors = [motor]
+            # The name of the motor is put before the shared text again, with the names of the others.
+            text = text.removeprefix(f"{motor}'s ")
         motors_by_text.setdefault(text, []).extend(motors)
     for text, motors in motors_by_text.items():
         yield f"{listed(motors)}'s {text}" if motors else text

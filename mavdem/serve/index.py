@@ -214,11 +214,16 @@ def create_or_update_table(db: sqlite3.Connection) -> None:
 
 
 def _fill_vehicle_columns(db: sqlite3.Connection) -> None:
-    """Fills the columns on the vehicle of entries of an earlier version, by the fleet's rows of their logs."""
+    """Fills the columns on the vehicle, which an earlier version did not have, by the fleet's rows of the logs.
+
+    Args:
+        db: connection to the SQLite file of the library, which has the fleet's rows as JSON in the table "flights".
+    """
     values = ", ".join(
         f"json_extract(row, '$.{name}')" for name in ("vehicle_basis", "frame", "autopilot")
     )
-    # A key of the table "flights" is the hash and, after a hyphen, the size of the content.
+    # The column ``log`` of "flights" has the hash of the content, a hyphen and the size. The full stop follows the
+    # hyphen in ASCII, so that this range has all texts that begin with the hash and a hyphen, and uses the index.
     db.execute(
         f"""update entries set (vehicle_basis, frame, autopilot) =
         (select {values} from flights where flights.vehicle = entries.vehicle and json_valid(row)
@@ -303,16 +308,21 @@ def columns_of_flight(rows: Sequence[FlightRow]) -> JsonValues:
     """Returns the columns of the index that follow from the fleet's rows of a log.
 
     Args:
-        rows: rows of the log, at least one. Values are taken from the first, except for the motor: it is the first that
-            failed in this flight on any vehicle, or else the first that any row suspects.
+        rows: rows of the log, one per vehicle and axis, at least one. All values but the motor are those of the first.
 
     Returns:
         Values by the names of the columns.
     """
     first_row = rows[0]
-    motors = [row.failed_motor for row in rows] + [row.suspect_motor for row in rows]
-    motor = next((motor for motor in motors if motor is not None), None)
-    date = "" if first_row.date is None else first_row.date.isoformat(timespec="seconds")
+    date = ""
+    future_date = ""
+    if first_row.date is not None:
+        date_text = first_row.date.isoformat(timespec="seconds")
+        # A date that had not come yet when the log was read is that of a wrong clock.
+        if first_row.past_date is None:
+            future_date = date_text
+        else:
+            date = date_text
     lights = {str(light): getattr(first_row, f"light_{light}") or "" for light in Light}
     wind_low, wind_high = first_row.wind_speed_interval or (None, None)
     return {
@@ -320,14 +330,32 @@ def columns_of_flight(rows: Sequence[FlightRow]) -> JsonValues:
         "vehicle_basis": first_row.vehicle_basis or "",
         "frame": first_row.frame or "",
         "autopilot": first_row.autopilot or "",
-        "date": date if first_row.past_date is not None else "",
-        "future_date": date if first_row.past_date is None else "",
+        "date": date,
+        "future_date": future_date,
         "duration": first_row.duration,
         "headline": first_row.headline or "",
         "level": first_row.headline_level or "",
-        "motor": motor,
+        "motor": _motor_with_fault(rows),
         "wind_speed": first_row.wind_speed,
         "wind_low": wind_low,
         "wind_high": wind_high,
         **lights,
     }
+
+
+def _motor_with_fault(rows: Sequence[FlightRow]) -> int | None:
+    """Returns the number of the motor that failed first on any vehicle of a log, or else of the first suspected one.
+
+    Args:
+        rows: rows of the log, one per vehicle and axis.
+
+    Returns:
+        The number, from 1; None if no motor failed and none is suspected.
+    """
+    for row in rows:
+        if row.failed_motor is not None:
+            return row.failed_motor
+    for row in rows:
+        if row.suspect_motor is not None:
+            return row.suspect_motor
+    return None
