@@ -544,7 +544,7 @@ def _bound_text(kind: str, changes: Sequence[QuantityChange], significance: floa
         significance: largest p-value with which one of them alone is called changed.
 
     Returns:
-        Text such as "damping of roll within ±8 % and of pitch within ±9 % (a change of 12 % would have been found)".
+        Text such as "damping of roll within ±8 % and of pitch within ±9 % (nine of ten comparisons find 12 %)".
     """
     # Quantities with the same bound, as it is shown, are named together.
     changes_by_bound = group_by(
@@ -556,7 +556,7 @@ def _bound_text(kind: str, changes: Sequence[QuantityChange], significance: floa
     detectable = max(change.detectable_difference(significance) for change in changes)
     return (
         f"{SHOWN_QUANTITIES[kind].name} {listed(bounds)} "
-        f"(a change of {_limit_text(kind, detectable)} would have been found)"
+        f"(nine of ten comparisons find {_limit_text(kind, detectable)})"
     )
 
 

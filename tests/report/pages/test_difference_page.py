@@ -145,5 +145,8 @@ def test_where_nothing_changed_it_says_what_would_have_been_found():
     ]
     (sentence,) = bound_sentences(vehicle_difference(*states))
     bound, detectable = re.findall(r"(\d+(?:\.\d+)?) %", sentence.text)[:2]
+    # The quantities may be uncertain: they are not called alike.
+    assert sentence.lead == "Differences, by 90 % intervals:"
     assert "relative trim of motor 1, motor 2, motor 3 and motor 4 within" in sentence.text
+    assert f"(nine of ten comparisons find {detectable} %)" in sentence.text
     assert 0 < float(bound) < float(detectable) < 20
