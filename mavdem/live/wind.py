@@ -190,14 +190,17 @@ class WindEstimate:
         follows from the force of the wind by the vehicle's drag. If the drag is known too badly for that, the fact says
         instead that the wind is not known, and why.
         """
-        # The second fact, on the direction, is missing if that is not known.
-        speed_fact, *direction_facts = self.facts
+        facts = self.facts
+        speed_fact = facts[0]
         low, high = speed_fact.figures["speed_interval"]
-        # As a rule the drag was never measured in a flight.
+        # The usual reason is that the drag of the vehicle was never measured.
         doubt = Fact(WindDoubt.SPEED_UNSURE, status=Status.BIASED, low=low, high=high, by_drag=True)
         if speed_fact.figures["status"] is Status.NOT_IDENTIFIABLE:
             return Fact(WindLight.WIND_NOT_KNOWN, reason=doubt)
-        direction = direction_facts[0].figures["direction"] if direction_facts else None
+        direction = None
+        if len(facts) > 1:
+            # The second fact is on the direction, if that is known.
+            direction = facts[1].figures["direction"]
         is_known = is_speed_known((low, high))
         return Fact(
             WindLight.WIND_BLEW,
@@ -340,15 +343,8 @@ class LiveWind:
         Returns:
             The wind with the flight's first estimate; None otherwise.
         """
-        # Several messages carry the same velocity, all but the preferred one rounded. The others count only while that
-        # one does not come.
-        if name == PREFERRED_MESSAGE:
-            self._preferred_time = time
-        elif time - self._preferred_time < SILENCE_SECONDS:
+        if not self._selects_velocity(name, time):
             return None
-        if time - self._velocity_time < MIN_SAMPLE_STEP - STAMP_TOLERANCE:
-            return None
-        self._velocity_time = time
         down, north, east = (VELOCITY_MESSAGES[name] * value for value in values)
         is_possible = abs(down) < MAX_SPEED and abs(north) < MAX_SPEED and abs(east) < MAX_SPEED
         is_valid = horizontal_velocity_valid(self.estimator_flags)
@@ -371,6 +367,25 @@ class LiveWind:
             return None
         self._is_reported = True
         return Fact(SessionFact.WIND_KNOWN, reason=self.latest.facts)
+
+    def _selects_velocity(self, name: str, time: float) -> bool:
+        """Returns whether a velocity is to be used, by its message and its time, and stores the time if so.
+
+        Several messages carry the same velocity, and all but the preferred one round it. The others are used only while
+        the preferred one does not come. A velocity that follows another one too soon is not needed.
+
+        Args:
+            name: name of the message, one of ``VELOCITY_MESSAGES``.
+            time: time on the boot clock, s.
+        """
+        if name == PREFERRED_MESSAGE:
+            self._preferred_time = time
+        elif time - self._preferred_time < SILENCE_SECONDS:
+            return False
+        if time - self._velocity_time < MIN_SAMPLE_STEP - STAMP_TOLERANCE:
+            return False
+        self._velocity_time = time
+        return True
 
     def _motion(self, start_time: float, end_time: float) -> _Motion:
         """Selects the attitudes between two times, and interpolates the velocities at their stamps.

@@ -330,12 +330,12 @@ class Library:
         return entry
 
     def add_fleet_logs(self) -> None:
-        """Adds entries of logs that ``mavdem track`` has read, if the SQLite file changed since the last call.
+        """Adds entries to the index for logs that the command ``mavdem track`` has read since the last call.
 
-        A log is left out if the index has its path, or another path with the same content. SQLite's ``data_version``
-        changes with every commit of another connection; comparing it is cheap enough to be done every second. The value
-        at the last call is stored for each thread, since each thread has a separate connection.
+        A log is left out if the index has its path, or another path with the same content.
         """
+        # SQLite's ``data_version`` changes with every commit of another connection. Comparing it is cheap enough to be
+        # done every second. Each thread has a separate connection, and so stores the version of its last call.
         (version,) = self.db.execute("pragma data_version").fetchone()
         if version == self._thread_state.fleet_version:
             return

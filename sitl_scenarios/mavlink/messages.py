@@ -75,6 +75,9 @@ UNUSED = np.iinfo(np.uint16).max
 UNKNOWN_RSSI = np.iinfo(np.uint8).max
 """Value of a signal strength that is not known, by the definition of RC_CHANNELS."""
 
+MAX_RSSI = 254
+"""Largest signal strength, by the definition of RC_CHANNELS."""
+
 ARDUPILOT_MOTOR_OFFSET = 32
 """SERVOn_FUNCTION of motor m is 32 + m (for motors 1 to 8)."""
 
@@ -217,15 +220,18 @@ def _stick_channels(motion: Motion) -> dict[str, Any]:
     middle = pulse_width(0.5)
     pulses = middle + np.round((MAX_PULSE - middle) * motion.sticks / FULL_STICK)
     definition = definitions_by_name()["RC_CHANNELS"]
-    fields: dict[str, Any] = {
-        field: UNUSED for field in definition.fields if field.endswith("_raw")
-    }
-    fields |= {f"chan{channel}_raw": pulses[:, axis] for channel, axis in STICK_CHANNELS}
+    fields: dict[str, Any] = {}
+    for field in definition.fields:
+        if field.endswith("_raw"):
+            fields[field] = UNUSED
+    for channel, axis in STICK_CHANNELS:
+        fields[f"chan{channel}_raw"] = pulses[:, axis]
     fields |= {"chan3_raw": middle, "chancount": 4, "rssi": UNKNOWN_RSSI}
     if isinstance(motion, InstrumentedMotion):
         throttle = MIN_PULSE + (MAX_PULSE - MIN_PULSE) * motion.throttle_stick
-        # A stick below 0 stands for a lost radio, whose signal strength is 0; 254 is the largest one.
-        fields |= {"chan3_raw": np.round(throttle), "rssi": 254 * (motion.throttle_stick >= 0)}
+        # A stick below 0 stands for a lost radio, whose signal strength is 0.
+        signal_strength = np.where(motion.throttle_stick >= 0, MAX_RSSI, 0)
+        fields |= {"chan3_raw": np.round(throttle), "rssi": signal_strength}
     return fields
 
 

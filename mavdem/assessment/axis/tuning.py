@@ -318,9 +318,7 @@ def _step_with_gains(
 
 
 def _advice_to_load(advice_on_loops: Sequence[Advice]) -> list[Advice]:
-    """Selects the advice on the loops that new parameters change.
-
-    How sure this advice is (``Advice.sure``) decides whether the parameters are loaded only on trial.
+    """Selects the advice on the loops that the new parameters change.
 
     Args:
         advice_on_loops: advice on all loops.
