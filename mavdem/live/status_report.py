@@ -101,16 +101,19 @@ class StatusReport:
         return self.silence.message_age(now)
 
     def _silence_as_reason(self, status: SessionStatus) -> Fact | None:
-        """Returns the reason why there is no new model where messages or motion are missing; None while both come.
+        """Returns why there is no new model, if the link has brought no messages or no motion for a while.
 
-        Usually that is the silence itself. In two cases the stream knows a better reason, which is returned instead:
+        Usually the reason is this silence. In two cases the stream of messages has a better one, which is returned:
 
         1. Several vehicles send, and the user must choose one. Waiting for messages would not help.
         2. No vehicle is followed any more, for example because two send under one id, while some vehicle still sends
            its attitude. So the motion is not missing on the link; it is ignored.
 
         Args:
-            status: status of the stream, with the reason that the stream knows.
+            status: status of the stream, with its own reason why there is no model.
+
+        Returns:
+            The reason; None while messages and motion come.
         """
         silence = self._silence_fact()
         is_lost = silence is not None and silence.code is LinkFact.CONNECTION_LOST

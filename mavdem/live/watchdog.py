@@ -705,7 +705,7 @@ class Watchdog:
         self._judge_motors_after_loss(loss)
 
     def _with_motor_at_limit(self, loss: Fact) -> Fact:
-        """Adds to a loss without a known cause the motor that had its alarm for staying at its upper limit before.
+        """Returns a loss with its cause, if that is not known and an alarm is active of a motor at its upper limit.
 
         A motor may reach its limit many seconds before the vehicle meets the ground, so that the seconds of outputs
         that are kept no longer show it. An alarm stays active for a while: a motor that left its limit more than
@@ -713,16 +713,22 @@ class Watchdog:
 
         Args:
             loss: how the flight was lost.
+
+        Returns:
+            The loss with the motor as cause; unchanged if it has a cause, or if no motor was at its limit just before.
         """
-        limited = self.alarms.facts.get(WatchedQuantity.MOTOR_LIMITS)
-        has_cause = loss.figures.get("cause") is not None or loss.code not in CAUSED_LOSSES
-        if limited is None or has_cause or not limited.subject:
+        limit_alarm = self.alarms.facts.get(WatchedQuantity.MOTOR_LIMITS)
+        if limit_alarm is None or not limit_alarm.subject:
             return loss
-        last_limited = self.alarms.last_found(WatchedQuantity.MOTOR_LIMITS)
-        if last_limited < loss.start_time - RECOVERY_SECONDS:
+        may_have_cause = loss.code in CAUSED_LOSSES
+        if not may_have_cause or loss.figures.get("cause") is not None:
             return loss
-        cause = Fact(FailedFirst.LIMIT_FIRST, subject=limited.subject)
-        return loss.replace(subject=limited.subject, cause=cause, mode="")
+        last_time_at_limit = self.alarms.last_found(WatchedQuantity.MOTOR_LIMITS)
+        if last_time_at_limit < loss.start_time - RECOVERY_SECONDS:
+            return loss
+        motor = limit_alarm.subject
+        cause = Fact(FailedFirst.LIMIT_FIRST, subject=motor)
+        return loss.replace(subject=motor, cause=cause, mode="")
 
     def _judge_attitude_estimate(self, review: _Review) -> None:
         """Judges whether the estimated attitude is NaN, by which the estimator has failed for certain.
@@ -831,24 +837,44 @@ class Watchdog:
             return
         end = self.control.flight_end(moment, flight_end, self._report_search.reports)
         self.has_landed = not end.is_in_air
-        loss = None
-        if end.loss is not None and end.loss.is_bad:
-            loss = end.loss
-        elif end.is_falling and self.loss is None:
-            # The motors stopped between the last review in flight and the first one after it.
-            fall_start = review.phase_start if self._fall is None else self._fall.time
-            loss = Fact(WatchFact.STOPPED_IN_AIR, Level.BAD, time=fall_start)
-        # A loss is replaced once it is known how the vehicle met the ground, unless it says so already.
-        earlier_loss = self.loss
-        is_earlier_loss_final = earlier_loss is not None and earlier_loss.code not in OPEN_LOSSES
-        is_known_report = (
-            earlier_loss is not None
-            and loss is not None
-            and earlier_loss.code is loss.code is Ending.LOSS_REPORTED
-        )
-        if loss is not None and not is_earlier_loss_final and not is_known_report:
+        loss = self._loss_at_end_of_flight(end, review)
+        if loss is not None and self._replaces_known_loss(loss):
             self._take_loss(loss, end, review)
             self._fall = None
+
+    def _loss_at_end_of_flight(self, end: FlightEnd, review: _Review) -> Fact | None:
+        """Returns how the vehicle was lost whose flight has ended.
+
+        Args:
+            end: how the flight ended.
+            review: the review, with the time when the flight ended.
+
+        Returns:
+            The loss; None if the vehicle has landed, or if it is not known how it came down.
+        """
+        if end.loss is not None and end.loss.is_bad:
+            return end.loss
+        if end.is_falling and self.loss is None:
+            # The motors stopped between the last review in flight and the first one after it.
+            fall_start = review.phase_start if self._fall is None else self._fall.time
+            return Fact(WatchFact.STOPPED_IN_AIR, Level.BAD, time=fall_start)
+        return None
+
+    def _replaces_known_loss(self, loss: Fact) -> bool:
+        """Returns whether a loss that the end of the flight shows replaces the loss that was known before, if any.
+
+        A known loss is replaced until it says how the vehicle met the ground. But if both are reports of the autopilot,
+        the second says nothing new.
+
+        Args:
+            loss: how the vehicle was lost, as the end of the flight shows it.
+        """
+        known_loss = self.loss
+        if known_loss is None:
+            return True
+        if known_loss.code is Ending.LOSS_REPORTED and loss.code is Ending.LOSS_REPORTED:
+            return False
+        return known_loss.code in OPEN_LOSSES
 
     def _judge_motors_after_loss(self, loss: Fact) -> None:
         """Updates the light (judgement) of the motors after the flight was lost.

@@ -253,16 +253,18 @@ def _variance_of_change(balances: Array, ramp: Ramp) -> Array:
     """
     block_count, axis_count = balances.shape
     residuals = balances - ramp.before - ramp.course[:, None] * ramp.change
-    # One window with all blocks; residuals have the mean 0.
-    noise = long_run_variance(
+    # One window with all blocks, the first of the result; residuals have the mean 0.
+    residual_variance = long_run_variance(
         residuals,
         selection=np.ones((1, block_count), dtype=bool),
         mean=np.zeros((1, axis_count)),
         prior_variance=np.full(axis_count, PRIOR_BLOCK_SD**2),
         prior_freedom=PRIOR_FREEDOM,
     )[0]
+    # The change is the slope of a regression of the balance on the course.
     centred_course = ramp.course - ramp.course.mean()
-    return np.asarray(noise / (centred_course @ centred_course) + WANDER_SD**2)
+    slope_variance = residual_variance / (centred_course @ centred_course)
+    return np.asarray(slope_variance + WANDER_SD**2)
 
 
 def _motor_of_change(

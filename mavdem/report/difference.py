@@ -7,7 +7,7 @@ from pathlib import PurePath
 from types import MappingProxyType
 from typing import Any, NamedTuple
 
-from mavdem.containers import Names, group_by
+from mavdem.containers import JsonValues, Names, group_by
 from mavdem.dataset.axes import AXES
 from mavdem.facts import Level
 from mavdem.facts.fleet import QuantityOutcome
@@ -308,24 +308,25 @@ def light_blocks(reviews: Mapping[str, Review]) -> Blocks:
     lights_by_side = {side: review.get("lights") or {} for side, review in reviews.items()}
     if not all(lights_by_side.values()):
         return []
+    first_lights, second_lights = lights_by_side.values()
     rows = []
+    # Lights with the same level on both sides are only named.
     names_by_level = dict[str, list[str]]()
-    for name in next(iter(lights_by_side.values())):
-        lights = {side: side_lights.get(name) for side, side_lights in lights_by_side.items()}
-        levels = {light["level"] if light is not None else "" for light in lights.values()}
-        if len(levels) == 1:
-            # Lights with the same level on both sides are only named.
-            names_by_level.setdefault(levels.pop(), []).append(name)
-            continue
-        cells = []
-        for light in lights.values():
-            if light is None:
-                cells.append("")
-            else:
-                cells.append(Rated(light["level"], Level(light["level"]), light["sentence"]))
-        rows.append([name, *cells])
+    for name, first_light in first_lights.items():
+        second_light = second_lights.get(name)
+        if second_light is not None and first_light["level"] == second_light["level"]:
+            names_by_level.setdefault(first_light["level"], []).append(name)
+        else:
+            rows.append([name, _light_cell(first_light), _light_cell(second_light)])
     table = [Table(["light", *reviews], rows, words=True)] if rows else []
     return [*table, *render_section("difference_lights", names_by_level=names_by_level)]
+
+
+def _light_cell(light: JsonValues | None) -> Rated | str:
+    """Returns the cell of a light in a table: its level and its sentence; empty if a log does not have the light."""
+    if light is None:
+        return ""
+    return Rated(light["level"], Level(light["level"]), light["sentence"])
 
 
 def headline_blocks(

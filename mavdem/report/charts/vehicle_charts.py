@@ -107,9 +107,9 @@ def _lines_of_estimates(estimates: Estimates, suspect_motor: str) -> Iterator[Li
     """Yields a line of dots with whiskers for each series of estimates; series without a finite value are left out.
 
     A dot is the estimate of one flight, and its whisker the 90 % interval. A line joins the dots, so that a motor that
-    weakens from flight to flight can be followed. The abscissa is the number of the flight,
-    from 0 on. Each series gets its colour by its position, even where others are left out, so that a motor or an axis
-    has the same colour in all charts.
+    weakens from flight to flight can be followed. The abscissa is the number of the flight, from 0 on. Each series gets
+    its colour by its position, even where others are left out, so that a motor or an axis has the same colour in all
+    charts.
 
     Args:
         estimates: (flights, 2) estimates and half widths of their intervals, by the name of the line.
