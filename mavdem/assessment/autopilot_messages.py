@@ -56,6 +56,12 @@ REPEAT_SECONDS = 30.0
 """Seconds within which the same report is a repetition of the earlier one: autopilots repeat a warning that persists
 every 5 to 30 s."""
 
+ACTIVATION_PAUSE = 5.0
+"""Seconds without a failsafe after which the next one is another event: a choice, a few reports of a state at 1 Hz.
+
+Autopilots report a failsafe when it begins and do not repeat that; the recorded state lasts as long as the failsafe.
+"""
+
 CODES_WITH_TEXT = (ReportedEvent.AUTOPILOT_SAID, ReportedEvent.ARMING_REFUSED)
 """Codes whose facts quote the autopilot: two of them with different texts are different events."""
 
@@ -347,7 +353,7 @@ def merge_repeats(facts: Iterable[Fact]) -> list[Fact]:
 
     Autopilots repeat a warning while its cause persists, and report one problem by several messages. Two facts are one
     report if they have the same boot and code (and text, for ``CODES_WITH_TEXT``), no contrary subjects, and follow
-    each other within ``REPEAT_SECONDS``. The merged fact has the number of reports as ``count``, and ends with the last
+    each other within ``REPEAT_SECONDS``, failsafes within ``ACTIVATION_PAUSE``. The merged fact has the number of reports as ``count``, and ends with the last
     of them.
 
     Args:
@@ -383,8 +389,8 @@ def _last_time(fact: Fact) -> float:
 def _is_repetition(earlier_report: Fact, later_report: Fact) -> bool:
     """Returns whether ``later_report`` repeats ``earlier_report``, a fact (a coded finding) of the same code.
 
-    It does if it follows within ``REPEAT_SECONDS`` and is about the same subject, such as "motor 2". A report that
-    names no subject may be about the subject of the other report.
+    It does if it follows within ``REPEAT_SECONDS``, a failsafe within ``ACTIVATION_PAUSE``, and is about the same
+    subject, such as "motor 2". A report that names no subject may be about the subject of the other report.
 
     Args:
         earlier_report: the first report.
@@ -395,7 +401,9 @@ def _is_repetition(earlier_report: Fact, later_report: Fact) -> bool:
         or not earlier_report.subject
         or not later_report.subject
     )
-    return subjects_agree and later_report.start_time - _last_time(earlier_report) <= REPEAT_SECONDS
+    is_failsafe = later_report.code is ReportedEvent.FAILSAFE
+    longest_pause = ACTIVATION_PAUSE if is_failsafe else REPEAT_SECONDS
+    return subjects_agree and later_report.start_time - _last_time(earlier_report) <= longest_pause
 
 
 def _merged_pair(first_report: Fact, repetition: Fact) -> Fact:

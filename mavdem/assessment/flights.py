@@ -4,6 +4,7 @@ from collections.abc import Callable
 
 from mavdem.dataset import phases
 from mavdem.dataset.flight_states import airborne_intervals
+from mavdem.dataset.grounded import without_grounded
 from mavdem.dataset.intervals import Intervals, intersection
 from mavdem.dataset.segments import Segment, Segments, recorded_spans, settled_segments
 from mavdem.dataset.signals import Signals
@@ -15,6 +16,9 @@ RECOVERY_SECONDS = 5.0
 
 Events of one kind that follow each other within this time are one event.
 """
+
+MIN_FLIGHT_SECONDS = 1.0
+"""Shortest time off the ground, s, that is listed as a flight: a land detector may be wrong for a moment. A choice."""
 
 
 def settled_flight(signals: Signals) -> Segments:
@@ -76,6 +80,27 @@ def flights_in_boot(signals: Signals, boot: int) -> Intervals:
         Start and end of each flight, s since boot; infinite if the record begins or ends in the air.
     """
     return merge_close_intervals(airborne_intervals(signals, boot), RECOVERY_SECONDS)
+
+
+def flights_off_ground(signals: Signals, boot: int) -> Intervals:
+    """Returns the flights of a boot in which the vehicle left the ground.
+
+    They are those of :func:`flights_in_boot` without those in which the ground carried or held the vehicle, but for
+    less than ``MIN_FLIGHT_SECONDS``: the land detector of a vehicle whose motors are tested reports flights as well.
+
+    Args:
+        signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.
+        boot: number of the boot, from 0.
+
+    Returns:
+        Start and end of each flight, s since boot; infinite if the record begins or ends in the air.
+    """
+    flights = []
+    for flight in flights_in_boot(signals, boot):
+        parts_in_air = without_grounded([flight], signals, boot)
+        if sum(end - start for start, end in parts_in_air) >= MIN_FLIGHT_SECONDS:
+            flights.append(flight)
+    return flights
 
 
 def merge_close_intervals(intervals: Intervals, gap: float) -> Intervals:

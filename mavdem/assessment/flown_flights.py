@@ -6,16 +6,14 @@ from math import inf
 
 import numpy as np
 
-from mavdem.assessment.flights import flights_in_boot
+from mavdem.assessment.flights import MIN_FLIGHT_SECONDS, flights_off_ground
+from mavdem.dataset.grounded import without_grounded
 from mavdem.dataset.intervals import TimeInterval, intersection
 from mavdem.dataset.segments import recorded_spans
 from mavdem.dataset.signals import Signals
 from mavdem.dataset.time_series import TimeSeries, series_of_boot
 from mavdem.ingest.motors import POSSIBLE_MULTIROTORS
 from mavdem.witnesses.boot_sensors import BootSensors
-
-MIN_FLIGHT_SECONDS = 1.0
-"""Shortest time off the ground, s, that is listed as a flight: a land detector may be wrong for a moment. A choice."""
 
 PATH_STEP = 1.0
 """Time between two positions of the path whose length is the distance flown, s; a choice.
@@ -70,8 +68,11 @@ def flown_flights(signals: Signals) -> list[FlownFlight]:
         did_fly = BootSensors(signals, span.boot).trust.flew
         if did_fly is False:
             continue
-        for take_off, landing in flights_in_boot(signals, span.boot):
-            for start, end in intersection([(span.start, span.end)], [(take_off, landing)]):
+        for take_off, landing in flights_off_ground(signals, span.boot):
+            # A land detector may report a landing as late as at disarming, or not at all after a crash.
+            _, last_time_in_air = without_grounded([(take_off, landing)], signals, span.boot)[-1]
+            in_air = (take_off, last_time_in_air)
+            for start, end in intersection([(span.start, span.end)], [in_air]):
                 if end - start < MIN_FLIGHT_SECONDS:
                     continue
                 recorded_take_off = None if start > take_off else take_off

@@ -14,10 +14,9 @@ from mavdem.assessment.autopilot_messages import (
     reported_problems,
 )
 from mavdem.assessment.fault_signals import FaultSignal, fault_signals
-from mavdem.assessment.flights import RECOVERY_SECONDS, flights_in_boot
+from mavdem.assessment.flights import RECOVERY_SECONDS, flights_in_boot, flights_off_ground
 from mavdem.assessment.restarts import restarts
 from mavdem.dataset.flight_states import SURFACE_VEHICLES, armed_intervals
-from mavdem.dataset.grounded import without_grounded
 from mavdem.dataset.intervals import (
     Intervals,
     in_intervals,
@@ -376,10 +375,7 @@ def _take_offs_and_landings(signals: Signals, recorded_span: Segment) -> Iterato
         return
     detected_changes = _land_detector_times(signals, recorded_span.boot)
     motor_message = DEMAND_MESSAGE if signals.motors is None else signals.motors.message
-    for flight in flights_in_boot(signals, recorded_span.boot):
-        if not without_grounded([flight], signals, recorded_span.boot):
-            continue
-        take_off, landing = flight
+    for take_off, landing in flights_off_ground(signals, recorded_span.boot):
         sensors = BootSensors(signals, recorded_span.boot, take_off)
         for code, time in (
             (ReportedEvent.OFF_GROUND, take_off),

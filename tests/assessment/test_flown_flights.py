@@ -3,15 +3,50 @@
 from dataclasses import replace
 
 import numpy as np
-from hover import Hover, changed
+from hover import ARMED, Hover, changed, columns, log_of, with_pulses
 from pytest import approx
 
+from mavdem.assessment.assess import assess
 from mavdem.assessment.flown_flights import flown_flights, largest_height, total_distance
 from mavdem.dataset.signals import Signals
+from mavdem.report.review import review_title
 
 HOVER = Hover(hovering=20.0)
 SPEED = 3.0
 """m/s to the north, from take-off to landing."""
+
+
+def run_on_the_ground(pause, outputs):
+    """A hover that lands, and whose motors run for 20 s from ``pause`` s after that, at ``outputs`` (4,) µs."""
+    time = np.arange(0.0, HOVER.landed + pause + 25.0, 0.02)
+    has_landed = time >= HOVER.landed
+    is_run = (time >= HOVER.landed + pause) & (time < HOVER.landed + pause + 20.0)
+    noise = 3.0 * np.random.default_rng(2).standard_normal((len(time), 4))
+    motors = np.where(is_run[:, None], outputs + noise, HOVER.motors(time))
+    telemetry = with_pulses(HOVER.telemetry(time, time), motors.T)
+    telemetry = changed(
+        telemetry,
+        "ATTITUDE",
+        roll=np.where(has_landed, 0.1, HOVER.roll(time)),
+        rollspeed=np.where(has_landed, 1e-3 * np.sin(90 * time), HOVER.roll_rate(time)),
+    )
+    beat = np.arange(0.0, time[-1], 1.0)
+    is_armed = (beat >= 5.0) & (beat < time[-1] - 2.0)
+    heartbeat = telemetry.messages["HEARTBEAT"]
+    telemetry = changed(
+        telemetry,
+        "HEARTBEAT",
+        **columns(
+            beat,
+            type=heartbeat["type"][0],
+            autopilot=heartbeat["autopilot"][0],
+            base_mode=np.where(is_armed, ARMED + 1, 1),
+        ),
+    )
+    # The land detector takes running motors for a flight.
+    is_running = (HOVER.motors(beat)[:, 0] > 1000) | (np.interp(beat, time, is_run) > 0)
+    landed_state = np.where(is_running, 2, 1)
+    return changed(telemetry, "EXTENDED_SYS_STATE", **columns(beat, landed_state=landed_state))
 
 
 def flying_north(shift=0.0):
@@ -31,6 +66,19 @@ def test_a_flight_has_time_distance_and_height():
     assert flight.start == approx(6.0, abs=1.0) and flight.end == approx(HOVER.landed, abs=1.0)
     assert flight.distance == approx(SPEED * flight.duration, rel=0.05)
     assert flight.height == approx(10.0, abs=1.0)
+
+
+def test_a_flight_ends_at_the_landing_also_if_it_is_reported_late():
+    telemetry = run_on_the_ground(0.0, np.full(4, 1320.0))
+    (flight,) = flown_flights(Signals(telemetry))
+    assert flight.end == approx(HOVER.landed, abs=1.5)
+
+
+def test_a_vehicle_that_the_ground_holds_does_not_fly():
+    telemetry = run_on_the_ground(10.0, np.array([1930.0, 1270.0, 1930.0, 1270.0]))
+    (flight,) = flown_flights(Signals(telemetry))
+    assert flight.end == approx(HOVER.landed, abs=1.5)
+    assert "armed, " in review_title(assess(log_of(telemetry))).text
 
 
 def test_a_reset_of_the_position_is_no_distance():

@@ -353,6 +353,17 @@ def test_a_failsafe_that_ends_between_two_flights_is_not_that_of_the_next():
     assert [(fact.time, fact.end_time) for fact in found] == [(12.0, 18.0), (next_start, None)]
 
 
+@mark.parametrize("pause, count", [(4.0, 1), (16.0, 2)])
+def test_two_failsafes_of_one_flight_are_two_events(pause, count):
+    time = FLOWN.messages["HEARTBEAT"]["time"]
+    second_start = 15.0 + pause
+    in_failsafe = (time >= 12.0) & (time <= 15.0) | (time >= second_start) & (time <= 34.0)
+    telemetry = changed(FLOWN, "HEARTBEAT", system_status=np.where(in_failsafe, 5, 4))
+    found = events(telemetry, ReportedEvent.FAILSAFE)
+    assert len(found) == count
+    assert (found[0].time, found[-1].end_time) == (12.0, 34.0)
+
+
 @mark.parametrize("time, is_trigger", [(30.9, True), (28.5, False), (31.5, False)])
 def test_what_is_reported_just_before_a_failsafe_is_its_trigger(time, is_trigger):
     beats = FLOWN.messages["HEARTBEAT"]["time"]
