@@ -353,8 +353,8 @@ def merge_repeats(facts: Iterable[Fact]) -> list[Fact]:
 
     Autopilots repeat a warning while its cause persists, and report one problem by several messages. Two facts are one
     report if they have the same boot and code (and text, for ``CODES_WITH_TEXT``), no contrary subjects, and follow
-    each other within ``REPEAT_SECONDS``, failsafes within ``ACTIVATION_PAUSE``. The merged fact has the number of reports as ``count``, and ends with the last
-    of them.
+    each other within ``REPEAT_SECONDS``, failsafes within ``ACTIVATION_PAUSE``. The merged fact has the number of
+    reports as ``count``, and ends with the last of them.
 
     Args:
         facts: facts that report messages of the autopilot, in any order.
