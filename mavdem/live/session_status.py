@@ -298,17 +298,11 @@ class SessionStatus(ImmutableResult):
         """
         by_model = self._judgement_by_model
         lights_without_model = self._lights_without_model
-        lights = self._worst_lights_of_both(by_model.lights, lights_without_model)
-        headline = by_model.headline
-        next_step = by_model.next_step
-        vibration = lights[Light.VIBRATION]
-        was_requested_in_vain = "VIBRATION" in self.absent_messages
-        if vibration.code is VibrationLight.VIBRATION_UNKNOWN and was_requested_in_vain:
-            # Neither the light nor the next step must advise to request the message.
-            lights[Light.VIBRATION] = vibration.replace(is_asked=True)
-            if next_step.figures.get("reason") == vibration:
-                next_step = choose_next_step(headline, lights, None)
-
+        worst_lights = self._worst_lights_of_both(by_model.lights, lights_without_model)
+        judgement = self._with_failed_request(replace(by_model, lights=worst_lights))
+        headline = judgement.headline
+        next_step = judgement.next_step
+        lights = judgement.lights
         # As in a log, an event comes before what lasts: a height that diverges before the vibration that causes it.
         bad_lights = [fact for fact in lights.values() if fact.is_bad]
         bad_lights.sort(key=_is_event, reverse=True)
@@ -332,6 +326,24 @@ class SessionStatus(ImmutableResult):
             if headline.warns:
                 return _judgement_with_headline(headline, lights)
         return Judgement(headline, next_step, lights)
+
+    def _with_failed_request(self, judgement: Judgement) -> Judgement:
+        """Returns a judgement that does not advise to request the vibration again, if that was requested in vain.
+
+        Args:
+            judgement: judgement of the flight so far. Where its light of the vibration is unknown, it may advise to
+                request the message VIBRATION.
+        """
+        vibration = judgement.lights[Light.VIBRATION]
+        is_unknown = vibration.code is VibrationLight.VIBRATION_UNKNOWN
+        if not is_unknown or "VIBRATION" not in self.absent_messages:
+            return judgement
+        lights = dict(judgement.lights)
+        lights[Light.VIBRATION] = vibration.replace(is_asked=True)
+        next_step = judgement.next_step
+        if next_step.figures.get("reason") == vibration:
+            next_step = choose_next_step(judgement.headline, lights, None)
+        return replace(judgement, next_step=next_step, lights=lights)
 
     def _worst_lights_of_both(
         self, lights_by_model: NamedFacts, lights_without_model: NamedFacts

@@ -384,9 +384,10 @@ class Pages:
     def _unnamed_vehicles(
         self, request: HttpRequest, name: str, entries: Sequence[LibraryEntry]
     ) -> Response:
-        """Returns the page with the flights whose logs have one system id, which may be of several vehicles.
+        """Returns the page of the flights whose logs have nothing but the same system id to identify the vehicle.
 
-        Nothing on it compares them; the user may say of which vehicle they are.
+        They may be of several vehicles, so that the page does not compare them. It lets the user assign a vehicle to
+        each.
 
         Args:
             request: the request, for the sender's rights.

@@ -411,10 +411,10 @@ class LiveWriter:
         for number, axis in enumerate(AXES):
             if axis not in self.channels.output_names:
                 line = Lines(f"axes/{axis}/1_measured", (axis,), (MEASURED,))
-                self._draw_samples(line, _of_one_line(angles, number))
+                self._draw_samples(line, _samples_of_line(angles, number))
         for number, axis in enumerate(TILT_AXES):
             line = Lines(f"axes/{axis}/0_asked", ("setpoint",), (TRUTH,))
-            self._draw_samples(line, _of_one_line(setpoints, number), clip=True)
+            self._draw_samples(line, _samples_of_line(setpoints, number), clip=True)
         self._draw_samples(Lines("rates", AXES, DISTINCT[: len(AXES)]), rates)
 
     def _draw_wind(self, rows: list[DisplayRow]) -> None:
@@ -524,8 +524,8 @@ class LiveWriter:
         self._draw_samples(surprise_lines, surprises)
 
 
-def _of_one_line(samples: Sequence[Sample], column: int) -> list[Sample]:
-    """Returns the samples of one of several lines.
+def _samples_of_line(samples: Sequence[Sample], column: int) -> list[Sample]:
+    """Returns the samples of one line, from samples that have the values of several lines.
 
     Args:
         samples: samples of k lines.

@@ -87,11 +87,13 @@ def gain_trial_groups(
 
 
 def twin_charts(axis: str, trial: GainTrial) -> list[Chart]:
-    """Returns the charts of the twin's flights about one axis: on recorded setpoints, and in a hover in wind.
+    """Returns the charts of one axis in the two flights of the twin, the simulated model of the vehicle and its loops.
+
+    One flight follows recorded setpoints, and the other is a hover in wind.
 
     Args:
         axis: "roll", "pitch" or "yaw".
-        trial: the flights; one that does not have the axis has no chart.
+        trial: the flights by axis. A flight without this axis has no chart.
     """
     charts = []
     tracking_motion = trial.tracking.get(axis)
