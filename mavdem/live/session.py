@@ -419,9 +419,10 @@ class LiveSession:
             self._learning.withdraw_since(landing_time)
 
     def _update_status(self, now: float) -> SessionStatus:
-        """Reports the status, and shows the latest sample in flight while there are no rows, once a second.
+        """Determines the status, reports it, and shows what a display needs between two rows; called once a second.
 
-        The status is not reported while the computer is so late that even estimates are postponed.
+        In flight the voltages are added to the history. The status is not reported while the computer is so late that
+        even estimates are postponed.
 
         Args:
             now: present time, s of the monotonic clock.

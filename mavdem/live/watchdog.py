@@ -470,7 +470,7 @@ class Watchdog:
             condition: figures of the vehicle, with the duration of the flight so far.
         """
         all_signals = self._signals(review.vehicle, review.now, -inf)
-        # What a vehicle draws that lies on the ground is no fault of its battery.
+        # The current that a crashed vehicle draws is no fault of its battery: the light gets the crash with its time.
         is_ending = self.loss is not None and self.loss.code in Ending
         ending = self.loss if is_ending else None
         findings = LiveFindings(events=tuple(self._warnings), ending=ending)

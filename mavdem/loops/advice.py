@@ -289,9 +289,8 @@ def reasons_for_no_gains(loop: Loop, *, for_higher_gains: bool = False) -> Facts
 
     Only the first reason is returned: changed gains, motors at their limits, an unstable loop, a loop that the measured
     response contradicts, margins that may be all or none (:func:`_unknown_stability`), or, if gains are to be raised, a
-    motor lag that the flight does not show. A biased control
-    effectiveness is no reason: the spread of the plant's draws includes its possible error, and gains must have
-    their margins in nearly all of them.
+    motor lag that the flight does not show. A biased control effectiveness is no reason: the spread of the plant's
+    draws includes its possible error, and gains must have their margins in nearly all of them.
 
     Args:
         loop: rate and attitude loop of one axis.

@@ -17,7 +17,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from mavdem.arrays import Array
+from mavdem.arrays import Array, Indices
 from mavdem.confidence import STRONG_EVIDENCE_NATS
 from mavdem.ingest.motors import MotorGeometry
 from mavdem.motors.balance_blocks import MIN_PRESENT_SHARE
@@ -207,35 +207,57 @@ def _best_ramp(balances: Array, min_blocks_before: int) -> Ramp:
     Returns:
         The ramp: its first block, its course over the blocks, the balance before it and the change of the balance.
     """
-    count = len(balances)
-    numbers = np.arange(count)
-    centred_balances = balances - balances.mean(axis=0)
-    total_squares = (centred_balances**2).sum(axis=0)
+    block_count = len(balances)
     # At least two blocks are left for the change.
-    starts = np.arange(min_blocks_before, count - 2)
-    best: Ramp | None = None
-    least_misfit = np.inf
+    starts = np.arange(min_blocks_before, block_count - 2)
+    fits = []
     for share in RAMP_SHARES:
-        # (s,) numbers of blocks of the ramps with s beginnings.
-        lengths = np.clip(round(share * count), 1, count - 1 - starts)
-        # (s, B) courses of these ramps.
-        courses = np.clip((numbers - starts[:, None]) / lengths[:, None], 0.0, 1.0)
-        centred_courses = courses - courses.mean(axis=1, keepdims=True)
-        course_squares = (centred_courses**2).sum(axis=1)
-        # (s, a) least-squares slopes, and the squares that remain.
-        changes = (centred_courses @ centred_balances) / course_squares[:, None]
-        residual_squares = total_squares - changes**2 * course_squares[:, None]
-        # The variance of the slow wander is added, since a balance that never changes has residuals of 0.
-        misfits = np.log(residual_squares / count + WANDER_SD**2).sum(axis=1)
-        best_row = int(np.argmin(misfits))
-        if misfits[best_row] < least_misfit:
-            least_misfit = misfits[best_row]
-            course = courses[best_row]
-            change = changes[best_row]
-            before = balances.mean(axis=0) - change * course.mean()
-            best = Ramp(int(starts[best_row]), course, before, change)
-    assert best is not None
-    return best
+        lengths = np.clip(round(share * block_count), 1, block_count - 1 - starts)
+        fits.append(_best_ramp_of_lengths(balances, starts, lengths))
+    # Of equal ramps the shortest is the first.
+    return min(fits, key=lambda fit: fit.misfit).ramp
+
+
+class _RampFit(NamedTuple):
+    """A ramp that was fitted to the balance of a flight."""
+
+    ramp: Ramp
+    """The ramp."""
+    misfit: float
+    """Minus 2/B times its log likelihood, without a constant."""
+
+
+def _best_ramp_of_lengths(balances: Array, starts: Indices, lengths: Indices) -> _RampFit:
+    """Fits a ramp from each of s beginnings to the balance by least squares, and returns the likeliest one.
+
+    Args:
+        balances: (B, a) balance of each block.
+        starts: (s,) first block of each ramp.
+        lengths: (s,) number of blocks that each ramp takes, at least 1.
+
+    Returns:
+        The ramp of the highest likelihood, and its misfit.
+    """
+    block_count = len(balances)
+    mean_balance = balances.mean(axis=0)
+    centred_balances = balances - mean_balance
+    total_squares = (centred_balances**2).sum(axis=0)
+    # (s, B) courses of the ramps, from 0 to 1.
+    block_numbers = np.arange(block_count)
+    courses = np.clip((block_numbers - starts[:, None]) / lengths[:, None], 0.0, 1.0)
+    centred_courses = courses - courses.mean(axis=1, keepdims=True)
+    course_squares = (centred_courses**2).sum(axis=1)
+    # (s, a) least-squares slopes, and the residual sums of squares.
+    changes = (centred_courses @ centred_balances) / course_squares[:, None]
+    residual_squares = total_squares - changes**2 * course_squares[:, None]
+    # The variance of the slow wander is added, since a balance that never changes has residuals of 0.
+    misfits = np.log(residual_squares / block_count + WANDER_SD**2).sum(axis=1)
+    best_row = int(np.argmin(misfits))
+    course = courses[best_row]
+    change = changes[best_row]
+    before = mean_balance - change * course.mean()
+    ramp = Ramp(int(starts[best_row]), course, before, change)
+    return _RampFit(ramp, misfit=float(misfits[best_row]))
 
 
 def _variance_of_change(balances: Array, ramp: Ramp) -> Array:

@@ -319,13 +319,15 @@ def _texts_in_next_step(tuning: Tuning) -> set[str]:
         tuning: advice on the gains of each axis, and the judgement of the flight with the next step.
 
     Returns:
-        The sentence of the next step, the remedies of its reasons, and "", the remedy of a fact without one, which is
-        thereby left out too.
+        The sentence of the next step and the remedies of its reasons. Among them is the empty text, which is the remedy
+        of a fact that has none, so that the report leaves it out too.
     """
     next_step = tuning.judgement.next_step
-    reasons = [next_step.figures.get("reason"), *next_step.figures.get("also", ())]
-    remedies = {reason.remedy for reason in reasons if reason is not None}
-    return {"", next_step.sentence, *remedies}
+    texts = {"", next_step.sentence}
+    for reason in (next_step.figures.get("reason"), *next_step.figures.get("also", ())):
+        if reason is not None:
+            texts.add(reason.remedy)
+    return texts
 
 
 class _SharedCaution(NamedTuple):

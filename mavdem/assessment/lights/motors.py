@@ -111,21 +111,22 @@ def _limited_motors_of_flight(evidence: Evidence, hover: HoverFigures | None) ->
     motors = evidence.signals.motors
     if motors is None or _has_full_throttle(evidence):
         return None
-    if hover is not None and hover.seconds >= MIN_STEADY_SECONDS:
-        is_settled = True
+    has_long_hover = hover is not None and hover.seconds >= MIN_STEADY_SECONDS
+    if has_long_hover:
         segments = settled_segments(evidence.signals)
-        figures: HoverFigures | None = hover
+        figures = hover
     else:
-        is_settled = False
         segments = evidence.flight_segments(motors.boot)
         figures = _figures_of_flight(motors, segments)
-    motors_at_limit = None if figures is None else limited_motors(figures)
-    if figures is None or motors_at_limit is None:
+    if figures is None:
         return None
-    is_short_limit = not is_settled and motors_at_limit.share <= MIN_MOST_SHARE
-    if is_short_limit or _is_limited_together(motors, segments, figures):
+    motors_at_limit = limited_motors(figures)
+    if motors_at_limit is None:
         return None
-    return motors_at_limit.fact(MotorsLight.MOTOR_LIMITED).replace(is_settled=is_settled)
+    is_long_enough = has_long_hover or motors_at_limit.share > MIN_MOST_SHARE
+    if not is_long_enough or _is_limited_together(motors, segments, figures):
+        return None
+    return motors_at_limit.fact(MotorsLight.MOTOR_LIMITED).replace(is_settled=has_long_hover)
 
 
 def _figures_of_flight(motors: MotorOutputs, segments: Segments) -> HoverFigures | None:

@@ -444,11 +444,17 @@ class Group(NamedTuple):
 
         Args:
             columns: the panels of each axis, by axis.
-            light: a fact that names the axis which decides, by its figure "axis"; None where no axis does.
+            light: the status light that the charts explain. Its figure "axis" is the axis that decides it, which a
+                phone shows first; None where no axis does.
             caption: text below the charts.
         """
         deciding_axis = "" if light is None else str(light.figures.get("axis", ""))
-        return cls(tuple(map(tuple, columns.values())), caption, tuple(columns), deciding_axis)
+        return cls(
+            columns=tuple(tuple(panels) for panels in columns.values()),
+            caption=caption,
+            names=tuple(columns),
+            first=deciding_axis,
+        )
 
     @classmethod
     def side_by_side(cls, panels: Iterable[Panel | None], caption: str = "") -> Group:
