@@ -40,7 +40,7 @@ def commanded_overturn(signals: Signals, boot: int, loss_time: float) -> Fact | 
     tracking = attitude_tracking(signals, boot)
     if tracking is None:
         return None
-    commanded_lean = _lean(tracking.setpoints)
+    commanded_lean = lean_angle(tracking.setpoints)
     seconds_to_loss = loss_time - tracking.time
     is_shortly_before = (seconds_to_loss >= 0) & (seconds_to_loss < OVERTURN_SECONDS)
     overturned_samples = np.flatnonzero(is_shortly_before & (commanded_lean > MAX_TILT))
@@ -48,7 +48,7 @@ def commanded_overturn(signals: Signals, boot: int, loss_time: float) -> Fact | 
         return None
 
     first_sample = int(overturned_samples[0])
-    vehicle_lean = _lean(tracking.angles[:, TILT_COLUMNS])
+    vehicle_lean = lean_angle(tracking.angles[:, TILT_COLUMNS])
     vehicle_leads = vehicle_lean[first_sample] > commanded_lean[first_sample]
     if vehicle_leads or _tracking_error(tracking, first_sample) > LOST_ANGLE:
         return None
@@ -61,7 +61,7 @@ def commanded_overturn(signals: Signals, boot: int, loss_time: float) -> Fact | 
     )
 
 
-def _lean(angles: Array) -> Array:
+def lean_angle(angles: Array) -> Array:
     """Returns (N,) how far the vertical axis of the body is from the vertical, rad.
 
     Args:

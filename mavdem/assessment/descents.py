@@ -127,7 +127,7 @@ def dive_events(sensors: BootSensors, flight_interval: TimeInterval) -> Iterator
             continue
         window = (start, end + BAROMETER_LAG)
         speed = sensors.sink_rate(window)
-        if speed is None or speed < DIVE_SPEED or not _flies_on(sensors, flight_interval, end):
+        if speed is None or speed < DIVE_SPEED or not flies_on(sensors, flight_interval, end):
             continue
         closing_fact = supporting_fact(code_of_closing, time=start)
         descent_facts = supporting_facts(sensors.sink_facts(window))
@@ -171,7 +171,7 @@ def _throttle_closed(sensors: BootSensors, flight_interval: TimeInterval) -> Tim
     return TimeSeries(collective.time, collective.boot, is_low.astype(float))
 
 
-def _flies_on(sensors: BootSensors, flight_interval: TimeInterval, time: float) -> bool:
+def flies_on(sensors: BootSensors, flight_interval: TimeInterval, time: float) -> bool:
     """Returns whether the vehicle was still in the air ``RECOVERY_SECONDS`` after a time.
 
     Flight and record must last that long, and the vehicle must be above ``MAX_GROUND_HEIGHT`` then, if its height is

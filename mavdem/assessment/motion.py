@@ -16,6 +16,7 @@ from mavdem.assessment.attitude_swings import attitude_swings
 from mavdem.assessment.autopilot_messages import in_time_order
 from mavdem.assessment.barometer_drifts import barometer_drifts, dated_by_growth
 from mavdem.assessment.descents import dive_events, fall_events
+from mavdem.assessment.flips import flip_events, flip_intervals
 from mavdem.assessment.flights import (
     RECOVERY_SECONDS,
     flights_in_boot,
@@ -46,7 +47,7 @@ from mavdem.witnesses.boot_sensors import BootSensors
 def motion_events(signals: Signals, reports: Sequence[Fact] = ()) -> Facts:
     """Returns the events that the motion shows, in order of boot and time.
 
-    They are losses of attitude, falls, dives, contacts with the ground, losses of height and position estimates, drift
+    They are losses of attitude, falls, dives, flips, contacts with the ground, losses of height and position estimates, drift
     in wind, attitudes that are no numbers, barometers that drift, motors at their limit or off, clipping of the
     accelerometers, and a log that ends in the air.
 
@@ -199,6 +200,7 @@ def _events_of_boot(signals: Signals, boot: int, reports: Sequence[Fact]) -> Ite
     flights = flights_in_boot(signals, boot)
     yield from _clipping_events(signals, boot, flights)
     out_of_control: Intervals = []
+    flips: Intervals = []
     flight_events: list[Fact] = []
     for flight in flights:
         take_off, _ = flight
@@ -206,14 +208,24 @@ def _events_of_boot(signals: Signals, boot: int, reports: Sequence[Fact]) -> Ite
         flight_events = list(_events_of_flight(sensors, error, flight, reports))
         yield from flight_events
         out_of_control += _intervals_out_of_control(flight_events, flight)
+        flips += flip_intervals(flight_events)
     for event in motor_events(signals, boot, flights):
         if event.code is MotionEvent.MOTOR_OFF:
             yield from with_sensor_evidence(signals, [event], reports)
+        elif event.code is MotionEvent.MOTOR_AT_ITS_STOP and _lies_within(event, flips):
+            yield event.replace(Level.GOOD, is_in_flip=True)
         elif not in_intervals(event.start_time, out_of_control):
             yield event
     if flights:
         events_of_last_flight = flight_events
         yield from _end_in_air(signals, boot, flights[-1], error.time[-1], events_of_last_flight)
+
+
+def _lies_within(event: Fact, intervals: Intervals) -> bool:
+    """Returns whether an event begins and ends within one of several intervals, s since boot."""
+    return any(
+        start <= event.start_time and event.latest_time <= end for start, end in intervals
+    )
 
 
 def _intervals_out_of_control(
@@ -272,6 +284,7 @@ def _events_of_flight(
     yield from _standing_motors(sensors, error, flight_interval, loss, contact, reports)
     yield from _falls_of_flight(sensors, flight_interval, loss, contact)
     yield from dive_events(sensors, flight_interval)
+    yield from flip_events(sensors, flight_interval)
     controlled_interval = _interval_before(flight_interval, loss, contact)
     yield from attitude_swings(sensors.signals, sensors.boot, controlled_interval)
     yield from height_divergences(sensors, controlled_interval)

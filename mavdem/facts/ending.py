@@ -18,6 +18,7 @@ class MotionEvent(Code):
     LANDED_HARD = "landed_hard"
     FELL = "fell"
     DIVED = "dived"
+    FLIPPED = "flipped"
     HIT = "hit"
     CLIPPED = "clipped"
     LOG_ENDED_IN_AIR = "log_ended_in_air"

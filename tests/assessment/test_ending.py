@@ -276,6 +276,33 @@ def test_a_setpoint_that_is_followed_is_no_loss():
     assert not judged(changed(telemetry, "ATTITUDE", roll=np.roll(roll, 3)))[0]
 
 
+FLIP, LOITER = 14, 5
+"""Flight modes of ArduCopter."""
+
+
+@mark.parametrize("mode, is_flip", [(FLIP, True), (LOITER, False)])
+def test_a_flip_that_the_vehicle_flies_on_from_explains_motors_at_their_limits(mode, is_flip):
+    telemetry = changed(flight(), "HEARTBEAT", custom_mode=mode)
+    time = stamps(telemetry, "ATTITUDE")
+    roll = np.angle(np.exp(2j * np.pi * np.clip((time - FAILS) / 2.0, 0, 1)))
+    telemetry = changed(telemetry, "ATTITUDE_TARGET", q=quaternion(roll, 0 * time, 0 * time))
+    telemetry = changed(telemetry, "ATTITUDE", roll=np.roll(roll, 3))
+    outputs = pulses(telemetry)
+    motor_time = stamps(telemetry, "SERVO_OUTPUT_RAW")
+    outputs[0, (motor_time > FAILS) & (motor_time < FAILS + 1.0)] = 2000.0
+    events, ending = judged(with_pulses(telemetry, outputs))
+    assert ending is None
+    limited = events[MotionEvent.MOTOR_AT_ITS_STOP]
+    assert limited.level is (Level.GOOD if is_flip else Level.WATCH)
+    assert ("in a flip" in limited.sentence) is is_flip
+    assert bool(limited.remedy) is not is_flip
+    assert (MotionEvent.FLIPPED in events) is is_flip
+    if is_flip:
+        flip = events[MotionEvent.FLIPPED]
+        assert np.degrees(flip.figures["angle"]) == approx(180.0, abs=5.0)
+        assert "(mode Flip)" in flip.sentence
+
+
 def overturned(lead):
     """A flip whose setpoint is so many samples before the vehicle, which falls and hits the ground."""
     telemetry = falling(flight())

@@ -154,13 +154,13 @@ def _has_full_throttle(evidence: Evidence) -> bool:
     """Returns whether the flight had full throttle for a known reason, so that limits are no sign of weak motors.
 
     The reasons are a diverged height estimate, which the height controller may follow at full throttle, and the
-    recovery from a dive.
+    recovery from a dive or a flip.
 
     Args:
         evidence: signals, events and measurements of the vehicle.
     """
     for event in evidence.events:
-        if event.code is MotionEvent.DIVED:
+        if event.code in (MotionEvent.DIVED, MotionEvent.FLIPPED):
             return True
         if event.code is MotionEvent.HEIGHT_DIVERGED and event.is_bad:
             return True
