@@ -47,8 +47,8 @@ from mavdem.witnesses.boot_sensors import BootSensors
 def motion_events(signals: Signals, reports: Sequence[Fact] = ()) -> Facts:
     """Returns the events that the motion shows, in order of boot and time.
 
-    They are losses of attitude, falls, dives, flips, contacts with the ground, losses of height and position estimates, drift
-    in wind, attitudes that are no numbers, barometers that drift, motors at their limit or off, clipping of the
+    They are losses of attitude, falls, dives, flips, contacts with the ground, losses of height and position estimates,
+    drift in wind, attitudes that are no numbers, barometers that drift, motors at their limit or off, clipping of the
     accelerometers, and a log that ends in the air.
 
     A boot in which the vehicle did not fly has only the one event that says so. Of vehicles that are no multirotors
