@@ -16,13 +16,13 @@ from mavdem.assessment.attitude_swings import attitude_swings
 from mavdem.assessment.autopilot_messages import in_time_order
 from mavdem.assessment.barometer_drifts import barometer_drifts, dated_by_growth
 from mavdem.assessment.descents import dive_events, fall_events
-from mavdem.assessment.flips import flip_events, flip_intervals
 from mavdem.assessment.flights import (
     RECOVERY_SECONDS,
     flights_in_boot,
     loss_onset,
     merge_close_intervals,
 )
+from mavdem.assessment.flips import flip_events, flip_intervals
 from mavdem.assessment.ground_contacts import CONTACTS, flight_losses, ground_contact
 from mavdem.assessment.height_disagreements import height_disagreements
 from mavdem.assessment.height_divergence import height_divergences
@@ -223,9 +223,7 @@ def _events_of_boot(signals: Signals, boot: int, reports: Sequence[Fact]) -> Ite
 
 def _lies_within(event: Fact, intervals: Intervals) -> bool:
     """Returns whether an event begins and ends within one of several intervals, s since boot."""
-    return any(
-        start <= event.start_time and event.latest_time <= end for start, end in intervals
-    )
+    return any(start <= event.start_time and event.latest_time <= end for start, end in intervals)
 
 
 def _intervals_out_of_control(
