@@ -3,7 +3,7 @@
 The autopilot's landed state may report flight all the same: on a test stand, in somebody's hand, or before take-off.
 """
 
-from math import inf
+from math import inf, nan
 
 import numpy as np
 
@@ -261,8 +261,13 @@ def _hover_collective(collective: Array) -> float:
 
     Args:
         collective: (N,) mean output of all motors at the times that count as flight, as a share of their range.
+
+    Returns:
+        The output; NaN if the motors were off at all these times.
     """
     is_carrying = collective > np.quantile(collective, HIGH_QUANTILE) / 2
+    if not is_carrying.any():
+        return nan
     return float(np.median(collective[is_carrying]))
 
 

@@ -220,6 +220,7 @@ def test_without_a_hover_a_motor_is_bad_that_is_at_its_limit_in_most_of_the_flig
         assert limited.sentence.endswith(" % of the time.")
 
 
+@mark.filterwarnings("error")
 def test_a_motor_message_that_ends_at_the_take_off_with_motors_off_is_no_limit():
     telemetry = HOVER.telemetry(10.0, 10.0, parameters=X_QUAD_PARAMETERS)
     time = telemetry.messages["SERVO_OUTPUT_RAW"]["time"]
