@@ -36,6 +36,14 @@ MANUAL_THROTTLE_MODES = frozenset(
 )
 """Modes of ArduPilot and PX4 in which the stick is the thrust, so that no estimate of the height is followed."""
 
+CLIMB_STICK_MODES = frozenset(
+    # ArduPilot
+    ("Alt hold", "Flowhold", "Loiter", "Poshold", "Sport")
+    # PX4
+    + ("Altitude", "Altitude cruise", "Position", "Position slow")
+)
+"""Modes of ArduPilot and PX4 in which the stick commands the vertical speed, and its middle holds the height."""
+
 POSITION_CONTROL_MODES = frozenset(
     # ArduPilot
     ("Auto", "Auto rtl", "Avoid adsb", "Brake", "Circle", "Follow", "Guided", "Land", "Loiter")

@@ -20,13 +20,18 @@ from mavdem.assessment.attitude_losses import LOST_ANGLE, attitude_losses
 from mavdem.assessment.ending import find_ending, lower_unconfirmed_crash_reports
 from mavdem.assessment.flights import RECOVERY_SECONDS
 from mavdem.assessment.ground_contacts import flight_losses, ground_contact
+from mavdem.assessment.height_divergence import SINK_STICK
 from mavdem.assessment.invalid_attitudes import MIN_INVALID_SECONDS, invalid_attitudes
 from mavdem.assessment.motor_events import LASTING_SECONDS
 from mavdem.assessment.reported import has_sunk_after, stopped_in_air
 from mavdem.containers import Names
 from mavdem.dataset.attitude import ATTITUDE_MESSAGES
 from mavdem.dataset.axes import TILT_AXES
-from mavdem.dataset.flight_states import MANUAL_THROTTLE_MODES, min_airborne_collective
+from mavdem.dataset.flight_states import (
+    CLIMB_STICK_MODES,
+    MANUAL_THROTTLE_MODES,
+    min_airborne_collective,
+)
 from mavdem.dataset.grounded import MAX_GROUND_HEIGHT, MAX_SETPOINT_DELAY
 from mavdem.dataset.intervals import TimeInterval
 from mavdem.dataset.motor_outputs import MotorOutputs
@@ -42,8 +47,9 @@ from mavdem.live.live_signals import FlightMoment, LiveSignals, RecentMotion
 from mavdem.live.messages import IMU_MESSAGES, MESSAGE_FIELDS, STICK_MESSAGES, Message
 from mavdem.live.pose import LatestPose
 from mavdem.live.recent_messages import RecentMessages, TimedValues, columns_from
+from mavdem.live.samples import DECISION_SECONDS
 from mavdem.witnesses.boot_sensors import MIN_SINK_RATE, BootSensors
-from mavdem.witnesses.sensors import BAROMETERS
+from mavdem.witnesses.sensors import BAROMETERS, throttle_stick
 
 SLOW_MESSAGES = (
     "HEARTBEAT",
@@ -281,6 +287,22 @@ class ControlWatch:
         if is_landing or is_manual or sensors.height.contradictions:
             return None
         return series_of_boot(signals.climb_rate, boot)
+
+    def is_descent_commanded(self, moment: FlightMoment) -> bool:
+        """Returns whether the pilot's stick commands a descent, in a mode in which it commands the vertical speed.
+
+        A descent that a mission or a ground station commands is not known: its setpoint is not received.
+
+        Args:
+            moment: present time.
+        """
+        start = moment.time - DECISION_SECONDS
+        signals = self.signals(moment.vehicle, None, start_time=start, has_accelerometer=False)
+        boot = self._recent.boot
+        stick = series_of_boot(throttle_stick(signals), boot)
+        if stick is None or signals.mode_at(boot, moment.time) not in CLIMB_STICK_MODES:
+            return False
+        return bool(np.median(stick.values) < SINK_STICK)
 
     def crash_after_loss(self, moment: FlightMoment) -> FlightEnd | None:
         """Judges whether a vehicle that lost control has met the ground, while the autopilot reports it as flying.

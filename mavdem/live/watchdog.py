@@ -788,7 +788,13 @@ class Watchdog:
         climb_rate = self.control.held_climb_rate(moment) if is_at_upper.any() else None
         if climb_rate is not None:
             sinking = sinks_at_limit(motors, is_at_upper, climb_rate, review.now)
-            if sinking is not None:
+            # A commanded descent explains why the vehicle sinks, unless all motors (no names) have no reserve.
+            is_explained = (
+                sinking is not None
+                and bool(sinking.figures["names"])
+                and self.control.is_descent_commanded(moment)
+            )
+            if sinking is not None and not is_explained:
                 review.facts[WatchedQuantity.MOTOR_LIMITS] = sinking
 
     def _judge_heights_on_ground(self, review: _Review, moment: FlightMoment) -> list[Fact]:

@@ -363,3 +363,52 @@ def test_control_is_not_judged_before_the_first_review_of_a_flight():
     vehicle = Telemetry(1, component=1, vehicle=MAV_TYPES["QUADROTOR"], autopilot=3, messages={})
     moment = FlightMoment(10.0, vehicle, takeoff_time=0.0, motion=None)
     assert Watchdog(RecentMessages()).review_control(moment) == []
+
+
+SINKING_FROM = 20.0
+"""When a vehicle begins to sink, s."""
+
+
+@dataclass(frozen=True)
+class Limited(Hover):
+    """Sinks at 1.5 m/s with all or one of its motors at the upper limit."""
+
+    hovering: float = 20.0
+    limited: int = 1
+
+    def motors(self, t):
+        outputs = super().motors(t)
+        outputs[t > SINKING_FROM, : self.limited] = 2000.0
+        return outputs
+
+
+@dataclass(frozen=True)
+class SinkingFlight(Flight):
+    """A flight in Loiter that sinks from 20 m."""
+
+    def _heartbeats(self, start, end):
+        for time, name, fields in super()._heartbeats(start, end):
+            yield time, name, fields | {"base_mode": fields["base_mode"] + 1, "custom_mode": 5}
+
+    def _climb(self, start, end):
+        for time, name, fields in super()._climb(start, end):
+            height = np.interp(time, [6.0, 11.0, SINKING_FROM, 30.0], [0.0, 20.0, 20.0, 5.0])
+            speed = {"vz": 1.5} if time > SINKING_FROM else {}
+            yield time, name, fields | {"z": -float(height)} | speed
+
+
+@mark.slow
+@mark.parametrize("pulse, limited, sinks", [(1500, 1, True), (1200, 1, False), (1200, 4, True)])
+def test_a_descent_that_the_pilot_commands_is_alarmed_only_without_any_reserve(
+    pulse, limited, sinks
+):
+    flight = SinkingFlight(Limited(limited=limited), attitude=25.0, motors=25.0)
+    sticks = [
+        (time, message("RC_CHANNELS", time_boot_ms=round(1e3 * time), chan3_raw=pulse))
+        for time in ticks(3.0, 26.0, 5.0)
+    ]
+    made = replay(by_time(flight.frames(end=26.0), sticks))
+    codes = [alarm.figures["reason"].code for alarm in alarms(made)]
+    assert (WatchFact.SINKS_AT_LIMIT in codes) is sinks
+    # That a motor is at its limit is said in any case.
+    assert sinks or MotorsLight.MOTOR_LIMITED in codes
