@@ -12,10 +12,7 @@ from mavdem.live.gradual_watch import GradualLossWatch
 from mavdem.live.recent_messages import MAX_EVENTS
 from mavdem.motors.balance_blocks import UNKNOWN_LEAN
 from mavdem.motors.loss_detection import MAX_GAP, REFERENCE_SECONDS, MotorLossDetector
-from mavdem.motors.motor_changes import MotorAlarm
-
-MIN_REPORTED_GROWTH = 1.5
-"""Ratio of the rise of a motor's command to that of its last report from which on a slow loss is reported again."""
+from mavdem.motors.motor_changes import MIN_REPORTED_GROWTH, MotorAlarm, is_much_larger
 
 
 class MotorAlarms:
@@ -44,6 +41,8 @@ class MotorAlarms:
         # The search for a slow loss in the same samples, and the loss that it has found, as it was reported.
         self._gradual_watch: GradualLossWatch | None = None
         self._reported_loss: MotorAlarm | None = None
+        # Whether a motor is weak by a sudden loss, and no slow one was reported.
+        self._is_suddenly_weak = False
         # Why the test cannot find anything, as of the latest sample.
         self._undetectable_reason: Fact | None = None
         # Boot and time, s of its clock, of the first motor outputs of the latest flight; None before it.
@@ -63,6 +62,7 @@ class MotorAlarms:
         self._detector = None
         self._gradual_watch = None
         self._reported_loss = None
+        self._is_suddenly_weak = False
         self._undetectable_reason = None
         self.active = ()
         self.change_time = nan
@@ -201,10 +201,11 @@ class MotorAlarms:
         return loss is not None and change.is_weak and change.name == loss.name
 
     def _search_gradual_loss(self, time: float, commands: list[float], lean: Numbers) -> Facts:
-        """Searches flight in which no motor changed suddenly for one that loses thrust slowly, and reports the result.
+        """Searches the flight for a motor that loses thrust slowly, and reports the result.
 
-        Each sample is passed to the search (:class:`GradualLossWatch`), which runs once a second. It begins anew while
-        a motor is weak by a sudden loss, unless a slow loss was reported before.
+        Each sample is passed to the search (:class:`GradualLossWatch`), which runs once a second. If a motor was named
+        first by a sudden loss, a slow one is reported only if that was a part of it. It begins anew when the sudden
+        loss is over.
 
         Args:
             time: time of the sample, s of the boot clock.
@@ -220,11 +221,14 @@ class MotorAlarms:
         if not watch.is_continued(time):
             # After a landing or a long gap there is no reference, so that nothing shows whether the loss is over.
             self._reported_loss = None
-        if self._reported_loss is None and self._detector.weak_motors:
-            # The flight before a sudden loss is no reference for a slow one.
+        sudden_losses = [] if self._reported_loss else [*self._detector.weak_motors.values()]
+        if self._is_suddenly_weak and not sudden_losses:
+            # The flight before a sudden loss that is over is no reference for a slow one.
             watch.restart()
-            return ()
+        self._is_suddenly_weak = bool(sudden_losses)
         watch.add_sample(time, commands, lean)
+        if sudden_losses and not (watch.loss and is_much_larger(watch.loss, sudden_losses)):
+            return ()
         if watch.loss is None:
             return self._report_end_of_gradual_loss(time)
         return self._report_gradual_loss(watch.loss)
@@ -243,6 +247,7 @@ class MotorAlarms:
         if reported_loss is None or reported_loss.name != loss.name:
             self.latest.append(loss)
             is_report_due = True
+            self._is_suddenly_weak = False
         else:
             self._replace_latest(loss)
             is_report_due = loss.size >= MIN_REPORTED_GROWTH * reported_loss.size

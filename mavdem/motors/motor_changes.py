@@ -33,6 +33,10 @@ MAX_ONSET_ERROR = 2.0
 """Largest error of the time at which a detected loss began, s: ``MotorAlarm.onset_time`` is known to 1 to 2 s."""
 
 
+MIN_REPORTED_GROWTH = 1.5
+"""Ratio of the rise of a motor's command to the reported one from which on a loss is reported again: a choice."""
+
+
 class CauseProbabilities(NamedTuple):
     """Probabilities of the causes of a change that names no motor; the rest is that of all others, such as wind."""
 
@@ -149,6 +153,21 @@ def thrust_losses(changes: Sequence[MotorAlarm]) -> list[Fact]:
     losses.sort(key=lambda loss: (loss.level is Level.WATCH, -loss.figures["rise"]))
     bad_motors = dict.fromkeys(loss.subject for loss in losses if loss.is_bad)
     return [loss.replace(names=tuple(bad_motors)) for loss in losses]
+
+
+def is_much_larger(slow_loss: MotorAlarm, sudden_changes: Sequence[MotorAlarm]) -> bool:
+    """Returns whether a slow loss is so much larger than sudden losses of its motor that these were only parts of it.
+
+    Args:
+        slow_loss: the loss that was found in all of a flight.
+        sudden_changes: changes in this flight, each of which names a motor. If one is of another motor or is a
+            recovery, the slow loss is not relied on: it was found as if its motor alone had changed.
+    """
+    for change in sudden_changes:
+        is_of_same_motor = change.is_weak and change.name == slow_loss.name
+        if not is_of_same_motor or slow_loss.size < MIN_REPORTED_GROWTH * change.size:
+            return False
+    return True
 
 
 class _LossesByOutcome(NamedTuple):

@@ -12,9 +12,10 @@ from numpy.testing import assert_allclose
 from partial_records import partial_record
 from pytest import approx, fixture, mark
 
-from mavdem.assessment.axis.analysis import motor_alarms
+from mavdem.assessment.axis.analysis import _gradual_losses, motor_alarms
 from mavdem.dataset.motor_outputs import MotorOutputs
 from mavdem.dataset.signals import Signals
+from mavdem.dataset.time_series import TimeSeries
 from mavdem.experiments.paper.flights import write_log
 from mavdem.facts.assessment import NextStep
 from mavdem.facts.lights import Light
@@ -27,6 +28,7 @@ from mavdem.live import LiveStream, SessionStatus
 from mavdem.live.gradual_watch import GradualLossWatch
 from mavdem.live.history import LiveHistory
 from mavdem.live.motor_alarms import MotorAlarms
+from mavdem.motors.loss_detection import MotorLossDetector
 from mavdem.motors.motor_changes import thrust_losses
 from mavdem.report.live import live_report
 from mavdem.report.templates import render_section
@@ -276,6 +278,61 @@ def alarms_of_slow_loss(time, more_rises=0.0):
         if seconds >= 80.0:
             reports += facts
     return alarms, reports
+
+
+def test_a_slow_loss_of_which_a_part_was_found_as_sudden_has_its_whole_size():
+    """Little noise: the sequential test names the motor before the search of the whole flight does."""
+    time = np.arange(700) / 10
+    scale = partial_record(OutputScale, low=0.0, high=1.0)
+    motors = partial_record(MotorOutputs, geometry=geometry(), scale=scale)
+    alarms = MotorAlarms()
+    rises = np.outer(0.2 * np.clip((time - 20.0) / 20.0, 0.0, 1.0), [1.0, 0.0, 0.0, 0.0])
+    first_rises = []
+    for seconds, commands in zip(time.tolist(), noisy_commands(rises), strict=True):
+        alarms.add_sample(seconds, 0, motors, commands, 0.0, (0.0, 0.0))
+        first_rises += [loss.figures["rise"] for loss in thrust_losses(alarms.latest)][:1]
+    # 40 % of the mean command before the loss, of which a tenth was found first.
+    assert first_rises[0] < 0.12
+    (loss,) = thrust_losses(alarms.latest)
+    assert loss.figures["rise"] == approx(0.4, abs=0.03)
+    (active,) = alarms.active
+    assert active.figures["reason"].figures["rise"] == loss.figures["rise"]
+
+
+def test_a_log_has_the_whole_size_of_such_a_loss_too():
+    time = np.arange(700) / 10
+    rises = np.outer(0.2 * np.clip((time - 20.0) / 20.0, 0.0, 1.0), [1.0, 0.0, 0.0, 0.0])
+    commands = np.array(noisy_commands(rises))
+    detector = MotorLossDetector(geometry())
+    for seconds, command in zip(time.tolist(), commands, strict=True):
+        detector.update(seconds, command)
+    part, *_, newest = detector.alarms
+    assert part.size < 0.1 and newest.size > 0.3
+    signals = Signals(Hover().telemetry())
+    series = TimeSeries(time, np.zeros(len(time), int), commands)
+    motors = partial_record(MotorOutputs, geometry=geometry())
+
+    def slow_losses(sudden_changes):
+        return _gradual_losses(signals, motors, series, 0, [(0.0, 70.0)], sudden_changes)
+
+    (loss,) = slow_losses([part])
+    assert loss.size == approx(0.4, abs=0.03)
+    # What was found as sudden is nearly all of it, or is of another motor, or is over.
+    assert slow_losses([newest]) == []
+    assert slow_losses([part._replace(motor=2, name="motor 2 (rear left)")]) == []
+    assert slow_losses([part, part._replace(size=0.0, loss=())]) == []
+
+
+def test_a_sudden_loss_is_no_slow_one_and_its_end_no_slow_loss_of_the_others():
+    time = np.arange(1400) / 10
+    scale = partial_record(OutputScale, low=0.0, high=1.0)
+    motors = partial_record(MotorOutputs, geometry=geometry(), scale=scale)
+    alarms = MotorAlarms()
+    is_weak = (time > 20.0) & (time < 70.0)
+    rises = np.outer(0.15 * is_weak, [1.0, 0.0, 0.0, 0.0])
+    for seconds, commands in zip(time.tolist(), noisy_commands(rises), strict=True):
+        alarms.add_sample(seconds, 0, motors, commands, 0.0, (0.0, 0.0))
+    assert [(change.motor, change.is_weak) for change in alarms.latest] == [(1, True), (1, False)]
 
 
 def test_a_gap_after_a_slow_loss_is_no_recovery():

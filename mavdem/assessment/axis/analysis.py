@@ -27,7 +27,7 @@ from mavdem.assessment.identity import identify_vehicle
 from mavdem.assessment.tier import log_tier
 from mavdem.dataset.axes import AXES, TILT_AXES
 from mavdem.dataset.flights import usable_segments
-from mavdem.dataset.intervals import Intervals, in_intervals, intersection
+from mavdem.dataset.intervals import Intervals, TimeInterval, in_intervals, intersection
 from mavdem.dataset.learnability import learnability_of
 from mavdem.dataset.motor_outputs import MotorOutputs
 from mavdem.dataset.phases import (
@@ -54,7 +54,7 @@ from mavdem.motors.balance_blocks import MIN_SAMPLE_RATE
 from mavdem.motors.gradual_loss import gradual_loss
 from mavdem.motors.lean_check import is_beyond_lean
 from mavdem.motors.loss_detection import MotorLossDetector
-from mavdem.motors.motor_changes import MotorAlarm, lasting_changes
+from mavdem.motors.motor_changes import MotorAlarm, is_much_larger, lasting_changes
 from mavdem.motors.signatures import motor_signatures
 from mavdem.motors.trim_pattern import trim_of_signals
 from mavdem.plant.wind_torque import estimate_wind_torque
@@ -454,7 +454,7 @@ def _lasting_losses(
 ) -> list[MotorAlarm]:
     """Finds the motors that lost thrust slowly, or from the descent on.
 
-    Each interval of settled flight is searched. If it shows nothing, the flight that it belongs to is searched too,
+    Each interval of settled flight is searched. If nothing is found, the flight that it belongs to is searched too,
     until shortly before the touch-down: a vehicle that sinks since a motor lost thrust is not in settled flight.
 
     Args:
@@ -473,7 +473,7 @@ def _lasting_losses(
         start, end = flight
         settled_in_flight = intersection(settled_flight_times, [flight])
         has_loss = any(start <= loss.onset_time <= end for loss in losses)
-        if settled_in_flight and not has_loss:
+        if settled_in_flight and not has_loss and not _sudden_changes(changes, flight):
             settled_start, _ = settled_in_flight[0]
             with_descent = (settled_start, end - TRANSIENT_SECONDS)
             losses += _gradual_losses(signals, motors, commands, boot, [with_descent], changes)
@@ -488,7 +488,9 @@ def _gradual_losses(
     intervals: Intervals,
     changes: Sequence[MotorAlarm],
 ) -> list[MotorAlarm]:
-    """Finds the motors that lost thrust within intervals of flight in which no motor changed suddenly.
+    """Finds the motors that lost thrust slowly within intervals of flight.
+
+    Where a motor changed suddenly, a slow loss counts only if the sudden one was a part of it.
 
     Args:
         signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.
@@ -501,14 +503,19 @@ def _gradual_losses(
     Returns:
         At most one alarm for each interval, in the order of the intervals.
     """
-    times_of_sudden_changes = [change.time for change in changes if change.motor is not None]
     losses = []
-    for start, end in intervals:
-        if any(start <= time <= end for time in times_of_sudden_changes):
-            continue
-        in_interval = commands.select(in_intervals(commands.time, [(start, end)]))
+    for interval in intervals:
+        in_interval = commands.select(in_intervals(commands.time, [interval]))
         lean = lean_at(signals, boot, in_interval.time)
         loss = gradual_loss(in_interval.time, in_interval.values, lean, motors.geometry, boot)
-        if loss is not None:
+        if loss is not None and is_much_larger(loss, _sudden_changes(changes, interval)):
             losses.append(loss)
     return losses
+
+
+def _sudden_changes(changes: Sequence[MotorAlarm], interval: TimeInterval) -> list[MotorAlarm]:
+    """Returns the changes that name a motor and were found in an interval, s since boot."""
+    start, end = interval
+    return [
+        change for change in changes if change.motor is not None and start <= change.time <= end
+    ]
