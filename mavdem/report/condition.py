@@ -18,7 +18,7 @@ from mavdem.report.templates import render_section
 from mavdem.wind_velocity.compass import compass_text, meteorological_direction
 from mavdem.wind_velocity.estimation import WindVelocity
 from mavdem.wind_velocity.from_log import WindEvidence
-from mavdem.wind_velocity.vehicle_drag import DRAG_MODEL_SETTINGS, LEAN_SD, Drag, ParameterValue
+from mavdem.wind_velocity.vehicle_drag import LEAN_SD, Drag, ParameterValue
 
 WIND_LIGHTS = (Light.WIND, Light.ESTIMATOR)
 """Lights that bear on the wind: the estimate rests on the attitude and velocity of the autopilot's estimator."""
@@ -192,7 +192,7 @@ def wind_blocks(evidence: WindEvidence, tables: Sequence[Table] = ()) -> Blocks:
         lean_allowance=coverage_factor() * LEAN_SD / GRAVITY,
         autopilot_wind=_autopilot_wind(evidence, wind),
         is_blurred_by_drag=is_blurred_by_drag,
-        drag_model_setting=DRAG_MODEL_SETTINGS.get(evidence.autopilot, ""),
+        drag_model_setting=evidence.drag_model_setting,
         turned_wind=_turned_wind(wind),
     )
     sentences = [

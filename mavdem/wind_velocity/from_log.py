@@ -40,7 +40,7 @@ from mavdem.ingest.vocabulary import MILLIMETRES_PER_METRE
 from mavdem.wind_velocity.estimation import WindVelocity, estimate_wind
 from mavdem.wind_velocity.ground_lean import with_lean_on_ground
 from mavdem.wind_velocity.motion_grid import MAX_FLIGHT_SECONDS, MIN_SAMPLES
-from mavdem.wind_velocity.vehicle_drag import Drag, ParameterValue
+from mavdem.wind_velocity.vehicle_drag import Drag, ParameterValue, drag_model_setting
 
 
 def _velocity_messages() -> dict[str, float]:
@@ -145,8 +145,8 @@ class WindEvidence(NamedTuple):
     reason: Fact | None
     """Why there is no estimate; ``None`` if there is one."""
 
-    autopilot: str = ""
-    """Name of the autopilot, such as "PX4"; empty if it is not known."""
+    drag_model_setting: str = ""
+    """Setting with which the autopilot would estimate the wind itself; empty if it has none."""
 
 
 UNKNOWN_WIND = WindEvidence(None, None, None)
@@ -201,15 +201,16 @@ def wind_evidence(signals: Signals) -> WindEvidence:
     Returns:
         The estimates of this library and of the autopilot, and the reason if this library has none.
     """
-    vehicle_type = signals.telemetry.vehicle
-    autopilot = signals.telemetry.autopilot
+    telemetry = signals.telemetry
+    vehicle_type = telemetry.vehicle
+    setting = drag_model_setting(telemetry.autopilot, telemetry.parameters)
     if vehicle_type not in POSSIBLE_MULTIROTORS:
         reason = Fact(Unjudged.MULTIROTORS_ONLY, kind=vehicle_type)
-        return WindEvidence(None, signals.autopilot_wind, reason, autopilot)
+        return WindEvidence(None, signals.autopilot_wind, reason, setting)
     try:
-        return WindEvidence(wind_of_signals(signals), signals.autopilot_wind, None, autopilot)
+        return WindEvidence(wind_of_signals(signals), signals.autopilot_wind, None, setting)
     except NotLearnable as error:
-        return WindEvidence(None, None, error.fact, autopilot)
+        return WindEvidence(None, None, error.fact, setting)
 
 
 def wind_of_signals(signals: Signals, drag: Drag | None = None) -> WindVelocity:

@@ -106,10 +106,10 @@ name), kg/m²: half of the air density over the quadratic drag.
 """
 
 DRAG_MODEL_SETTINGS = {
-    "ARDUPILOTMEGA": "EK3_DRAG_MCOEF above 0",
-    "PX4": "EKF2_DRAG_CTRL 1",
+    "ARDUPILOTMEGA": ("EK3_DRAG_MCOEF", "above 0"),
+    "PX4": ("EKF2_DRAG_CTRL", "1"),
 }
-"""Setting with which each autopilot estimates the wind itself, from drag: it is off by default.
+"""Parameter and value with which each autopilot estimates the wind itself, from drag: it is off by default.
 
 Sources: ArduPilot ``AP_NavEKF3_Measurements.cpp`` (``SampleDragData``, from 0.001 1/s), PX4 ``drag_fusion.cpp``.
 """
@@ -135,6 +135,24 @@ It is a factor of 20 to 400 for the logarithms, and in m/s² for the lean.
 
 PARAMETER_DECIMALS = 6
 """Decimals of a parameter that are compared with its factory value: it was a float of 32 bits."""
+
+
+def drag_model_setting(autopilot: str, parameters: Mapping[str, float]) -> str:
+    """Returns the setting with which an autopilot estimates the wind itself, such as "EKF2_DRAG_CTRL 1".
+
+    Args:
+        autopilot: name of the autopilot.
+        parameters: values of the autopilot's parameters by name; empty if they were not recorded.
+
+    Returns:
+        The setting; empty if the autopilot has none, as firmware before ArduPilot 4.1 and PX4 v1.14.
+    """
+    if autopilot not in DRAG_MODEL_SETTINGS:
+        return ""
+    name, value = DRAG_MODEL_SETTINGS[autopilot]
+    if parameters and name not in parameters:
+        return ""
+    return f"{name} {value}"
 
 
 class AxisDrag(NamedTuple):

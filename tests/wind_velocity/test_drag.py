@@ -15,7 +15,7 @@ from mavdem.facts.online import DragSource
 from mavdem.wind_velocity import drag_identification
 from mavdem.wind_velocity.drag_identification import independent_share
 from mavdem.wind_velocity.motion_grid import motion_grid
-from mavdem.wind_velocity.vehicle_drag import Drag
+from mavdem.wind_velocity.vehicle_drag import Drag, drag_model_setting
 
 
 def test_thrust_that_climbs_and_sinks_makes_no_force_across_itself():
@@ -109,3 +109,10 @@ def test_errors_that_are_alike_count_for_fewer_independent_ones():
 )
 def test_a_search_ends_where_it_repeats_itself_or_hardly_changes(values, has_settled):
     assert drag_identification._has_settled(values) == has_settled
+
+
+def test_firmware_without_a_drag_model_has_no_setting_that_switches_it_on():
+    assert drag_model_setting("PX4", {"EKF2_DRAG_CTRL": 0.0}) == "EKF2_DRAG_CTRL 1"
+    assert drag_model_setting("ARDUPILOTMEGA", {}) == "EK3_DRAG_MCOEF above 0"
+    assert drag_model_setting("ARDUPILOTMEGA", {"ATC_RAT_RLL_P": 0.1}) == ""
+    assert drag_model_setting("GENERIC", {}) == ""

@@ -46,7 +46,7 @@ from mavdem.wind_velocity.from_log import (
     wind_of_signals,
 )
 from mavdem.wind_velocity.torque_share import torque_share_of_wind
-from mavdem.wind_velocity.vehicle_drag import Drag
+from mavdem.wind_velocity.vehicle_drag import Drag, drag_model_setting
 
 LINEAR = np.array([0.3, 0.24])
 QUADRATIC = np.array([0.01, 0.016])
@@ -247,7 +247,8 @@ def test_calm_air_is_below_a_speed():
     shown = wind_blocks(WindEvidence(wind, of_other_boot, None))
     assert not any("own estimate" in block.text for block in shown)
     # Where the autopilot makes none, the setting is named with which it does.
-    shown = wind_blocks(WindEvidence(wind, None, None, "PX4"))
+    setting = drag_model_setting("PX4", {})
+    shown = wind_blocks(WindEvidence(wind, None, None, setting))
     assert any("(EKF2_DRAG_CTRL 1 switches it on)" in block.text for block in shown)
     course = tuple(
         {
