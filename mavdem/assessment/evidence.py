@@ -5,7 +5,7 @@ is a consequence and no fault.
 """
 
 from collections.abc import Container, Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from math import inf
 
@@ -114,7 +114,14 @@ class Evidence:
     @cached_property
     def trust(self) -> tuple[SensorTrust, ...]:
         """Which sensors can be trusted in each boot, by each other."""
-        return trust_of_boots(self.signals)
+        drifts: dict[int, Fact] = {}
+        for event in self.events:
+            if event.code in (MotionEvent.BAROMETER_DRIFTED, MotionEvent.HEIGHTS_DISAGREE):
+                drifts.setdefault(event.figures["boot"], event)
+        return tuple(
+            replace(trust, height_drift=drifts.get(trust.boot))
+            for trust in trust_of_boots(self.signals)
+        )
 
     @cached_property
     def margins(self) -> tuple[AxisMargins, ...]:

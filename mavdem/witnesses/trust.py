@@ -9,6 +9,7 @@ from mavdem.dataset.signals import Signals
 from mavdem.dataset.time_series import TimeSeries, series_of_boot
 from mavdem.dataset.vehicle_cache import cached_per_vehicle
 from mavdem.facts import Fact, Facts, Level
+from mavdem.facts.ending import MotionEvent
 from mavdem.facts.trust import TrustCheck
 from mavdem.ingest.motors import POSSIBLE_MULTIROTORS
 from mavdem.witnesses.accelerometer import (
@@ -54,6 +55,8 @@ class SensorTrust:
     """The pilot's throttle stick (N,), from 0 (closed) to 1 (open); None if it was not recorded."""
     flight_check: FlightCheck
     """Whether the vehicle flew."""
+    height_drift: Fact | None = None
+    """The event that the barometer's height left that of satellites, or its own at rest; None if neither was found."""
 
     @property
     def is_barometer_usable(self) -> bool | None:
@@ -140,13 +143,18 @@ class SensorTrust:
     def _barometer_check(self) -> Fact:
         """Returns the check of the barometer as a fact: whether it is usable, and agrees with the estimated climb.
 
-        The fact has the time, s, of the first contradiction, the noise of the barometer as ``acceleration``, m/s², and
-        the median difference of the climb rates as ``speed``, m/s.
+        The fact has the time, s, of the first contradiction, the noise of the barometer as ``acceleration``, m/s², the
+        median difference of the climb rates as ``speed``, m/s, and the ``drift`` of its height, if there is one.
         """
         is_usable = self.is_barometer_usable
         is_sound = self.is_climb_estimate_sound
         # A barometer that is not usable cannot be compared with the estimate.
         agrees = is_sound if is_usable else is_usable
+        if agrees and self.height_drift is not None:
+            # The estimated climb mostly rests on the barometer, and does not show that it drifts. If it only differs
+            # from satellites, either of them may have drifted.
+            may_be_satellites = self.height_drift.code is MotionEvent.HEIGHTS_DISAGREE
+            agrees = None if may_be_satellites else False
         first_contradiction_time = None
         if is_sound is False:
             first_contradiction_time, _ = self._contradictions[0]
@@ -159,6 +167,7 @@ class SensorTrust:
             acceleration=self.height.barometer_noise,
             speed=self.height.climb_difference if is_sound else None,
             duration=self.contradiction_seconds,
+            drift=self.height_drift,
             boot=self.boot,
         )
 

@@ -1,5 +1,7 @@
 """Barometers that drift in flight: the height at rest before it and after it, against that by satellites."""
 
+from dataclasses import replace
+
 import numpy as np
 from hover import changed, columns
 from instrumented import instrumented, stamps
@@ -10,6 +12,8 @@ from mavdem.assessment.motion import motion_events
 from mavdem.dataset.signals import Signals
 from mavdem.facts import Level
 from mavdem.facts.ending import MotionEvent
+from mavdem.facts.trust import TrustCheck
+from mavdem.witnesses import trust_of_boots
 from mavdem.witnesses.boot_sensors import BootSensors
 from mavdem.witnesses.ground_heights import ground_heights
 
@@ -58,6 +62,21 @@ def test_a_barometer_that_drifts_in_flight_is_to_be_watched(drift):
     assert event.level is Level.WATCH
     assert event.figures["change"] == approx(drift, abs=0.2)
     assert len(event.figures["witnesses"]) == 2
+
+
+@mark.parametrize(("drift", "level"), [(6.0, Level.WATCH), (0.0, Level.GOOD)])
+def test_a_barometer_that_drifted_is_not_trusted_although_the_estimate_follows_it(drift, level):
+    signals = Signals(flight(drift), inputs="motors")
+    (trust,) = trust_of_boots(signals)
+    height_drift = next(iter(drifts(signals.telemetry)), None)
+    (check,) = [
+        check
+        for check in replace(trust, height_drift=height_drift).checks
+        if check.code is TrustCheck.BAROMETER
+    ]
+    assert trust.is_climb_estimate_sound
+    assert check.level is level
+    assert ("drifted" in str(check)) is (drift > 0)
 
 
 def test_a_drift_that_satellites_show_in_flight_is_dated_by_its_growth():
