@@ -25,6 +25,12 @@ hover each second.
 MAX_PATH_SPEED = 50.0
 """Ground speed, m/s, above which a step of the position is a reset of the estimator: no usual multirotor is so fast."""
 
+MIN_KNOWN_SHARE = 0.5
+"""Share of a flight in which the estimator must report a position, so that a distance is known; a choice.
+
+Without a position the vehicle may have flown anywhere, so that the rest is no distance of the flight.
+"""
+
 
 @dataclass(frozen=True)
 class FlownFlight:
@@ -37,7 +43,7 @@ class FlownFlight:
     end: float
     """Landing or the last record, s since boot."""
     distance: float | None
-    """Length of the path over ground, m; None without a position, or if GPS never had a fix."""
+    """Length of the path over ground, m; None without a position for most of the flight, or if GPS never had a fix."""
     height: float | None
     """Largest height above the take-off, m; None if it was not recorded, or the log begins in the air."""
 
@@ -110,10 +116,24 @@ def _flight(
         height = max(float(heights.max()), 0.0) if len(heights) else None
     distance = None
     position = series_of_boot(signals.position, boot)
-    if position is not None and sensors.trust.has_position_fix is not False:
+    has_position = _has_position(sensors.trust.position.validity, interval)
+    if position is not None and has_position and sensors.trust.has_position_fix is not False:
         distance = _path_length(position.within(interval))
     start, end = interval
     return FlownFlight(int(boot), float(start), float(end), distance, height)
+
+
+def _has_position(validity: TimeSeries | None, interval: TimeInterval) -> bool:
+    """Returns whether the estimator reports a position for at least ``MIN_KNOWN_SHARE`` of a flight.
+
+    Args:
+        validity: whether the estimator reports a position (N,), 1 or 0; None if nothing says so.
+        interval: start and end of the flight, s since boot.
+    """
+    if validity is None:
+        return True
+    reports = validity.within(interval).values
+    return not len(reports) or reports.mean() >= MIN_KNOWN_SHARE
 
 
 def _path_length(position: TimeSeries) -> float | None:

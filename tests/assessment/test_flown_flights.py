@@ -87,6 +87,16 @@ def test_a_reset_of_the_position_is_no_distance():
     )
 
 
+def test_a_flight_without_a_position_for_most_of_it_has_no_distance():
+    telemetry = flying_north()
+    time = telemetry.messages["LOCAL_POSITION_NED"]["time"]
+    for lost_from, distance in ((20.0, None), (45.0, approx(SPEED * 39.0, rel=0.05))):
+        (flight,) = flown_flights(
+            Signals(changed(telemetry, "LOCAL_POSITION_NED", valid=time < lost_from))
+        )
+        assert flight.distance == distance
+
+
 def test_each_boot_has_its_flights_and_without_a_position_no_distance_is_known():
     telemetry = HOVER.telemetry(without=("LOCAL_POSITION_NED",))
     messages = {}
