@@ -10,6 +10,7 @@ from mavdem.dataset.segments import Segment, Segments, recorded_spans, settled_s
 from mavdem.dataset.signals import Signals
 from mavdem.facts import Fact
 from mavdem.ingest.motors import POSSIBLE_MULTIROTORS
+from mavdem.witnesses import sensor_trust
 
 RECOVERY_SECONDS = 5.0
 """Seconds of flight after which a loss of attitude counts as recovered; a fall from 100 m takes as long.
@@ -86,7 +87,8 @@ def flights_off_ground(signals: Signals, boot: int) -> Intervals:
     """Returns the flights of a boot in which the vehicle left the ground.
 
     They are those of :func:`flights_in_boot` without those in which the ground carried or held the vehicle, but for
-    less than ``MIN_FLIGHT_SECONDS``: the land detector of a vehicle whose motors are tested reports flights as well.
+    less than ``MIN_FLIGHT_SECONDS``: the land detector of a vehicle whose motors are tested reports flights as well. In
+    a boot in which the sensors show that the vehicle did not fly there are none.
 
     Args:
         signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.
@@ -95,12 +97,26 @@ def flights_off_ground(signals: Signals, boot: int) -> Intervals:
     Returns:
         Start and end of each flight, s since boot; infinite if the record begins or ends in the air.
     """
+    if _never_flew(signals, boot):
+        return []
     flights = []
     for flight in flights_in_boot(signals, boot):
         parts_in_air = without_grounded([flight], signals, boot)
         if sum(end - start for start, end in parts_in_air) >= MIN_FLIGHT_SECONDS:
             flights.append(flight)
     return flights
+
+
+def _never_flew(signals: Signals, boot: int) -> bool:
+    """Returns whether the sensors show that a multirotor did not fly in a boot; False if they do not show it.
+
+    Args:
+        signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.
+        boot: number of the boot, from 0.
+    """
+    is_multirotor = signals.telemetry.vehicle in POSSIBLE_MULTIROTORS
+    has_attitude = bool(signals.tilts) and boot in signals.tilts[0].boot
+    return is_multirotor and has_attitude and sensor_trust(signals, boot).flew is False
 
 
 def merge_close_intervals(intervals: Intervals, gap: float) -> Intervals:

@@ -70,10 +70,6 @@ def flown_flights(signals: Signals) -> list[FlownFlight]:
     for span in recorded_spans(signals):
         if span.boot not in boots_with_attitude:
             continue
-        # None if the sensors do not show whether the vehicle flew.
-        did_fly = BootSensors(signals, span.boot).trust.flew
-        if did_fly is False:
-            continue
         for take_off, landing in flights_off_ground(signals, span.boot):
             # A land detector may report a landing as late as at disarming, or not at all after a crash.
             _, last_time_in_air = without_grounded([(take_off, landing)], signals, span.boot)[-1]

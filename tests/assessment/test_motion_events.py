@@ -656,6 +656,15 @@ def test_what_never_flew_has_no_other_event():
     assert "barometer stayed within" in events[MotionEvent.NOT_FLOWN].sentence
 
 
+def test_what_never_flew_took_not_off_whatever_the_estimator_says():
+    telemetry = bench()
+    time = stamps(telemetry, "LOCAL_POSITION_NED")
+    telemetry = changed(telemetry, "LOCAL_POSITION_NED", vz=-0.6, z=-0.6 * time)
+    events, _ = judged(telemetry)
+    assert MotionEvent.NOT_FLOWN in events
+    assert ReportedEvent.OFF_GROUND not in events and ReportedEvent.ON_GROUND not in events
+
+
 def test_an_error_without_a_setpoint_is_stated_as_the_lean():
     magnitude = np.radians([1.0, 20.0, 2.0])
     for has_setpoint, angle in ((True, 20.0), (False, 40.0)):
