@@ -38,8 +38,6 @@ MAX_FILE_LENGTH = 40
 
 def fleet_blocks(
     summaries: Sequence[VehicleSummary],
-    *,
-    names_vehicles: bool = True,
     names: GivenNames = NO_NAMES,
 ) -> Blocks:
     """Returns the summary of a fleet: a headline, the flights, and a table of the reasons why logs were not used.
@@ -49,7 +47,6 @@ def fleet_blocks(
 
     Args:
         summaries: summary of the flights under each name.
-        names_vehicles: whether the headline names the vehicles that need attention, which a page shows below it.
         names: names that were given to vehicles.
 
     Returns:
@@ -88,7 +85,6 @@ def fleet_blocks(
         "fleet",
         health=_health_summary(vehicles_of_headline, names),
         vehicles=named_count,
-        names_vehicles=names_vehicles,
         # Otherwise some of the vehicles in the headline are flights under a shared name.
         are_all_named=named_count == len(vehicles_of_headline),
         flown=_flown_summary(summaries),
@@ -189,11 +185,8 @@ class HealthSummary(NamedTuple):
     watched_count: int
     """Number of vehicles that do not need a look, but whose latest flight has the level "watch"."""
 
-    recovered_count: int
-    """Number of vehicles whose motors are healthy now, but had a fault or a drift in an earlier flight."""
-
     recovered_list: str
-    """These vehicles, in words."""
+    """The vehicles whose motors are healthy now, but had a fault or a drift in an earlier flight, in words."""
 
     healthy_count: int
     """Number of vehicles whose motors are healthy."""
@@ -226,7 +219,6 @@ def _health_summary(vehicles: Mapping[str, VehicleFlights], names: GivenNames) -
         urgent_count=len(urgent),
         urgent_list=abbreviated_list(urgent),
         watched_count=watched_count,
-        recovered_count=len(recovered_labels),
         recovered_list=abbreviated_list(sorted(recovered_labels)),
         healthy_count=healthy_count,
     )
