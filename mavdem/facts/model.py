@@ -36,6 +36,7 @@ class ParameterDoubt(Code):
     """Why a physical parameter is biased or not identifiable, or where it is known from otherwise."""
 
     WIND_SHARE_HIGH = "wind_share_high"
+    INPUTS_TOO_SLOW = "inputs_too_slow"
     COMMANDS_TOO_FAST = "commands_too_fast"
     ESTIMATE_UNCERTAIN = "estimate_uncertain"
     DEPENDS_ON_WIND_SPECTRUM = "depends_on_wind_spectrum"

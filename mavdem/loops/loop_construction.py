@@ -24,6 +24,7 @@ from mavdem.plant.closed_loop.spectra import LOWEST_FREQUENCY
 from mavdem.plant.likelihood import DELAY_PRIOR
 from mavdem.plant.parameters import (
     DELAY,
+    DRAWS,
     DYNAMICS,
     EFFECTS,
     ESTIMATE,
@@ -310,6 +311,11 @@ def _plant_draws(plant: Physical, filter_delay: float, dt: float) -> _PlantDraws
     else:
         draws = plant.draws(POSTERIOR_DRAWS, seed=DRAWS_SEED)
         draws[:, DELAY] -= filter_delay
+    if plant.bias < 0:
+        # Wind makes the effect too low, never too high: about the estimate, most true effects were above the draws. The
+        # estimate itself stays as it is reported. An effect that is too high, since a gyro's filter was taken for motor
+        # lag, is corrected with that lag (``_draws_without_filters``).
+        draws[DRAWS, EFFECTS] /= 1 + plant.bias
     return _PlantDraws(draws[:, EFFECTS], np.maximum(draws[:, DYNAMICS], PLANT_MINIMUM))
 
 

@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.linalg import LinAlgError
 
-from mavdem.arrays import Array
+from mavdem.arrays import Array, Flags
 from mavdem.confidence import SIGNIFICANT_SIGMAS, STRONG_EVIDENCE_NATS
 from mavdem.dem.engine.linalg import ROUNDING_TOLERANCE, inverse, one_thread
 from mavdem.dem.forecast.joint import axis_mixer
@@ -31,6 +31,7 @@ from mavdem.plant.fitting import (
 )
 from mavdem.plant.identifiability import (
     PARAMETERS,
+    QUICK_FREQUENCY,
     IdentifiabilityFigures,
     NotIdentifiable,
     OmissionErrors,
@@ -360,14 +361,17 @@ def _identifiability_figures(
     relative_sd = dict(zip(PARAMETERS, corrected_sd.tolist(), strict=True))
     # θ begins with the common effect of all motors; each motor's deviation from it follows.
     deviations = fit.theta[1 : fit.model.motors + 1]
+    powers = _torque_powers(fit, windows)
     figures = IdentifiabilityFigures(
-        wind_share=_wind_share(fit, windows),
+        wind_share=powers.wind_share,
         alias_share=_alias_share(fit, windows),
         sd=relative_sd,
         spectrum_range=dict(zip(PARAMETERS, spectrum_range.tolist(), strict=True)),
         lag=np.exp(fit.theta[fit.model.lag_index]),
         dt=windows.dt,
         unpredicted_share=windows.unpredicted_share,
+        quick_share=powers.quick_share,
+        slow_wind_share=powers.slow_wind_share,
         thrust_curve=fit.refinements.get(Refinement.THRUST_CURVE, 0.0),
         motor_deviation=float(abs(deviations).max()),
         motor_deviation_sd=fit.model.deviation_sd,
@@ -451,39 +455,79 @@ def with_omission_errors(
     return covariance
 
 
-def _wind_share(fit: GrayBoxFit, windows: FlightWindows) -> float:
-    """Returns the wind's share of the torque that moved the vehicle, by the fitted model.
+class _TorquePowers(NamedTuple):
+    """Mean power of the torques that caused a rate, by frequency, up to a factor that is the same for all."""
 
-    The inputs are correlated with the wind torque, because the autopilot counters it. So the larger this share, the
-    more a wrong model of the wind biases the effect of the motors.
+    frequency: Array
+    """The F frequencies, Hz (F,)."""
+    wind: Array
+    """Power of all torque that the motors did not cause, measurement noise included (F,)."""
+    motors: Array
+    """Power of the motors' torque (F,)."""
+
+    @property
+    def wind_share(self) -> float:
+        """Variance of the wind torque over the sum of the variances of wind torque and motors' torque, 0 to 1.
+
+        The inputs are correlated with the wind torque, because the autopilot counters it. So the larger this share, the
+        more a wrong model of the wind biases the effect of the motors.
+        """
+        is_in_band = self._is_in_band
+        wind_power = self.wind[is_in_band].sum()
+        return float(wind_power / (wind_power + self.motors[is_in_band].sum()))
+
+    @property
+    def slow_wind_share(self) -> float:
+        """The wind's share, if its power is nowhere in the band less than the mean below it; it may exceed 1."""
+        is_in_band = self._is_in_band
+        wind_power = self.wind[is_in_band]
+        total_power = wind_power.sum() + self.motors[is_in_band].sum()
+        is_below_band = self.frequency < MOTION_BAND_HZ[0]
+        if is_below_band.any():
+            wind_power = np.maximum(wind_power, self.wind[is_below_band].mean())
+        return float(wind_power.sum() / total_power)
+
+    @property
+    def quick_share(self) -> float:
+        """Share of the motors' torque in the band that is above ``QUICK_FREQUENCY``, 0 to 1."""
+        is_in_band = self._is_in_band
+        is_quick = is_in_band & (self.frequency > QUICK_FREQUENCY)
+        return float(self.motors[is_quick].sum() / self.motors[is_in_band].sum())
+
+    @property
+    def _is_in_band(self) -> Flags:
+        """Flags of the frequencies in ``MOTION_BAND_HZ`` (F,)."""
+        low, high = MOTION_BAND_HZ
+        return (low <= self.frequency) & (self.frequency <= high)
+
+
+def _torque_powers(fit: GrayBoxFit, windows: FlightWindows) -> _TorquePowers:
+    """Returns the powers of the torques that moved the vehicle, by the fitted model.
 
     The rate that the motors cause follows from the inputs by the model; the rest counts as caused by wind. Both are
-    converted to torque per inertia, which is |jω + damping| times the rate, and compared in ``MOTION_BAND_HZ``, where
-    multirotors move. Each window is weighted by the inverse square of its level, as in the fit.
+    converted to torque per inertia, which is |jω + damping| times the rate. Each window is weighted by the inverse
+    square of its level, as in the fit.
 
     Args:
         fit: the fit of the gray-box model.
-        windows: the W windows that were fitted, with F frequencies.
-
-    Returns:
-        Variance of the wind torque over the sum of the variances of wind torque and motors' torque, 0 to 1.
+        windows: the windows that were fitted.
     """
     # Tapering in the frequency domain (``_hann_tapered``) combines neighbouring frequencies, so that the first and the
     # last one are left out.
     omega = windows.omega[1:-1]
-    low, high = MOTION_BAND_HZ
-    is_in_band = (2 * np.pi * low <= omega) & (omega <= 2 * np.pi * high)
-    torque_per_rate = np.hypot(omega, fit.model.damping(fit.theta)) * is_in_band
+    torque_per_rate = np.hypot(omega, fit.model.damping(fit.theta))
 
-    def power(rate: ComplexArray) -> float:
-        """Returns the mean power of the torque that causes a rate, up to a factor that cancels in the ratio."""
+    def power(rate: ComplexArray) -> Array:
+        """Returns the mean power (F,) of the torque that causes a rate, whose transform has W windows."""
         squared_torque = abs(torque_per_rate * _hann_tapered(rate)) ** 2
-        return float(np.mean(np.sum(squared_torque, axis=1) / fit.levels**2))
+        return np.asarray(np.mean(squared_torque / fit.levels[:, None] ** 2, axis=0))
 
     rate_by_motors = fit.model.rate_by_motors(fit.theta[None], windows)[0]
-    wind_power = power(windows.rate - rate_by_motors)
-    motor_power = power(rate_by_motors)
-    return wind_power / (wind_power + motor_power)
+    return _TorquePowers(
+        frequency=omega / (2 * np.pi),
+        wind=power(windows.rate - rate_by_motors),
+        motors=power(rate_by_motors),
+    )
 
 
 def _alias_share(fit: GrayBoxFit, windows: FlightWindows) -> float:

@@ -47,6 +47,25 @@ class Limits(NamedTuple):
 WIND_SHARE = Limits(reported=0.20, biased=0.29)
 """Limits of the wind torque's share of the variance of all torque, in the band of the motion."""
 
+QUICK_FREQUENCY = 2.0
+"""Frequency above which motors turn a multirotor by quick inputs, and hardly in answer to the wind, Hz: a choice."""
+
+MIN_QUICK_SHARE = 0.1
+"""Least share of the motors' torque above ``QUICK_FREQUENCY``, unless there is little wind (``MAX_SLOW_WIND_SHARE``).
+
+Of 38 simulated flights with even seeds, axes with doublets, multisines or sticks had 0.3 or more, axes that nobody
+steered up to 0.06. docs/evidence/parameters.md has the coverage of others.
+"""
+
+MAX_SLOW_WIND_SHARE = 0.5
+"""Largest share of the wind, if it were as strong as below the band, with which slow inputs determine the effect.
+
+Smooth gusts, the autopilot's answer to them and the motion are all correlated, so that the fit counts most of the
+wind's torque as the motors': their share then hides it, and the effect comes out up to 50 % too low. Below the band
+the motors cannot follow, so that the wind's torque is seen there, and turbulence is no stronger above. In the same
+flights this share was up to 0.1 about yaw, which wind hardly turns, and 1.1 or more where effects were 30 % too low.
+"""
+
 RELATIVE_SD = {
     "effect": Limits(reported=0.08, biased=0.20),
     "damping": Limits(reported=0.75, biased=0.75),
@@ -189,6 +208,12 @@ class IdentifiabilityFigures(NamedTuple):
     unpredicted_share: float = 0.0
     """Share of the commands' variance that the samples before do not predict."""
 
+    quick_share: float = 1.0
+    """Share of the motors' torque, in the band of the motion, that lies above ``QUICK_FREQUENCY``."""
+
+    slow_wind_share: float = 0.0
+    """Power of the wind torque over all torque's, if the wind is as strong in the band as below it; may exceed 1."""
+
     thrust_curve: float = 0.0
     """Relative change of the effect for one standard deviation of the inputs; 0 if the model has none."""
 
@@ -310,6 +335,15 @@ def _checks_of_parameter(name: str, figures: IdentifiabilityFigures) -> Iterator
         bias=OmissionErrors.wind_bias if has_known_bias else None,
     )
     yield _Check(wind_status, wind_doubt)
+
+    # Without quick inputs the motors answer slow wind only, and its torque cannot be told from theirs.
+    is_slow_motion = figures.quick_share < MIN_QUICK_SHARE
+    has_wind = figures.slow_wind_share > MAX_SLOW_WIND_SHARE
+    if name == "effect" and is_slow_motion and has_wind:
+        only_slow_inputs = Fact(
+            ParameterDoubt.INPUTS_TOO_SLOW, share=figures.quick_share, frequency=QUICK_FREQUENCY
+        )
+        yield _Check(Status.NOT_IDENTIFIABLE, only_slow_inputs)
 
     # Commands that change faster than the sampling rate are not completely recorded, nor is the motion that they cause.
     if figures.alias_share > MAX_ALIAS_SHARE:

@@ -430,6 +430,24 @@ def twin(loop, **known):
     return build_twin({"roll": loop}, **usual | known)
 
 
+@mark.parametrize("bias, factor", [(-0.15, 1 / 0.85), (0.1, 1.0)])
+def test_draws_of_a_plant_that_wind_biases_are_about_its_likely_effect(bias, factor):
+    loop = made_up()
+    biased = loop_from_plant(
+        loop.plant._replace(bias=bias, reasons={"effect": "wind"}), loop.record
+    )
+    assert_allclose(biased.effectiveness[0], loop.effectiveness[0])
+    assert_allclose(biased.effectiveness[1:], loop.effectiveness[1:] * factor)
+
+
+def test_the_crossover_of_a_loop_that_wind_biases_may_be_faster():
+    loop = made_up()
+    too_low = loop_from_plant(
+        loop.plant._replace(bias=-0.15, reasons={"effect": "wind"}), loop.record
+    )
+    assert too_low.rate.crossover_interval[0] > loop.rate.crossover_interval[0]
+
+
 def test_a_twin_says_of_each_figure_how_sure_it_is():
     loop = made_up()
     _, phase, sensitivity = loop_charts({"now": loop})

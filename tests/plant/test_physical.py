@@ -13,9 +13,10 @@ from scipy.linalg import expm, solve_continuous_lyapunov
 from simulated import DAMPING, DT, LAG, MOTORS, in_closed_loop
 
 import mavdem
-from mavdem import Flight, Settings
+from mavdem import Flight, Settings, read_flight
 from mavdem.confidence import STRONG_EVIDENCE_NATS
 from mavdem.dem.record import Record
+from mavdem.experiments.paper.flights import write_log
 from mavdem.facts import Level
 from mavdem.facts.identifiability import Status
 from mavdem.facts.model import NoPhysical, ParameterDoubt, Refinement
@@ -36,6 +37,8 @@ from mavdem.plant.sampled_plant import (
 )
 from mavdem.plant.simulation import simulate_response
 from mavdem.plant.windows import FlightWindows, cut_windows, responses_to_innovations
+from sitl_scenarios.files import scenario_from_table
+from sitl_scenarios.simulation import fly
 
 
 @mark.parametrize(
@@ -274,6 +277,43 @@ def test_a_status_changes_at_its_limit_and_says_why(figure, name, limit, below, 
 def test_at_a_slow_rate_a_short_lag_is_mixed_up_with_delay_and_damping(rate, steps, status):
     statuses, _ = identifiability(SOUND._replace(dt=1 / rate, lag=steps / rate))
     assert statuses == {"effect": "reported", "damping": status, "lag": status}
+
+
+@mark.parametrize(
+    "quick_share, slow_wind_share, status",
+    [
+        (0.05, 0.8, Status.NOT_IDENTIFIABLE),
+        (0.05, 0.2, Status.REPORTED),
+        (0.3, 0.8, Status.REPORTED),
+    ],
+)
+def test_slow_inputs_determine_the_effect_only_with_little_wind(
+    quick_share, slow_wind_share, status
+):
+    figures = SOUND._replace(quick_share=quick_share, slow_wind_share=slow_wind_share)
+    statuses, reasons = identifiability(figures)
+    assert set(statuses.values()) == {status}
+    if status is Status.NOT_IDENTIFIABLE:
+        assert reasons["effect"].code is ParameterDoubt.INPUTS_TOO_SLOW
+        assert "5 % of the motors' torque is quicker than 2 Hz" in reasons["effect"].sentence
+
+
+@mark.slow
+@mark.parametrize(
+    "excitation, status",
+    [(None, Status.NOT_IDENTIFIABLE), ({"kind": "doublets"}, Status.REPORTED)],
+)
+def test_smooth_gusts_are_not_taken_for_motors_where_nobody_steers(tmp_path, excitation, status):
+    wind = [
+        {"kind": "steady", "speed": 5.0, "direction": 90.0},
+        {"kind": "gaussian", "sd": 1.0, "s": 0.25},
+    ]
+    scenario = scenario_from_table(
+        {"duration": 30.0, "seed": 11, "wind": wind, "excitation": excitation}
+    )
+    write_log(tmp_path / "flight.tlog", scenario, fly(scenario))
+    plant = physical(read_flight(tmp_path / "flight.tlog", axis="roll"))
+    assert plant.status["effect"] is status
 
 
 def test_several_doubts_are_one_reason():

@@ -7,9 +7,11 @@ multiple of the rate loop's gain, and with several seeds of wind and noise.
 
 Further flights are steered by doublets so hard that motors reach their limits: the effect changes with the command.
 
+With --unsteered, only flights in smooth or turbulent wind that nobody steers are flown: the motors answer the wind.
+
 The flights are split into two halves by a hash of their names. What is chosen is chosen on half A; half B only tests.
 
-Usage: tools/validation/parameter_coverage.py [--seeds N] [--jobs N]
+Usage: tools/validation/parameter_coverage.py [--seeds N] [--jobs N] [--unsteered]
 """
 
 import hashlib
@@ -57,6 +59,27 @@ HARD_DOUBLETS = {
 DOUBLETS = {"kind": "doublets", "axis": "all", "amplitude": 14.0, "width": 0.1, "period": 1.2}
 """Doublets that drive motors to their limits."""
 
+SMOOTH_WIND = [
+    {"kind": "steady", "speed": 5.0, "direction": 90.0},
+    {"kind": "gaussian", "sd": 1.0, "s": 0.25},
+]
+"""Wind from the side, with smooth gusts."""
+
+TURBULENT_WIND = [{"kind": "dryden", "speed": 5.0, "direction": 90.0, "wind_at_20_feet": 7.7}]
+"""Wind from the side, with turbulence."""
+
+UNSTEERED = {
+    f"{vehicle}, {wind}, {steering}": {
+        "vehicle": {"model": vehicle},
+        "wind": winds,
+        "excitation": excitation,
+    }
+    for vehicle in ("iris", "ardrone2")
+    for wind, winds in (("smooth wind", SMOOTH_WIND), ("turbulence", TURBULENT_WIND))
+    for steering, excitation in (("none", None), ("doublets", {"kind": "doublets"}))
+}
+"""Values of the scenarios in wind, by the name of the case; for comparison, the same wind with doublets."""
+
 FLIGHT_SECONDS = 45.0
 """Duration of each flight, s."""
 
@@ -68,7 +91,7 @@ class Case(NamedTuple):
     """A simulated flight whose parameters are estimated."""
 
     scenario: str
-    """Name of the scenario, or of a case of ``HARD_DOUBLETS``."""
+    """Name of the scenario, or of a case of ``HARD_DOUBLETS`` or ``UNSTEERED``."""
 
     gain: float
     """Multiple of the rate loop's gain that suits the vehicle."""
@@ -85,9 +108,13 @@ class Case(NamedTuple):
     def flown_scenario(self) -> Scenario:
         """Returns the scenario that is flown: the named one with this gain and seed, for ``FLIGHT_SECONDS``.
 
-        A case of ``HARD_DOUBLETS`` is the scenario "iris_doublets" with another vehicle and stronger doublets.
+        A case of ``HARD_DOUBLETS`` is the scenario "iris_doublets" with another vehicle and stronger doublets, one of
+        ``UNSTEERED`` the same scenario with another vehicle, wind and excitation.
         """
         changes = {"seed": self.seed, "duration": FLIGHT_SECONDS}
+        if self.scenario in UNSTEERED:
+            values = load_scenario("iris_doublets").model_dump(mode="json")
+            return scenario_from_table(values | changes | UNSTEERED[self.scenario])
         if self.scenario in HARD_DOUBLETS:
             vehicle = {"model": HARD_DOUBLETS[self.scenario]}
             values = load_scenario("iris_doublets").model_dump(mode="json")
@@ -113,6 +140,17 @@ def cases(seeds: int) -> Iterator[Case]:
         for gain in GAINS:
             for number in range(seeds):
                 yield Case(name, gain, FIRST_SEED + number)
+
+
+def unsteered_cases(seeds: int) -> Iterator[Case]:
+    """Yields the flights of ``UNSTEERED``: three times as many of each kind as a scenario has with one gain.
+
+    Args:
+        seeds: number of flights of each scenario with each gain.
+    """
+    for name in UNSTEERED:
+        for number in range(len(GAINS) * seeds):
+            yield Case(name, 1.0, FIRST_SEED + number)
 
 
 def interval_rows(plant: Physical, truths: Values, true_delay: float) -> list[Values]:
@@ -218,14 +256,20 @@ def table_row(rows: Any) -> pd.Series:
     return pd.Series(cells)
 
 
+@click.option("--unsteered", is_flag=True, help="Only flights in wind that nobody steers.")
 @command(__doc__, seeds=2)
-def main(seeds: int, jobs: int) -> None:
+def main(seeds: int, jobs: int, unsteered: bool) -> None:
     """Prints two tables: coverage by gain and parameter, and by vehicle and parameter with motors at their limits.
 
     Args:
         seeds: number of flights of each scenario with each gain.
         jobs: number of processes.
+        unsteered: whether to print the effects in wind, with and without steering, instead.
     """
+    if unsteered:
+        rows = evaluate_flights(evaluate_case, unsteered_cases(seeds), jobs)
+        print_coverage("Effects in wind", rows[rows["parameter"] == "effect"], "scenario")
+        return
     rows = evaluate_flights(evaluate_case, cases(seeds), jobs)
     has_hard_doublets = rows["scenario"].isin(HARD_DOUBLETS)
     print_coverage("Intervals that hold the truth", rows[~has_hard_doublets], "gain")
