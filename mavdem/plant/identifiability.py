@@ -53,8 +53,8 @@ QUICK_FREQUENCY = 2.0
 MIN_QUICK_SHARE = 0.1
 """Least share of the motors' torque above ``QUICK_FREQUENCY``, unless there is little wind (``MAX_SLOW_WIND_SHARE``).
 
-Of 38 simulated flights with even seeds, axes with doublets, multisines or sticks had 0.3 or more, axes that nobody
-steered up to 0.06. docs/evidence/parameters.md has the coverage of others.
+In simulated flights, axes with doublets, multisines or sticks had 0.3 or more, axes that nobody steered up to 0.06
+(docs/evidence/parameters.md). Side steps of the position have less too: where there is wind, right values are withheld.
 """
 
 MAX_SLOW_WIND_SHARE = 0.5
