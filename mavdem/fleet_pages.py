@@ -21,7 +21,6 @@ from mavdem.report.pages.fleet_page import fleet_page, vehicle_charts
 from mavdem.report.pages.motor_trouble import (
     MotorTrouble,
     motor_trouble,
-    trouble_html,
     with_motor_trouble,
 )
 from mavdem.report.vehicle_summary import (
@@ -162,6 +161,6 @@ def _update_flight_page(path: Path, trouble: MotorTrouble | None) -> None:
     """
     with path.open(encoding="utf-8", errors="replace") as file:
         top = file.read(PAGE_TOP_LENGTH)
-        updated_top = with_motor_trouble(top, trouble_html(trouble), trouble)
+        updated_top = with_motor_trouble(top, trouble)
         if updated_top != top:
             write_text_atomically(path, updated_top + file.read())

@@ -89,15 +89,16 @@ def test_names_are_given_kept_and_taken_away(tmp_path, capsys):
 def test_a_page_says_what_its_row_says_now(tmp_path):
     page = tmp_path / "pages/quad-1-1.html"
     page.parent.mkdir()
-    page.write_text("<main>\n<h1>")
+    page_alone = '<main>\n<section id="result" class="blocks assessment">\n</section>\n'
+    page.write_text(page_alone)
     fleet_of(tmp_path, fleet_rows(7))
     with open_store(tmp_path) as store:
         write_fleet_pages(store, {})
-    assert 'class="said bad">Compared with the vehicle’s other flights: motor 3' in page.read_text()
+    assert '<p class="headline"><strong>motor 3' in page.read_text()
     fleet_of(tmp_path, fleet_rows(10))
     with open_store(tmp_path) as store:
         write_fleet_pages(store, {})
-    assert page.read_text() == "<main>\n<h1>", "its fault is that of a later flight"
+    assert page.read_text() == page_alone, "its fault is that of a later flight"
 
 
 @mark.parametrize(

@@ -229,8 +229,9 @@ def with_toolbar(
         page: HTML of the flight's page, as it was written to its file.
         given_name: name that the owner gave to the flight. It becomes the title, with the name of the log beside it.
             Empty if there is none; then the name of the log stays the title.
-        trouble: fault or drift of the motors that shows beside other flights of the vehicle. The bar shows it, and the
-            light (judgement) of the motors becomes at least as bad. None without trouble.
+        trouble: fault or drift of the motors that shows beside other flights of the vehicle. It becomes the headline
+            unless the log shows worse, and the light (judgement) of the motors becomes at least as bad. None without
+            trouble.
         **values: further values that the template ``bar.html`` uses, by name.
 
     Returns:
@@ -241,9 +242,9 @@ def with_toolbar(
         "bar",
         self_set_parameters=pattern,
         given_name=given_name,
-        trouble=trouble,
         **values,
     )
+    page = with_motor_trouble(page, trouble)
     if given_name:
         # A function makes the replacement, since backslashes of the name would be taken for references to groups.
         page = TITLE.sub(
@@ -251,7 +252,7 @@ def with_toolbar(
             page,
             count=1,
         )
-    return with_motor_trouble(with_server_script(page, **values), bar, trouble)
+    return with_server_script(page, **values).replace("<main>\n", f"<main>\n{bar}", 1)
 
 
 def with_server_script(page: str, **values: Any) -> str:

@@ -1,8 +1,9 @@
 """Trouble with motors that only comparison with other flights shows, written into the page and its status light.
 
 The page of a flight is written from its log alone. Later the vehicle is judged from all its flights, which shows
-smaller losses of a motor. Then the beginning of the page is changed: a paragraph about the trouble is added, and the
-light of the motors (their judgement by a level) becomes at least as bad as the trouble.
+smaller losses of a motor. Then the beginning of the page is changed: the trouble becomes its headline and next step,
+unless the log alone shows worse, and the light of the motors (their judgement by a level) becomes at least as bad as
+the trouble.
 """
 
 import re
@@ -17,10 +18,28 @@ from mavdem.report.fleet import HEALTH_LEVELS, TROUBLED_HEALTHS, motors_level
 from mavdem.report.pages.environment import environment, render_page
 from mavdem.report.templates import render_section
 
-TROUBLE_PLACE = re.compile(
-    r'(?<=<main>\n)(<p class="said [^<]*(?:<strong>[^<]*</strong>[^<]*)*</p>\n)?'
+RESULT = re.compile(
+    r'(?P<trouble><section id="beside".*?</section>\n)?'
+    r'<section id="result" class="(?P<classes>[^"]*)">\n(?P<content>.*?)</section>\n'
+    r'(?P<trouble_below><section id="beside".*?</section>\n)?',
+    re.DOTALL,
 )
-"""The beginning of a flight's page, with the paragraph about trouble with the motors if there is one already."""
+"""The result of the log on a flight's page, and the section about trouble with the motors if there is one already."""
+
+HEADLINE = re.compile(r'<p class="headline"><strong>(.*?)</strong></p>')
+"""The headline of a log's result."""
+
+HEADLINE_ALONE = re.compile("<p><strong>This log alone:</strong> (.*?)</p>")
+"""The headline of a log's result, where the trouble has become that of the page."""
+
+NEXT_STEP = "<p><strong>Next:</strong>"
+"""The beginning of a log's next step."""
+
+NEXT_STEP_ALONE = "<p><strong>Then, by this log alone:</strong>"
+"""The beginning of a log's next step, where the trouble has one that comes first."""
+
+LEVEL_CLASSES = {"doubted": Level.BAD, "lacking": Level.WATCH}
+"""The level of a log's result by the class of its section."""
 
 MOTORS_LIGHT = re.compile(
     r'(<div data-light="motors"><dt>.*?</dt>)'
@@ -64,24 +83,48 @@ def motor_trouble(row: FlightRow | None) -> MotorTrouble | None:
     return MotorTrouble(HEALTH_LEVELS[MotorHealth(row.health)], row.health_reason or "", next_step)
 
 
-def trouble_html(trouble: MotorTrouble | None) -> str:
-    """Renders the paragraph about trouble with the motors for the top of the flight's page; empty without trouble."""
-    return render_page(environment().get_template("related_flights.html"), trouble=trouble)
-
-
-def with_motor_trouble(page: str, html: str, trouble: MotorTrouble | None) -> str:
-    """Returns a flight's page with HTML about trouble at its top, and the light of the motors at least as bad as that.
+def with_motor_trouble(page: str, trouble: MotorTrouble | None) -> str:
+    """Returns a flight's page with trouble as its headline, and the light of the motors at least as bad as that.
 
     The function may be called again with its result: what the earlier call has written is replaced.
 
     Args:
         page: HTML of the page, or its beginning with the lights.
-        html: HTML to put at the top: the paragraph about the trouble, and what else the caller shows there.
-        trouble: the trouble with the motors; None if there is none, which makes the light that of the log alone again.
+        trouble: the trouble with the motors; None if there is none, which makes the page that of the log alone again.
     """
     page = MOTORS_LIGHT.sub(partial(_light_html, trouble=trouble), page, count=1)
-    # The replacement is a function, since backslashes in a text would be taken for references to groups.
-    return TROUBLE_PLACE.sub(lambda _: html, page, count=1)
+    return RESULT.sub(partial(_result_html, trouble=trouble), page, count=1)
+
+
+def _result_html(result: re.Match[str], trouble: MotorTrouble | None) -> str:
+    """Returns the HTML of a log's result with the section about trouble above it, or below it if the log shows worse.
+
+    A next step by the log alone may be to fly again. Below that of the trouble it is therefore marked as the later one.
+
+    Args:
+        result: match of ``RESULT``.
+        trouble: trouble that the comparison with other flights shows; None without any.
+    """
+    content = HEADLINE_ALONE.sub(r'<p class="headline"><strong>\1</strong></p>', result["content"])
+    content = content.replace(NEXT_STEP_ALONE, NEXT_STEP, 1)
+    opening = f'<section id="result" class="{result["classes"]}">\n'
+    if trouble is None:
+        return f"{opening}{content}</section>\n"
+    class_of_level = {level: name for name, level in LEVEL_CLASSES.items()}
+    log_levels = [LEVEL_CLASSES[name] for name in result["classes"].split() if name in LEVEL_CLASSES]
+    is_below = Level.BAD in log_levels and trouble.level is not Level.BAD
+    section_html = render_page(
+        environment().get_template("related_flights.html"),
+        trouble=trouble,
+        level_class=class_of_level[trouble.level],
+        is_below=is_below,
+    )
+    if is_below:
+        return f"{opening}{content}</section>\n{section_html}\n"
+    content = HEADLINE.sub(r"<p><strong>This log alone:</strong> \1</p>", content, count=1)
+    if trouble.next_step:
+        content = content.replace(NEXT_STEP, NEXT_STEP_ALONE, 1)
+    return f"{section_html}\n{opening}{content}</section>\n"
 
 
 def _light_html(light: re.Match[str], trouble: MotorTrouble | None) -> str:
