@@ -38,8 +38,8 @@ NEXT_STEP = "<p><strong>Next:</strong>"
 NEXT_STEP_ALONE = "<p><strong>Then, by this log alone:</strong>"
 """The beginning of a log's next step, where the trouble has one that comes first."""
 
-LEVEL_CLASSES = {"doubted": Level.BAD, "lacking": Level.WATCH}
-"""The level of a log's result by the class of its section."""
+SECTION_CLASSES = {Level.BAD: "doubted", Level.WATCH: "lacking"}
+"""The class of a section with a result, by the level of the result."""
 
 MOTORS_LIGHT = re.compile(
     r'(<div data-light="motors"><dt>.*?</dt>)'
@@ -110,13 +110,12 @@ def _result_html(result: re.Match[str], trouble: MotorTrouble | None) -> str:
     opening = f'<section id="result" class="{result["classes"]}">\n'
     if trouble is None:
         return f"{opening}{content}</section>\n"
-    class_of_level = {level: name for name, level in LEVEL_CLASSES.items()}
-    log_levels = [LEVEL_CLASSES[name] for name in result["classes"].split() if name in LEVEL_CLASSES]
-    is_below = Level.BAD in log_levels and trouble.level is not Level.BAD
+    is_log_bad = SECTION_CLASSES[Level.BAD] in result["classes"].split()
+    is_below = is_log_bad and trouble.level is not Level.BAD
     section_html = render_page(
         environment().get_template("related_flights.html"),
         trouble=trouble,
-        level_class=class_of_level[trouble.level],
+        level_class=SECTION_CLASSES[trouble.level],
         is_below=is_below,
     )
     if is_below:
