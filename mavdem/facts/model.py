@@ -42,6 +42,7 @@ class ParameterDoubt(Code):
     DEPENDS_ON_WIND_SPECTRUM = "depends_on_wind_spectrum"
     FILTER_TAKEN_FOR_LAG = "filter_taken_for_lag"
     MOTORS_DIFFER = "motors_differ"
+    MOTOR_CHANGED = "motor_changed"
     LAG_TOO_SHORT = "lag_too_short"
     MIXED_WITH_DELAY = "mixed_with_delay"
     FOLLOWS_FROM_EFFECT = "follows_from_effect"

@@ -3,11 +3,15 @@
 from dataclasses import replace
 
 import numpy as np
-from pytest import approx
+from made_up_loop import made_up
+from pytest import approx, mark
 from simulated import simulated
 
-from mavdem.assessment.axis.figures import motor_changes
+from mavdem.assessment.axis.figures import MotorChanges, motor_changes
+from mavdem.facts.identifiability import Status
+from mavdem.facts.model import ParameterDoubt
 from mavdem.motors.motor_changes import MotorAlarm
+from mavdem.plant.identifiability import PARAMETERS
 
 LOSS = MotorAlarm(13.0, 10.0, 2, "motor 2", 0.3, 0.99, boot=0, loss=(0.2, 0.4))
 RECOVERY = MotorAlarm(17.0, 14.0, 2, "motor 2", 0.0, 0.99, boot=0)
@@ -45,3 +49,13 @@ def test_a_change_of_the_steady_torque_is_none_of_a_motor():
     changes = motor_changes([STEADY_TORQUE], [flight_of(0)])
     assert changes.samples == []
     assert not changes.has_weak_motor.any()
+
+
+@mark.parametrize("samples, status", [([], Status.REPORTED), ([50], Status.BIASED)])
+def test_an_effect_is_none_of_the_whole_flight_where_a_motor_changed(samples, status):
+    plant = made_up().plant
+    checked = MotorChanges(samples, np.zeros(100, bool)).checked_parameters(plant)
+    assert checked.status == dict.fromkeys(PARAMETERS, status)
+    if samples:
+        assert checked.reasons["effect"].code is ParameterDoubt.MOTOR_CHANGED
+        assert "mean of before and after" in checked.reasons["effect"].sentence

@@ -57,6 +57,7 @@ from mavdem.motors.loss_detection import MotorLossDetector
 from mavdem.motors.motor_changes import MotorAlarm, is_much_larger, lasting_changes
 from mavdem.motors.signatures import motor_signatures
 from mavdem.motors.trim_pattern import trim_of_signals
+from mavdem.plant import Physical
 from mavdem.plant.wind_torque import estimate_wind_torque
 
 EstimatesOfAxes = Callable[[], Mapping[str, AxisEstimates]]
@@ -326,10 +327,13 @@ def _with_physical_parameters(
         if lengths == learned.record.lengths:
             learned = learned.with_physical(axis_estimates.physical)
             return learned.with_wind_torque(axis_estimates.wind)
-    if not is_slow:
-        learned = learned.with_physical(physical_parameters(signals, flights))
-    # The wind torque by these parameters assumes that no motor changed during the flight.
     changes = motor_changes(analysis.alarms, flights)
+    if not is_slow:
+        parameters = physical_parameters(signals, flights)
+        if isinstance(parameters, Physical):
+            parameters = changes.checked_parameters(parameters)
+        learned = learned.with_physical(parameters)
+    # The wind torque by these parameters assumes that no motor changed during the flight.
     has_changed = bool(changes.samples) or changes.has_weak_motor.any()
     if has_changed and learned.physical is not None and learned.wind_torque is not None:
         torque = estimate_wind_torque(learned.physical, learned.record, *changes)

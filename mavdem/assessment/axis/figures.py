@@ -35,9 +35,10 @@ from mavdem.experiments.held_out import (
 )
 from mavdem.experiments.scores import error_over
 from mavdem.experiments.truth import TruthComparison
-from mavdem.facts import Fact
+from mavdem.facts import Fact, Level
 from mavdem.facts.forecasts import HeldOutForecast, MethodName
 from mavdem.facts.identifiability import Status
+from mavdem.facts.model import ParameterDoubt
 from mavdem.flight import Flights, boot_number
 from mavdem.ingest import Component
 from mavdem.loops.identification import identify_plant_in_loop
@@ -74,6 +75,28 @@ class MotorChanges(NamedTuple):
     """Samples at which a motor lost thrust or recovered, ascending."""
     has_weak_motor: Flags
     """Whether a motor had lost thrust (T,): what it lacked is not the wind's torque."""
+
+    def checked_parameters(self, plant: Physical) -> Physical:
+        """Returns physical parameters of the whole flight, marked as biased if a motor changed within it.
+
+        A motor has one effect before it lost thrust and another one after, and the fit has one for the whole flight.
+        Damping and lag get no better status than the effect.
+
+        Args:
+            plant: parameters that were estimated from all T samples.
+        """
+        if not self.samples or plant.status["effect"] is not Status.REPORTED:
+            return plant
+        statuses, reasons = dict(plant.status), dict(plant.reasons)
+        statuses["effect"] = Status.BIASED
+        reasons["effect"] = Fact(ParameterDoubt.MOTOR_CHANGED, Level.WATCH)
+        for name in ("damping", "lag"):
+            if statuses[name] is Status.REPORTED:
+                statuses[name] = Status.BIASED
+                reasons[name] = Fact(
+                    ParameterDoubt.FOLLOWS_FROM_EFFECT, Level.WATCH, status=Status.BIASED
+                )
+        return plant._replace(status=statuses, reasons=reasons)
 
 
 def motor_changes(alarms: Sequence[MotorAlarm], flights: Flights) -> MotorChanges:
@@ -416,6 +439,7 @@ def estimates_of_axis(
     if isinstance(parameters, NotIdentifiable):
         return AxisEstimates(flights, None, None, parameters.reason)
     changes = motor_changes(alarms, flights)
+    parameters = changes.checked_parameters(parameters)
     try:
         wind_torque = estimate_wind_torque(
             parameters, record, changes.samples, changes.has_weak_motor
