@@ -215,7 +215,7 @@ class RecordingTabs:
         # The light of a part, such as the motors, is a fact with a level: good, watch, bad or unknown.
         for name, fact in judgement.lights.items():
             is_headline = str(fact) == str(judgement.headline)
-            text = "The headline above says why." if is_headline else fact.sentence_and_remedy
+            text = "See the headline." if is_headline else fact.sentence_and_remedy
             lines.append(f"**{name.capitalize()} – {fact.level}:** {text}")
         return log_text(self._recording, "headline", "", "\n\n".join(lines))
 

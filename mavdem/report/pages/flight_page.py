@@ -174,7 +174,6 @@ def log_page(
             timeline,
             str(assessment.next_step),
             evidence_text(assessment.headline),
-            str(assessment.headline),
         )
         if timeline is not None:
             timeline = timeline._replace(event_labels=_labels_in_charts(events, timeline))
@@ -327,7 +326,6 @@ def _numbered_events(
     timeline: Timeline | None,
     next_step: str = "",
     evidence_of_headline: str = "",
-    headline: str = "",
 ) -> list[PageEvent]:
     """Returns the events of a log as a page lists them; those with a time are numbered.
 
@@ -339,7 +337,6 @@ def _numbered_events(
         timeline: charts of one of these boots; events of other boots are not on its clock. None without charts.
         next_step: text of the next step, which the page shows above the events.
         evidence_of_headline: sentence with the measurements that confirm the headline, which is above the events too.
-        headline: sentence of the headline, which the short list of events does not repeat.
 
     Returns:
         The events in order.
@@ -352,9 +349,7 @@ def _numbered_events(
             texts_above.add(fact.remedy)
         texts_above_event = frozenset(texts_above)
         texts_above |= {fact.remedy, evidence_text(fact)}
-        page_event = PageEvent(
-            Event(nan, fact), is_headline=str(fact) == headline, repeated=texts_above_event
-        )
+        page_event = PageEvent(Event(nan, fact), repeated=texts_above_event)
         if fact.time is not None:
             number += 1
             boot = fact.figures.get("boot")

@@ -134,7 +134,7 @@ class PageEvent(NamedTuple):
     """Whether its time is on the clock of the charts, to which it then links: an event of another boot's is not."""
 
     is_headline: bool = False
-    """Whether the page's headline states it, which a short list does not repeat."""
+    """Whether the headline of a live page states it."""
 
     repeated: frozenset[str] = frozenset()
     """Texts that the page has above it, and that are not repeated: what to do about it, and what shows it."""
@@ -148,7 +148,7 @@ class PageEvent(NamedTuple):
     @property
     def brief(self) -> str:
         """What happened, for a short list."""
-        sentence = "What the headline states." if self.is_headline else str(self.event.fact)
+        sentence = str(self.event.fact)
         if self.total == 1:
             return sentence
         return f"{without_full_stop(sentence)}{first_of_count(self.total)}."
@@ -231,12 +231,23 @@ class Head(NamedTuple):
     """Day in the name of the log's file, which is shown where the log has no date; None without one."""
 
     @property
+    def earlier_lights(self) -> dict[str, str]:
+        """By each light that warns of the same as an earlier one, the earlier one's name, to which it refers."""
+        first_lights: dict[str, str] = {}
+        earlier_lights = {}
+        for name, fact in self.lights.items():
+            first = first_lights.setdefault(str(fact), name)
+            if fact.warns and first != name:
+                earlier_lights[name] = first
+        return earlier_lights
+
+    @property
     def brief_events(self) -> Sequence[PageEvent]:
         """The events that a page shows before its reader unfolds the list of all.
 
         These are the newest events of a live session that goes on, and its newest alarms. Otherwise they are all events
-        if they are few, or else the worst, of which each kind is shown once, with the number of its events as
-        ``total``.
+        if they are few, or else the worst in order of time, of which each kind is shown once, with the number of its
+        events as ``total``.
         """
         if self.is_newest_first:
             newest_alarms = [event for event in self.events if event.event.is_alarm]
@@ -246,7 +257,7 @@ class Head(NamedTuple):
             return self.events
         facts = [page_event.event.fact for page_event in self.events]
         brief_events = []
-        for index, count in worst_events(facts)[:MAX_BRIEF_EVENTS]:
+        for index, count in sorted(worst_events(facts)[:MAX_BRIEF_EVENTS]):
             brief_events.append(self.events[index]._replace(total=count))
         return brief_events
 
