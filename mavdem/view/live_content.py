@@ -175,8 +175,8 @@ def figure_texts(
             before the first model.
 
     Returns:
-        Markdown by the template "live_cards": state, prediction, wind, wind torque, physical parameters, free energy,
-        and what is watched.
+        Markdown by the template "live_cards": state with the level of each light, which judges one part of the vehicle
+        such as its motors, prediction, wind, wind torque, physical parameters, free energy, and what is watched.
     """
     judgement = status.model_judgement
     estimate = row.estimate
@@ -188,6 +188,7 @@ def figure_texts(
     cards = render_section(
         "live_cards",
         status=status,
+        lights=status.overall_judgement.lights,
         watched=watched_quantities_text(status.watch_facts),
         row=row,
         channels=channels,

@@ -330,7 +330,9 @@ def test_a_stalled_sink_holds_up_nobody_and_loses_the_oldest_rows_only(tmp_path,
 def test_figures_and_status_show_what_is_known_and_a_model_outlives_the_flight():
     row = ROW._replace(time=60.0)
     status = SessionStatus(no_model_reason=prose("The vehicle is on the ground."))
-    assert all("### –" in figure for figure in figure_texts(status, row, CHANNELS, None)[1:6])
+    first_figures = figure_texts(status, row, CHANNELS, None)
+    assert all("### –" in figure for figure in first_figures[1:6])
+    assert "motors unknown · vibration unknown · " in first_figures[0]
     assert "No model yet. The vehicle is on the ground." in status_document(
         status, row, CHANNELS, None
     )
