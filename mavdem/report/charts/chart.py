@@ -93,6 +93,12 @@ TIME = Axis("time since boot (s)")
 TIME_AFTER_STEP = Axis("time (s)")
 """Time from the beginning of a step response."""
 
+STEP_RESPONSE = Axis("share of the step")
+"""Response to a step of the setpoint."""
+
+SETTLED_SHARE = 0.1
+"""Largest deviation of a settled step response from its last value, as a share of that value: a choice."""
+
 FREQUENCY = Axis("frequency (Hz)", is_logarithmic=True)
 """Frequency of responses and of spectral densities."""
 
@@ -163,6 +169,20 @@ class Line(NamedTuple):
     def longest_bridged_gap(self) -> float:
         """Distance of two samples beyond which the line has a gap, in the unit of the axis."""
         return max(MAX_GAP_STEPS * self.step, self.bridged_gap)
+
+    def until(self, end: float) -> Line:
+        """Returns the line up to an abscissa, with its band.
+
+        Args:
+            end: last abscissa that is kept.
+        """
+        count = int(np.searchsorted(self.x, end, side="right"))
+        return self._replace(
+            x=self.x[:count],
+            y=self.y[:count],
+            lower_edge=None if self.lower_edge is None else self.lower_edge[:count],
+            upper_edge=None if self.upper_edge is None else self.upper_edge[:count],
+        )
 
     def resampled(self, grid: Array) -> Line:
         """Returns the line at the points of an even grid, without losing a peak.
@@ -465,6 +485,25 @@ class Group(NamedTuple):
             caption: text below the charts.
         """
         return cls(tuple((panel,) for panel in panels if panel is not None), caption)
+
+
+def step_chart(title: str, steps: Sequence[Line]) -> Chart:
+    """Makes a chart of step responses, which ends after twice the time in which the slowest of them settles.
+
+    A response has settled when it stays within ``SETTLED_SHARE`` of its last value. The rest would only press together
+    what distinguishes the responses. A level at 1 marks the setpoint.
+
+    Args:
+        title: title of the chart.
+        steps: responses as shares of the step, over the time after it, s.
+    """
+    settling_times = []
+    for step in steps:
+        is_unsettled = abs(step.y - step.y[-1]) > SETTLED_SHARE * abs(step.y[-1])
+        settling_times.append(step.x[is_unsettled].max(initial=0.0))
+    end = 2 * float(max(settling_times)) or np.inf
+    shown_steps = tuple(step.until(end) for step in steps)
+    return Chart(title, TIME_AFTER_STEP, STEP_RESPONSE, shown_steps, (1.0,))
 
 
 def over_time(title: str, unit: str, lines: Iterable[Line]) -> Chart:

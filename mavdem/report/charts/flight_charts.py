@@ -16,7 +16,6 @@ from mavdem.loops.step_response import StepResponse
 from mavdem.report.charts.chart import (
     FREQUENCY,
     TIME,
-    TIME_AFTER_STEP,
     Axis,
     Chart,
     Charts,
@@ -24,6 +23,7 @@ from mavdem.report.charts.chart import (
     LineStyle,
     Mark,
     Spectrogram,
+    step_chart,
 )
 from mavdem.report.charts.model_charts import line_with_quantile_band
 from mavdem.report.palette import BAD, COMMAND, MEASURED, PHYSICAL, PREDICTED
@@ -67,9 +67,6 @@ MIN_GAIN_RATIO = 10.0
 
 HEAT_PERCENTILES = (20.0, 99.8)
 """Percentiles of the power, dB, that a spectrogram shows as its lowest and highest colour."""
-
-STEP_RESPONSE = Axis("share of the step")
-"""Axis of a response to a step of 1."""
 
 CLOSED_LOOP_GAIN = Axis("gain |T|", is_logarithmic=True)
 """Axis of the gain from setpoint to response."""
@@ -170,7 +167,7 @@ def _response_charts(
     if advised_step is not None:
         steps.append(Line("advised gains", PHYSICAL, measured_response.time, advised_step))
     steps += steps_over_advised
-    yield Chart(f"{title}: step", TIME_AFTER_STEP, STEP_RESPONSE, tuple(steps), (1.0,))
+    yield step_chart(f"{title}: step", steps)
     if measured_response.loop == "rate":
         yield Chart(f"{title}: |T|", FREQUENCY, CLOSED_LOOP_GAIN, tuple(gains), (1.0,))
 

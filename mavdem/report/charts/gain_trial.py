@@ -11,7 +11,7 @@ from mavdem.loops.advice import Advice, AdviceByAxis, advised_parameters
 from mavdem.loops.axis_loops import LoopsByAxis
 from mavdem.loops.identified_step import STEP_SECONDS, step_from_frequency_response
 from mavdem.loops.step_response import StepResponse
-from mavdem.report.charts.chart import TIME_AFTER_STEP, Axis, Chart, Group, Line, LineStyle
+from mavdem.report.charts.chart import Axis, Chart, Group, Line, LineStyle, step_chart
 from mavdem.report.palette import PHYSICAL, PREDICTED, TRUTH
 
 STEP_POINTS = 200
@@ -131,7 +131,7 @@ def predicted_step_chart(loops: LoopsByAxis, loop_name: str) -> Chart:
         style = LineStyle.DASHES if name == "now" else LineStyle.LINE
         lines.append(Line(name, GAIN_COLOURS[name], time, step, style=style))
     title = f"{loops['now'].axis.capitalize()} {loop_name}: step"
-    return Chart(title, TIME_AFTER_STEP, Axis("share of the step"), tuple(lines), (1.0,))
+    return step_chart(title, lines)
 
 
 def _motion_chart(title: str, motion: TwinMotion, is_drawn: Flags) -> Chart:

@@ -4,8 +4,7 @@ from itertools import cycle
 
 from mavdem.assessment.axis.responses import Responses
 from mavdem.loops.step_response import StepResponse
-from mavdem.report.charts.chart import TIME_AFTER_STEP, Chart, Line
-from mavdem.report.charts.flight_charts import STEP_RESPONSE
+from mavdem.report.charts.chart import Chart, Line, step_chart
 from mavdem.report.palette import DISTINCT
 
 
@@ -28,5 +27,5 @@ def step_overview_charts(responses: Responses) -> dict[str, Chart]:
     charts = {}
     for loop_name, lines in lines_by_loop.items():
         title = f"{loop_name.capitalize()}: step"
-        charts[loop_name] = Chart(title, TIME_AFTER_STEP, STEP_RESPONSE, tuple(lines), (1.0,))
+        charts[loop_name] = step_chart(title, lines)
     return charts

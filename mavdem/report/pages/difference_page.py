@@ -18,14 +18,14 @@ from mavdem.fleet.quantities import (
 from mavdem.fleet.report_columns import NOT_IDENTIFIABLE, value_at
 from mavdem.report.blocks import Blocks, Table, headline_sentence
 from mavdem.report.charts.change_plan import change_plan, drawn_changes
-from mavdem.report.charts.chart import TIME_AFTER_STEP, Axis, Chart, Group, Line, LineStyle
+from mavdem.report.charts.chart import Axis, Chart, Group, Line, LineStyle, step_chart
 from mavdem.report.charts.comparison_charts import (
     MEAN_MOTOR_OUTPUT,
     VIBRATION,
     FlightSeries,
     flight_series_charts,
 )
-from mavdem.report.charts.flight_charts import MIN_DENSITY, STEP_RESPONSE
+from mavdem.report.charts.flight_charts import MIN_DENSITY
 from mavdem.report.difference import (
     Review,
     bound_sentences,
@@ -317,7 +317,7 @@ def _step_charts(reviews_by_side: Reviews, legend: Mapping[str, str], axis: str)
                 lines.append(Line.with_band(name, SIDE_COLOURS[side], time, step, half_width))
         if lines:
             title = f"{axis.capitalize()} {loop}: step"
-            chart = Chart(title, TIME_AFTER_STEP, STEP_RESPONSE, tuple(lines), (1.0,))
+            chart = step_chart(title, lines)
             yield _with_single_side(chart)
 
 
