@@ -348,12 +348,18 @@ def _follow_vehicle(
                 raise Unreadable(
                     LinkFact.STREAM_FILE_FAILED, path=record, error=error_message(error)
                 ) from None
+        status_lines = StatusLines()
+
+        def report_status(status: SessionStatus) -> None:
+            dashboard.report(status)
+            status_lines.update_in_place(status)
+
         session = LiveSession(
             link=link,
             stream=stream,
             settings=options.settings,
             open_display=dashboard.open,
-            report_status=dashboard.report,
+            report_status=report_status,
             report_event=print_event,
             executor=executor,
             recording=recording,
@@ -383,6 +389,7 @@ def _follow_vehicle(
         print_to_stderr(f"Listening on {options.link}; Ctrl-C ends it.")
         _run_and_show_status(
             session,
+            status_lines,
             lambda: is_end_requested() or session.successor is not None,
             duration,
             plain=options.plain,
@@ -565,6 +572,7 @@ def _output_paths(
 
 def _run_and_show_status(
     session: LiveSession,
+    status_lines: StatusLines,
     is_end_requested: Callable[[], bool],
     duration: float | None,
     *,
@@ -577,6 +585,7 @@ def _run_and_show_status(
 
     Args:
         session: The live session: its link, the vehicle and the model that it learns.
+        status_lines: Shows the status; on a terminal it gets the text that is updated in place, for this time.
         is_end_requested: Function that returns whether the user has requested the end.
         duration: Seconds until the end; None for no limit.
         plain: Whether the status is printed as lines below each other even on a terminal.
@@ -587,8 +596,11 @@ def _run_and_show_status(
         terminal_text = Live(console=STDERR, auto_refresh=False, transient=True)
         period = STATUS_PERIOD
     with terminal_text or nullcontext():
-        show_status = StatusLines(terminal_text).show
-        run_session(session, is_end_requested, duration, period, show_status)
+        status_lines.terminal_text = terminal_text
+        try:
+            run_session(session, is_end_requested, duration, period, status_lines.show)
+        finally:
+            status_lines.terminal_text = None
 
 
 def _final_model(session: LiveSession, session_end: ExitStack) -> Learned | None:

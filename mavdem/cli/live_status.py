@@ -173,15 +173,18 @@ class StatusLines:
     new, and every ``UNCHANGED_STATE_PERIOD``. Which quantities are watched, or cannot be, is printed when it changes,
     and not for ``UNREPORTED_REASONS``. A fact is new if it has another code; the same code with other values is not
     printed again.
+
+    Attributes:
+        terminal_text: The text on the terminal that is updated; None to print lines below each other.
     """
 
-    def __init__(self, terminal_text: Live | None) -> None:
+    def __init__(self, terminal_text: Live | None = None) -> None:
         """Shows nothing yet.
 
         Args:
             terminal_text: The text on the terminal that is updated; None to print lines below each other.
         """
-        self._terminal_text = terminal_text
+        self.terminal_text = terminal_text
         # The state that was printed last and when, s of the monotonic clock.
         self._printed_state: PrintedState | None = None
         self._print_time = -inf
@@ -202,8 +205,18 @@ class StatusLines:
         status = session.status
         if status.loss is None:
             self._print_watch_changes(status.watch_facts)
-        if self._terminal_text is None:
+        if self.terminal_text is None:
             self._print_new(status, _status_texts(status, has_table=False))
+        else:
+            self.update_in_place(status)
+
+    def update_in_place(self, status: SessionStatus) -> None:
+        """Updates the status on a terminal; does nothing elsewhere.
+
+        Args:
+            status: State of the live session: vehicle, learning, alarms, headline and next step.
+        """
+        if self.terminal_text is None:
             return
         texts = _status_texts(status, has_table=True)
         alarm_style = _style(*status.active_alarms)
@@ -218,7 +231,7 @@ class StatusLines:
         if unwatched_text:
             last_line.append(f" {unwatched_text}")
         parts.append(last_line)
-        self._terminal_text.update(Group(*parts), refresh=True)
+        self.terminal_text.update(Group(*parts), refresh=True)
 
     def _print_watch_changes(self, watch_facts: Facts) -> None:
         """Prints which quantities are watched now, or no longer, and why, if that has changed since it was printed.
@@ -243,7 +256,7 @@ class StatusLines:
                 changes[quantity] = content
                 changed_facts.append(fact)
         has_settled = self._watch_changes.update(changes, monotonic())
-        is_terminal = self._terminal_text is not None
+        is_terminal = self.terminal_text is not None
         if changed_facts and (has_settled or not is_terminal):
             self._printed_watch_facts.update(changes)
             print_to_stderr(line_with_time(watched_quantities_text(changed_facts)))

@@ -110,7 +110,7 @@ class LiveSession:
             stream: stream of one vehicle.
             settings: settings of the learner.
             open_display: function that is called with each new format of rows, and returns their display, or None.
-            report_status: function that is called once a second with the status.
+            report_status: function that is called with the status once a second, and just before an alarm is reported.
             report_event: function that is called with each event for the user.
             executor: executor in which models are learned and judged; None for this thread.
             recording: recording of the raw stream; None for none.
@@ -197,13 +197,22 @@ class LiveSession:
         self._milestone_reporter.note_first_model(
             self._learning, self.stream.now, self.stream.takeoff_time
         )
-        for event in self.stream.drain_events():
+        events = self.stream.drain_events()
+        if any(event.fact.is_bad for event in events):
+            # An alarm must not stand beside a status of up to a second before, which calls the vehicle sound.
+            self._report_alarmed_status()
+        for event in events:
             # A vehicle that is to be followed after a silent one has been reported as its successor.
             is_successor = event.fact.code is VehicleFact.OTHER_VEHICLE and self.successor
             if not is_successor:
                 self._presentation.log(event.fact)
         for fact in self.link.drain_events():
             self._presentation.log(fact)
+
+    def _report_alarmed_status(self) -> None:
+        """Reports the status at once, unless the computer is so late that even estimates are postponed."""
+        if DelayedWork.ESTIMATES not in self.backlog.postponed:
+            self._report_status(self.status)
 
     def _request_rates(self) -> None:
         """Requests message rates from the vehicle, by the rates of the messages that are analysed so far.

@@ -262,6 +262,17 @@ class SessionStatus(ImmutableResult):
         return self._judgement_in_flight(judgement)
 
     @property
+    def further_alarms(self) -> Facts:
+        """The active alarms that the headline does not state, with these figures or with newer ones."""
+        headline = _cause_of_alarm(self.overall_judgement.headline)
+        further = []
+        for alarm in self.active_alarms:
+            cause = _cause_of_alarm(alarm)
+            if (cause.code, cause.subject) != (headline.code, headline.subject):
+                further.append(alarm)
+        return tuple(further)
+
+    @property
     def _judgement_by_model(self) -> Judgement:
         """The judgement of the latest model; before one is judged, lights that say why there is none.
 
@@ -383,6 +394,9 @@ class SessionStatus(ImmutableResult):
             headline = power if power.warns else self.no_model_reason
             next_step = Fact(NextStep.DO_AS_ADVISED, reason=self.no_model_reason)
             return replace(judgement, headline=headline, next_step=next_step)
+        if headline.code is HeadlineCode.NOTHING_WRONG:
+            # Of a vehicle in flight the pilot asks first whether there is an alarm.
+            headline = headline.replace(is_in_flight=True)
         judgement = replace(judgement, headline=headline)
         if is_urgent:
             return replace(judgement, next_step=Fact(NextStep.LAND_NOW, reason=headline))
@@ -538,6 +552,14 @@ class SessionStatus(ImmutableResult):
             mean_error_ratio = estimate.ahead_ratio[useful_index].mean()
             useful_horizon = UsefulHorizon(horizons[useful_index], mean_error_ratio)
         return replace(self, prediction_band=angle_band, useful_horizon=useful_horizon)
+
+
+def _cause_of_alarm(fact: Fact) -> Fact:
+    """Returns what an alarm is about, such as the loss of thrust of a motor; any other fact as it is."""
+    if fact.code is SessionFact.ALARM:
+        cause: Fact = fact.figures["reason"]
+        return cause
+    return fact
 
 
 def _is_event(fact: Fact) -> bool:

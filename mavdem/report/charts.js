@@ -246,6 +246,8 @@
       // Of a logarithmic axis there is more than one number to read.
       const wide = axis.log ? Math.max(1, 2 / Math.sqrt(max / min)) : 1;
       if (axis.log) return [low ?? min / wide, high ?? max * 1.3 * wide];
+      // What stays the same has an axis of a twentieth around it, on which its next change is seen.
+      if (min === max && min) [min, max] = [min - Math.abs(min) / 20, max + Math.abs(max) / 20];
       const [from, to] = uPlot.rangeNum(min, max, 0.06, false);
       return [low ?? (min < 0 ? from : Math.max(from, 0)), high ?? to];
     },

@@ -1,33 +1,41 @@
 """A motor that weakens in flight: the live path says which, and a log of the same stream says the same."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from io import StringIO
 from itertools import pairwise
+from unittest.mock import Mock
 
 import numpy as np
 from frames import geometry
 from hover import Hover
-from live_hover import Flight, by_time, offline, replay
+from live_hover import NOW, Flight, by_time, offline, replay
 from mavlink_streams import message
 from numpy.testing import assert_allclose
 from partial_records import partial_record
 from pytest import approx, fixture, mark
+from rich.console import Console
 
 from mavdem.assessment.axis.analysis import _gradual_losses, motor_alarms
+from mavdem.cli.live_status import StatusLines
 from mavdem.dataset.motor_outputs import MotorOutputs
 from mavdem.dataset.signals import Signals
 from mavdem.dataset.time_series import TimeSeries
+from mavdem.dem import Settings
 from mavdem.experiments.paper.flights import write_log
+from mavdem.facts import Fact, Level
 from mavdem.facts.assessment import NextStep
 from mavdem.facts.lights import Light
 from mavdem.facts.motors import MotorWatchFact
-from mavdem.facts.session import SessionFact, TimeUse
+from mavdem.facts.session import LinkFact, SessionFact, TimeUse
 from mavdem.ingest import read_log
 from mavdem.ingest.formats import read_stream
 from mavdem.ingest.output_scale import OutputScale
 from mavdem.live import LiveStream, SessionStatus
 from mavdem.live.gradual_watch import GradualLossWatch
 from mavdem.live.history import LiveHistory
+from mavdem.live.link import ReceivedPiece
 from mavdem.live.motor_alarms import MotorAlarms
+from mavdem.live.session import LiveSession
 from mavdem.motors.loss_detection import MotorLossDetector
 from mavdem.motors.motor_changes import thrust_losses
 from mavdem.report.live import live_report
@@ -130,6 +138,47 @@ def test_a_transient_is_no_loss_live_or_in_the_log():
     assert not logged
     assert thrust_losses(status.motor_alarms) == []
     assert [fact.code for fact in status.active_alarms] == [MotorWatchFact.MOTOR_RECOVERED]
+
+
+def test_the_status_beside_an_alarm_states_that_alarm(monkeypatch):
+    """Headline, next step and light follow at the moment of the alarm, not with the status of the next second."""
+    # The session reports one status at its start, and none by this clock later on.
+    monkeypatch.setattr("mavdem.live.clock.time.monotonic", lambda: 100.0)
+    pieces = [[ReceivedPiece(NOW + time, frame)] for time, frame in hovering(rise=150.0)]
+    link = Mock(dropped_datagrams=0, awaits_greeting=False, drain_events=list)
+    link.receive = lambda timeout: pieces.pop(0)
+    statuses = []
+    judgements_at_alarms = []
+
+    def report_event(event):
+        if event.fact.code is SessionFact.ALARM:
+            judgements_at_alarms.append(statuses[-1].overall_judgement)
+
+    session = LiveSession(
+        link, LiveStream(), Settings(), lambda _: None, statuses.append, report_event
+    )
+    while pieces:
+        session.step(0.0)
+    session.end()
+    [judgement] = judgements_at_alarms
+    assert judgement.headline.code is MotorWatchFact.MOTOR_LOST_THRUST
+    assert judgement.next_step.code is NextStep.LAND_NOW
+    assert judgement.lights[Light.MOTORS].is_bad
+
+
+def test_the_alarm_of_the_headline_is_stated_once_after_the_landing(monkeypatch):
+    shown = StringIO()
+    monkeypatch.setattr("mavdem.cli.live_status.STDERR", Console(file=shown, width=100))
+    screen = Mock()
+    status = replay(hovering(rise=150.0)).stream.status()
+    reason = Fact(LinkFact.CONNECTION_LOST, cause=None, reopening=False)
+    silent = replace(status, no_model_reason=reason)
+    StatusLines(screen).update_in_place(silent)
+    Console(file=shown, width=100).print(screen.update.call_args.args[0])
+    text = " ".join(shown.getvalue().split())
+    assert not status.is_flying and text.count("of its thrust") == 1
+    other = Fact(MotorWatchFact.MOTOR_LOST_THRUST, Level.BAD, subject="motor 2")
+    assert replace(status, active_alarms=(*status.active_alarms, other)).further_alarms == (other,)
 
 
 def test_an_alarm_is_of_its_flight_and_of_its_boot():

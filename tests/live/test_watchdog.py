@@ -616,6 +616,12 @@ def test_the_headline_counts_lights_that_need_no_model():
     waiting = replace(status, model_judgement=None, no_model_reason=Fact(SessionFact.NOT_SETTLED))
     assert waiting.overall_judgement.headline.code is Headline.NOTHING_WRONG
     assert waiting.overall_judgement.next_step.figures["reason"] == waiting.no_model_reason
+    # In flight it begins with what the pilot asks first, and with nothing else once it is over.
+    flying = replace(waiting, is_flying=True)
+    told = str(flying.overall_judgement.headline)
+    assert told.startswith("No alarm so far; too little was checked to call it sound: motors")
+    for status_on_ground in (waiting, replace(flying, is_over=True)):
+        assert str(status_on_ground.overall_judgement.headline).startswith("Too little was checked")
 
 
 @mark.parametrize(

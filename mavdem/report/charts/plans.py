@@ -46,8 +46,11 @@ MIN_ROSE_FLIGHTS = 8
 MAX_PATH_POINTS = 600
 """Points of the flown path that are drawn, at most."""
 
-MIN_PATH_SIZE = 2.0
-"""Smallest width of a drawn path, m: a hover does not fill the drawing with the noise of its position."""
+MIN_PATH_SIZE = 0.5
+"""Smallest width of a drawn path, m: a vehicle on the ground does not fill the drawing with the noise of its position.
+
+A choice: a steady hover moves by some decimetres, and fills a good part of it.
+"""
 
 
 def frame_plan(

@@ -69,3 +69,17 @@ def test_a_vehicle_in_flight_is_drawn_with_heading_take_off_and_wind():
 
 def test_without_a_position_there_is_no_path():
     assert flown_path(Timeline((), (0.0, 1.0))) is None
+
+
+def test_a_hover_fills_the_map_by_more_than_a_third_and_noise_on_the_ground_does_not():
+    time = np.linspace(0.0, 10.0, 101)
+    widths = []
+    for size in (0.4, 0.02):
+        north = size / 2 * np.sin(time)
+        values = np.column_stack([north, 0 * time, 0 * time - 5.0])
+        position = TimeSeries(time, np.zeros(101, int), values)
+        plan = flown_path(Timeline((), (0.0, 10.0), position=position))
+        widths.append(65534 * plan.track["y"]["step"])
+    # The drawing is 300 wide.
+    assert widths[0] > 100.0
+    assert widths[1] < 10.0
