@@ -164,20 +164,22 @@ def _events_of_other_vehicle(
 
 
 def _not_flown_event(signals: Signals, trust: SensorTrust) -> Fact | None:
-    """Returns the event that the vehicle did not fly in a boot although its motors ran.
+    """Returns the event that the vehicle did not fly between a start of the autopilot (boot) and the next.
+
+    Its motors ran and the autopilot may report a flight, but sensors such as barometer and accelerometer show none.
 
     Args:
         signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.
-        trust: checks of the sensors in the boot.
+        trust: what the sensors show of this boot: whether the vehicle flew, None if they do not show it.
 
     Returns:
-        The event; None if it may have flown.
+        The event, at the first time of the boot; None if the vehicle flew, or may have flown.
     """
-    if trust.flew is not False:
+    if trust.flew is None or trust.flew:
         return None
     tilt = signals.tilts[0]
     times = tilt.time[tilt.boot == trust.boot]
-    # What sensors show against a flight supports this event.
+    # Evidence against a flight is evidence for the event that there was none.
     sensor_facts = tuple(fact.replace(side=Side.FOR) for fact in trust.flight_check.sensor_facts)
     return Fact(MotionEvent.NOT_FLOWN, time=times[0], boot=trust.boot, witnesses=sensor_facts)
 
@@ -229,16 +231,17 @@ def _lies_within(event: Fact, intervals: Intervals) -> bool:
 def _intervals_out_of_control(
     flight_events: Sequence[Fact], flight_interval: TimeInterval
 ) -> Intervals:
-    """Returns the intervals from each event that takes the vehicle out of control to the flight's end.
+    """Returns the intervals of a flight in which its motors reach their limits because it is out of control.
 
-    A vehicle that falls or lies on its back has motors at their limits, and so does one that follows a false height.
+    Each begins with an event such as a fall, a flight on its back, or a height estimate that diverged, and lasts until
+    the end of the flight. A motor at its limit in such an interval is not a fault of the motor.
 
     Args:
         flight_events: events of the flight, each a fact (a coded finding) with its time.
-        flight_interval: its start and end, s since boot.
+        flight_interval: start and end of the flight, s since boot.
 
     Returns:
-        The intervals, s since boot.
+        The intervals, s since boot; they may overlap.
     """
     intervals = []
     _, flight_end = flight_interval
@@ -258,7 +261,7 @@ def _events_of_flight(
     flight_interval: TimeInterval,
     reports: Sequence[Fact],
 ) -> Iterator[Fact]:
-    """Yields the events of one flight, in no particular order.
+    """Yields the events of one flight, such as a loss of attitude, a fall or a flip, in no particular order.
 
     A flight may end with a loss of attitude, a contact with the ground, or both (:func:`flight_losses`). Events that a
     vehicle out of control would show anyway, such as a diverged height, are sought only before that.
@@ -269,17 +272,18 @@ def _events_of_flight(
         flight_interval: start and end of the flight, s since boot.
         reports: events that the autopilot reports.
     """
-    losses = attitude_losses(sensors, error, flight_interval)
+    attitude_events = attitude_losses(sensors, error, flight_interval)
+    # A loss of attitude from which the vehicle recovered does not end the flight.
     loss = None
-    if losses and losses[-1].code is not MotionEvent.ATTITUDE_CAUGHT:
-        loss = losses.pop()
-    yield from losses
+    if attitude_events and attitude_events[-1].code is not MotionEvent.ATTITUDE_CAUGHT:
+        loss = attitude_events.pop()
+    yield from attitude_events
     contact = ground_contact(sensors, error, flight_interval, loss, reports)
     loss, contact = flight_losses(loss, contact)
     for event in (loss, contact):
         if event is not None:
             yield event
-    yield from _standing_motors(sensors, error, flight_interval, loss, contact, reports)
+    yield from _stopped_motors(sensors, error, flight_interval, loss, contact, reports)
     yield from _falls_of_flight(sensors, flight_interval, loss, contact)
     yield from dive_events(sensors, flight_interval)
     yield from flip_events(sensors, flight_interval)
@@ -313,7 +317,7 @@ def _height_sensor_drifts(
         yield dated_by_growth(drift, disagreements[0] if disagreements else None)
 
 
-def _standing_motors(
+def _stopped_motors(
     sensors: BootSensors,
     error: AttitudeError,
     flight_interval: TimeInterval,

@@ -476,12 +476,13 @@ def _document_of_flights(flights: Sequence[FollowedFlight]) -> LiveDocument:
 
 
 def _unused_number(paths: Sequence[Path | None], first_number: int) -> int:
-    """Returns the first number for the files of a further vehicle with which none of them exists yet.
+    """Returns a number for the file names of a further vehicle, with which no existing file is overwritten.
 
-    Model and page count too, which are written beside the others without being named.
+    With number 2, "flight.tlog" of the first vehicle becomes "flight-2.tlog". If any such file exists, the next number
+    is tried.
 
     Args:
-        paths: Paths of the files for the flight of the first vehicle; None for a file that is not named.
+        paths: Paths that the user named for the files of the first vehicle; None for a file that is not named.
         first_number: First number that is tried.
     """
     number = first_number
@@ -491,7 +492,14 @@ def _unused_number(paths: Sequence[Path | None], first_number: int) -> int:
 
 
 def _paths_of_number(paths: Sequence[Path | None], number: int) -> OutputPaths:
-    """Returns all files of a further vehicle, named or not; the arguments are those of :func:`_numbered_paths`."""
+    """Returns the paths of all files of a further vehicle.
+
+    The model and the page are among them even if they are not named, since a session writes them beside the others.
+
+    Args:
+        paths: Paths that the user named for the files of the first vehicle; None for a file that is not named.
+        number: Number of the vehicle, from 2 on.
+    """
     return _output_paths(*_numbered_paths(paths, number))
 
 
@@ -499,10 +507,13 @@ def _numbered_paths(paths: Sequence[Path | None], number: int) -> list[Path | No
     """Returns the paths of files for the flight of a further vehicle, such as "flight-2.tlog" for "flight.tlog".
 
     Args:
-        paths: Paths of the files for the flight of the first vehicle; None for a file that is not named.
+        paths: Paths that the user named for the files of the first vehicle; None for a file that is not named.
         number: Number of the vehicle, from 2 on.
     """
-    return [None if path is None else path.with_stem(f"{path.stem}-{number}") for path in paths]
+    numbered_paths: list[Path | None] = []
+    for path in paths:
+        numbered_paths.append(None if path is None else path.with_stem(f"{path.stem}-{number}"))
+    return numbered_paths
 
 
 def _stream_with_prior(options: LiveOptions, vehicle: str | None) -> LiveStream:

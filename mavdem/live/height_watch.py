@@ -119,7 +119,7 @@ class HeightWatch:
             start = flight_start
         former_event = self._disagreement
         is_ongoing = former_event is not None and former_event.end_time is None
-        latest = self._disagreement_since(start, moment, is_known=is_ongoing)
+        latest = self._disagreement_since(start, moment, is_ongoing=is_ongoing)
         if latest is None:
             return None
         # The former event, if the latest one continues it; otherwise the latest one itself.
@@ -133,14 +133,14 @@ class HeightWatch:
         return self._disagreement
 
     def _disagreement_since(
-        self, start: float, moment: FlightMoment, *, is_known: bool = False
+        self, start: float, moment: FlightMoment, *, is_ongoing: bool = False
     ) -> Fact | None:
         """Returns the latest event that barometer and satellites disagree since a time; None if they agree.
 
         Args:
-            start: messages before it are left out, s of the boot clock.
+            start: time of the first message that is used, s of the boot clock.
             moment: present time, with the vehicle's parameters, time of take-off, and motion of the last seconds.
-            is_known: whether they disagreed just before these messages.
+            is_ongoing: whether they disagreed when they were compared last.
         """
         columns = self._recent.columns((BAROMETER_MESSAGE, RECEIVER_MESSAGE), start)
         signals = Signals(replace(moment.vehicle, messages=columns))
@@ -153,7 +153,7 @@ class HeightWatch:
             return None
         flight_interval = (moment.takeoff_time, moment.time)
         return disagreement(
-            difference, self._initial_difference, flight_interval, is_known=is_known
+            difference, self._initial_difference, flight_interval, is_known=is_ongoing
         )
 
     def add_rest(self, vehicle: Telemetry, motion: RecentMotion | None) -> None:

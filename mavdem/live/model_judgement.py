@@ -109,10 +109,10 @@ def judge_model(
     loops: dict[str, Loop | Fact] = {
         any_axis: Fact(Unjudged.NOT_JUDGED, reason=None) for any_axis in AXES
     }
-    # These lights need messages that nothing in flight looks at.
-    judged_later = Fact(Unjudged.JUDGED_LATER, path=recording_name, reason=None)
+    # What needs other messages than the samples have is judged by the recording, after the landing.
+    after_landing = Fact(Unjudged.JUDGED_LATER, path=recording_name, reason=None)
     if has_rate_setpoint:
-        loops[axis] = judged_later
+        loops[axis] = after_landing
     else:
         loops[axis] = loop_of_parameters_or_reason(figures, record)
     losses = tuple(thrust_losses(alarms if alarms_of_flight is None else alarms_of_flight))
@@ -120,10 +120,10 @@ def judge_model(
     judgement = judge(
         evidence,
         findings.purposes,
-        motors=_motors_light(evidence, judged_later),
-        margins=_margins_light(evidence, judged_later, has_rate_setpoint=has_rate_setpoint),
-        tracking=judged_later,
-        estimator=judged_later,
+        motors=_motors_light(evidence, after_landing),
+        margins=_margins_light(evidence, after_landing, has_rate_setpoint=has_rate_setpoint),
+        tracking=after_landing,
+        estimator=after_landing,
     )
     return JudgedModel(findings, judgement)
 
@@ -149,30 +149,37 @@ def _motor_outputs(row_format: RowFormat, time: Array, outputs: Array) -> MotorO
     )
 
 
-def _motors_light(evidence: Evidence, judged_later: Fact) -> Fact:
-    """Judges the motors by the samples of a model.
+def _motors_light(evidence: Evidence, after_landing: Fact) -> Fact:
+    """Returns the light of the motors, that is the judgement of them, in flight.
 
     Args:
-        evidence: what the samples show of the vehicle.
-        judged_later: the fact in place of a light for which the samples are not enough.
+        evidence: signals and events of one axis, made from the samples of the model.
+        after_landing: the fact that a part of the vehicle is judged by the recording after the landing. It is returned
+            if one axis is not enough to judge the motors.
     """
     light = motors_light(evidence)
-    # The trim needs all axes, and the model has one.
-    return judged_later if light.code is TrimFact.TRIM_UNKNOWN else light
+    # The hover trim of the motors needs all axes, and the model has one.
+    if light.code is TrimFact.TRIM_UNKNOWN:
+        return after_landing
+    return light
 
 
-def _margins_light(evidence: Evidence, judged_later: Fact, *, has_rate_setpoint: bool) -> Fact:
-    """Judges the margins of the control loop by the samples of a model.
+def _margins_light(evidence: Evidence, after_landing: Fact, *, has_rate_setpoint: bool) -> Fact:
+    """Returns the light of the stability margins, that is the judgement of the control loop, in flight.
 
     Args:
-        evidence: what the samples show of the vehicle.
-        judged_later: the fact in place of a light for which the samples are not enough.
-        has_rate_setpoint: whether a log of the flight identifies the loop by the setpoint of the body rate. Then only
-            an oscillation is judged before.
+        evidence: signals and events of one axis, made from the samples of the model.
+        after_landing: the fact that a part of the vehicle is judged by the recording after the landing. It is returned
+            if the samples are not enough to judge the margins.
+        has_rate_setpoint: whether the recording has the setpoint of the body rate, by which it identifies the loop
+            better than the samples do. Then nothing but an oscillation is judged in flight.
     """
     light = margins_light(evidence)
     if light.code is MarginsLight.OSCILLATES:
         return light
+    if has_rate_setpoint:
+        return after_landing
     # The samples have no setpoint, so that a peak of the rate may be a test signal that is flown.
-    is_peak_unexplained = light.code is MarginsLight.RATE_STANDS_OUT
-    return judged_later if has_rate_setpoint or is_peak_unexplained else light
+    if light.code is MarginsLight.RATE_STANDS_OUT:
+        return after_landing
+    return light

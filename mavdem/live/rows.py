@@ -28,7 +28,7 @@ class AlignedRow(NamedTuple):
     """Whether the vehicle is in settled flight, as far as is known by now."""
 
     is_free: bool
-    """Whether the flight is settled or on its way up after take-off, which is learned from at first."""
+    """Whether nothing holds the vehicle: it is in settled flight, or climbs after take-off."""
 
 
 @dataclass(frozen=True, eq=False)

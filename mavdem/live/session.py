@@ -415,9 +415,10 @@ class LiveSession:
         self._presentation.show(row, self.stream.pose, estimate, model, wind)
 
     def _withdraw_landing(self) -> None:
-        """If the vehicle has landed, forgets what was learned from the landing, and has the recording judged.
+        """If the vehicle has landed, removes the landing from the samples of the model, and has the recording judged.
 
-        A landing is recognised only once it has happened, so its rows were learned from as settled flight.
+        A landing is recognised some seconds after it has happened. Until then its samples are taken for settled flight,
+        and the model is trained on them.
         """
         landing_time = self.stream.pop_landing_time()
         if landing_time is None:
@@ -445,14 +446,15 @@ class LiveSession:
         if DelayedWork.ESTIMATES not in self.backlog.postponed:
             self._report_status(status)
         if status.is_flying:
-            # A display must not stay empty while messages come too slowly for rows.
+            # A display must not stay empty while messages come too slowly to be aligned to rows, the model's samples.
             self._presentation.preview(
                 self.stream.latest_row(), self.stream.pose, self._learning.row_format
             )
         else:
             self._learning.is_free = False
         self._report_no_model_reason(status)
-        # While messages wait, ``_analyse`` adds the time until their arrival to the account.
+        # The account has the seconds of the session by their use, such as flight or learning. While messages wait to be
+        # analysed, ``_analyse`` adds the time until their arrival to it.
         if not self.backlog:
             self._report.account_for(now)
         return status
@@ -493,13 +495,14 @@ class LiveSession:
         return replace(self._report.status, shortfall=self._reason_without_parameters())
 
     def time_account(self) -> dict[TimeUse, float]:
-        """Returns the seconds of the session by what they were spent on; their sum is its age."""
+        """Returns how many seconds of the session each use of time took, such as learning; their sum is its age."""
         return self._report.account_for(self.backlog.analysed_until)
 
     def final_model(self) -> Learned:
         """Returns the last model before the last landing; in flight, a model of the latest samples.
 
-        Nothing is analysed any more, so the learning process, which a busy computer suspends, is resumed.
+        It is called at the end of the session. The learning process, which is suspended while this computer is busy
+        with the analysis of messages, is resumed, since no more messages are analysed.
 
         Returns:
             The final model.
@@ -523,12 +526,12 @@ class LiveSession:
 
     @property
     def _is_computer_too_slow(self) -> bool:
-        """Whether this computer had no time to learn from most rows of free flight."""
+        """Whether this computer had no time to learn from most samples of free flight, settled or climbing."""
         return self._postponed_rows > self._learning.learned_rows
 
     @property
     def _too_slow_fact(self) -> Fact:
-        """The fact that this computer was too slow, with the number of rows that it did not learn from, and of all."""
+        """The fact that this computer was too slow: how many samples were not learned from, and how many there were."""
         return Fact(
             SessionFact.COMPUTER_TOO_SLOW,
             count=self._postponed_rows,
@@ -539,9 +542,9 @@ class LiveSession:
         """Returns why no physical parameters of the flight are known so far.
 
         Returns:
-            The first of these that applies: there were no rows; this computer was too slow for most of them; the
-            settled flight was too short for a fit; a fit is not finished. None if there are physical parameters, or if
-            no row has been learned from for another reason.
+            The first of these that applies: there were no samples (rows of aligned angle and motor outputs); this
+            computer was too slow for most of them; the settled flight was too short for a fit; a fit is not finished.
+            None if there are physical parameters, or if no sample has been learned from for another reason.
         """
         learning = self._learning
         if learning.learner is None:

@@ -393,11 +393,13 @@ class Watchdog:
         states.begin_phase(landed_state, now, self._review_time)
 
     def _begin_flight(self, now: float) -> None:
-        """Forgets what was found in the flight before, when the vehicle has taken off again.
+        """Begins to watch a flight at its take-off, without the findings of the flight before.
 
         But a vehicle that leaves the ground again within ``RECOVERY_SECONDS`` has bounced, or its landed state was
         wrong for a moment: then the same flight goes on, with its loss of control and its lights (the judgement of each
         part of the vehicle). The lights also stay if the autopilot has restarted in flight.
+
+        Before the first phase of a boot no flight is known that could go on, so that it always begins a new one.
 
         Args:
             now: present time on the boot clock, s.
@@ -409,12 +411,12 @@ class Watchdog:
         self.has_landed = False
         self._landing_report = None
         self.alarms.begin_flight()
-        was_long_on_ground = states.is_first_phase or now - states.phase_start >= RECOVERY_SECONDS
-        if was_long_on_ground:
+        is_new_flight = states.is_first_phase or now - states.phase_start >= RECOVERY_SECONDS
+        if is_new_flight:
             self.loss = self.ground_contact = None
             self.alarms.discard(WatchedQuantity.CONTROL)
         has_restarted_in_flight = states.is_first_phase and self._was_flying
-        if was_long_on_ground and not has_restarted_in_flight:
+        if is_new_flight and not has_restarted_in_flight:
             self.lights.begin_flight()
 
     def _end_drift(self, now: float) -> None:
@@ -705,14 +707,14 @@ class Watchdog:
         self._judge_motors_after_loss(loss)
 
     def _with_motor_at_limit(self, loss: Fact) -> Fact:
-        """Returns a loss with its cause, if that is not known and an alarm is active of a motor at its upper limit.
+        """Names a motor that was at its upper limit as the cause of the loss of a vehicle, if no cause is known.
 
-        A motor may reach its limit many seconds before the vehicle meets the ground, so that the seconds of outputs
-        that are kept no longer show it. An alarm stays active for a while: a motor that left its limit more than
-        ``RECOVERY_SECONDS`` before the loss did not cause it.
+        A motor may reach its limit many seconds before the vehicle meets the ground. The kept outputs, of the last
+        seconds, no longer show that, but the alarm of the motor's limit does. An alarm stays active for a while: a
+        motor that left its limit more than ``RECOVERY_SECONDS`` before the loss did not cause it.
 
         Args:
-            loss: how the flight was lost.
+            loss: the event that the vehicle was lost, such as a fall or a crash.
 
         Returns:
             The loss with the motor as cause; unchanged if it has a cause, or if no motor was at its limit just before.
@@ -720,8 +722,10 @@ class Watchdog:
         limit_alarm = self.alarms.facts.get(WatchedQuantity.MOTOR_LIMITS)
         if limit_alarm is None or not limit_alarm.subject:
             return loss
-        may_have_cause = loss.code in CAUSED_LOSSES
-        if not may_have_cause or loss.figures.get("cause") is not None:
+        if loss.code not in CAUSED_LOSSES:
+            # A loss of this kind has no cause among the motors.
+            return loss
+        if loss.figures.get("cause") is not None:
             return loss
         last_time_at_limit = self.alarms.last_found(WatchedQuantity.MOTOR_LIMITS)
         if last_time_at_limit < loss.start_time - RECOVERY_SECONDS:
@@ -867,29 +871,29 @@ class Watchdog:
         return None
 
     def _replaces_known_loss(self, loss: Fact) -> bool:
-        """Returns whether a loss that the end of the flight shows replaces the loss that was known before, if any.
+        """Returns whether the loss of a vehicle, as found at the end of its flight, replaces the one found before.
 
-        A known loss is replaced until it says how the vehicle met the ground. But if both are reports of the autopilot,
-        the second says nothing new.
+        A loss that was found in the air, or that the autopilot reported, is replaced, since it does not say how the
+        vehicle met the ground. But of two losses that the autopilot reported, the second says nothing new.
 
         Args:
-            loss: how the vehicle was lost, as the end of the flight shows it.
+            loss: the event that the vehicle was lost, as the end of the flight shows it.
         """
-        known_loss = self.loss
-        if known_loss is None:
+        earlier_loss = self.loss
+        if earlier_loss is None:
             return True
-        if known_loss.code is Ending.LOSS_REPORTED and loss.code is Ending.LOSS_REPORTED:
+        if earlier_loss.code is Ending.LOSS_REPORTED and loss.code is Ending.LOSS_REPORTED:
             return False
-        return known_loss.code in OPEN_LOSSES
+        return earlier_loss.code in OPEN_LOSSES
 
     def _judge_motors_after_loss(self, loss: Fact) -> None:
-        """Updates the light (judgement) of the motors after the flight was lost.
+        """Updates the light of the motors, that is the judgement of them, after the vehicle was lost.
 
         If a motor failed first, the loss becomes the light. Otherwise a good light is removed, since it is no longer
         certain that the motors are sound.
 
         Args:
-            loss: how the flight was lost; its subject is the motor that failed first, if one is known.
+            loss: the event that the vehicle was lost; its subject is the motor that failed first, if one is known.
         """
         if loss.subject:
             self.lights.add(Light.MOTORS, loss)

@@ -183,17 +183,17 @@ class WindEstimate:
 
     @property
     def light(self) -> Fact:
-        """The fact on the wind in the judgement of a flight, if this estimate is the mean wind of the flight.
+        """The light of the wind, that is the judgement of a flight's wind, if this estimate is its mean wind.
 
-        It has the speed with its 90 % interval, m/s, and the direction that the wind comes from, degrees, None if that
-        is not known. As in the judgement of a log, the level is "unknown" if the speed is known only roughly. The speed
-        follows from the force of the wind by the vehicle's drag. If the drag is known too badly for that, the fact says
-        instead that the wind is not known, and why.
+        It is a fact with the speed and its 90 % interval, m/s, and the direction that the wind comes from, degrees;
+        None if that is not known. As in the judgement of a log, the level is "unknown" if the speed is known only
+        roughly. The speed is estimated from the force of the wind and the vehicle's drag. If the drag is known too
+        badly for that, the fact says instead that the wind is not known, and why.
         """
         facts = self.facts
         speed_fact = facts[0]
         low, high = speed_fact.figures["speed_interval"]
-        # The usual reason is that the drag of the vehicle was never measured.
+        # The reason for a rough speed: an error of the drag, which is usually not measured, scales (biases) it.
         doubt = Fact(WindDoubt.SPEED_UNSURE, status=Status.BIASED, low=low, high=high, by_drag=True)
         if speed_fact.figures["status"] is Status.NOT_IDENTIFIABLE:
             return Fact(WindLight.WIND_NOT_KNOWN, reason=doubt)

@@ -86,7 +86,8 @@ class Advice(ImmutableResult):
     gains: dict[str, Gain]
     """Each gain by the autopilot's name, changed or not."""
     sure: float
-    """Fraction of the models with which both loops have the margins at all ``EFFECTIVENESS_FACTORS``, 0 to 1."""
+    """Fraction (0 to 1) of the plant models, drawn from their posterior, for which both loops have the margins with the
+    gains to set, at all ``EFFECTIVENESS_FACTORS``."""
     noise: DemandNoise | None
     """Noise of the gyro in the demand; ``None`` if the log is too slow to show it."""
     stage: Stage | None
@@ -104,27 +105,30 @@ class Advice(ImmutableResult):
         return {name: gain.set for name, gain in self.gains.items() if gain.set != gain.now}
 
     @property
-    def share_lacking(self) -> float:
-        """Fraction of the models with which the loops of the flight lack the margins, at its own thrust, 0 to 1."""
+    def fraction_without_margins_before(self) -> float:
+        """Fraction (0 to 1) of the plant models for which the loops lack the margins with the logged gains.
+
+        The control effectiveness is that at the thrust of the flight.
+        """
         return 1 - self.before.share_meeting(self.target)
 
     @property
     def is_sound(self) -> bool:
-        """Whether the flight is a basis for changing gains, by at least ``SURE_SHARE`` of the models.
+        """Whether the flight shows clearly enough that the gains should be changed.
 
-        Either the loops have their margins with the new gains, or they lack them with the present ones. Otherwise the
-        present gains may be right as they are, and another flight is to show that first.
+        That is so if at least ``SURE_SHARE`` of the plant models have the margins with the new gains, or lack them with
+        the logged ones. Otherwise the logged gains may be right as they are, and another flight is to show that first.
         """
-        return max(self.sure, self.share_lacking) >= SURE_SHARE
+        return max(self.sure, self.fraction_without_margins_before) >= SURE_SHARE
 
     @property
     def flight_before_gains(self) -> Fact:
-        """The advice to fly before the gains are loaded, as a fact with the shares of the models."""
+        """The advice to fly again before the gains are loaded, as a fact with the fractions of models behind it."""
         return Fact(
             LoopAction.FLY_BEFORE_GAINS,
             axis=self.before.axis,
             share=self.sure,
-            share_lacking=self.share_lacking,
+            share_lacking=self.fraction_without_margins_before,
             needed=SURE_SHARE,
             is_biased=any(fact.code is LoopFact.EFFECT_BIASED for fact in self.before.cautions),
         )
@@ -152,19 +156,19 @@ class Advice(ImmutableResult):
         """
         if self.refusals:
             return Fact(GainFact.NO_GAINS_ADVISED, reasons=self.refusals)
-        share_with_margins = self.sure
+        fraction_with_margins = self.sure
         changes_gains = bool(self.parameters)
         if not changes_gains:
             code = GainFact.KEEP_GAINS
-        elif share_with_margins >= SURE_SHARE:
+        elif fraction_with_margins >= SURE_SHARE:
             code = GainFact.SET_GAINS
         else:
             code = GainFact.STEP_TOWARDS_MARGINS
         return Fact(
             code,
-            share=share_with_margins,
+            share=fraction_with_margins,
             share_as_flown=self.after.share_meeting(self.target),
-            share_lacking=self.share_lacking,
+            share_lacking=self.fraction_without_margins_before,
             is_sound=self.is_sound,
             has_room=self.rating.is_good,
             can_go_on=not reasons_for_no_gains(self.before, for_higher_gains=True),

@@ -145,7 +145,7 @@ def _cautions_on_gains(advice: AdviceByAxis) -> list[Sentence]:
             share_of_models = Fact(
                 GainFact.SHARE_OF_MODELS,
                 share=axis_advice.sure,
-                share_lacking=axis_advice.share_lacking,
+                share_lacking=axis_advice.fraction_without_margins_before,
                 is_sound=axis_advice.is_sound,
             )
             model_shares.append((axis, share_of_models))

@@ -184,7 +184,7 @@ class LiveWriter:
         self._widen_axes()
 
     def mark_motor_torque(self, start_time: float) -> None:
-        """Draws the estimated wind torque of the last seconds again in red, since a motor caused it, and not the wind.
+        """Draws torque that a weak motor caused in red over the line of the wind torque, which shows it as wind.
 
         A loss of thrust is detected some seconds after it happened. The red line begins when the motor lost thrust or
         recovered it, and ends now.
@@ -195,8 +195,9 @@ class LiveWriter:
         samples = []
         for sample in self._torque_samples:
             if sample.time >= start_time:
-                # The number of the segment differs from alarm to alarm, so that their lines are not joined.
-                samples.append(Sample(int(start_time), sample.time, sample.values))
+                # Samples of one segment are joined to a line. Each alarm has its own segment, numbered by its time.
+                segment_number = int(start_time)
+                samples.append(Sample(segment_number, sample.time, sample.values))
         self._draw_samples(Lines(MOTOR_TORQUE_PATH, ("of a motor",), (BAD,), 3.0), samples)
 
     def mark_alarm(self, time: float) -> None:

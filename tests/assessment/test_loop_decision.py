@@ -99,7 +99,10 @@ def test_a_flight_that_is_no_basis_for_the_advised_gains_is_flown_again_before_t
     assert decision.action.code is LoopAction.FLY_BEFORE_GAINS
     assert decision.action.sentence.startswith("Keep the gains, and fly ten small, quick doublets")
     shares = decision.action.figures
-    assert shares["share"] == advice.sure and shares["share_lacking"] == advice.share_lacking
+    assert (
+        shares["share"] == advice.sure
+        and shares["share_lacking"] == advice.fraction_without_margins_before
+    )
     to_load = decided(made_up(4.5)).action
     assert to_load.code is LoopAction.LOAD_ADVISED_GAINS
     # What another axis surely needs is not put off.

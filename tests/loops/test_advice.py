@@ -300,7 +300,11 @@ def test_the_next_step_is_as_careful_as_the_advice_is_sure():
 
 def test_a_flight_that_shows_neither_lack_nor_success_is_flown_again_before_gains_are_loaded():
     lacks = advise(made_up(4.5))
-    assert lacks.parameters and lacks.sure < SURE_SHARE <= lacks.share_lacking and lacks.is_sound
+    assert (
+        lacks.parameters
+        and lacks.sure < SURE_SHARE <= lacks.fraction_without_margins_before
+        and lacks.is_sound
+    )
     assert lacks.conclusion.remedy.startswith("Load them")
     # Half of the models keep a plant with which the loops have their margins.
     weak = replace(
@@ -309,7 +313,7 @@ def test_a_flight_that_shows_neither_lack_nor_success_is_flown_again_before_gain
         * np.where(np.arange(len(lacks.before.effectiveness)) % 2, 0.2, 1.0),
     )
     unclear = replace(lacks, before=weak, sure=0.69)
-    assert 0.3 < unclear.share_lacking < 0.7 and not unclear.is_sound
+    assert 0.3 < unclear.fraction_without_margins_before < 0.7 and not unclear.is_sound
     assert (
         unclear.conclusion.remedy == "Fly ten quick doublets about each axis before any is loaded."
     )

@@ -299,7 +299,10 @@ def _step_with_gains(
     )
     if not any(advice.is_sound for advice in new_gains):
         # The most certain of the axes, whose flight is nearest to a basis for the gains.
-        clearest = max(new_gains, key=lambda advice: max(advice.sure, advice.share_lacking))
+        clearest = max(
+            new_gains,
+            key=lambda advice: max(advice.sure, advice.fraction_without_margins_before),
+        )
         flight = clearest.flight_before_gains.replace(
             names=tuple(advice.before.axis for advice in new_gains)
         )

@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 from itertools import chain
 
 from mavdem.assessment import Assessment
-from mavdem.assessment.axis.responses import advised_steps
+from mavdem.assessment.axis.responses import Responses, advised_steps
 from mavdem.assessment.axis.tuning import Tuning
 from mavdem.assessment.axis.twin import GainTrial, try_gains
 from mavdem.facts import Fact
@@ -114,6 +114,7 @@ def _step_chapter(tuning: Tuning, assessment: Assessment) -> Chapter:
     panels = dict[str, dict[str, Sequence[Panel]]]()
     for axis, advice in tuning.axes.items():
         panels[axis] = {}
+        # An axis has a rate loop and an attitude loop.
         for loop_name in STEP_SECONDS:
             response = responses[axis].get(loop_name)
             if response is not None and isinstance(response.measured, StepResponse):
@@ -124,15 +125,25 @@ def _step_chapter(tuning: Tuning, assessment: Assessment) -> Chapter:
                 # Without a measured response, the chart has what the identified loop predicts.
                 panels[axis][loop_name] = [predicted_step_chart(compared_loops(advice), loop_name)]
     groups = _groups_of_columns(panels, assessment, _step_caption(panels))
-    # For the axes that have charts, the page also says why a loop has no measured response.
+    responses_of_drawn_axes = {axis: responses[axis] for axis in responses if panels[axis]}
+    reasons = _reasons_without_response(responses_of_drawn_axes)
+    return Chapter("Step response", sentences_by_axes(reasons), groups)
+
+
+def _reasons_without_response(
+    responses: Responses,
+) -> list[tuple[str, Fact]]:
+    """Returns the axis and the reason for each loop whose step response could not be measured.
+
+    Args:
+        responses: responses of the axes by loop, with the reason in the place of a measured response.
+    """
     axes_and_reasons = []
     for axis, loops in responses.items():
-        if not panels[axis]:
-            continue
         for response in loops.values():
             if isinstance(response.measured, Fact):
                 axes_and_reasons.append((axis, response.measured))
-    return Chapter("Step response", sentences_by_axes(axes_and_reasons), groups)
+    return axes_and_reasons
 
 
 def _step_caption(panels: Mapping[str, Mapping[str, Sequence[Panel]]]) -> str:
