@@ -15,6 +15,15 @@ from mavdem.dataset.time_series import TimeSeries, series_of_boot
 from mavdem.ingest.motors import POSSIBLE_MULTIROTORS
 from mavdem.witnesses.boot_sensors import BootSensors
 
+MAX_HOP_SECONDS = 5.0
+"""Time off the ground, s, below which a vehicle that stays low only hops; a choice: a flight takes longer to land."""
+
+MAX_HOP_HEIGHT = 2.0
+"""Height, m, below which so short a time off the ground is a hop; a choice.
+
+Near the ground the air that propellers press down changes a barometer's height by one or two metres.
+"""
+
 PATH_STEP = 1.0
 """Time between two positions of the path whose length is the distance flown, s; a choice.
 
@@ -54,7 +63,7 @@ class FlownFlight:
 
 
 def flown_flights(signals: Signals) -> list[FlownFlight]:
-    """Returns the flights of a multirotor's log, in order of boot and time.
+    """Returns the flights of a multirotor's log, in order of boot and time, without hops (``MAX_HOP_SECONDS``).
 
     Args:
         signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.
@@ -78,8 +87,16 @@ def flown_flights(signals: Signals) -> list[FlownFlight]:
                 if end - start < MIN_FLIGHT_SECONDS:
                     continue
                 recorded_take_off = None if start > take_off else take_off
-                flights.append(_flight(signals, span.boot, recorded_take_off, (start, end)))
+                flight = _flight(signals, span.boot, recorded_take_off, (start, end))
+                if not _is_hop(flight):
+                    flights.append(flight)
     return flights
+
+
+def _is_hop(flight: FlownFlight) -> bool:
+    """Returns whether a vehicle only hopped; False if its height is not known."""
+    is_low = flight.height is not None and flight.height < MAX_HOP_HEIGHT
+    return is_low and flight.duration < MAX_HOP_SECONDS
 
 
 def total_distance(flights: Sequence[FlownFlight]) -> float | None:

@@ -66,6 +66,10 @@ class ListingOrder(StrEnum):
     """By the distance flown, the longest first."""
     HEIGHT = "height"
     """By the largest height above the take-off, the highest first."""
+    VEHICLE = "vehicle"
+    """By the vehicle, the newest flight of each first."""
+    WIND = "wind"
+    """By the mean speed of the wind, the strongest first."""
 
 
 class Sharing(StrEnum):

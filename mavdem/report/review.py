@@ -10,7 +10,7 @@ from types import MappingProxyType
 from mavdem.assessment import Assessment
 from mavdem.assessment.assess import FirstFindings
 from mavdem.assessment.axis import LogAnalysis
-from mavdem.assessment.flights import flights_off_ground, segments_of_boots
+from mavdem.assessment.flown_flights import flown_flights
 from mavdem.assessment.identity import day_in_file_name
 from mavdem.assessment.lights import REGISTRY
 from mavdem.assessment.lights.log import simulation_fact
@@ -187,7 +187,7 @@ def vehicle_title(log: Log, signals: Signals, analysis: LogAnalysis) -> Sentence
         The title, with the name of the log as its lead.
     """
     # An autopilot that restarts in a log begins a new boot; flights are found boot by boot.
-    flights = segments_of_boots(signals, flights_off_ground)
+    flights = flown_flights(signals)
     sentences = render_section(
         "review",
         analysis.identity,

@@ -181,9 +181,11 @@ SQL_ORDERS = {
     ListingOrder.TIME: "flight_time desc, received desc, rowid desc",
     ListingOrder.DISTANCE: "distance desc, received desc, rowid desc",
     ListingOrder.HEIGHT: "height desc, received desc, rowid desc",
+    ListingOrder.VEHICLE: "vehicle desc, date desc, received desc, rowid desc",
+    ListingOrder.WIND: "wind_speed desc, received desc, rowid desc",
 }
-"""SQL of each order, the newest or largest first. An unknown date is an empty text, and an unknown number null, which
-come last."""
+"""SQL of each order, the newest or largest first. An unknown date or vehicle is an empty text, and an unknown number
+null, which come last."""
 
 INDEXES_SQL = Path(__file__).with_suffix(".sql").read_text(encoding="utf-8")
 """SQL that creates the table's indexes."""

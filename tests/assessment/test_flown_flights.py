@@ -112,3 +112,19 @@ def test_each_boot_has_its_flights_and_without_a_position_no_distance_is_known()
 def test_an_estimator_that_stays_at_its_origin_gives_no_distance():
     telemetry = changed(flying_north(), "LOCAL_POSITION_NED", x=0.0, y=0.0)
     assert total_distance(flown_flights(Signals(telemetry))) is None
+
+
+def test_a_short_time_just_off_the_ground_is_a_hop_and_no_flight():
+    time = HOVER.stamps(10.0)
+    beat = HOVER.stamps(2.0)
+    for end, top, durations in ((9.0, 0.5, []), (9.0, 4.0, [2.0]), (14.0, 0.5, [7.0])):
+        is_in_air = (beat > 6.0) & (beat < end)
+        telemetry = changed(
+            HOVER.telemetry(),
+            "EXTENDED_SYS_STATE",
+            **columns(beat, landed_state=np.where(is_in_air, 2, 1)),
+        )
+        height = top * ((time > 7.0) & (time < end))
+        telemetry = changed(telemetry, "LOCAL_POSITION_NED", x=0 * time, y=0 * time, z=-height)
+        flights = flown_flights(Signals(telemetry))
+        assert [flight.duration for flight in flights] == approx(durations, abs=1.0)

@@ -427,11 +427,14 @@ def test_flights_are_sorted_and_found_by_flight_time_distance_and_height(library
     for number, (flight_time, distance, height) in enumerate(figures):
         entry = received(library, f"{number}.")
         columns = {"flight_time": flight_time, "distance": distance, "height": height}
+        columns |= {"wind_speed": height, "vehicle": "ab"[number % 2]}
         ids.append(library.change(entry.id, **columns, received=float(number)).id)
     for order, expected in (
         (ListingOrder.TIME, [2, 0, 3, 1]),
         (ListingOrder.DISTANCE, [0, 2, 3, 1]),
         (ListingOrder.HEIGHT, [3, 2, 1, 0]),
+        (ListingOrder.WIND, [3, 2, 1, 0]),
+        (ListingOrder.VEHICLE, [3, 1, 2, 0]),
     ):
         entries = library.find(*ALL, 4, order=order).entries
         assert [ids.index(entry.id) for entry in entries] == expected
@@ -458,6 +461,7 @@ def test_a_log_of_several_flights_has_a_line_of_each_which_leads_to_its_time(lib
     page = library_page([entry])
     assert ">1:13<" in page and page.count(">1.2 km<") == 2 and page.count(">3 m<") == 2
     assert 'href="/f/id#t=12.5">Flight 2</a>' in page and "restart 1" in page
+    assert page.count('title="Not known: the log has no position of most of the flight."') == 1
     alone = replace(entry, flights=json.dumps([asdict(flights[0])]))
     assert "Flight 1" not in library_page([alone])
 
