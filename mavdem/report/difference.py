@@ -102,7 +102,7 @@ def headline_of_comparison(
     They come in this order; where A and B are the same flight, only that is said.
 
     1. Whether the states are of two vehicles.
-    2. The lights (judgements of one subject each, such as the motors) that are bad on one side only.
+    2. The lights (judgements of one subject each, such as the motors) that are bad on a side.
     3. Whether compared figures changed. One change is named: of a loop with a bad margin, or else the surest one.
     4. The changed gains of loops with a bad margin or a changed figure, or else all changed gains, and their effects.
        Where no figure changed that they do not explain, they come first.
@@ -118,11 +118,9 @@ def headline_of_comparison(
     """
     if difference.is_of_same_flight:
         return render_section("difference_same_flight", flights=difference.flights.before)
-    differing_lights = _lights_bad_on_one_side(reviews)
-    light_sentences = [
-        Sentence(light.text, f"{light.name.capitalize()}:") for light in differing_lights
-    ]
-    bad_axes = {light.axis for light in differing_lights if light.name == Light.MARGINS}
+    bad_lights = _bad_lights(reviews)
+    light_sentences = [Sentence(light.text, f"{light.name.capitalize()}:") for light in bad_lights]
+    bad_axes = {light.axis for light in bad_lights if light.name == Light.MARGINS}
     changes = _changes_by_relevance(difference, bad_axes)
     changed_axes = {
         change.quantity.axis for change in changes if change.quantity.kind in LOOP_KINDS
@@ -135,7 +133,7 @@ def headline_of_comparison(
     for change in changes:
         if difference.follows_from_gains(change) and change.quantity.axis in axes_of_gains:
             effects.append(change_text(change, difference))
-    result = _result_sentences(difference, changes)
+    result = _result_sentences(difference, changes, has_bad_light=bool(bad_lights))
     gain_sentences = render_section(
         "difference_gains",
         gains=shown_gains,
@@ -207,27 +205,27 @@ def difference_blocks(
     ]
 
 
-class _DifferingLight(NamedTuple):
-    """A light that is bad on one side, and known not to be on the other."""
+class _BadLight(NamedTuple):
+    """A light that is bad on at least one side, and not unknown on the other."""
 
     name: str
     """Name of the light, such as "margins"."""
 
-    bad_side: str
-    """Side on which it is bad, "A" or "B"."""
+    bad_sides: Names
+    """Sides on which it is bad: "A", "B", or both."""
 
     axis: str
     """Axis that makes it bad; empty where it is none."""
 
     text: str
-    """Levels of both sides, and the sentence of the bad one."""
+    """Levels of both sides, and the sentence of each bad one."""
 
 
-def _lights_bad_on_one_side(reviews: Mapping[str, Review]) -> list[_DifferingLight]:
-    """Returns the lights that are bad on one side, and known not to be on the other.
+def _bad_lights(reviews: Mapping[str, Review]) -> list[_BadLight]:
+    """Returns the lights that are bad on at least one side, and not unknown on the other.
 
-    A light is the judgement of one subject, such as the motors, with a level. A light that turned bad matters more than
-    a figure that changed. If the light of the other side is unknown, it is not listed.
+    A light is the judgement of one subject, such as the motors, with a level. A bad light matters more than a figure
+    that changed.
 
     Args:
         reviews: review documents of both logs, by side; one without lights, as of a fleet, is compared with nothing.
@@ -235,22 +233,49 @@ def _lights_bad_on_one_side(reviews: Mapping[str, Review]) -> list[_DifferingLig
     Returns:
         The lights, in their order.
     """
-    lights_by_side = {}
-    for side in STATE_NAMES:
-        lights_by_side[side] = reviews.get(side, {}).get("lights") or {}
-    first_side, second_side = STATE_NAMES
-    differing_lights = []
-    for name in lights_by_side[first_side]:
-        if name not in lights_by_side[second_side]:
+    first_lights, second_lights = (
+        reviews.get(side, {}).get("lights") or {} for side in STATE_NAMES
+    )
+    bad_lights = []
+    for name in first_lights:
+        if name not in second_lights:
             continue
-        for bad_side, other_side in ((first_side, second_side), (second_side, first_side)):
-            light = lights_by_side[bad_side][name]
-            other_level = lights_by_side[other_side][name]["level"]
-            if light["level"] == Level.BAD and other_level in (Level.GOOD, Level.WATCH):
-                text = f"bad in {bad_side}, {other_level} in {other_side}. {light['sentence']}"
-                axis = value_at(light, "figures.axis") or ""
-                differing_lights.append(_DifferingLight(name, bad_side, axis, text))
-    return differing_lights
+        lights_by_side = dict(
+            zip(STATE_NAMES, (first_lights[name], second_lights[name]), strict=True)
+        )
+        levels = [light["level"] for light in lights_by_side.values()]
+        if Level.BAD not in levels or Level.UNKNOWN in levels:
+            continue
+        bad_sides = tuple(
+            side for side, light in lights_by_side.items() if light["level"] == Level.BAD
+        )
+        axis = value_at(lights_by_side[bad_sides[0]], "figures.axis") or ""
+        bad_lights.append(_BadLight(name, bad_sides, axis, _text_of_bad_light(lights_by_side)))
+    return bad_lights
+
+
+def _text_of_bad_light(lights_by_side: Mapping[str, JsonValues]) -> str:
+    """Returns the levels of a light on both sides, and what makes it bad.
+
+    Args:
+        lights_by_side: the light of each log's review document, by side; at least one is bad.
+
+    Returns:
+        Text such as "bad in A, good in B. Motor 3 lost 19 to 41 % of its thrust at 47 s.", with the sentences of both
+        sides if both are bad and the sentences differ.
+    """
+    first_side, second_side = STATE_NAMES
+    first, second = lights_by_side[first_side], lights_by_side[second_side]
+    if first["level"] != second["level"]:
+        bad = first if first["level"] == Level.BAD else second
+        levels = f"{first['level']} in {first_side}, {second['level']} in {second_side}"
+        return f"{levels}. {bad['sentence']}"
+    if first["sentence"] == second["sentence"]:
+        return f"bad in {first_side} and {second_side}. {first['sentence']}"
+    return (
+        f"bad in {first_side} and {second_side}. {first_side}: {first['sentence']} "
+        f"{second_side}: {second['sentence']}"
+    )
 
 
 def _sentences_on_watched_lights(reviews: Mapping[str, Review]) -> list[Sentence]:
@@ -310,16 +335,30 @@ def light_blocks(reviews: Mapping[str, Review]) -> Blocks:
         return []
     first_lights, second_lights = lights_by_side.values()
     rows = []
-    # Lights with the same level on both sides are only named.
+    # Lights that are equal on both sides are only named.
     names_by_level = dict[str, list[str]]()
     for name, first_light in first_lights.items():
         second_light = second_lights.get(name)
-        if second_light is not None and first_light["level"] == second_light["level"]:
+        if second_light is not None and _are_equal(first_light, second_light):
             names_by_level.setdefault(first_light["level"], []).append(name)
         else:
             rows.append([name, _light_cell(first_light), _light_cell(second_light)])
     table = [Table(["light", *reviews], rows, words=True)] if rows else []
     return [*table, *render_section("difference_lights", names_by_level=names_by_level)]
+
+
+def _are_equal(first_light: JsonValues, second_light: JsonValues) -> bool:
+    """Returns whether two lights have one level and, if they warn, the same sentence but for its numbers.
+
+    Args:
+        first_light, second_light: lights of two review documents.
+    """
+    if first_light["level"] != second_light["level"]:
+        return False
+    if first_light["level"] not in (Level.BAD, Level.WATCH):
+        return True
+    keys = ("code", "figures.subject", "figures.axis")
+    return all(value_at(first_light, key) == value_at(second_light, key) for key in keys)
 
 
 def _light_cell(light: JsonValues | None) -> Rated | str:
@@ -418,7 +457,10 @@ def _changes_by_cause(
 
 
 def _result_sentences(
-    difference: VehicleDifference, changes: Sequence[QuantityChange]
+    difference: VehicleDifference,
+    changes: Sequence[QuantityChange],
+    *,
+    has_bad_light: bool = False,
 ) -> list[Sentence]:
     """Returns the result of the comparison in one sentence: the change that matters most, or that nothing changed.
 
@@ -428,6 +470,7 @@ def _result_sentences(
     Args:
         difference: comparison of two groups of flights of a vehicle, quantity by quantity.
         changes: the changed quantities, the most relevant first.
+        has_bad_light: whether a light is bad on a side, so that it must not be said that nothing differs.
     """
     unexplained_changes, by_gains = _changes_by_cause(difference, changes)
     doubtful = sorted(filter(_is_doubtful, difference.tested), key=lambda change: change.p)
@@ -445,6 +488,7 @@ def _result_sentences(
         same_count=outcomes[QuantityOutcome.SAME],
         has_figures=bool(difference.changes),
         has_changes_by_gains=bool(by_gains),
+        has_bad_light=has_bad_light,
         are_two_vehicles=_are_two_vehicles(difference),
     )
 
@@ -545,7 +589,7 @@ def _bound_text(kind: str, changes: Sequence[QuantityChange], significance: floa
         significance: largest p-value with which one of them alone is called changed.
 
     Returns:
-        Text such as "damping of roll within ±8 % and of pitch within ±9 % (nine of ten comparisons find 12 %)".
+        Text such as "damping of roll within ±8 % and of pitch within ±9 % (found from 12 %)".
     """
     # Quantities with the same bound, as it is shown, are named together.
     changes_by_bound = group_by(
@@ -557,7 +601,7 @@ def _bound_text(kind: str, changes: Sequence[QuantityChange], significance: floa
     detectable = max(change.detectable_difference(significance) for change in changes)
     return (
         f"{SHOWN_QUANTITIES[kind].name} {listed(bounds)} "
-        f"(nine of ten comparisons find {_limit_text(kind, detectable)})"
+        f"(found from {_limit_text(kind, detectable)})"
     )
 
 
@@ -657,10 +701,10 @@ def next_blocks(
     """Returns the next step after a comparison, the first of these that applies.
 
     1. None, if A and B are the same flight.
-    2. The next step of the later log's own review, if a light is bad in that log and not in the earlier one.
+    2. The next step of the later log's own review, if a light is bad in that log.
     3. None, if the states are of two vehicles: their differences are no faults.
     4. What to check, if a quantity changed that new gains do not explain.
-    5. To fly again, if a change is doubtful.
+    5. To fly again, if a change is doubtful; before that to inspect the motor that perhaps became weaker.
     6. None.
 
     Args:
@@ -683,21 +727,25 @@ def next_blocks(
     unexplained_changes = _changes_by_cause(difference, changes).unexplained
     if unexplained_changes:
         return _what_to_check(unexplained_changes, difference)
-    if any(_is_doubtful(change) for change in difference.tested):
-        return render_section("difference_doubt")
-    return []
+    doubtful_changes = [change for change in difference.tested if _is_doubtful(change)]
+    if not doubtful_changes:
+        return []
+    weaker_motors = [change for change in doubtful_changes if _is_weaker(change)]
+    surest_change = min(weaker_motors, key=lambda change: change.p, default=None)
+    motor = "" if surest_change is None else _motor_name(surest_change, difference)
+    return render_section("difference_doubt", motor=motor)
 
 
 def _step_of_later_log(reviews: Mapping[str, Review]) -> Sentence | None:
-    """Returns the next step of the later log's own review, if a light is bad in that log and not in the earlier one.
+    """Returns the next step of the later log's own review, if a light is bad in that log.
 
     Args:
         reviews: review documents of both logs, by side, "A" and "B".
     """
     later_side = _later_side(reviews)
     next_step = value_at(reviews.get(later_side) or {}, "next_step.sentence")
-    bad_sides = {light.bad_side for light in _lights_bad_on_one_side(reviews)}
-    if later_side not in bad_sides or not next_step:
+    is_bad = any(later_side in light.bad_sides for light in _bad_lights(reviews))
+    if not is_bad or not next_step:
         return None
     return Sentence(next_step, f"Next, by {later_side}:")
 

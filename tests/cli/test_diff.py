@@ -141,7 +141,7 @@ def test_a_margin_that_fell_is_named_with_the_gain_that_was_raised_and_flights_b
     page = comparison_page(("a.bin", "b.bin"), reviews, difference, parameters, flights=flights)
     assert "time since take-off (s)" in page and "Mean motor output (%)" in page
     headlines = re.findall(r'<p class="headline"><strong>([^<]*)', page)
-    assert headlines[0] == "Margins: bad in B, good in A. Roll oscillates."
+    assert headlines[0] == "Margins: good in A, bad in B. Roll oscillates."
     (row,) = re.findall(r'<tr><td class="words">margins</td>.*?</tr>', page)
     assert re.findall(r'<span class="rating (\w+)', row) == ["good", "bad"]
     assert "hase margin on roll 57 → 17°" in page

@@ -7,10 +7,17 @@ import pytest
 from fleet_rows import flight_row
 from numpy.testing import assert_allclose
 
+from mavdem.facts.fleet import QuantityOutcome
 from mavdem.fleet.difference import vehicle_difference
+from mavdem.fleet.quantities import SHARE
 from mavdem.report.charts.change_plan import change_plan
 from mavdem.report.charts.chart import Axis, Chart, Line
-from mavdem.report.difference import bound_sentences, headline_of_comparison, light_blocks
+from mavdem.report.difference import (
+    bound_sentences,
+    headline_of_comparison,
+    light_blocks,
+    next_blocks,
+)
 from mavdem.report.pages.difference_page import (
     _trim_chart,
     _wind_rows,
@@ -148,5 +155,32 @@ def test_where_nothing_changed_it_says_what_would_have_been_found():
     # The quantities may be uncertain: they are not called alike.
     assert sentence.lead == "Differences, by 90 % intervals:"
     assert "relative trim of motor 1, motor 2, motor 3 and motor 4 within" in sentence.text
-    assert f"(nine of ten comparisons find {detectable} %)" in sentence.text
+    assert f"(found from {detectable} %)" in sentence.text
     assert 0 < float(bound) < float(detectable) < 20
+
+
+def test_two_weak_motors_are_no_equal_lights_and_come_before_figures(difference):
+    reviews = {}
+    for side, motor in {"A": "motor 3", "B": "motor 1"}.items():
+        light = {"level": "bad", "code": "lost_thrust", "figures": {"subject": motor}}
+        light |= {"sentence": f"{motor} is weak."}
+        next_step = {"sentence": f"Inspect {motor}."}
+        reviews[side] = {"lights": {"motors": light}, "next_step": next_step}
+    (table,) = light_blocks(reviews)
+    assert table.rows == [["motors", "bad", "bad"]]
+    first, *_ = headline_of_comparison(reviews, difference)
+    assert (first.lead, first.text) == (
+        "Motors:",
+        "bad in A and B. A: motor 3 is weak. B: motor 1 is weak.",
+    )
+    (step,) = next_blocks(difference, reviews)
+    assert (step.lead, step.text) == ("Next, by B:", "Inspect motor 1.")
+
+
+def test_a_motor_that_perhaps_became_weaker_is_inspected_before_the_next_flight(difference):
+    (share, *_) = [change for change in difference.changes if change.quantity.kind == SHARE]
+    doubtful = share._replace(
+        difference=0.08, half_width=0.06, outcome=QuantityOutcome.UNCERTAIN, p=0.047
+    )
+    (step,) = next_blocks(difference._replace(changes=(doubtful,)))
+    assert step.text.startswith(f"Inspect motor {share.quantity.motor} and its propeller. Then fly")
