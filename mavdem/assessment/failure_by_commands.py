@@ -428,10 +428,10 @@ def _commands_between(commands: TimeSeries, start: float, end: float) -> Array:
 
 
 def _frozen_output(signals: Signals, commands: _LossCommands) -> Fact | None:
-    """Returns the fact that one motor's output was constant while the controller moved the others.
+    """Finds a motor whose output froze when the vehicle was lost: it was constant while the others were moved.
 
-    The constant command must be above the lowest command of all motors from ``RECOVERY_SECONDS`` before on, since a
-    mixer may hold an output at its lower limit, which is not always known.
+    A mixer may hold an output constant at its lower limit, which is not always known. So the constant output must be
+    above the lowest output of all motors from ``RECOVERY_SECONDS`` before the loss until its end.
 
     Args:
         signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.
@@ -484,7 +484,7 @@ def changed_functions(signals: Signals, names: Sequence[str]) -> list[str]:
 def weak_motor(
     motors: MotorOutputs, change: Array, fall_direction: complex | None
 ) -> WeakMotor | None:
-    """Finds the one motor to whose side the vehicle fell and which the commands try to lift.
+    """Finds the motor that lost thrust: the vehicle fell to its side, and the controller tried to lift that side.
 
     The sum of the motors' positions, weighted with the changes of their commands, points to the side that the commands
     lift. There must be exactly one motor with which both this direction and the fall are aligned.

@@ -199,14 +199,15 @@ def messages(log: str, name: str = "", vehicle: str | None = None) -> JsonValues
     """
     telemetry = with_all_messages(_vehicle_messages(log, vehicle), log)
     message_list: list[JsonValues] = []
-    fields = 0
+    field_count = 0
     # A hostile log may have very many messages; they are described one by one, and only until the list is full.
     for message in numeric_messages(telemetry, name):
-        fields += len(message.fields)
-        if fields > MAX_LISTED_FIELDS:
-            names = message_names(telemetry, name)
-            left_out = len(names) - names.index(message.message)
-            return {"messages": message_list, "messages_left_out": left_out}
+        field_count += len(message.fields)
+        if field_count > MAX_LISTED_FIELDS:
+            # This message and all that follow are left out.
+            all_names = message_names(telemetry, name)
+            left_out_count = len(all_names) - all_names.index(message.message)
+            return {"messages": message_list, "messages_left_out": left_out_count}
         message_list.append(message._asdict())
     return {"messages": message_list, "messages_left_out": 0}
 

@@ -335,9 +335,10 @@ def follows_from_gains(
     axes_with_other_gains: Collection[str],
     axes_with_other_attitude_gains: Collection[str] = (),
 ) -> bool:
-    """Returns whether a quantity is a figure of a loop whose gains or filters are known to differ.
+    """Returns whether a quantity describes a control loop that is known to have other gains or filters in one state.
 
-    An attitude loop contains the rate loop of its axis, and so has its gains too.
+    Such a quantity, for example a phase margin, is expected to differ between the states. An attitude loop contains the
+    rate loop of its axis, and so depends on the gains of both.
 
     Args:
         quantity: kind of the quantity, such as a margin, with its axis or motor.
@@ -352,16 +353,19 @@ def follows_from_gains(
 
 
 def significance_of_single_change(changes: Sequence[QuantityChange], kind: str) -> float:
-    """Returns the largest p-value with which one quantity is called changed if no other one is.
+    """Returns the p-value below which a quantity is called changed if it is the only one that changed.
 
-    That is the strictest case of :func:`_changed_quantities`: one of m families is selected by one of its n quantities.
+    The hierarchical test of :func:`_changed_quantities` is strictest then, and equals a Bonferroni correction: the
+    significance is divided by the number of families, and by the number of quantities in the family.
 
     Args:
-        changes: the tested differences.
-        kind: kind of the quantity, whose family counts.
+        changes: the differences of all quantities that are tested, of any kind.
+        kind: kind of the quantity, such as a damping, which determines its family.
     """
     families = [family_of(change.quantity.kind) for change in changes]
-    return SIGNIFICANCE / (len(set(families)) * families.count(family_of(kind)))
+    family_count = len(set(families))
+    quantities_in_family = families.count(family_of(kind))
+    return SIGNIFICANCE / (family_count * quantities_in_family)
 
 
 def _changed_quantities(changes: Sequence[QuantityChange]) -> set[Quantity]:

@@ -375,10 +375,11 @@ class FlightRow:
 
     @staticmethod
     def from_stored(values: JsonValues) -> FlightRow:
-        """Returns a row from the values of :meth:`as_dict`, in a tenth of the time that the constructor takes.
+        """Returns the row that :meth:`as_dict` turned into JSON values, ten times as fast as the constructor.
 
-        Their types are right, since the row was constructed before it was stored. Only what JSON lacks is made: tuples
-        and the time. Parameters that are not identifiable lose their values, as in the constructor.
+        The types are not checked, since the row was checked when it was constructed. Only the types that JSON does not
+        have are restored: tuples from lists, and the date. Parameters that are not identifiable lose their values, as
+        in the constructor.
 
         Args:
             values: values by name of the column. Columns that are missing have the default of the class, and take no
@@ -446,11 +447,12 @@ FlightRows = list[FlightRow]
 
 @cache
 def column_types() -> JsonValues:
-    """Returns the type of each column by its name, without None if that is allowed."""
+    """Returns the type of each column's values by the name of the column, such as ``float`` for ``float | None``."""
     types = {}
     for name, hint in get_type_hints(FlightRow).items():
-        is_optional = type(None) in get_args(hint)
-        types[name] = get_args(hint)[0] if is_optional else hint
+        alternatives = get_args(hint)
+        is_optional = type(None) in alternatives
+        types[name] = alternatives[0] if is_optional else hint
     return types
 
 

@@ -380,8 +380,9 @@ class SessionStatus(ImmutableResult):
     def _judgement_in_flight(self, judgement: Judgement) -> Judgement:
         """Returns a judgement whose headline and next step are for a vehicle in flight, where alarms come first.
 
-        If the vehicle is not received, and no alarm was active before, the reason for that is the headline; or the
-        power, if that warned before, since an empty battery explains the silence better than a radio does.
+        If no messages of the vehicle arrive, the reason for that is the headline, unless an alarm is active. If the
+        light of the power (judgement of the battery) warns, it is the headline instead, since an empty battery explains
+        the silence better than a radio does.
 
         Args:
             judgement: judgement of the flight so far, with the next step after its landing.
@@ -511,7 +512,10 @@ class SessionStatus(ImmutableResult):
 
     @property
     def _reason_without_model(self) -> Fact:
-        """Why no model has been judged yet; after a flight, that it is over, even if the link is silent."""
+        """The fact that says why no model has been judged yet.
+
+        If nothing is received since the end of a flight, it says that the flight is over.
+        """
         if self._is_silent_after_flight:
             return Fact(SessionFact.FLIGHT_OVER, reason=None)
         if self.no_model_reason is not None:

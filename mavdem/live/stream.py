@@ -573,10 +573,10 @@ class LiveStream:
     def _add_sample(
         self, name: str, port: int, time: float, values: Numbers | None
     ) -> list[AlignedRow]:
-        """Adds a sample of attitude or motor outputs to its stream.
+        """Adds a sample of attitude or motor outputs, and returns the rows of aligned samples that it completes.
 
-        A sample of the port with most motors also drives the sequential test for a motor that loses thrust. The test
-        comes first, so that a row already marks a motor that its own sample shows to be weak.
+        With each sample of the port (group of outputs) that has most motors, the sequential test for a motor that loses
+        thrust continues. The test comes before the rows, so that a row marks a motor that this sample shows to be weak.
 
         Args:
             name: name of the message.

@@ -220,7 +220,7 @@ def record_axis(record: Record) -> str:
 
 
 def logged_controller(parameters: Parameters, axis: str, motor_weights: Array | None) -> Controller:
-    """Returns the controller of one axis by the parameters of a log.
+    """Returns the model of the autopilot's controller of one axis, with the gains and filters in a log's parameters.
 
     Args:
         parameters: parameters of the autopilot, by name.

@@ -179,18 +179,21 @@ def _log_factors_of_axes(changes: WindowChanges, no_change: Array, is_changed_ax
 
 
 def cause_probabilities(evidence: CauseEvidence, selection: Flags) -> CauseProbabilities:
-    """Returns how probable a load and a weak motor are as the cause of a change.
+    """Returns the posterior probabilities that a shifted load or a weak motor changed the balance of the motors.
+
+    By Bayes' theorem they are the prior odds of each cause multiplied with its Bayes factor, and normalised. The prior
+    odds are relative to those of a weak motor.
 
     Args:
-        evidence: Logarithms of the Bayes factors of all causes.
-        selection: (w,) the windows that count: when the change may have begun.
+        evidence: Logarithms of the Bayes factors of all causes, by window (assumption when the change began).
+        selection: (w,) the windows that count, in which the change may have begun.
 
     Returns:
-        The probabilities; the rest is that of a change in yaw alone, or of one in all axes.
+        The probabilities. What they lack to 1 is the probability of a change in yaw alone, or in all axes.
     """
     hypothesis_count = len(evidence.motor_log_factors)
     motor_log_factors = log_sum(evidence.motor_log_factors_by_window) - log(hypothesis_count)
-    # (4, w): with their prior odds, a load, a motor, a change in all axes and one in yaw.
+    # (4, w): the logarithms of prior odds times Bayes factor, for a load, a motor, a change in all axes, and in yaw.
     log_factors_by_window = np.array(
         [
             evidence.load_log_factors + log(LOADS_PER_MOTOR),
@@ -199,7 +202,7 @@ def cause_probabilities(evidence: CauseEvidence, selection: Flags) -> CauseProba
             evidence.yaw_log_factors + log(OTHERS_PER_MOTOR),
         ]
     )
-    # (4,): the sum over the windows.
+    # (4,): all windows are equally probable, so that their factors are added.
     log_factors = log_sum(log_factors_by_window[:, selection].T)
     probabilities = np.exp(log_factors - log_sum(log_factors))
     return CauseProbabilities(load=float(probabilities[0]), motor=float(probabilities[1]))

@@ -202,11 +202,11 @@ def _losses_by_outcome(changes: Sequence[MotorAlarm]) -> _LossesByOutcome:
 
 
 def lasting_changes(changes: Sequence[MotorAlarm]) -> list[MotorAlarm]:
-    """Removes losses of thrust that were too brief to be real, and the recoveries that ended them.
+    """Returns the changes of a flight without losses of thrust that were too brief to be real.
 
     A motor that seems weak for less than ``MIN_LOSS_SECONDS`` was disturbed by a gust or a correction of the attitude.
-    A recovery without a loss before it is removed as well. All changes of the steady torque, which concern no single
-    motor, remain.
+    Its loss is removed together with the recovery that ended it. A recovery without a loss before it is removed as
+    well. All changes of the steady torque, which concern no single motor, remain.
 
     Args:
         changes: All changes of the flight, in the order of time.

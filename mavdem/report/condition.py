@@ -135,21 +135,25 @@ def stream_contents(contents: JsonValues) -> list[Sentence]:
 
 
 def _is_lossy(sender: JsonValues) -> bool:
-    """Returns whether a link lost messages of a sender.
+    """Returns whether messages of a MAVLink sender were lost on the link to the log.
 
     Sequence numbers are missing if messages were lost, but also if the log keeps only some kinds of messages. In the
     second case the periodic messages have no gaps. So missing numbers count as losses only if the periodic messages
-    lack at least half of the same share, or ``MIN_LOST_SHARE``.
+    lack at least half of the same fraction, or ``MIN_LOST_SHARE``.
 
     Args:
-        sender: a sender of an inventory: "lost_share" by the sequence numbers, and "missing_share" by the gaps in its
-            periodic messages, None without any such message.
+        sender: a sender in the list of a log's contents. "lost_share" is the fraction (0 to 1) of its messages that
+            were lost by the sequence numbers. "missing_share" is the fraction by the gaps in its periodic messages,
+            None if it has no such messages.
     """
-    lost_share = sender["lost_share"]
-    missing_share = sender["missing_share"]
-    if lost_share < MIN_LOST_SHARE:
+    fraction_by_numbers = sender["lost_share"]
+    fraction_by_gaps = sender["missing_share"]
+    if fraction_by_numbers < MIN_LOST_SHARE:
         return False
-    return missing_share is None or missing_share >= min(MIN_LOST_SHARE, lost_share / 2)
+    if fraction_by_gaps is None:
+        return True
+    least_fraction_by_gaps = min(MIN_LOST_SHARE, fraction_by_numbers / 2)
+    return fraction_by_gaps >= least_fraction_by_gaps
 
 
 def component_id(component: JsonValues) -> str:

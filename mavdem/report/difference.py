@@ -304,7 +304,7 @@ def _sentences_on_watched_lights(reviews: Mapping[str, Review]) -> list[Sentence
 
 
 def _later_side(reviews: Mapping[str, Review]) -> str:
-    """Returns the side of a comparison that flew later, whose faults are to be mended.
+    """Returns which of the two compared logs, "A" or "B", was flown later.
 
     It is "B" unless both dates are known and A has the later one.
 
@@ -581,12 +581,12 @@ def bound_sentences(difference: VehicleDifference) -> list[Sentence]:
 
 
 def _bound_text(kind: str, changes: Sequence[QuantityChange], significance: float) -> str:
-    """Returns within which bounds the quantities of a kind stayed, and which change of any would have been found.
+    """Returns the text on quantities that did not change: their 90 % bounds, and the change that is detectable.
 
     Args:
         kind: kind of the quantities, such as ``DAMPING``.
         changes: changes of all quantities of this kind, at least one.
-        significance: largest p-value with which one of them alone is called changed.
+        significance: p-value below which one of them is called changed if it is the only one.
 
     Returns:
         Text such as "damping of roll within ±8 % and of pitch within ±9 % (found from 12 %)".
@@ -849,13 +849,13 @@ def _signed(number: str) -> str:
 
 
 def _identity_cautions(difference: VehicleDifference) -> Blocks:
-    """Returns a caution if the flights that are compared may not be of one vehicle; none if they are.
+    """Returns the warning that the compared flights may be of different vehicles; empty if they are of one vehicle.
 
-    That is so if logs do not name their vehicle, if they name two, or if the name is a MAVLink system id, which many
-    vehicles share.
+    The reader is warned if a log does not name its vehicle, if the logs name two vehicles, or if the name is a MAVLink
+    system id, which many vehicles share.
 
     Args:
-        difference: comparison of two states, with the names of the vehicles in the logs of each.
+        difference: comparison of a vehicle before and after, with the names of the vehicles in the logs of both.
     """
     names_before, names_after = difference.vehicles
     if UNKNOWN in (*names_before, *names_after):

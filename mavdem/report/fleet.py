@@ -206,10 +206,11 @@ def badge_level(flights: Flights) -> Level:
 
 
 def urgency(flights: Flights) -> Urgency:
-    """Returns the key by which the vehicles of a fleet are sorted: the worst first, and the latest flown of equal ones.
+    """Returns the sort key of a vehicle in a list that begins with the vehicle that needs attention most.
 
-    The rank is the position of the motors' health in ``HEALTHS``, which begins with the worst. If the headline of its
-    latest flight is bad, a vehicle ranks directly after vehicles with drifting motors, unless its health ranks higher.
+    Of equal vehicles the one with the latest flight comes first. The rank is the position of the motors' health in
+    ``HEALTHS``, which begins with the worst. If the headline of its latest flight is bad, a vehicle ranks directly
+    after vehicles with drifting motors, unless its health ranks higher.
 
     Args:
         flights: flights of the vehicle in order of date, at least one.
@@ -221,7 +222,9 @@ def urgency(flights: Flights) -> Urgency:
     if bad_headline(flights):
         rank = min(rank, BAD_HEADLINE_RANK)
     latest_date = log_row(flights[-1]).past_date
-    return Urgency(rank, -latest_date.timestamp() if latest_date else 0.0)
+    # A later date sorts before an earlier one. A flight without a date sorts last.
+    negative_time = -latest_date.timestamp() if latest_date else 0.0
+    return Urgency(rank, negative_time)
 
 
 def vehicle_texts(flights: Flights) -> VehicleTexts:

@@ -19,10 +19,10 @@ from mavdem.report.templates import as_clause, capitalize_first, headline, rende
 
 
 def watched_quantities_text(watch_facts: Sequence[Fact], stated_reason: Fact | None = None) -> str:
-    """Returns one line on what a live session watches without a model and since when, and what it cannot watch and why.
+    """Returns a line for the pilot: which quantities a live session watches since when, and which not and why.
 
     A session compares quantities such as the battery and the vibration with their values earlier in the flight. This
-    needs no model, but some time in the air.
+    needs no model of the vehicle, but some time in the air.
 
     Args:
         watch_facts: a fact for each such quantity: since when it is watched, or why it cannot be watched.

@@ -381,7 +381,9 @@ def tuning_result(tuning: Tuning) -> Fact:
 
 
 def _axes_with_room_for_gains(tuning: Tuning) -> list[str]:
-    """Returns the axes whose margins are good, without a measurement that contradicts them, and that get new gains.
+    """Returns the axes whose gains can be higher: their margins are good, and other gains are advised for them.
+
+    Axes are left out whose margins a measurement contradicts.
 
     Args:
         tuning: advice for each axis, with the decisions on their loops.
@@ -484,9 +486,10 @@ def compared_loops(advice: Advice) -> LoopsByAxis:
 
 
 def _gain_and_margin_table(advice: Advice, *, is_doubtful: bool) -> Table:
-    """Returns a table of the gains that change, and of the margins of the loop around them, now and with these gains.
+    """Returns a table that compares an axis now and with the advised gains: the changed gains and the loop's margins.
 
-    The loop is the rate loop in the first stage and where no gains change, and the attitude loop in the second.
+    The loop is the attitude loop in the second stage of tuning, which changes the gain of the angle; otherwise it is
+    the rate loop.
 
     Args:
         advice: advice on the axis, with its loops.

@@ -95,19 +95,21 @@ def _lights_before_loops(findings: FirstFindings) -> NamedFacts:
 def further_lines(
     assessment: Assessment, findings: FirstFindings, columns: int = SCREEN_COLUMNS
 ) -> str:
-    """Returns the lines of the review after :func:`first_lines`: the other lights, alarms, headline and next step.
+    """Returns the second part of a review on the terminal: remaining lights, alarms, headline and next step.
+
+    The first part (:func:`first_lines`) is printed before the control loops are identified, which takes longest.
 
     Args:
         assessment: all results on the flight: events, status lights, model, loops and wind.
-        findings: findings whose lights are among the first lines, which are printed already.
-        columns: characters of a line.
+        findings: the findings without the loops, whose lights the first part has printed.
+        columns: number of characters that a line may have.
     """
     first_lights = _lights_before_loops(findings)
-    further_lights = {
-        name: fact
-        for name, fact in lights_with_reason_once(assessment.lights).items()
-        if name not in first_lights
-    }
+    further_lights = {}
+    for name, fact in lights_with_reason_once(assessment.lights).items():
+        if name not in first_lights:
+            further_lights[name] = fact
+    # All lines of lights count, since the alarms get the room that they leave on the screen.
     printed_light_lines = _lines_of_lights(first_lights, columns)
     light_lines = _lines_of_lights(further_lights, columns, first_lights)
     light_line_count = len(printed_light_lines) + len(light_lines)
@@ -122,21 +124,22 @@ def _title_lines(title: Sentence, columns: int) -> list[str]:
 def _lines_of_lights(
     lights: NamedFacts, columns: int, lights_before: NamedFacts = NO_LIGHTS
 ) -> list[str]:
-    """Returns the lines of some lights, in their order.
+    """Returns the lines of some lights for the terminal, in their order.
 
-    Where a light warns of the same as an earlier one, its line names that light instead of repeating the sentence.
+    A light is the judgement of one part of the vehicle. Where it warns of the same as an earlier one, its line names
+    that light instead of repeating the sentence.
 
     Args:
-        lights: the lights by name, each a fact with a level.
-        columns: characters of a line.
+        lights: the lights by name, such as "motors", each a fact with a level and a sentence.
+        columns: number of characters that a line may have.
         lights_before: lights that are printed above these.
     """
-    names_by_sentence = {fact.sentence: name for name, fact in lights_before.items()}
+    first_light_by_sentence = {fact.sentence: name for name, fact in lights_before.items()}
     lines = []
     for name, fact in lights.items():
-        earlier_name = names_by_sentence.get(fact.sentence)
+        earlier_name = first_light_by_sentence.get(fact.sentence)
         if earlier_name is None:
-            names_by_sentence[fact.sentence] = name
+            first_light_by_sentence[fact.sentence] = name
         if fact.warns and earlier_name is not None:
             lines.append(f"{_label_and_level(name, fact)}See {earlier_name}.")
         else:

@@ -676,7 +676,7 @@ class Library:
         self.table_is_outdated.set()
 
     def _columns_of_outcome(self, entry: LibraryEntry, outcome: JobOutcome) -> JsonValues:
-        """Returns the columns of the index that reading a log has changed, and removes its progress file.
+        """Returns the new values of a log's row in the index after it was read, and removes its progress file.
 
         The log was read successfully if its folder of results has a page. Otherwise the status of its first row is the
         reason of the failure.

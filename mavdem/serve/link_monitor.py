@@ -336,13 +336,14 @@ class LinkMonitor:
         self._report_event(Event(nan, saved_fact, reception=clock.unix_time()))
 
     def _is_over(self) -> bool:
-        """Returns whether the session is to end."""
+        """Returns whether the session is to end, since the server stops or the vehicle has been silent for long."""
         return self._is_stopping.is_set() or self._silent_pages >= MAX_SILENT_PAGES
 
     def _update_page(self, session: LiveSession) -> None:
-        """Renders the page of a session again, and counts successive pages between which nothing was received.
+        """Renders the page of a live session again; called every ``PAGE_SECONDS``.
 
-        The caller ends the session when this count, ``_silent_pages``, shows that the vehicle is gone.
+        It also counts successive calls between which no frames arrived, in ``_silent_pages``. By that count the caller
+        ends the session when the vehicle is gone.
 
         Args:
             session: the running session, which records what it receives.
@@ -359,7 +360,10 @@ class LinkMonitor:
         frames = recording.frame_count if vehicle is None else vehicle.frame_count
         # Before the first frame the session waits for a vehicle without a limit.
         is_silent = frames > 0 and frames == self._frames_at_last_page
-        self._silent_pages = self._silent_pages + 1 if is_silent else 0
+        if is_silent:
+            self._silent_pages += 1
+        else:
+            self._silent_pages = 0
         self._frames_at_last_page = frames
         status = session.status
         if self._finished_page:

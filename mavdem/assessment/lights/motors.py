@@ -117,7 +117,7 @@ def _limited_motors_of_flight(evidence: Evidence, hover: HoverFigures | None) ->
         figures = hover
     else:
         segments = evidence.flight_segments(motors.boot)
-        figures = _figures_of_flight(motors, segments)
+        figures = _output_statistics(motors, segments)
     if figures is None:
         return None
     motors_at_limit = limited_motors(figures)
@@ -129,16 +129,18 @@ def _limited_motors_of_flight(evidence: Evidence, hover: HoverFigures | None) ->
     return motors_at_limit.fact(MotorsLight.MOTOR_LIMITED).replace(is_settled=has_long_hover)
 
 
-def _figures_of_flight(motors: MotorOutputs, segments: Segments) -> HoverFigures | None:
-    """Returns the same figures of the motors as in a hover, but over all of the flight.
+def _output_statistics(motors: MotorOutputs, segments: Segments) -> HoverFigures | None:
+    """Returns the statistics of the motor outputs over all of a flight, of the kind that a hover has.
+
+    They are the trim, the headroom and the time at the limits of each motor.
 
     Args:
-        motors: outputs of the motors.
-        segments: all segments of flight.
+        motors: outputs of the motors over time.
+        segments: all segments of flight, whether settled or not.
 
     Returns:
-        The figures; None if the flight was too short, or the motors were off at all its samples, as if their message
-        came only until the take-off.
+        The statistics; None if the flight was shorter than ``MIN_STEADY_SECONDS``, if it has no sample of the outputs,
+        or if the motors were off at all samples.
     """
     seconds = total_duration(segments)
     outputs = motors.outputs[in_segments(motors, *segments)]

@@ -460,12 +460,13 @@ class Group(NamedTuple):
     def of_axes(
         cls, columns: Mapping[str, Sequence[Panel]], light: Fact | None = None, caption: str = ""
     ) -> Group:
-        """Returns a group with one column for each axis.
+        """Returns the charts of several axes side by side, with one column for each axis.
 
         Args:
-            columns: the panels of each axis, by axis.
-            light: the status light that the charts explain. Its figure "axis" is the axis that decides it, which a
-                phone shows first; None where no axis does.
+            columns: the charts and drawings of each axis, from top to bottom, by its name.
+            light: the status light that the charts explain, that is the judgement of one part of the vehicle. Its
+                figure "axis" is the axis that decides it, which a phone shows first. None if the charts
+                explain no light.
             caption: text below the charts.
         """
         deciding_axis = "" if light is None else str(light.figures.get("axis", ""))

@@ -200,10 +200,22 @@ def flown_path(timeline: Timeline | None, wind: MapWind | None = None) -> Plan |
 
 
 def _height_classes(height: Array, lowest_height: float, height_range: float) -> Array:
-    """Returns the class (N,) of each height, from 0 for the lowest fifth of the range."""
-    share = (np.nan_to_num(height, nan=lowest_height) - lowest_height) / height_range
-    count = len(HEIGHT_COLOURS)
-    return np.clip(np.floor(count * share), 0, count - 1).astype(int)
+    """Returns for each height the index of its colour: the range of heights is divided into equal classes.
+
+    Args:
+        height: (N,) heights, m; NaN where not known, which is drawn like the lowest one.
+        lowest_height: lowest height of the path, m.
+        height_range: difference of the highest and the lowest height, m.
+
+    Returns:
+        (N,) indices in ``HEIGHT_COLOURS``, from 0 for the lowest class.
+    """
+    known_height = np.nan_to_num(height, nan=lowest_height)
+    relative_height = (known_height - lowest_height) / height_range
+    class_count = len(HEIGHT_COLOURS)
+    classes = np.floor(class_count * relative_height).astype(int)
+    # The highest point has the relative height 1, and belongs to the highest class.
+    return np.clip(classes, 0, class_count - 1)
 
 
 def _height_keys(lowest_height: float, height_range: float) -> list[_Key]:

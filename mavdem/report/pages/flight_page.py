@@ -580,10 +580,10 @@ def _condition_chapter(analysis: LogAnalysis) -> Chapter:
 
 
 def _wind_chapter(assessment: Assessment, analysis: LogAnalysis) -> Chapter:
-    """Returns the chapter of the wind: in m/s and as a torque, with the wind rose.
+    """Returns the chapter of a flight's page on the wind: its speed (m/s) and direction, and the torque that it causes.
 
-    The rose needs both speed and direction. Of a simulated flight the chapter compares the estimates with the true
-    values of the simulator.
+    If both speed and direction are identifiable, a wind rose shows them. For a simulated flight the chapter compares
+    the estimates with the true values of the simulator.
 
     Args:
         assessment: all results on a vehicle of the log: events, status lights, model, loops and wind.
@@ -601,10 +601,9 @@ def _wind_chapter(assessment: Assessment, analysis: LogAnalysis) -> Chapter:
     if analysis.truth:
         blocks += truth_blocks(analysis.truth)
     wind = assessment.wind
-    rose = None
+    groups = []
     if wind is not None and wind.direction_identifiable and wind.speed_identifiable:
-        rose = rose_of_wind(wind)
-    groups = [] if rose is None else [Group.side_by_side([rose])]
+        groups.append(Group.side_by_side([rose_of_wind(wind)]))
     return Chapter("Wind", blocks, groups, is_side_by_side=True)
 
 

@@ -243,11 +243,11 @@ class Head(NamedTuple):
 
     @property
     def brief_events(self) -> Sequence[PageEvent]:
-        """The events that a page shows before its reader unfolds the list of all.
+        """The short list of events, which a page shows until its reader unfolds the list of all.
 
-        These are the newest events of a live session that goes on, and its newest alarms. Otherwise they are all events
-        if they are few, or else the worst in order of time, of which each kind is shown once, with the number of its
-        events as ``total``.
+        For a live session that goes on, these are its newest events and its newest alarms. For a log they are all
+        events if there are at most ``MAX_BRIEF_EVENTS``, or else at most that many of the worst, in order of time. Then
+        events of the same kind are shown once, with their number as ``total``.
         """
         if self.is_newest_first:
             newest_alarms = [event for event in self.events if event.event.is_alarm]

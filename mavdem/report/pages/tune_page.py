@@ -147,14 +147,14 @@ def _reasons_without_response(
 
 
 def _step_caption(panels: Mapping[str, Mapping[str, Sequence[Panel]]]) -> str:
-    """Returns the caption of step responses, which explains the colours of the lines that are drawn, and no others.
+    """Returns the caption of the charts of step responses, with the meaning of each colour that they use.
 
     Args:
-        panels: panels by axis, and then by loop.
+        panels: charts by axis, and then by loop.
     """
     colours = set[str]()
-    for loops in panels.values():
-        for panel in chain(*loops.values()):
+    for panels_by_loop in panels.values():
+        for panel in chain(*panels_by_loop.values()):
             if isinstance(panel, Chart):
                 colours.update(line.colour for line in panel.lines)
     meanings = [words for colour, words in COLOUR_MEANINGS.items() if colour in colours]
