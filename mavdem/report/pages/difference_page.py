@@ -114,7 +114,7 @@ def comparison_page(
     chapters = [
         Chapter("Both flights", (), _overview_groups(reviews_by_side, legend, series_charts)),
         _change_chapter(difference),
-        Chapter("Lights", light_blocks(reviews_by_side)),
+        Chapter("Lights of both", light_blocks(reviews_by_side)),
         Chapter("Step response", (), [Group.of_axes(steps_of_axes)] if steps_of_axes else []),
         Chapter(
             "Motors",

@@ -99,6 +99,8 @@ def test_that_they_are_two_vehicles_comes_first():
     difference = vehicle_difference(rows[:1], rows[1:])
     page = comparison_page(("a.bin", "b.bin"), ({}, {}), difference)
     assert page.index("are two vehicles") < page.index("No compared figure differs")
+    # The style of the lights of a flight's page is not that of a table of two.
+    assert 'id="lights"' not in page
 
 
 def test_still_air_comes_from_nowhere():
