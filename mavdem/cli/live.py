@@ -352,7 +352,7 @@ def _follow_vehicle(
 
         def report_status(status: SessionStatus) -> None:
             dashboard.report(status)
-            status_lines.update_in_place(status)
+            status_lines.show_new_alarms(status)
 
         session = LiveSession(
             link=link,

@@ -185,6 +185,8 @@ class StatusLines:
             terminal_text: The text on the terminal that is updated; None to print lines below each other.
         """
         self.terminal_text = terminal_text
+        # The alarms of the status on the terminal.
+        self._shown_alarms: Facts = ()
         # The state that was printed last and when, s of the monotonic clock.
         self._printed_state: PrintedState | None = None
         self._print_time = -inf
@@ -210,6 +212,15 @@ class StatusLines:
         else:
             self.update_in_place(status)
 
+    def show_new_alarms(self, status: SessionStatus) -> None:
+        """Updates the status on a terminal if its alarms are others than those shown, before the next period is over.
+
+        Args:
+            status: State of the live session, as it is just before an alarm is printed.
+        """
+        if status.active_alarms != self._shown_alarms:
+            self.update_in_place(status)
+
     def update_in_place(self, status: SessionStatus) -> None:
         """Updates the status on a terminal; does nothing elsewhere.
 
@@ -218,6 +229,7 @@ class StatusLines:
         """
         if self.terminal_text is None:
             return
+        self._shown_alarms = status.active_alarms
         texts = _status_texts(status, has_table=True)
         alarm_style = _style(*status.active_alarms)
         parts: list[RenderableType] = [texts.vehicle, Text(texts.judgement, alarm_style)]

@@ -88,9 +88,11 @@ def test_a_motor_that_weakens_is_named_in_flight_and_by_its_log(flown):
     assert_allclose([alarm[4:6]], [one[4:6] for one in logged], atol=0.01)
     status = stream.status()
     [fact] = status.active_alarms
-    assert str(fact) in [
-        said.text for said in render_section("live_status", status=status, has_table=False)
-    ]
+    # The headline states it, and what stands beside the headline does not state it again.
+    headline = status.overall_judgement.headline
+    assert (headline.code, headline.subject) == (alarm.fact.code, fact.subject)
+    texts = [said.text for said in render_section("live_status", status=status, has_table=False)]
+    assert texts[0].startswith("ALARM;") and str(fact) not in texts
     blocks = live_report(LiveHistory(), status, dict.fromkeys(TimeUse, 0.0), "roll")
     assert any("motor 3 (front left)" in str(block).lower() for block in blocks)
     assert not SessionStatus().active_alarms
@@ -173,7 +175,7 @@ def test_the_alarm_of_the_headline_is_stated_once_after_the_landing(monkeypatch)
     status = replay(hovering(rise=150.0)).stream.status()
     reason = Fact(LinkFact.CONNECTION_LOST, cause=None, reopening=False)
     silent = replace(status, no_model_reason=reason)
-    StatusLines(screen).update_in_place(silent)
+    StatusLines(screen).show_new_alarms(silent)
     Console(file=shown, width=100).print(screen.update.call_args.args[0])
     text = " ".join(shown.getvalue().split())
     assert not status.is_flying and text.count("of its thrust") == 1

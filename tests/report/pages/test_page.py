@@ -374,6 +374,39 @@ def test_events_of_a_live_page_have_the_same_numbers_in_its_list_and_in_its_char
     assert '[1.6,"8",' in timeline[1].replace(" ", "")
 
 
+@mark.slow
+def test_a_live_page_on_a_telephone_has_lights_and_events_before_plots_and_map(tmp_path, browser):
+    history = LiveHistory()
+    for time in np.arange(100.0, 130.0):
+        pose = (0.5, 2.0, 0.0, 0.1, 0.0, 0.1, 0.2, time / 100.0, 4.0, 12.0)
+        history.add_row(0, time, np.zeros(2), None, pose)
+        history.advance(time, 0)
+        history.add_voltages({1: 12.6})
+    history.events.append(Event(110.0, Fact(VehicleFact.NO_VEHICLE_YET, time=110.0), reception=0.0))
+    account = dict.fromkeys(TimeUse, 0.0)
+    page = live_page("udpin:0", "roll", history, SessionStatus("1:1"), account, None)
+    (tmp_path / "page.html").write_text(page)
+    tops = """["#result", "#lights", ".events", "figure.chart", ".map"].map(
+        name => document.querySelector(name).getBoundingClientRect().top)"""
+    with browser.tab() as tab:
+        tab.size(390)
+        tab.open((tmp_path / "page.html").as_uri())
+        tab.until("document.documentElement.charts.groups.flight")
+        heights_of_parts = tab.run(tops)
+        scale = """document.documentElement.charts.groups.flight.charts.find(
+            chart => chart.root.closest("figure").ariaLabel.includes("Battery"))?.scales.y"""
+        tab.run("document.querySelector('.map').scrollIntoView()")
+        tab.until(f"({scale})?.max")
+        ends = tab.run(f"[({scale}).min, ({scale}).max]")
+        # The lights are a compact grid: two columns of names and levels.
+        lefts = tab.run("""new Set([...document.querySelectorAll("#lights div")].map(
+            light => light.getBoundingClientRect().left)).size""")
+    assert heights_of_parts == sorted(heights_of_parts)
+    assert lefts == 2
+    # What stays the same has a narrow axis, on which a sag is seen.
+    assert 11.5 < ends[0] < 12.6 < ends[1] < 13.7
+
+
 def test_the_light_of_a_live_pages_headline_does_not_say_it_again():
     fact = Fact(VehicleFact.NO_VEHICLE_YET)
     lights = {Light.POWER: fact, Light.WIND: Fact(Unjudged.NOT_JUDGED, reason=None)}
