@@ -381,7 +381,7 @@ class LiveSession:
         )
 
     def _process_row(self, row: AlignedRow, arrival_time: float) -> None:
-        """Learns from one row of the flight, and shows it.
+        """Trains the model with one row, that is one sample of motor outputs and motion, and shows the sample.
 
         All rows are shown. The learner gets rows of free flight only, in which the vehicle is in the air and nothing
         holds it, unless this computer is so late that estimates are postponed. The latency is the time from the

@@ -475,7 +475,7 @@ class SessionStatus(ImmutableResult):
 
     @property
     def _lights_without_model(self) -> dict[str, Fact]:
-        """The worst facts on the parts of the vehicle that need no model, by the name of the part.
+        """The lights (judgements of one part of the vehicle each) that need no model, by the name of the part.
 
         They are the facts of the watchdog, to which the alarms of weak motors and the mean wind are added.
         """

@@ -217,6 +217,7 @@ class Watchdog:
         # Whether the heights at rest before and after the latest flight have shown what drifted.
         self._are_heights_judged = False
         self._tracking = TrackingWatch(recent)
+        # The event that the vehicle was lost, such as a crash; None as long as it is not.
         self.loss: Fact | None = None if former is None else former.loss
         self.ground_contact: Fact | None = None if former is None else former.ground_contact
         # A contact with the ground after a loss in the air, until it is reported.
@@ -249,7 +250,7 @@ class Watchdog:
         self._review: _Review | None = None
 
     def add_message(self, message: Message, time: float) -> None:
-        """Takes an attitude or its setpoint, by which control and tracking are judged.
+        """Adds a message with the attitude or its setpoint to the data by which control and tracking are judged.
 
         Args:
             message: Decoded ATTITUDE, ATTITUDE_QUATERNION or ATTITUDE_TARGET.
@@ -260,21 +261,23 @@ class Watchdog:
 
     @property
     def active_alarms(self) -> Facts:
-        """All bad faults that last now, the most urgent first.
+        """The alarms that are active now, the most urgent first.
 
-        A restart of the autopilot in flight comes first, then how the flight was lost, then a fall. The loss stays an
-        alarm while the vehicle lies on the ground.
+        A restart of the autopilot in flight comes first, then the loss of the vehicle, such as a crash, then a fall
+        that may still be caught, and then all other bad faults. The loss stays an alarm while the vehicle lies on the
+        ground.
         """
         urgent = []
         if self._restart is not None and self._landed_states.is_in_air:
             urgent.append(self._restart)
         bad_faults = [fact for fact in self.alarms.facts.values() if fact.is_bad]
         bad_faults += [fact for fact in self._report_alarms.active if fact not in bad_faults]
-        is_falling = self._fall is not None and not self.has_landed
-        fall = [self._fall] if self._fall is not None and is_falling else []
-        if self.loss is not None and self.loss not in [*fall, *bad_faults]:
+        falls = []
+        if self._fall is not None and not self.has_landed:
+            falls.append(self._fall)
+        if self.loss is not None and self.loss not in [*falls, *bad_faults]:
             urgent.append(self.loss)
-        return (*urgent, *fall, *bad_faults)
+        return (*urgent, *falls, *bad_faults)
 
     def begin_review(
         self, now: float, vehicle: Telemetry, *, is_flying: bool, settled_start: float | None
@@ -642,12 +645,12 @@ class Watchdog:
                 is_in_air = loss.code in LOSSES_IN_AIR and flight_end is None
                 if is_new and is_in_air and self.control.awaits_impact(loss, moment):
                     return []
-            self._take_loss(loss, flight_end, review)
+            self._record_loss(loss, flight_end, review)
         elif self.loss is None and self._is_sinking:
             # A vehicle that sinks at full throttle may hit the ground although its attitude follows the setpoint.
             flight_end = self.control.crash_after_loss(moment)
             if flight_end is not None and flight_end.loss is not None:
-                self._take_loss(flight_end.loss, flight_end, review)
+                self._record_loss(flight_end.loss, flight_end, review)
         if self.loss is not None:
             self._fall = None
             return []
@@ -681,11 +684,11 @@ class Watchdog:
         alarm = self.alarms.facts.get(WatchedQuantity.MOTOR_LIMITS)
         return alarm is not None and alarm.code is WatchFact.SINKS_AT_LIMIT
 
-    def _take_loss(self, loss: Fact, end: FlightEnd | None, review: _Review) -> None:
-        """Notes how the flight was lost, and the contact with the ground that ended it, for the alarms of a review.
+    def _record_loss(self, loss: Fact, end: FlightEnd | None, review: _Review) -> None:
+        """Stores the loss of the vehicle and its contact with the ground, for the alarms and the light of the motors.
 
         Args:
-            loss: how control was lost, as it was found first.
+            loss: the event that control was lost, as it was found first.
             end: how the flight ended; None before the vehicle has met the ground.
             review: the review, whose ``facts`` get the loss.
         """
@@ -849,7 +852,7 @@ class Watchdog:
         self.has_landed = not end.is_in_air
         loss = self._loss_at_end_of_flight(end, review)
         if loss is not None and self._replaces_known_loss(loss):
-            self._take_loss(loss, end, review)
+            self._record_loss(loss, end, review)
             self._fall = None
 
     def _loss_at_end_of_flight(self, end: FlightEnd, review: _Review) -> Fact | None:
