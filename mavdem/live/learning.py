@@ -48,7 +48,7 @@ class FlightLearning:
         learner: online learner of the latest rows; None before any row.
         estimate: estimates as of the latest row that was learned from; None before any.
         newest_model: latest model of settled flight; None before any.
-        is_free: whether the latest row is of free flight, and the vehicle has been flying since.
+        is_free_flight: whether the latest row is of free flight, and the vehicle has been flying since.
         has_landed: whether the vehicle has landed and no newer model has come since.
         has_settled: whether any row was of settled flight.
         learned_rows: number of rows that the learner used.
@@ -75,7 +75,7 @@ class FlightLearning:
         self.learner: OnlineLearner | None = None
         self.estimate: Estimate | None = None
         self.newest_model: Learned | None = None
-        self.is_free = False
+        self.is_free_flight = False
         self.has_landed = False
         self.has_settled = False
         self.learned_rows = 0

@@ -270,7 +270,7 @@ class RowBuilder:
             self._angle_and_rate(attitude),
             self._grid.segment,
             is_settled=is_upright and self._phase.is_settled(point.time),
-            is_free=is_upright and self._phase.is_free(point.time),
+            is_free_flight=is_upright and self._phase.is_free(point.time),
         )
 
     def _angle_and_rate(self, attitude: Numbers) -> Array:
@@ -415,6 +415,6 @@ class RowBuilder:
             self._angle_and_rate(attitude.latest),
             self._grid.segment,
             is_settled=False,
-            is_free=False,
+            is_free_flight=False,
         )
         return FormattedRow(row_format, row)

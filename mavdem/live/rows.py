@@ -27,7 +27,7 @@ class AlignedRow(NamedTuple):
     is_settled: bool
     """Whether the vehicle is in settled flight, as far as is known by now."""
 
-    is_free: bool
+    is_free_flight: bool
     """Whether nothing holds the vehicle: it is in settled flight, or climbs after take-off."""
 
 

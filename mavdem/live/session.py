@@ -400,11 +400,11 @@ class LiveSession:
             learning.begin(row_format)
             self.history.motor_names = row_format.geometry.names
             self._presentation.open(row_format)
-        learning.is_free = row.is_free
+        learning.is_free_flight = row.is_free_flight
         estimate: Estimate | None = None
-        if row.is_free and DelayedWork.ESTIMATES in self.backlog.postponed:
+        if row.is_free_flight and DelayedWork.ESTIMATES in self.backlog.postponed:
             self._postponed_rows += 1
-        elif row.is_free:
+        elif row.is_free_flight:
             # While a motor is weak, the other motors balance its missing thrust, and that torque is not the wind's.
             estimate = learning.learn_row(row, self.stream.motor_alarms.weak_since)
         self._latencies.add(clock.monotonic() - arrival_time)
@@ -451,7 +451,7 @@ class LiveSession:
                 self.stream.latest_row(), self.stream.pose, self._learning.row_format
             )
         else:
-            self._learning.is_free = False
+            self._learning.is_free_flight = False
         self._report_no_model_reason(status)
         # The account has the seconds of the session by their use, such as flight or learning. While messages wait to be
         # analysed, ``_analyse`` adds the time until their arrival to it.

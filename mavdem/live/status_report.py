@@ -161,7 +161,7 @@ class StatusReport:
         """
         if not is_flying:
             return Fact(SessionFact.NOT_FLYING)
-        if not self.learning.is_free:
+        if not self.learning.is_free_flight:
             return Fact(SessionFact.NOT_SETTLED)
         learner = self.learning.learner
         return None if learner is None else learner.no_model_reason

@@ -70,7 +70,7 @@ class LightRow(NamedTuple):
 
 
 def light_rows(status: SessionStatus) -> list[LightRow]:
-    """Returns the lights of a live flight with their figures, in the order of all lights.
+    """Returns the rows of the table of lights of a live flight, one for each part of the vehicle that is judged.
 
     The light of the log, which judges the rates of the messages, is left out unless it warns.
 
@@ -85,7 +85,9 @@ def light_rows(status: SessionStatus) -> list[LightRow]:
 
 
 def live_title(status: SessionStatus, link: str, names: GivenNames) -> str:
-    """Returns the title of a live page, such as "Quadrotor, ArduPilot, vehicle 1", with the name that its owner gave.
+    """Returns the title of the page of a live flight, such as "Quadrotor, ArduPilot, vehicle 1".
+
+    If the owner gave the vehicle a name, the title has that name.
 
     Args:
         status: state of the session.

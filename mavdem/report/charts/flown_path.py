@@ -219,7 +219,7 @@ def _height_classes(height: Array, lowest_height: float, height_range: float) ->
 
 
 def _height_keys(lowest_height: float, height_range: float) -> list[_Key]:
-    """Returns the legend of the colours by height: the range of each class, m.
+    """Returns the legend of the path's colours: the range of heights, m, that each colour stands for.
 
     Args:
         lowest_height: lowest height of the path, m.

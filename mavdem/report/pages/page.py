@@ -263,7 +263,10 @@ class Head(NamedTuple):
 
     @property
     def newest_alarm(self) -> PageEvent | None:
-        """The newest alarm of a vehicle in flight, unless the headline states it; None on the ground, and of a log."""
+        """The newest alarm of a vehicle in flight.
+
+        None if there is no alarm, if the headline states it already, on the ground, and on the page of a log.
+        """
         if not self.is_in_flight:
             return None
         for page_event in self.events:
