@@ -181,7 +181,8 @@ def test_the_worst_loop_of_a_flight_is_rated():
     plant = loops["roll"].plant
     known = plant._replace(bias=0.0, status={**plant.status, "effect": Status.REPORTED})
     loops["roll"] = replace(loops["roll"], plant=known, cautions=())
-    tighter = loops["roll"].with_parameters({"ATC_RAT_RLL_P": 1.03 * loops["roll"].controller.p})
+    # Nine of ten models of pitch lack margin with this gain, so that the flight is a basis for new ones.
+    tighter = loops["roll"].with_parameters({"ATC_RAT_RLL_P": 1.12 * loops["roll"].controller.p})
     loops["pitch"] = replace(tighter, axis="pitch")
     added = Fact(Repair.PARAMETERS_ADDED, count=1, path="my.param")
     vehicle = replace(log.vehicles[0], repairs=(added,))
