@@ -11,7 +11,9 @@ pytestmark = mark.slow
 def test_of_the_px4_sample_all_lights_are_known_and_one_is_bad():
     """The ArduPilot sample is held by the screens of README and tutorial, which are printed anew and compared."""
     log = LOGS / "first_flight_px4.tlog"
-    lights = mavdem.review(log).judgement.lights
+    assessment = mavdem.review(log)
+    assert assessment.simulated
+    lights = assessment.judgement.lights
     levels = {name: str(light.level) for name, light in lights.items()}
     assert len(levels) == 8
     assert levels.pop("motors") == "bad"

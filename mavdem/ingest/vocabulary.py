@@ -218,6 +218,9 @@ BOARD_TEXT = re.compile(r"^\S+ ([0-9A-F]{8}) ([0-9A-F]{8}) ([0-9A-F]{8})$")
 SIMULATOR_TEXT = re.compile(r"^.[0-9a-f]{31}$")
 """Text that ArduPilot's simulator sends instead: the machine's number, the vehicle's added to its first letter."""
 
+SCENARIO_TEXT = "Simulated by mavdem"
+"""Beginning of the text that vehicles simulated by this project (``sitl_scenarios``) send at boot."""
+
 SIMULATOR_LETTERS = 17
 """Number of letters of the simulator's text for which AUTOPILOT_VERSION.uid2 has room."""
 

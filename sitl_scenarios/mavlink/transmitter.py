@@ -15,7 +15,7 @@ from mavdem.ingest.mavlink.dialect import definitions_by_name
 from mavdem.ingest.mavlink.frame_stream import FrameStream
 from mavdem.ingest.mavlink.framing import frames_at
 from mavdem.ingest.mavlink.payloads import FrameSender, encode_frame, filled_payloads
-from mavdem.ingest.vocabulary import AUTOPILOT_COMPONENT
+from mavdem.ingest.vocabulary import AUTOPILOT_COMPONENT, SCENARIO_TEXT
 from sitl_scenarios.mavlink.autopilots import AUTOPILOTS, Autopilot
 from sitl_scenarios.mavlink.messages import message_payloads, parameters
 from sitl_scenarios.mishaps.instruments import InstrumentedMotion
@@ -341,7 +341,7 @@ class Transmitter:
         self.parameters = parameters(self._scenario, self.autopilot)
         if not self._scenario.stream.only_when_asked:
             self.send_parameters()
-        text = f"Simulated by mavdem, frame {self._scenario.vehicle.layout}"
+        text = f"{SCENARIO_TEXT}, frame {self._scenario.vehicle.layout}"
         self.send_once("STATUSTEXT", severity=6, text=text.encode())  # MAV_SEVERITY_INFO
         # The schedule begins at the first cycle in which messages are sent.
         self._is_first_block = True

@@ -575,10 +575,18 @@ def standing(change, rate=50.0):
     return changed(telemetry, "ATTITUDE", rollspeed=turning)
 
 
+def said(text):
+    """A hover whose autopilot sends a text at boot."""
+    time = np.array([1.0])
+    texts = columns(time, severity=[6], text=[text.encode()])
+    return changed(HOVER.telemetry(20.0, 20.0), "STATUSTEXT", **texts)
+
+
 @mark.slow
 def test_what_shows_that_a_flight_was_simulated():
     telemetry = HOVER.telemetry(20.0, 20.0)
-    for real in (telemetry, standing(5.1e-5), standing(5.1e-5, 100.0), standing(0.0)):
+    other_text = said("Not Simulated by mavdem")
+    for real in (telemetry, standing(5.1e-5), standing(5.1e-5, 100.0), standing(0.0), other_text):
         assert simulation_fact(evidence(real).signals) is None
     for known, kind in (
         ({"parameters": {"SYS_HITL": 1.0}}, Simulator.HARDWARE),
@@ -587,6 +595,7 @@ def test_what_shows_that_a_flight_was_simulated():
         ({"parameters": {"CAL_GYRO0_ID": 1310988.0}}, Simulator.SOFTWARE),
         ({"hardware": "PX4_SITL"}, Simulator.SOFTWARE),
         ({"messages": standing(MAX_SIMULATED_RATE_CHANGE / 2).messages}, Simulator.SOFTWARE),
+        ({"messages": said("Simulated by mavdem, frame QUAD_X").messages}, Simulator.SOFTWARE),
     ):
         fact = simulation_fact(evidence(replace(telemetry, **known)).signals)
         assert (fact.code, fact.figures["kind"]) == (LogLight.SIMULATED, kind)

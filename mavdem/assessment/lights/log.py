@@ -4,6 +4,7 @@ from math import inf
 
 import numpy as np
 
+from mavdem.assessment.autopilot_messages import status_texts
 from mavdem.assessment.evidence import Evidence
 from mavdem.assessment.limits import worst_fact
 from mavdem.confidence import MIN_SAMPLES_FOR_STATISTICS
@@ -19,7 +20,7 @@ from mavdem.facts.ending import MotionEvent
 from mavdem.facts.log import LogLight, Simulator
 from mavdem.facts.sources import Flaw, Repair
 from mavdem.ingest.telemetry import Log, Telemetry, rate_without_gaps
-from mavdem.ingest.vocabulary import SIH_AIRFRAMES
+from mavdem.ingest.vocabulary import SCENARIO_TEXT, SIH_AIRFRAMES
 
 MAX_GAP = 1.0
 """Time without attitude in flight, s, that is to be watched: longer than a fall from 5 m."""
@@ -294,10 +295,11 @@ def _names_simulator(telemetry: Telemetry) -> bool:
     """Returns whether a log names a simulator as its source, so that its figures are of no real vehicle.
 
     ArduPilot's simulator has parameters SIM_… and "SITL" in the name of its board. PX4's has its own airframes, and
-    sensors on a bus for simulation; the type of the bus is in the lowest bits of a sensor's id.
+    sensors on a bus for simulation; the type of the bus is in the lowest bits of a sensor's id. The simulator of this
+    project (`mavdem fly`) sends a text at boot.
 
     Args:
-        telemetry: parameters and hardware of the vehicle.
+        telemetry: parameters, hardware and texts of the vehicle.
     """
     parameters = telemetry.parameters
     has_simulator_parameters = any(name.startswith("SIM_") for name in parameters)
@@ -308,6 +310,7 @@ def _names_simulator(telemetry: Telemetry) -> bool:
         or has_simulator_airframe
         or gyro_bus == SIMULATED_SENSOR_BUS
         or "SITL" in telemetry.hardware
+        or any(text.text.startswith(SCENARIO_TEXT) for text in status_texts(telemetry))
     )
 
 
