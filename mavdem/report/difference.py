@@ -206,7 +206,7 @@ def difference_blocks(
 
 
 class _BadLight(NamedTuple):
-    """A light that is bad on at least one side, and not unknown on the other."""
+    """A light that is bad on at least one side."""
 
     name: str
     """Name of the light, such as "margins"."""
@@ -222,7 +222,7 @@ class _BadLight(NamedTuple):
 
 
 def _bad_lights(reviews: Mapping[str, Review]) -> list[_BadLight]:
-    """Returns the lights that are bad on at least one side, and not unknown on the other.
+    """Returns the lights that are bad on at least one side, whatever they are on the other.
 
     A light is the judgement of one subject, such as the motors, with a level. A bad light matters more than a figure
     that changed.
@@ -244,7 +244,7 @@ def _bad_lights(reviews: Mapping[str, Review]) -> list[_BadLight]:
             zip(STATE_NAMES, (first_lights[name], second_lights[name]), strict=True)
         )
         levels = [light["level"] for light in lights_by_side.values()]
-        if Level.BAD not in levels or Level.UNKNOWN in levels:
+        if Level.BAD not in levels:
             continue
         bad_sides = tuple(
             side for side, light in lights_by_side.items() if light["level"] == Level.BAD
@@ -269,13 +269,29 @@ def _text_of_bad_light(lights_by_side: Mapping[str, JsonValues]) -> str:
     if first["level"] != second["level"]:
         bad = first if first["level"] == Level.BAD else second
         levels = f"{first['level']} in {first_side}, {second['level']} in {second_side}"
-        return f"{levels}. {bad['sentence']}"
+        return f"{levels}. {bad['sentence']}{_remark_on_imus(first, second)}"
     if first["sentence"] == second["sentence"]:
         return f"bad in {first_side} and {second_side}. {first['sentence']}"
     return (
         f"bad in {first_side} and {second_side}. {first_side}: {first['sentence']} "
-        f"{second_side}: {second['sentence']}"
+        f"{second_side}: {second['sentence']}{_remark_on_imus(first, second)}"
     )
+
+
+def _remark_on_imus(first_light: JsonValues, second_light: JsonValues) -> str:
+    """Returns the remark that two lights are of different IMUs, with a space before it; empty if they are not.
+
+    The light of the vibration is of the IMU that vibrates most, and IMUs are mounted in different ways: the difference
+    of two of them is no change of the vehicle.
+
+    Args:
+        first_light, second_light: lights of two review documents.
+    """
+    subjects = [light.get("subject") or "" for light in (first_light, second_light)]
+    are_imus = all(subject.startswith("IMU ") for subject in subjects)
+    if not are_imus or subjects[0] == subjects[1]:
+        return ""
+    return f" {subjects[0]} and {subjects[1]} are different sensors: their difference is no change."
 
 
 def _sentences_on_watched_lights(reviews: Mapping[str, Review]) -> list[Sentence]:
@@ -297,9 +313,12 @@ def _sentences_on_watched_lights(reviews: Mapping[str, Review]) -> list[Sentence
         if {first_light["level"], second_light["level"]} == {Level.GOOD, Level.WATCH}:
             texts = []
             for side, light in zip(STATE_NAMES, (first_light, second_light), strict=True):
-                sentence = without_full_stop(shortened(light["sentence"], MAX_LIGHT_CHARACTERS))
+                # The lead has the name of the light already.
+                detail = light["sentence"].removeprefix(f"{name.capitalize()} ")
+                sentence = without_full_stop(shortened(detail, MAX_LIGHT_CHARACTERS))
                 texts.append(f"{light['level']} in {side} ({sentence})")
-            sentences.append(Sentence(f"{', '.join(texts)}.", f"{name.capitalize()}:"))
+            remark = _remark_on_imus(first_light, second_light)
+            sentences.append(Sentence(f"{', '.join(texts)}.{remark}", f"{name.capitalize()}:"))
     return sentences
 
 
@@ -348,7 +367,7 @@ def light_blocks(reviews: Mapping[str, Review]) -> Blocks:
 
 
 def _are_equal(first_light: JsonValues, second_light: JsonValues) -> bool:
-    """Returns whether two lights have one level and, if they warn, the same sentence but for its numbers.
+    """Returns whether two lights have one level and, if they warn, say the same of the same motor, IMU or axis.
 
     Args:
         first_light, second_light: lights of two review documents.
@@ -357,7 +376,7 @@ def _are_equal(first_light: JsonValues, second_light: JsonValues) -> bool:
         return False
     if first_light["level"] not in (Level.BAD, Level.WATCH):
         return True
-    keys = ("code", "figures.subject", "figures.axis")
+    keys = ("code", "subject", "figures.axis")
     return all(value_at(first_light, key) == value_at(second_light, key) for key in keys)
 
 
@@ -698,10 +717,11 @@ def _gains_first(parameters: Sequence[ParameterChange]) -> list[ParameterChange]
 def next_blocks(
     difference: VehicleDifference, reviews: Mapping[str, Review] = NO_REVIEWS
 ) -> list[Sentence]:
-    """Returns the next step after a comparison, the first of these that applies.
+    """Returns the next steps after a comparison, the first of these that applies.
 
     1. None, if A and B are the same flight.
-    2. The next step of the later log's own review, if a light is bad in that log.
+    2. The next step of each log's own review in which a light is bad; of the earlier log, only if the later one does
+       not show that this was mended.
     3. None, if the states are of two vehicles: their differences are no faults.
     4. What to check, if a quantity changed that new gains do not explain.
     5. To fly again, if a change is doubtful; before that to inspect the motor that perhaps became weaker.
@@ -712,15 +732,15 @@ def next_blocks(
         reviews: review documents of both logs, by side, "A" and "B".
 
     Returns:
-        A list with one sentence, or an empty one.
+        A list with one sentence, two if both logs have a bad light, or an empty one.
     """
     if difference.is_of_same_flight:
         return []
-    step_of_later_log = _step_of_later_log(reviews)
-    if step_of_later_log is not None:
-        return [step_of_later_log]
     vehicles_before, vehicles_after = difference.vehicles
     known_vehicles = {*vehicles_before, *vehicles_after} - {UNKNOWN}
+    steps = _steps_of_bad_logs(reviews, are_two_vehicles=len(known_vehicles) > 1)
+    if steps:
+        return steps
     if len(known_vehicles) > 1:
         return []
     changes = difference.changes_with(QuantityOutcome.CHANGED)
@@ -736,18 +756,37 @@ def next_blocks(
     return render_section("difference_doubt", motor=motor)
 
 
-def _step_of_later_log(reviews: Mapping[str, Review]) -> Sentence | None:
-    """Returns the next step of the later log's own review, if a light is bad in that log.
+def _steps_of_bad_logs(reviews: Mapping[str, Review], *, are_two_vehicles: bool) -> list[Sentence]:
+    """Returns the next step of each log's own review in which a light is bad, that of the later log first.
+
+    The step of the earlier log is left out if each of its bad lights is good in the later log of the same vehicle, or
+    says there the same of the same motor or axis.
 
     Args:
         reviews: review documents of both logs, by side, "A" and "B".
+        are_two_vehicles: whether A and B are two vehicles, so that B does not show whether A was mended.
     """
     later_side = _later_side(reviews)
-    next_step = value_at(reviews.get(later_side) or {}, "next_step.sentence")
-    is_bad = any(later_side in light.bad_sides for light in _bad_lights(reviews))
-    if not is_bad or not next_step:
-        return None
-    return Sentence(next_step, f"Next, by {later_side}:")
+    (earlier_side,) = set(STATE_NAMES) - {later_side}
+    sides = []
+    bad_lights = _bad_lights(reviews)
+    if any(later_side in light.bad_sides for light in bad_lights):
+        sides.append(later_side)
+    for light in bad_lights:
+        earlier, later = (
+            reviews[side]["lights"][light.name] for side in (earlier_side, later_side)
+        )
+        is_open = are_two_vehicles or not (
+            later["level"] == Level.GOOD or _are_equal(earlier, later)
+        )
+        if earlier_side in light.bad_sides and is_open and earlier_side not in sides:
+            sides.append(earlier_side)
+    steps: list[Sentence] = []
+    for side in sides:
+        next_step = value_at(reviews[side], "next_step.sentence")
+        if next_step and next_step not in [step.text for step in steps]:
+            steps.append(Sentence(next_step, f"Next, by {side}:"))
+    return steps
 
 
 def _what_to_check(

@@ -399,10 +399,10 @@ def _trim_chart(
 
 
 def _vibration_row(reviews_by_side: Reviews) -> list[str]:
-    """Returns the row of a table with the mean vibration in flight, m/s², of the IMU and axis that vibrate most.
+    """Returns the row of a table with the mean vibration in flight, m/s², of the same IMU in both logs.
 
-    It is what the light of the vibration states, of all IMUs. Where either log has no such light, it is of the first
-    IMU in both.
+    It is the IMU that vibrates most, which the light of the vibration states, if that is the same one in both logs.
+    Otherwise it is the first IMU.
 
     Args:
         reviews_by_side: review documents of both logs, by side.
@@ -410,12 +410,11 @@ def _vibration_row(reviews_by_side: Reviews) -> list[str]:
     Returns:
         The name of the figure, and one cell for each side; a dash if the vibration was not recorded.
     """
-    levels = [
-        value_at(review, "lights.vibration.figures.vibration")
-        for review in reviews_by_side.values()
-    ]
-    if None not in levels:
-        return ["vibration of the worst IMU (m/s²)", *map(rounded, levels)]
+    lights = [value_at(review, "lights.vibration") or {} for review in reviews_by_side.values()]
+    levels = [value_at(light, "figures.vibration") for light in lights]
+    subjects = {light.get("subject") for light in lights}
+    if None not in levels and len(subjects) == 1:
+        return [f"vibration of {subjects.pop()} (m/s²)", *map(rounded, levels)]
     row = ["vibration of IMU 1 (m/s²)"]
     for review in reviews_by_side.values():
         levels_of_axes = value_at(review, "condition.vibration.level")

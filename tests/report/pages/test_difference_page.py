@@ -20,6 +20,7 @@ from mavdem.report.difference import (
 )
 from mavdem.report.pages.difference_page import (
     _trim_chart,
+    _vibration_row,
     _wind_rows,
     _with_single_side,
     comparison_page,
@@ -136,7 +137,7 @@ def test_a_light_to_be_watched_on_one_side_is_in_the_headline(difference):
         if one.text and "watch" in one.text
     ]
     assert sentence.lead == "Vibration:"
-    assert sentence.text == "watch in A (Vibration 16 m/s²), good in B (Vibration 10 m/s²)."
+    assert sentence.text == "watch in A (16 m/s²), good in B (10 m/s²)."
 
 
 def test_spectra_of_both_flights_are_open_before_what_changed(difference):
@@ -164,7 +165,7 @@ def test_where_nothing_changed_it_says_what_would_have_been_found():
 def test_two_weak_motors_are_no_equal_lights_and_come_before_figures(difference):
     reviews = {}
     for side, motor in {"A": "motor 3", "B": "motor 1"}.items():
-        light = {"level": "bad", "code": "lost_thrust", "figures": {"subject": motor}}
+        light = {"level": "bad", "code": "motor_lost_thrust", "subject": motor}
         light |= {"sentence": f"{motor} is weak."}
         next_step = {"sentence": f"Inspect {motor}."}
         reviews[side] = {"lights": {"motors": light}, "next_step": next_step}
@@ -175,8 +176,45 @@ def test_two_weak_motors_are_no_equal_lights_and_come_before_figures(difference)
         "Motors:",
         "bad in A and B. A: motor 3 is weak. B: motor 1 is weak.",
     )
-    (step,) = next_blocks(difference, reviews)
-    assert (step.lead, step.text) == ("Next, by B:", "Inspect motor 1.")
+    steps = [(step.lead, step.text) for step in next_blocks(difference, reviews)]
+    assert steps == [("Next, by B:", "Inspect motor 1."), ("Next, by A:", "Inspect motor 3.")]
+
+
+@pytest.mark.parametrize(
+    ("level", "leads"), [("unknown", ["Next, by A:"]), ("good", [])], ids=["unknown", "mended"]
+)
+def test_the_next_step_of_an_earlier_bad_light_stays_until_it_is_good(difference, level, leads):
+    next_step = {"sentence": "Inspect motor 3."}
+    bad = {"level": "bad", "subject": "motor 3", "sentence": "Motor 3 is weak."}
+    later = {"level": level, "sentence": "Motors."}
+    reviews = {
+        "A": {"lights": {"motors": bad}, "next_step": next_step},
+        "B": {"lights": {"motors": later}},
+    }
+    first, *_ = headline_of_comparison(reviews, difference)
+    assert first.text == f"bad in A, {level} in B. Motor 3 is weak."
+    steps = next_blocks(difference, reviews)
+    assert [step.lead for step in steps if step.lead != "Next:"] == leads
+
+
+def test_the_vibration_of_two_imus_is_no_change(difference):
+    def review(imu, vibration, level):
+        """Returns a review whose light of the vibration is of an IMU, and whose first IMU has 5 m/s²."""
+        light = {"level": level, "subject": imu, "figures": {"vibration": vibration}}
+        light |= {"sentence": f"Vibration {vibration} m/s² on {imu}."}
+        return {"lights": {"vibration": light}, "condition": {"vibration": {"level": [5.0]}}}
+
+    worse, better = review("IMU 2", 16.2, "watch"), review("IMU 3", 7.9, "good")
+    *_, sentence = headline_of_comparison({"A": worse, "B": better}, difference)
+    assert sentence.text == (
+        "watch in A (16.2 m/s² on IMU 2), good in B (7.9 m/s² on IMU 3). "
+        "IMU 2 and IMU 3 are different sensors: their difference is no change."
+    )
+    assert _vibration_row({"A": worse, "B": better}) == ["vibration of IMU 1 (m/s²)", "5.0", "5.0"]
+    same = review("IMU 2", 7.9, "good")
+    *_, sentence = headline_of_comparison({"A": worse, "B": same}, difference)
+    assert "different sensors" not in sentence.text
+    assert _vibration_row({"A": worse, "B": same})[0] == "vibration of IMU 2 (m/s²)"
 
 
 def test_a_motor_that_perhaps_became_weaker_is_inspected_before_the_next_flight(difference):
