@@ -32,6 +32,7 @@ from mavdem.fleet.quantities import (
     SHARE,
 )
 from mavdem.fleet.random_effects import (
+    EQUIVALENCE_LIMITS,
     SD_BETWEEN_FLIGHTS,
     QuantityChange,
     significance_of_single_change,
@@ -647,6 +648,11 @@ def _amount_text(kind: str, amount: float) -> str:
     if kind in LOGARITHMIC_KINDS:
         return f"{rounded(100 * amount)} %"
     return f"{rounded(shown_form.scale * amount)} {shown_form.unit}".strip()
+
+
+def equivalence_limit_text(kind: str) -> str:
+    """Returns the largest difference of a kind of quantity that is called the same, with its unit, such as "6 %"."""
+    return _amount_text(kind, EQUIVALENCE_LIMITS[kind])
 
 
 def same_sentences(same: Sequence[QuantityChange]) -> list[Sentence]:

@@ -11,7 +11,7 @@ from mavdem.fleet.difference import VehicleDifference
 from mavdem.fleet.random_effects import EQUIVALENCE_LIMITS, QuantityChange
 from mavdem.report.charts.chart import Plan
 from mavdem.report.charts.plans import figure_as_svg
-from mavdem.report.difference import change_text
+from mavdem.report.difference import change_text, equivalence_limit_text
 from mavdem.report.numbers import listed
 from mavdem.report.templates import capitalize_first
 
@@ -45,6 +45,8 @@ class DrawnChange(NamedTuple):
     """Position of the estimate."""
     high: float
     """Position of the upper end of the interval."""
+    limit: str
+    """Largest difference that is called the same, with its unit."""
     beyond: int
     """1 or -1 where the estimate lies to the right or to the left of the drawing, which an arrow shows; 0 inside."""
 
@@ -103,6 +105,7 @@ def change_plan(difference: VehicleDifference) -> Plan | None:
                 low=position(relative.difference - relative.half_width),
                 middle=position(relative.difference),
                 high=position(relative.difference + relative.half_width),
+                limit=equivalence_limit_text(change.quantity.kind),
                 beyond=beyond,
             )
         )

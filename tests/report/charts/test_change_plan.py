@@ -21,6 +21,9 @@ def test_what_changed_stands_first_and_every_change_is_within_the_drawing():
     positions = [float(value) for value in re.findall(r'(?:x|x1|x2|cx)="([\d.]+)%"', svg)]
     assert min(positions) >= 0 and max(positions) <= 100
     assert svg.count("font-weight: 650") == 2
+    # Both ends of the shaded band have their figures: quantities have different units.
+    ends = re.findall(r'<text class="small[^>]*>([−+][^<]*)<', svg)
+    assert ends[:2] == ["−6.0 %", "+6.0 %"] and len(ends) == 2 * len(texts)
 
 
 def test_without_a_common_quantity_nothing_is_drawn():
