@@ -14,6 +14,7 @@ from mavdem.dem import Estimate
 from mavdem.dem.engine.free_energy import Term
 from mavdem.live.display import DisplayRow
 from mavdem.live.samples import MAX_SAMPLES
+from mavdem.report.charts.chart import CLIP_SPANS
 from mavdem.report.numbers import TORQUE_UNIT, display_unit, motor_position
 from mavdem.report.palette import (
     BAD,
@@ -38,7 +39,7 @@ from mavdem.view.live_content import (
 )
 from mavdem.view.live_scene import LiveScene
 from mavdem.view.parameter_traces import ParameterTrace, parameter_estimates, parameter_traces
-from mavdem.view.plots import BOOT_CLOCK, CLIP_SPANS, Lines, colour_on_dark
+from mavdem.view.plots import BOOT_CLOCK, Lines, colour_on_dark
 
 MARK_BREAK_SECONDS = 1e-3
 """Time before a mark at which its line breaks, s: too short to be seen. Without breaks the marks would be joined."""

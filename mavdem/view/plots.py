@@ -39,12 +39,6 @@ LINE_WIDTH = 1.2
 MARK_WIDTH = 2.0
 """Width of the upright lines that mark events, points."""
 
-CLIP_SPANS = 0.25
-"""Distance beyond the measured values at which forecasts and bands are clipped, in spans of these values: a choice.
-
-Without it a forecast that diverges would decide the range of the axis.
-"""
-
 MAX_STROKES = 20_000
 """Largest number of upright strokes that fill an area: the viewer draws all of them at once. A choice."""
 

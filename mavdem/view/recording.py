@@ -19,7 +19,7 @@ from mavdem.plant.parameter_history import parameter_history
 from mavdem.plant.parameters import ESTIMATE
 from mavdem.report import palette
 from mavdem.report.blocks import Block, Blocks, markdown
-from mavdem.report.charts.chart import Chart, Line, over_time
+from mavdem.report.charts.chart import CLIP_SPANS, Chart, Line, over_time
 from mavdem.report.charts.model_charts import torque_line
 from mavdem.report.charts.timeline import Timeline, assessment_timeline
 from mavdem.report.labels import Labels
@@ -41,7 +41,6 @@ from mavdem.view.first_tab import SideTexts, events_text, first_tab, height_shar
 from mavdem.view.logged_flight import flight_scene
 from mavdem.view.parameter_traces import parameter_estimates, parameter_traces
 from mavdem.view.plots import (
-    CLIP_SPANS,
     EventMarks,
     Target,
     blueprint,

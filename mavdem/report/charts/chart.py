@@ -96,6 +96,9 @@ TIME_AFTER_STEP = Axis("time (s)")
 STEP_RESPONSE = Axis("share of the step")
 """Response to a step of the setpoint."""
 
+CLIP_SPANS = 0.25
+"""Distance beyond other lines at which a line is clipped to them, in spans of their values: a choice."""
+
 SETTLED_SHARE = 0.1
 """Largest deviation of a settled step response from its last value, as a share of that value: a choice."""
 
@@ -182,6 +185,29 @@ class Line(NamedTuple):
             y=self.y[:count],
             lower_edge=None if self.lower_edge is None else self.lower_edge[:count],
             upper_edge=None if self.upper_edge is None else self.upper_edge[:count],
+        )
+
+    def clipped_to(self, lines: Iterable[Line]) -> Line:
+        """Returns the line and its band clipped to the range of other lines and ``CLIP_SPANS`` of it beyond its ends.
+
+        A prediction that diverges would otherwise decide the range of the axis, on which the others are then flat.
+
+        Args:
+            lines: lines that decide the range, at least one with a finite value; otherwise the line stays as it is.
+        """
+        others = np.concatenate([line.y[np.isfinite(line.y)] for line in lines])
+        if not len(others):
+            return self
+        low, high = others.min(), others.max()
+        margin = CLIP_SPANS * (high - low)
+
+        def clipped(values: Array | None) -> Array | None:
+            """Returns values within the range; None for a line without a band."""
+            return None if values is None else np.clip(values, low - margin, high + margin)
+
+        y = np.clip(self.y, low - margin, high + margin)
+        return self._replace(
+            y=y, lower_edge=clipped(self.lower_edge), upper_edge=clipped(self.upper_edge)
         )
 
     def resampled(self, grid: Array) -> Line:

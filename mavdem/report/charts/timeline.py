@@ -589,8 +589,6 @@ def _live_charts(motor_names: Iterable[str], axis: str, columns: _LiveColumns) -
     from mavdem.live.history import REPORTED_HORIZON
 
     time = columns.time
-    predicted_angle = ANGLE_UNIT.scale * columns.predicted_angle
-    predicted_half_width = ANGLE_UNIT.scale * columns.predicted_half_width
     horizon = f"{REPORTED_HORIZON:g} s ahead"
     setpoints = {"roll": columns.roll_setpoint, "pitch": columns.pitch_setpoint}
     angles = {"roll": columns.roll, "pitch": columns.pitch, axis: columns.measured_angle}
@@ -600,9 +598,14 @@ def _live_charts(motor_names: Iterable[str], axis: str, columns: _LiveColumns) -
             Line("measured", MEASURED, time, ANGLE_UNIT.scale * angles[name]),
         ]
         if name == axis:
-            angle_lines.append(
-                Line.with_band(horizon, PREDICTED, time, predicted_angle, predicted_half_width)
+            prediction = Line.with_band(
+                horizon,
+                PREDICTED,
+                time,
+                ANGLE_UNIT.scale * columns.predicted_angle,
+                ANGLE_UNIT.scale * columns.predicted_half_width,
             )
+            angle_lines.append(prediction.clipped_to(angle_lines))
         yield over_time(name.capitalize(), ANGLE_UNIT.name, angle_lines)
     yield over_time("Height", "m", [Line("height", MEASURED, time, columns.height)])
 

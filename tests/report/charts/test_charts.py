@@ -246,3 +246,14 @@ def test_details_say_how_it_was_learned_and_a_notebook_what_it_is_good_for(learn
     assert any(lead.startswith("Modes of DEM") for lead in leads) and len(leads) >= 2
     notebook = "".join(ElementTree.fromstring(learned._repr_html_()).itertext())
     assert "control effectiveness" in notebook and "3 states, from 12 s at 100 Hz" in notebook
+
+
+def test_a_prediction_that_diverges_is_clipped_beside_what_was_measured():
+    time = np.arange(4.0)
+    measured = Line("measured", "blue", time, np.array([-4.0, 0.0, np.nan, 4.0]))
+    away = Line.with_band("0.25 s ahead", "red", time, np.array([0.0, 3.0, 99.0, np.nan]), time)
+    clipped = away.clipped_to([measured])
+    assert clipped.y[:3].tolist() == [0.0, 3.0, 6.0] and np.isnan(clipped.y[3])
+    assert np.nanmax(clipped.upper_edge) == 6.0
+    unmeasured = measured._replace(y=np.full(4, np.nan))
+    assert away.clipped_to([unmeasured]) is away
