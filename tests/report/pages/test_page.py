@@ -474,8 +474,11 @@ def test_the_row_of_pictures_of_the_tuning_is_open_where_nothing_is_bad():
     assert is_open == {Level.GOOD: True, Level.WATCH: True, Level.BAD: False}
 
 
-DRAWN_NUMBERS = """(() => {
-const chart = document.documentElement.charts.groups.flight.charts[0], texts = [];
+DRAWN_NUMBERS = """(async () => {
+let chart, texts = [];
+// The plots are drawn after the page has loaded.
+while (!(chart = document.documentElement.charts?.groups.flight?.charts[0]))
+  await new Promise(done => setTimeout(done, 20));
 const original = chart.ctx.fillText.bind(chart.ctx);
 chart.ctx.fillText = (text, left, bottom) => {
   texts.push([String(text), bottom <= chart.bbox.top]);
