@@ -110,7 +110,8 @@ class Library:
         Raises:
             Unreadable: the folder cannot be written to.
         """
-        self.folder = folder.absolute()
+        # Without "..", as the paths of the fleet's rows are written.
+        self.folder = Path(os.path.abspath(folder))
         self.quota = quota
         self.name = secrets.token_hex(SERVER_NAME_BYTES)
         self.table_is_outdated = threading.Event()

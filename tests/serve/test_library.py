@@ -226,6 +226,15 @@ def test_a_library_whose_folder_is_moved_lists_each_flight_once_with_its_rows(tm
         assert "Motor 3 lost thrust." in server.get("/").text
 
 
+def test_a_folder_that_is_named_by_its_parent_lists_each_flight_once(tmp_path):
+    (tmp_path / "here").mkdir()
+    with serving(tmp_path / "here" / ".." / "library") as server:
+        server.add("a.ulg", "A weak motor.")
+        assert server.library.folder == tmp_path / "library"
+    with serving(tmp_path / "here" / ".." / "library") as server:
+        assert server.get("/api/flights").json["total"] == 1
+
+
 def test_servers_that_share_a_folder_leave_each_other_alone(tmp_path):
     one, other = Library(tmp_path), Library(tmp_path)
     entries = [received(one, f"{number}.") for number in range(4)]
