@@ -15,7 +15,7 @@ Usage: tools/validation/parameter_coverage.py [--seeds N] [--jobs N] [--unsteere
 """
 
 import hashlib
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, NamedTuple
@@ -132,10 +132,7 @@ def cases(seeds: int) -> Iterator[Case]:
     Args:
         seeds: number of flights of each scenario with each gain.
     """
-    for name in HARD_DOUBLETS:
-        # One gain only, but as many flights as a scenario with all gains has.
-        for number in range(len(GAINS) * seeds):
-            yield Case(name, 1.0, FIRST_SEED + number)
+    yield from _cases_with_one_gain(HARD_DOUBLETS, seeds)
     for name in SCENARIOS:
         for gain in GAINS:
             for number in range(seeds):
@@ -148,7 +145,17 @@ def unsteered_cases(seeds: int) -> Iterator[Case]:
     Args:
         seeds: number of flights of each scenario with each gain.
     """
-    for name in UNSTEERED:
+    yield from _cases_with_one_gain(UNSTEERED, seeds)
+
+
+def _cases_with_one_gain(names: Iterable[str], seeds: int) -> Iterator[Case]:
+    """Yields the flights of scenarios with one gain only: of each as many as of a scenario with all gains.
+
+    Args:
+        names: names of the scenarios.
+        seeds: number of flights of each scenario with each gain.
+    """
+    for name in names:
         for number in range(len(GAINS) * seeds):
             yield Case(name, 1.0, FIRST_SEED + number)
 
