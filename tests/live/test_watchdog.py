@@ -508,11 +508,18 @@ def test_the_status_stands_in_its_place_on_a_terminal():
     assert text.count(str(weak)) == text.count(str(other)) == 1 and "…" not in last
 
 
-def test_a_long_headline_leaves_room_for_the_table(monkeypatch):
+def shown_status(status, monkeypatch, width=80):
+    """Returns the lines of a session's status as a terminal of ``width`` columns shows them."""
     shown = io.StringIO()
-    console = Console(file=shown, width=80, highlight=False)
+    console = Console(file=shown, width=width, highlight=False)
     monkeypatch.setattr("mavdem.cli.live_status.STDERR", console)
     place = Mock()
+    StatusLines(place).show(Mock(status=status))
+    console.print(place.update.call_args.args[0])
+    return shown.getvalue()
+
+
+def test_a_long_headline_leaves_room_for_the_table(monkeypatch):
     further = tuple(
         Fact(PowerLight.CELLS_UNKNOWN, subject=f"battery {number}", voltage=9.4)
         for number in (2, 3, 4)
@@ -527,18 +534,13 @@ def test_a_long_headline_leaves_room_for_the_table(monkeypatch):
     )
     status = SessionStatus("1:1", is_flying=True, active_alarms=(spent,))
     assert len(str(spent)) > 200
-    StatusLines(place).show(Mock(status=status))
-    console.print(place.update.call_args.args[0])
-    text = " ".join(shown.getvalue().split())
+    shown = shown_status(status, monkeypatch)
+    text = " ".join(shown.split())
     assert "Charge of battery 1 down to 2.0 % by the autopilot's estimate: below 7 %" in text
     assert "Land now." in text and "battery 4" not in text
 
 
 def test_after_a_landing_nobody_is_asked_to_take_off_again(monkeypatch):
-    shown = io.StringIO()
-    console = Console(file=shown, width=80, highlight=False)
-    monkeypatch.setattr("mavdem.cli.live_status.STDERR", console)
-    place = Mock()
     landed = SessionStatus(
         "1:1",
         no_model_reason=Fact(SessionFact.NOT_FLYING),
@@ -552,9 +554,8 @@ def test_after_a_landing_nobody_is_asked_to_take_off_again(monkeypatch):
             )
         },
     )
-    StatusLines(place).show(Mock(status=landed))
-    console.print(place.update.call_args.args[0])
-    text = " ".join(shown.getvalue().split())
+    shown = shown_status(landed, monkeypatch)
+    text = " ".join(shown.split())
     assert text.count("Waiting; 0 samples") == 1 and "Take off" not in text
     assert "motors watch motor 4: 7 % left" in text
 
@@ -573,23 +574,18 @@ def test_changes_of_what_is_watched_are_printed_once_they_settled():
 
 @mark.parametrize("width", [60, 80, 120, 200])
 def test_the_status_fits_the_terminal(width, monkeypatch):
-    shown = io.StringIO()
-    console = Console(file=shown, width=width, highlight=False)
-    monkeypatch.setattr("mavdem.cli.live_status.STDERR", console)
-    place = Mock()
     wind = WindEstimate(60.0, np.array([-8.0, -11.0]), np.array([2.5, 2.5]))
     missing = Fact(WatchFact.MESSAGE_MISSING, name="SCALED_PRESSURE", rate=None)
     unwatched = Fact(
         WatchFact.NOT_WATCHED, time=3.0, subject=WatchedQuantity.HEIGHT, reason=missing
     )
     status = SessionStatus("1:1", is_flying=True, wind=wind, watch_facts=(unwatched,))
-    StatusLines(place).show(Mock(status=status))
-    console.print(place.update.call_args.args[0])
-    lines = shown.getvalue().splitlines()
+    shown = shown_status(status, monkeypatch, width)
+    lines = shown.splitlines()
     # The vehicle, headline and next step, seven lights, and a line on the model and what is not watched.
     assert len(lines) <= {60: 13, 80: 9, 120: 7, 200: 7}[width]
     assert max(map(len, lines)) <= min(width, 120)
-    text = " ".join(shown.getvalue().split())
+    text = " ".join(shown.split())
     assert "wind unknown 11.1 to 16.1 m/s, 54°" in text and "Not watched: height." in text
 
 
