@@ -19,7 +19,7 @@ from mavdem.plant.parameter_history import parameter_history
 from mavdem.plant.parameters import ESTIMATE
 from mavdem.report import palette
 from mavdem.report.blocks import Block, Blocks, markdown
-from mavdem.report.charts.chart import CLIP_SPANS, Chart, Line, over_time
+from mavdem.report.charts.chart import Chart, Line, over_time
 from mavdem.report.charts.model_charts import torque_line
 from mavdem.report.charts.timeline import Timeline, assessment_timeline
 from mavdem.report.labels import Labels
@@ -47,7 +47,6 @@ from mavdem.view.plots import (
     draw_chart,
     events_view,
     log_event,
-    range_of,
     recording_to_file,
 )
 
@@ -492,8 +491,7 @@ def log_text(
 def forecast_chart(output: int, held_out: HeldOut, measured_outputs: Series, label: str) -> Chart:
     """Returns a chart of one output as measured, and of its forecasts in held-out windows with their bands.
 
-    Forecasts of an unstable model may overflow, so curves are clipped at ``CLIP_SPANS`` times the range of the
-    measurement beyond its ends.
+    Forecasts of an unstable model may overflow, so they and their bands are clipped near the range of the measurement.
 
     Args:
         output: index of the output.
@@ -506,22 +504,23 @@ def forecast_chart(output: int, held_out: HeldOut, measured_outputs: Series, lab
     """
     unit = display_unit(label)
     name = measured_outputs.names[output].capitalize()
-    values = unit.scale * measured_outputs.values[:, output]
+    measured = Line(
+        "measured",
+        palette.MEASURED,
+        measured_outputs.time,
+        unit.scale * measured_outputs.values[:, output],
+    )
     # A NaN after the last sample of each window keeps a line from being drawn to the next one.
     gap = ((0, 0), (0, 1))
     forecasts = np.pad(held_out.forecasts[FORECAST][:, :, output], gap, constant_values=np.nan)
     bands = np.pad(held_out.band[:, :, output], gap, constant_values=np.nan)
     time = np.pad(held_out.time, gap, mode="edge").ravel()
-    forecast = unit.scale * forecasts.ravel()
+    values = unit.scale * forecasts.ravel()
     half_width = unit.scale * bands.ravel()
-    low, high = range_of(values)
-    clip = CLIP_SPANS * (high - low)
-    curves = np.array([forecast, forecast - half_width, forecast + half_width])
-    forecast, lower_edge, upper_edge = np.clip(curves, low - clip, high + clip)
-    lines = (
-        Line("measured", palette.MEASURED, measured_outputs.time, values),
-        Line("forecast", palette.PREDICTED, time, forecast, lower_edge, upper_edge),
+    forecast = Line(
+        "forecast", palette.PREDICTED, time, values, values - half_width, values + half_width
     )
+    lines = (measured, forecast.clipped_to([measured]))
     chart = over_time(f"{name}, and its forecast for {held_out.seconds:.2g} s", unit.name, lines)
     return chart._replace(y=chart.y._replace(label=f"{chart.y.label} · model: {held_out.model}"))
 
