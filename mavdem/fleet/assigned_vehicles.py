@@ -10,7 +10,7 @@ from collections.abc import Iterable
 from dataclasses import replace
 
 from mavdem.facts.vehicle import system_id_name
-from mavdem.fleet.names import content_hash
+from mavdem.fleet.names import content_hash, same_content_sql
 from mavdem.fleet.row import GIVEN_BASIS, SYSTEM_ID_BASIS, FlightRow, FlightRows
 from mavdem.fleet.stored_rows import brief_json, row_of_json
 
@@ -81,11 +81,7 @@ def _update_flight_rows(db: sqlite3.Connection, content: str) -> set[str]:
         The former and the new vehicles of the rows that have changed.
     """
     changed_vehicles = set()
-    # The column ``log`` has the hash of the content, a hyphen and the size. The full stop follows the hyphen in ASCII,
-    # so that this range has all texts that begin with the hash and a hyphen, and the index of the column is used.
-    query = (
-        "select rowid, row, coalesce(file, '') from flights where log > ? || '-' and log < ? || '.'"
-    )
+    query = f"select rowid, row, coalesce(file, '') from flights where {same_content_sql('?')}"
     for row_id, text, file in db.execute(query, [content, content]).fetchall():
         stored_row = row_of_json(text, file)
         (assigned_row,) = rows_with_assigned_vehicles(db, [stored_row])

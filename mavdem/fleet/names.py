@@ -96,6 +96,18 @@ def content_hash(key: str) -> str:
     return key.partition("-")[0]
 
 
+def same_content_sql(content: str) -> str:
+    """Returns the SQL condition that a row of the table "flights" is of the log whose content has a certain hash.
+
+    The column ``log`` has the hash of the content, a hyphen and the size. The full stop follows the hyphen in ASCII, so
+    that this range has all texts that begin with the hash and a hyphen, and the index of the column is used.
+
+    Args:
+        content: SQL expression of the hash, which is in the condition twice.
+    """
+    return f"log > {content} || '-' and log < {content} || '.'"
+
+
 def plain_name(text: str) -> str:
     """Returns a name that a user has typed in the form in which it is stored: one printable line of limited length.
 

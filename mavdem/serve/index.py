@@ -13,7 +13,7 @@ from mavdem.assessment.flown_flights import FlownFlight
 from mavdem.containers import JsonValues
 from mavdem.facts.lights import Light
 from mavdem.facts.serve import ListingOrder, Sharing, Stage
-from mavdem.fleet.names import content_hash
+from mavdem.fleet.names import content_hash, same_content_sql
 from mavdem.fleet.row import GIVEN_BASIS, SYSTEM_ID_BASIS, UNKNOWN, FlightRow, FlightRows
 from mavdem.fleet.workers import KEY_HASH_DIGITS
 
@@ -224,12 +224,10 @@ def _fill_vehicle_columns(db: sqlite3.Connection) -> None:
     values = ", ".join(
         f"json_extract(row, '$.{name}')" for name in ("vehicle_basis", "frame", "autopilot")
     )
-    # The column ``log`` of "flights" has the hash of the content, a hyphen and the size. The full stop follows the
-    # hyphen in ASCII, so that this range has all texts that begin with the hash and a hyphen, and uses the index.
     db.execute(
         f"""update entries set (vehicle_basis, frame, autopilot) =
         (select {values} from flights where flights.vehicle = entries.vehicle and json_valid(row)
-        and log > {CONTENT_HASH_SQL} || '-' and log < {CONTENT_HASH_SQL} || '.' limit 1)
+        and {same_content_sql(CONTENT_HASH_SQL)} limit 1)
         where vehicle <> ''"""
     )
 
