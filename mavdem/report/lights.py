@@ -1,4 +1,4 @@
-"""Status lights, judgements of a vehicle's parts: facts (coded findings) whose shared reason is stated once."""
+"""Status lights, judgements of a vehicle's parts: facts (coded findings) whose shared sentences are stated once."""
 
 from mavdem.facts import Fact, Level, NamedFacts
 from mavdem.facts.lights import Unjudged
@@ -27,3 +27,20 @@ def lights_with_reason_once(lights: NamedFacts) -> NamedFacts:
             stated_reasons.add(reason)
         shown_lights[name] = fact
     return shown_lights
+
+
+def earlier_lights(lights: NamedFacts) -> dict[str, str]:
+    """Returns, by each light that warns of the same as an earlier one, the name of the first that says so.
+
+    Where the lights are shown, it refers to that light instead of repeating the sentence.
+
+    Args:
+        lights: the judgement of each part of the vehicle, a fact with a level, by name, in the order shown.
+    """
+    first_lights: dict[str, str] = {}
+    repeated_lights = {}
+    for name, fact in lights.items():
+        first = first_lights.setdefault(fact.sentence, name)
+        if fact.warns and first != name:
+            repeated_lights[name] = first
+    return repeated_lights

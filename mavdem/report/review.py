@@ -20,7 +20,7 @@ from mavdem.facts.lights import Unjudged
 from mavdem.ingest import Log
 from mavdem.report.blocks import SCREEN_LINES, Sentence, shortened
 from mavdem.report.brief_events import first_of_count, worst_events
-from mavdem.report.lights import lights_with_reason_once
+from mavdem.report.lights import earlier_lights, lights_with_reason_once
 from mavdem.report.templates import headline, render_section
 
 SCREEN_COLUMNS = 80
@@ -134,14 +134,11 @@ def _lines_of_lights(
         columns: number of characters that a line may have.
         lights_before: lights that are printed above these.
     """
-    first_light_by_sentence = {fact.sentence: name for name, fact in lights_before.items()}
+    repeated_lights = earlier_lights({**lights_before, **lights})
     lines = []
     for name, fact in lights.items():
-        earlier_name = first_light_by_sentence.get(fact.sentence)
-        if earlier_name is None:
-            first_light_by_sentence[fact.sentence] = name
-        if fact.warns and earlier_name is not None:
-            lines.append(f"{_label_and_level(name, fact)}See {earlier_name}.")
+        if name in repeated_lights:
+            lines.append(f"{_label_and_level(name, fact)}See {repeated_lights[name]}.")
         else:
             lines += _lines_of_light(name, fact, columns)
     return lines

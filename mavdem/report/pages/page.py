@@ -21,6 +21,7 @@ from mavdem.report.brief_events import first_of_count, worst_events
 from mavdem.report.charts.chart import MAX_POINTS, Group, Plan
 from mavdem.report.charts.timeline import Timeline
 from mavdem.report.gain_changes import GainChanges
+from mavdem.report.lights import earlier_lights
 from mavdem.report.notch_trial import NotchTrial
 from mavdem.report.numbers import display_unit, name_with_unit, rounded
 from mavdem.report.pages.environment import environment, render_page
@@ -233,13 +234,7 @@ class Head(NamedTuple):
     @property
     def earlier_lights(self) -> dict[str, str]:
         """By each light that warns of the same as an earlier one, the earlier one's name, to which it refers."""
-        first_lights: dict[str, str] = {}
-        earlier_lights = {}
-        for name, fact in self.lights.items():
-            first = first_lights.setdefault(str(fact), name)
-            if fact.warns and first != name:
-                earlier_lights[name] = first
-        return earlier_lights
+        return earlier_lights(self.lights)
 
     @property
     def brief_events(self) -> Sequence[PageEvent]:
