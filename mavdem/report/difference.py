@@ -234,16 +234,8 @@ def _bad_lights(reviews: Mapping[str, Review]) -> list[_BadLight]:
     Returns:
         The lights, in their order.
     """
-    first_lights, second_lights = (
-        reviews.get(side, {}).get("lights") or {} for side in STATE_NAMES
-    )
     bad_lights = []
-    for name in first_lights:
-        if name not in second_lights:
-            continue
-        lights_by_side = dict(
-            zip(STATE_NAMES, (first_lights[name], second_lights[name]), strict=True)
-        )
+    for name, lights_by_side in _lights_of_both(reviews).items():
         levels = [light["level"] for light in lights_by_side.values()]
         if Level.BAD not in levels:
             continue
@@ -253,6 +245,23 @@ def _bad_lights(reviews: Mapping[str, Review]) -> list[_BadLight]:
         axis = value_at(lights_by_side[bad_sides[0]], "figures.axis") or ""
         bad_lights.append(_BadLight(name, bad_sides, axis, _text_of_bad_light(lights_by_side)))
     return bad_lights
+
+
+def _lights_of_both(reviews: Mapping[str, Review]) -> dict[str, dict[str, JsonValues]]:
+    """Returns the lights that both logs have: by name the light of each side, "A" before "B", in the order of A.
+
+    Args:
+        reviews: review documents of both logs, by side; one without lights, as of a fleet, has none in common.
+    """
+    first_lights, second_lights = (
+        reviews.get(side, {}).get("lights") or {} for side in STATE_NAMES
+    )
+    lights_of_both = {}
+    for name, first_light in first_lights.items():
+        if name in second_lights:
+            pair = (first_light, second_lights[name])
+            lights_of_both[name] = dict(zip(STATE_NAMES, pair, strict=True))
+    return lights_of_both
 
 
 def _text_of_bad_light(lights_by_side: Mapping[str, JsonValues]) -> str:
@@ -303,22 +312,19 @@ def _sentences_on_watched_lights(reviews: Mapping[str, Review]) -> list[Sentence
     Args:
         reviews: review documents of both logs, by side; one without lights, as of a fleet, is compared with nothing.
     """
-    first_lights, second_lights = (
-        reviews.get(side, {}).get("lights") or {} for side in STATE_NAMES
-    )
     sentences = []
-    for name, first_light in first_lights.items():
-        second_light = second_lights.get(name)
-        if second_light is None or name in (Light.WIND, Light.LOG):
+    for name, lights_by_side in _lights_of_both(reviews).items():
+        if name in (Light.WIND, Light.LOG):
             continue
-        if {first_light["level"], second_light["level"]} == {Level.GOOD, Level.WATCH}:
+        levels = {light["level"] for light in lights_by_side.values()}
+        if levels == {Level.GOOD, Level.WATCH}:
             texts = []
-            for side, light in zip(STATE_NAMES, (first_light, second_light), strict=True):
+            for side, light in lights_by_side.items():
                 # The lead has the name of the light already.
                 detail = light["sentence"].removeprefix(f"{name.capitalize()} ")
                 sentence = without_full_stop(shortened(detail, MAX_LIGHT_CHARACTERS))
                 texts.append(f"{light['level']} in {side} ({sentence})")
-            remark = _remark_on_imus(first_light, second_light)
+            remark = _remark_on_imus(*lights_by_side.values())
             sentences.append(Sentence(f"{', '.join(texts)}.{remark}", f"{name.capitalize()}:"))
     return sentences
 
