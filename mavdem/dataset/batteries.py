@@ -14,7 +14,7 @@ import numpy as np
 
 from mavdem.arrays import Array, Flags
 from mavdem.dataset.time_series import TimeSeries, clean_series, float_column
-from mavdem.ingest.mavlink.clocks import deviates_from_median
+from mavdem.ingest.mavlink.clock_readings import deviates_from_median
 from mavdem.ingest.telemetry import Columns, Telemetry, selected_rows
 
 BATTERY_MESSAGES = ("SYS_STATUS", "BATTERY_STATUS", "BATTERY2")

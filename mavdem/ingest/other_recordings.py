@@ -16,14 +16,12 @@ import numpy as np
 
 from mavdem.arrays import Array, Flags, Integers
 from mavdem.ingest.contents import FileContent
-from mavdem.ingest.mavlink.clocks import (
-    MAX_LATE_SECONDS,
-    MAX_RESTART_TIME,
+from mavdem.ingest.mavlink.clock_readings import (
     MAX_STAMP_DEVIATION,
-    MIN_RESET_STEP,
     StreamPositions,
     outlier_stamps,
 )
+from mavdem.ingest.mavlink.reference_clock import MAX_LATE_SECONDS, MAX_RESTART_TIME, MIN_RESET_STEP
 
 CLUSTER_BYTES = 1 << 17
 """Size of the largest usual cluster of a memory card, bytes: the unit in which a file lies on it (exFAT: 128 KiB)."""

@@ -19,7 +19,7 @@ from mavdem.facts.sources import Repair, SourceFact
 from mavdem.files import PathName
 from mavdem.ingest.byte_rows import Bytes, rows_of
 from mavdem.ingest.contents import mapped_bytes
-from mavdem.ingest.mavlink.clocks import Rows
+from mavdem.ingest.mavlink.clock_readings import Rows
 from mavdem.ingest.mavlink.dialect import crc_extra_table
 from mavdem.ingest.mavlink.frame_stream import STAMPS_AT_ONCE, FrameStream
 from mavdem.ingest.mavlink.framing import CHECKSUM_MATCHES, SCANNED_BYTES, Frames, find_frames

@@ -16,7 +16,7 @@ from mavdem.facts import Facts
 from mavdem.facts.sources import Flaw, Repair, SourceFact
 from mavdem.files import PathName
 from mavdem.ingest.contents import file_content
-from mavdem.ingest.mavlink.clocks import outlier_stamps
+from mavdem.ingest.mavlink.clock_readings import outlier_stamps
 from mavdem.ingest.mavlink.dialect import mavlink_constant
 from mavdem.ingest.px4_topics import Topics
 from mavdem.ingest.px4_translation import attitude_repairs, messages_of_topics

@@ -14,10 +14,10 @@ from mavdem.dataset.attitude import ATTITUDE_MESSAGES
 from mavdem.dataset.intervals import TimeInterval
 from mavdem.facts import Fact
 from mavdem.facts.session import VehicleFact
-from mavdem.ingest.mavlink.clocks import (
+from mavdem.ingest.mavlink.clock_readings import MAX_STAMP_DEVIATION
+from mavdem.ingest.mavlink.reference_clock import (
     MAX_LATE_SECONDS,
     MAX_RESTART_TIME,
-    MAX_STAMP_DEVIATION,
     MAX_WRAP_GAP,
     MIN_RESET_STAMPS,
     MIN_RESET_STEP,

@@ -10,15 +10,12 @@ from typing import NamedTuple
 import numpy as np
 
 from mavdem.assessment.axis.findings import Findings
-from mavdem.assessment.judgement import (
-    Judgement,
-    choose_next_step,
-    headline_by_lights,
-    lights_with_event,
-    unjudged,
-)
+from mavdem.assessment.event_lights import lights_with_event
+from mavdem.assessment.headline import headline_by_lights
+from mavdem.assessment.judgement import Judgement, unjudged
 from mavdem.assessment.lights import VEHICLE_LIGHTS
 from mavdem.assessment.limits import worst_fact
+from mavdem.assessment.next_step import choose_next_step
 from mavdem.containers import Numbers
 from mavdem.dem import Estimate
 from mavdem.facts import Fact, Facts, NamedFacts

@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from mavdem.assessment.judgement import with_weak_motor
+from mavdem.assessment.headline import with_weak_motor
 from mavdem.assessment.wind_drifts import MAX_POSE_AGE, drift_sample
 from mavdem.containers import Numbers
 from mavdem.dataset.attitude import ATTITUDE_MESSAGES

@@ -13,9 +13,9 @@ from math import inf
 
 from mavdem.assessment.condition import Condition
 from mavdem.assessment.ending import REPORTS_OF_LOSS, find_ending
+from mavdem.assessment.event_lights import light_of_event
 from mavdem.assessment.flights import RECOVERY_SECONDS
 from mavdem.assessment.innovations import INNOVATION_LIMIT, INNOVATIONS, latest_time_above
-from mavdem.assessment.judgement import light_of_event
 from mavdem.assessment.lights.estimator import estimator_light
 from mavdem.assessment.lights.power import POWER_REPORTS, power_light
 from mavdem.assessment.lights.vibration import vibration_light

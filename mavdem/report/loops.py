@@ -12,7 +12,8 @@ from mavdem.assessment.axis.loop_decision import (
     LoopDiagnosis,
 )
 from mavdem.assessment.axis.tuning import Tuning
-from mavdem.assessment.judgement import LIGHT_OF_EVENT, Judgement
+from mavdem.assessment.event_lights import LIGHT_OF_EVENT
+from mavdem.assessment.judgement import Judgement
 from mavdem.containers import group_by
 from mavdem.facts import Fact, Level
 from mavdem.facts.assessment import NextStep

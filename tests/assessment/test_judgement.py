@@ -6,13 +6,10 @@ from pytest import mark
 from refusals import prose
 
 from mavdem.assessment.condition import Condition
+from mavdem.assessment.event_lights import LIGHT_OF_EVENT, lights_with_event
 from mavdem.assessment.evidence import Evidence
-from mavdem.assessment.judgement import (
-    LIGHT_OF_EVENT,
-    choose_next_step,
-    headline_of,
-    lights_with_event,
-)
+from mavdem.assessment.headline import headline_of
+from mavdem.assessment.next_step import choose_next_step
 from mavdem.dataset.quality import QualityFigures
 from mavdem.dataset.segment_learnability import Learnability
 from mavdem.facts import Fact, Level

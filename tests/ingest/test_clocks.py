@@ -8,7 +8,8 @@ from hypothesis import strategies as st
 from pytest import approx, mark
 
 from mavdem.facts.sources import Repair
-from mavdem.ingest.mavlink.clocks import MessageStamps, boot_clock
+from mavdem.ingest.mavlink.clock_readings import MessageStamps
+from mavdem.ingest.mavlink.clocks import boot_clock
 
 WRAP_US = 2.0**32 / 1e6
 WRAP_MS = 2.0**32 / 1e3

@@ -15,7 +15,9 @@ from pytest import approx, fixture, mark
 from rich.console import Console
 from rich.live import Live
 
-from mavdem.assessment.judgement import Judgement, choose_next_step, headline_by_lights
+from mavdem.assessment.headline import headline_by_lights
+from mavdem.assessment.judgement import Judgement
+from mavdem.assessment.next_step import choose_next_step
 from mavdem.cli.live_status import MAX_SETTLING_SECONDS, ChangeDebouncer, StatusLines
 from mavdem.dataset.segment_learnability import slow_streams
 from mavdem.facts import Fact, Level

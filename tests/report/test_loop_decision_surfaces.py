@@ -21,7 +21,8 @@ from mavdem.assessment.axis import Options, analyse
 from mavdem.assessment.axis.loop_decision import ADVICE_TO_TUNE
 from mavdem.assessment.axis.margins import AxisMargins
 from mavdem.assessment.axis.tuning import tuned
-from mavdem.assessment.judgement import judge, lights_with_event
+from mavdem.assessment.event_lights import lights_with_event
+from mavdem.assessment.judgement import judge
 from mavdem.dataset.signals import Signals
 from mavdem.dem.record import Record
 from mavdem.documents import complete_document

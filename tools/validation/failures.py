@@ -37,7 +37,7 @@ from flights import (
 from numpy.random import Generator, default_rng
 
 from mavdem.assessment.assess import assess
-from mavdem.assessment.judgement import LIGHT_OF_EVENT
+from mavdem.assessment.event_lights import LIGHT_OF_EVENT
 from mavdem.assessment.record import Assessment
 from mavdem.errors import Unreadable
 from mavdem.facts import Fact, Level

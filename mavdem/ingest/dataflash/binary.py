@@ -1,241 +1,41 @@
-"""Binary DataFlash logs of ArduPilot (.bin): definitions (FMT), finding the messages, and decoding them by column.
+"""Binary DataFlash logs of ArduPilot (.bin): their messages are found first, and decoded column by column on request.
 
-Every message begins with A3 95 and its id; FMT, whose own definition is fixed, gives the length, the name, one
-character per field, and the field names. There are no checksums. A message is accepted when its header is where the one
-before it ends, and another follows it; after damage the next header with a known id is tried.
-
-Source: ArduPilot ``libraries/AP_Logger/LogStructure.h`` and
-https://ardupilot.org/dev/docs/code-overview-adding-a-new-log-message.html.
+Every message begins with the bytes A3 95 and its id, and its definition gives its length (``definitions.py``). There
+are no checksums. A message is accepted when its header is where the one before it ends, and another follows it; after
+damage the next header with a known id is tried.
 """
 
 import re
-import struct
 from array import array
-from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass, replace
-from functools import cached_property
-from typing import Any, NamedTuple
+from collections.abc import Iterator, Mapping
+from dataclasses import replace
 
 import numpy as np
 
 from mavdem.arrays import Integers
-from mavdem.containers import Names
 from mavdem.facts import Facts
 from mavdem.facts.sources import Repair
 from mavdem.ingest.byte_rows import Bytes, rows_of
 from mavdem.ingest.contents import FileContent
+from mavdem.ingest.dataflash.definitions import (
+    DIVISORS,
+    FORMAT,
+    FORMAT_BODY,
+    FORMAT_ID,
+    HEADER_BYTES,
+    ID_BYTE,
+    MARKER,
+    MESSAGE_IDS,
+    FormatDefinition,
+    FormatFields,
+    parse_definition,
+)
+from mavdem.ingest.dataflash.recording import EMPTY_TABLE, DataflashRecording, MessageTable
 from mavdem.ingest.record_runs import PossibleRecords, RecordRuns
-from mavdem.ingest.telemetry import Columns, repair_facts, rows_by_value
-from mavdem.log_formats import FORMAT_SIGNATURES, Format
-
-MARKER = FORMAT_SIGNATURES[Format.DATAFLASH].first_bytes
-"""First two bytes of every message (HEAD_BYTE1, HEAD_BYTE2)."""
+from mavdem.ingest.telemetry import repair_facts, rows_by_value
 
 MARKER_SEARCH_BYTES = 1 << 20
 """Bytes that are searched for markers at once: a log may be as large as the free memory."""
-
-ID_BYTE = len(MARKER)
-"""Offset of the message id in a message."""
-
-HEADER_BYTES = len(MARKER) + np.uint8().itemsize
-"""Number of bytes of a message's header: the marker and the message id."""
-
-MAX_MESSAGE_BYTES = np.iinfo(np.uint8).max
-"""Number of bytes that a message has at most: its length is one byte in FMT."""
-
-MESSAGE_IDS = 256
-"""Number of message ids: an id is one byte."""
-
-FIELD_TYPES = {
-    "a": "(32,)<i2",
-    "b": "i1",
-    "B": "u1",
-    "h": "<i2",
-    "H": "<u2",
-    "i": "<i4",
-    "I": "<u4",
-    "q": "<i8",
-    "Q": "<u8",
-    "g": "<f2",
-    "f": "<f4",
-    "d": "<f8",
-    "n": "S4",
-    "N": "S16",
-    "Z": "S64",
-    "c": "<i2",
-    "C": "<u2",
-    "e": "<i4",
-    "E": "<u4",
-    "L": "<i4",
-    "M": "u1",
-}
-"""NumPy type by format character; "a" is an array of 32 numbers, "n", "N" and "Z" are texts, "M" is a flight mode."""
-
-FIELD_BYTES = {character: np.dtype(kind).itemsize for character, kind in FIELD_TYPES.items()}
-"""Number of bytes of a field by its format character."""
-
-TEXT_CHARACTERS = "nNZ"
-"""Format characters of texts."""
-
-DIVISORS = {"c": 100.0, "C": 100.0, "e": 100.0, "E": 100.0, "L": 1e7}
-"""Divisor that turns a stored integer into the field's unit, by format character; "L" is a latitude or a longitude."""
-
-
-@dataclass(frozen=True)
-class FormatDefinition:
-    """The definition of one message, as an FMT gives it."""
-
-    name: str
-    """Name of the message: "ATT"."""
-    length: int
-    """Number of bytes of a message, header included."""
-    characters: str
-    """One format character per field."""
-    fields: Names
-    """Names of the fields."""
-
-    @cached_property
-    def body_type(self) -> np.dtype[Any] | None:
-        """The bytes after the header as a NumPy structured type; None if characters or names are inconsistent.
-
-        Its fields are called "0", "1" and so on: NumPy may change a name that damage has made.
-        """
-        if not self.length_by_fields:
-            return None
-        return np.dtype(
-            [(f"{i}", FIELD_TYPES[character]) for i, character in enumerate(self.characters)]
-        )
-
-    @cached_property
-    def length_by_fields(self) -> int:
-        """Number of bytes of a message that follows from the types of its fields, header included.
-
-        It is 0 where it cannot be computed: a field has an unknown type, two fields have the same name, or the numbers
-        of types and names differ.
-        """
-        if not FIELD_BYTES.keys() >= set(self.characters):
-            return 0
-        has_name_per_field = len(self.fields) == len(self.characters)
-        if not has_name_per_field or len(set(self.fields)) < len(self.fields):
-            return 0
-        return HEADER_BYTES + sum(FIELD_BYTES[character] for character in self.characters)
-
-
-FORMAT_ID = 0x80
-"""Id of the message FMT, which defines all others (LOG_FORMAT_MSG)."""
-
-FORMAT = FormatDefinition("FMT", 89, "BBnNZ", ("Type", "Length", "Name", "Format", "Columns"))
-"""The definition of FMT itself (``struct log_Format``)."""
-
-FORMAT_BODY = struct.Struct("<BB4s16s64s")
-"""The fields of FMT after the header, as ``FormatFields`` names them."""
-
-
-class FormatFields(NamedTuple):
-    """The fields of one FMT, as they were logged."""
-
-    message_id: int
-    """Id of the message that it defines."""
-    length: int
-    """Number of bytes of that message, header included."""
-    name: bytes
-    """Name of that message."""
-    characters: bytes
-    """One format character per field."""
-    field_names: bytes
-    """Names of the fields, separated by commas."""
-
-
-class MessageTable(NamedTuple):
-    """The N messages of one name."""
-
-    position: Integers
-    """Position (N,) of each message in the log, increasing: its byte offset, or the number of its line."""
-    columns: Columns
-    """Columns by field name, (N,) or (N, 32), in the field's unit; texts are bytes, ``S`` or objects."""
-    unreadable: int = 0
-    """Number of further messages, left out since a number in them cannot be read; of a text log."""
-
-
-EMPTY_TABLE = MessageTable(np.zeros(0, dtype=np.int64), {})
-"""The table of a message that does not occur."""
-
-
-class DataflashRecording(NamedTuple):
-    """A DataFlash log, binary or text, whose messages were found and not decoded yet."""
-
-    counts: Mapping[str, int]
-    """Number of messages by name."""
-    decode: Callable[[str], MessageTable]
-    """Decodes the messages of one name; none for a name that does not occur or has inconsistent fields."""
-    bytes_skipped: int
-    """Number of bytes that belong to no message."""
-    size: int
-    """Number of bytes of the log."""
-    repairs: Facts
-    """What was odd or damaged."""
-    undefined_messages: int = 0
-    """Number of headers in a binary log that belong to no message found, since their definitions are missing.
-
-    They are counted only where most of the log could not be read.
-    """
-
-
-def parse_definition(values: FormatFields) -> tuple[int, FormatDefinition] | None:
-    """Reads the definition in the fields of an FMT.
-
-    Args:
-        values: The fields of the FMT, texts as bytes that zeros may fill up.
-
-    Returns:
-        The message id and the definition; None if the name is not one, or a text is not printable ASCII: damage.
-    """
-    name = _padded_text(values.name)
-    characters = _padded_text(values.characters)
-    field_names = _padded_text(values.field_names)
-    for text in (name, characters, field_names):
-        if not text.isascii() or not text.isprintable():
-            return None
-    if not name.replace("_", "").isalnum():
-        return None
-    fields = tuple(field.strip() for field in field_names.split(",")) if field_names else ()
-    return values.message_id, FormatDefinition(name, values.length, characters, fields)
-
-
-def _padded_text(value: bytes) -> str:
-    """Returns a text without the zeros that fill its field, and without spaces around it."""
-    text, _, _ = value.partition(b"\0")
-    return text.decode("latin-1").strip()
-
-
-NON_NUMERIC_FIELDS = ("Message", "Name", "x", "y", "z")
-"""Fields with a text or an array per message that are used: those of MSG, PARM and ISBD."""
-
-
-CODE_FIELDS = ("Subsys", "ECode", "Id", "Mode", "ModeNum", "Rsn", "ArmState")
-"""Fields whose number is a code: those of ERR, EV, MODE and ARM."""
-
-
-def usable_fields(table: MessageTable) -> MessageTable:
-    """Leaves out the fields of a table that no reader can use.
-
-    A usable field has one number per message, or is one of ``NON_NUMERIC_FIELDS``, the texts and arrays that are read.
-    A damaged definition may turn any field into a text or an array, and a code, such as the number of an event, into a
-    float.
-
-    Args:
-        table: The decoded messages of one name.
-
-    Returns:
-        The table with its usable fields.
-    """
-    columns = {}
-    for name, values in table.columns.items():
-        is_numeric = values.ndim == 1 and values.dtype.kind in "iuf"
-        is_broken_code = name in CODE_FIELDS and values.dtype.kind == "f"
-        if name in NON_NUMERIC_FIELDS or (is_numeric and not is_broken_code):
-            columns[name] = values
-    return table._replace(columns=columns)
 
 
 def read_binary(content: FileContent) -> DataflashRecording:
@@ -305,7 +105,6 @@ A long run of headers, as damage makes it, has millions of matches without the l
 
 FILL_BYTES = (b"\0", b"\xff")
 """What the last page of a flash chip holds where nothing was written."""
-
 
 LENGTH_VARIES = -1
 """Entry of the table of lengths for an id with several definitions: the length must be found for each message."""

@@ -13,9 +13,10 @@ from numpy.typing import NDArray
 from mavdem.arrays import Array, Integers
 from mavdem.facts import Facts
 from mavdem.facts.sources import Flaw, Repair
-from mavdem.ingest.dataflash.binary import MessageTable
+from mavdem.ingest.dataflash.recording import MessageTable
 from mavdem.ingest.dataflash.states import ARMING_EVENTS
-from mavdem.ingest.mavlink.clocks import MessageStamps, Rows, boot_clock
+from mavdem.ingest.mavlink.clock_readings import MessageStamps, Rows
+from mavdem.ingest.mavlink.clocks import boot_clock
 from mavdem.ingest.telemetry import Columns, Tables, repair_facts, selected_rows
 
 CLOCK_FIELDS = {"TimeUS": 1e6, "TimeMS": 1e3}

@@ -18,13 +18,7 @@ from mavdem.ingest.contents import (
     file_content,
     is_dataflash_text,
 )
-from mavdem.ingest.dataflash.binary import (
-    MAX_MESSAGE_BYTES,
-    DataflashRecording,
-    MessageTable,
-    read_binary,
-    usable_fields,
-)
+from mavdem.ingest.dataflash.binary import read_binary
 from mavdem.ingest.dataflash.clock import (
     CLOCK_FIELDS,
     LogClock,
@@ -32,6 +26,8 @@ from mavdem.ingest.dataflash.clock import (
     on_boot_clock,
     stamps_of_table,
 )
+from mavdem.ingest.dataflash.definitions import MAX_MESSAGE_BYTES
+from mavdem.ingest.dataflash.recording import DataflashRecording, MessageTable, usable_fields
 from mavdem.ingest.dataflash.samples import ACCELEROMETER_FIELDS, GYRO_FIELDS, raw_samples
 from mavdem.ingest.dataflash.sensors import STATUS_3D_FIX
 from mavdem.ingest.dataflash.tables import field_texts

@@ -12,16 +12,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mavdem.facts.sources import Repair
-from mavdem.ingest.dataflash.binary import (
-    EMPTY_TABLE,
+from mavdem.ingest.dataflash.definitions import (
     FORMAT,
     TEXT_CHARACTERS,
-    DataflashRecording,
     FormatDefinition,
     FormatFields,
-    MessageTable,
     parse_definition,
 )
+from mavdem.ingest.dataflash.recording import EMPTY_TABLE, DataflashRecording, MessageTable
 from mavdem.ingest.telemetry import repair_facts, selected_rows
 
 _BYTE = re.compile(rb"\s*\d{1,3}\s*")

@@ -31,7 +31,6 @@ from mavdem.ingest.dataflash.batteries import (
     battery_status,
     sys_status,
 )
-from mavdem.ingest.dataflash.binary import MessageTable
 from mavdem.ingest.dataflash.estimators import (
     FlownEstimates,
     core_message_names,
@@ -42,6 +41,7 @@ from mavdem.ingest.dataflash.position_targets import (
     POSITION_CONTROLLER_MESSAGES,
     position_targets,
 )
+from mavdem.ingest.dataflash.recording import MessageTable
 from mavdem.ingest.dataflash.sensors import (
     FURTHER_SENSOR_MESSAGES,
     OLD_ESC_MESSAGES,

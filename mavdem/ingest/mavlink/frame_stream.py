@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from mavdem.confidence import Interval
 from mavdem.facts import Facts
 from mavdem.ingest.byte_rows import Bytes, Offsets
-from mavdem.ingest.mavlink.clocks import Rows, deviates_from_median
+from mavdem.ingest.mavlink.clock_readings import Rows, deviates_from_median
 from mavdem.ingest.mavlink.framing import Frames, concatenated_frames
 from mavdem.ingest.telemetry import MICROSECONDS
 

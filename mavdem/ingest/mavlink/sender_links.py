@@ -18,9 +18,9 @@ from collections.abc import Iterable
 from math import nan, radians
 from typing import Any
 
-from mavdem.ingest.mavlink.clocks import MAX_LATE_SECONDS
 from mavdem.ingest.mavlink.dialect import definitions_by_id, mavlink_message_id
 from mavdem.ingest.mavlink.framing import HEADER_BYTES_V1, HEADER_BYTES_V2, LENGTH_BYTE, MARKER_V2
+from mavdem.ingest.mavlink.reference_clock import MAX_LATE_SECONDS
 from mavdem.ingest.mavlink.sequence_counters import (
     MIN_COUNTER_SWITCHES,
     SEQUENCE_NUMBERS,

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from mavdem.arrays import Array, Flags
 from mavdem.ingest.byte_rows import Bytes, Offsets, release_pages, rows_of
-from mavdem.ingest.mavlink.clocks import Rows
+from mavdem.ingest.mavlink.clock_readings import Rows
 from mavdem.ingest.mavlink.dialect import definitions_by_id
 from mavdem.ingest.mavlink.framing import CHECKSUM_MATCHES, Frames, frame_content
 from mavdem.ingest.mavlink.payloads import decoded_field

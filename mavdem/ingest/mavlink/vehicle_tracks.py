@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from mavdem.arrays import Array, Flags
-from mavdem.ingest.mavlink.clocks import MAX_LATE_SECONDS
+from mavdem.ingest.mavlink.reference_clock import MAX_LATE_SECONDS
 
 MAX_VEHICLES = 4
 """Number of vehicles under the same ids that are distinguished: a choice."""

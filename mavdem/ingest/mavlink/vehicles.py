@@ -14,14 +14,8 @@ from mavdem.errors import Unreadable
 from mavdem.facts import Facts
 from mavdem.facts.sources import Flaw, Repair, SourceFact
 from mavdem.ingest.byte_rows import Bytes
-from mavdem.ingest.mavlink.clocks import (
-    BootTimes,
-    MessageStamps,
-    Times,
-    boot_clock,
-    reference_type_of,
-    stamped_messages,
-)
+from mavdem.ingest.mavlink.clock_readings import BootTimes, MessageStamps, Times, stamped_messages
+from mavdem.ingest.mavlink.clocks import boot_clock
 from mavdem.ingest.mavlink.dialect import (
     MessageDefinition,
     definitions_by_id,
@@ -34,6 +28,7 @@ from mavdem.ingest.mavlink.frame_stream import FrameStream, receive_interval
 from mavdem.ingest.mavlink.framing import CHECKSUM_MATCHES, MESSAGE_UNKNOWN, Frames
 from mavdem.ingest.mavlink.payloads import FrameSender, decoded_field, latest_parameters
 from mavdem.ingest.mavlink.recording_end import is_ended_on_purpose
+from mavdem.ingest.mavlink.reference_clock import reference_type_of
 from mavdem.ingest.mavlink.sender_streams import SenderStream, sender_stream_of
 from mavdem.ingest.motors import MOTOR_MESSAGES
 from mavdem.ingest.other_recordings import (

@@ -14,7 +14,8 @@ import scipy
 from mavdem.arrays import Integers
 from mavdem.facts import Facts
 from mavdem.facts.sources import Repair
-from mavdem.ingest.mavlink.clocks import MAX_RESTART_TIME, MAX_STAMP_DEVIATION
+from mavdem.ingest.mavlink.clock_readings import MAX_STAMP_DEVIATION
+from mavdem.ingest.mavlink.reference_clock import MAX_RESTART_TIME
 from mavdem.ingest.mcap.records import NANOSECONDS
 from mavdem.ingest.telemetry import repair_facts
 

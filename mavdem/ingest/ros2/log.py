@@ -11,7 +11,8 @@ from mavdem.arrays import Array, Flags, Integers
 from mavdem.errors import Unreadable
 from mavdem.facts import Facts
 from mavdem.facts.sources import Flaw, Repair, SourceFact
-from mavdem.ingest.mavlink.clocks import MessageStamps, boot_clock
+from mavdem.ingest.mavlink.clock_readings import MessageStamps
+from mavdem.ingest.mavlink.clocks import boot_clock
 from mavdem.ingest.mavlink.dialect import enum_name
 from mavdem.ingest.mcap.records import NANOSECONDS, McapRecording
 from mavdem.ingest.px4_topics import TOPIC_FIELDS

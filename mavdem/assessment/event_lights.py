@@ -1,0 +1,79 @@
+"""The status light that shows an event, if the event is the headline of a judgement."""
+
+from mavdem.assessment.limits import worst_fact
+from mavdem.facts import Code, Fact, NamedFacts
+from mavdem.facts.ending import Ending, MotionEvent
+from mavdem.facts.events import ReportedEvent
+from mavdem.facts.lights import Light
+
+EVENTS_BY_LIGHT: dict[Light, tuple[Code, ...]] = {
+    Light.MOTORS: (
+        MotionEvent.OUTPUT_FROZE,
+        MotionEvent.MOTOR_OFF,
+        MotionEvent.MOTOR_STOOD_STILL,
+        ReportedEvent.THRUST_LOST,
+        ReportedEvent.MOTOR_FAILED,
+        ReportedEvent.MOTORS_STOPPED,
+    ),
+    Light.TRACKING: (
+        *Ending,
+        MotionEvent.HIT,
+        MotionEvent.TOPPLED,
+        MotionEvent.TIPPED,
+        MotionEvent.ATTITUDE_LOST,
+        MotionEvent.ATTITUDE_SWUNG,
+        MotionEvent.FELL,
+        ReportedEvent.ATTITUDE_FAILED,
+        ReportedEvent.CRASH_DETECTED,
+        ReportedEvent.FLIGHT_TERMINATED,
+        ReportedEvent.PARACHUTE_RELEASED,
+        ReportedEvent.FAILSAFE,
+    ),
+    Light.POWER: (
+        ReportedEvent.RESTARTED,
+        ReportedEvent.RESTARTED_IN_FLIGHT,
+        ReportedEvent.BATTERY_ALARMED,
+        ReportedEvent.BATTERY_SPENT,
+        ReportedEvent.BOARD_VOLTAGE_LOW,
+    ),
+    Light.ESTIMATOR: (
+        MotionEvent.ATTITUDE_INVALID,
+        MotionEvent.HEIGHT_DIVERGED,
+        MotionEvent.POSITION_LOST,
+        ReportedEvent.ALTITUDE_FAILED,
+        ReportedEvent.ESTIMATOR_DIVERGED,
+        ReportedEvent.GPS_LOST,
+    ),
+    Light.WIND: (MotionEvent.CARRIED_AWAY,),
+}
+"""The events in the headline that each light shows, unless it is as bad by itself.
+
+Tracking is the light of vehicles that did not do as they were commanded, for any reason."""
+
+LIGHT_OF_EVENT: dict[Code, Light] = {
+    code: light for light, codes in EVENTS_BY_LIGHT.items() for code in codes
+}
+"""The light of each event of ``EVENTS_BY_LIGHT``."""
+
+
+def lights_with_event(lights: NamedFacts, headline: Fact) -> dict[str, Fact]:
+    """Returns the lights with the event that is the headline as the fact of its light, unless that is as bad by itself.
+
+    Lights judge a flight until it was lost, so that of tracking may be good beside a headline that control was lost.
+
+    Args:
+        lights: the facts of the eight lights, by name.
+        headline: fact that the first sentence of a result states: an event or a status light.
+    """
+    light = light_of_event(headline)
+    if light is None or not headline.warns:
+        return dict(lights)
+    return {**lights, light: worst_fact([lights[light], headline])}
+
+
+def light_of_event(event: Fact) -> Light | None:
+    """Returns the light that shows an event in the headline; None for one of no light."""
+    if event.figures.get("watchdog"):
+        # A watchdog restarts a program that hangs, whatever its supply.
+        return Light.TRACKING
+    return LIGHT_OF_EVENT.get(event.code)

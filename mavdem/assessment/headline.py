@@ -1,0 +1,278 @@
+"""The headline of a judgement: the most serious of all facts (coded findings) about a vehicle."""
+
+from collections.abc import Iterable, Sequence
+
+from mavdem.assessment.attitude_losses import FAR_ANGLE
+from mavdem.assessment.evidence import Evidence
+from mavdem.assessment.lights import OTHER_LIGHTS, VEHICLE_LIGHTS
+from mavdem.dataset.learnability import NEVER_ARMED
+from mavdem.facts import Fact, Facts, Level, NamedFacts
+from mavdem.facts.assessment import Headline
+from mavdem.facts.ending import Ending, MotionEvent
+from mavdem.facts.events import ReportedEvent
+from mavdem.facts.lights import Light, Unjudged
+from mavdem.facts.motors import TrimFact
+from mavdem.facts.watch import WatchFact
+from mavdem.ingest.motors import name_without_place
+
+URGENT_EVENTS = (
+    MotionEvent.HIT,
+    MotionEvent.TOPPLED,
+    MotionEvent.TIPPED,
+    MotionEvent.ATTITUDE_LOST,
+    MotionEvent.FELL,
+    MotionEvent.HEIGHT_DIVERGED,
+    MotionEvent.POSITION_LOST,
+    MotionEvent.LOG_ENDED_IN_AIR,
+    ReportedEvent.RESTARTED,
+    ReportedEvent.FAILSAFE,
+    ReportedEvent.MOTORS_STOPPED,
+    ReportedEvent.FLIGHT_TERMINATED,
+    ReportedEvent.CRASH_DETECTED,
+)
+"""Losses, failsafes, restarts and impacts, the most important first. Even if their level is only "watch", they rank
+above every light: a trim or vibration matters less than a vehicle that fell. Only a log that ends in the air ranks
+below a light that is bad."""
+
+TRIMS_OF_WEAK_MOTOR = (TrimFact.TRIM_OF_ONE_MOTOR, TrimFact.TRIM_OF_LEADING_MOTOR)
+"""Patterns of the trim by which one motor is probably weak, although it is only to be watched."""
+
+PARTIAL_CHECKS = (WatchFact.NO_MOTOR_AT_LIMIT, WatchFact.NO_OSCILLATION)
+"""Lights of a live flight that say what one check has shown so far; their figure ``reason`` is why the rest of the
+light is unknown."""
+
+MIN_CHECKED_LIGHTS = 3
+"""Lights of the vehicle that must be good before a flight is called sound: half of them, a choice."""
+
+
+def headline_of(evidence: Evidence, lights: NamedFacts) -> Fact:
+    """Returns the headline, which is the most serious fact that was found.
+
+    The headline is the first of these that applies:
+
+    1. The vehicle did not fly.
+    2. The autopilot restarted in flight.
+    3. How the flight was lost.
+    4. Another bad event.
+    5. A loss, failsafe or impact of the level "watch", or bad power or a bad estimator as its reason.
+    6. A bad light.
+    7. The log ends in the air.
+    8. If there was no flight, the reason.
+    9. Another fact of the level "watch".
+    10. Nothing is wrong with what was checked.
+
+    Args:
+        evidence: signals, events and measurements of the vehicle.
+        lights: the facts of the eight lights, by name.
+    """
+    if evidence.not_flown is not None:
+        return evidence.not_flown
+    restarts = evidence.restarts_in_flight
+    if restarts:
+        # A restart in flight is the reason for everything that followed.
+        return restarts[0]
+    vehicle_lights = [lights[name] for name in VEHICLE_LIGHTS]
+    if evidence.condition.oscillation is not None:
+        # A limit cycle drives motors to their limits, and so explains the light of the motors.
+        vehicle_lights.insert(0, lights[Light.MARGINS])
+    other_lights = [lights[name] for name in OTHER_LIGHTS]
+    # How a flight was lost comes before all other events.
+    ending = [] if evidence.ending is None else [evidence.ending]
+    bad_events = [fact for fact in (*ending, *evidence.events) if fact.is_bad]
+    urgent = _urgent_warnings(evidence)
+    # If the log ends in the air, it is not known whether the vehicle was lost, so facts that are certain come first.
+    open_ends = [fact for fact in urgent if fact.code is MotionEvent.LOG_ENDED_IN_AIR]
+    urgent = [fact for fact in urgent if fact.code is not MotionEvent.LOG_ENDED_IN_AIR]
+    bad_lights = [fact for fact in (*vehicle_lights, *other_lights) if fact.is_bad]
+    # A battery or an estimator that is bad is the reason for a failsafe.
+    reasons = [lights[name] for name in (Light.POWER, Light.ESTIMATOR) if lights[name].is_bad]
+    if urgent and reasons:
+        urgent = reasons
+    if bad_events:
+        return with_weak_motor(_worst_event(bad_events), lights[Light.MOTORS])
+    if urgent:
+        return urgent[0]
+    if bad_lights:
+        return _largest_of_first_kind(bad_lights)
+    if open_ends:
+        return open_ends[0]
+    if not evidence.has_operated:
+        return _reason_on_ground(evidence)
+    return _first_fact_to_watch(_facts_to_watch(evidence, vehicle_lights), lights)
+
+
+def _facts_to_watch(evidence: Evidence, vehicle_lights: Sequence[Fact]) -> Facts:
+    """Returns the facts from which the headline is chosen if nothing about the vehicle is bad.
+
+    Attitudes far from their setpoint come first, then the lights, and last the warnings of the autopilot, except those
+    that its own state contradicts.
+
+    Args:
+        evidence: events of the vehicle.
+        vehicle_lights: lights of the vehicle, the most important first.
+
+    Returns:
+        The facts, the most important first, of any level but bad.
+    """
+    # Only events of the attitude have the figure "angle", its distance from the setpoint, rad.
+    far_attitudes = [
+        event for event in evidence.events if event.figures.get("angle", 0.0) > FAR_ANGLE
+    ]
+    warnings = [
+        fact
+        for fact in evidence.warnings_in_flight(tuple(ReportedEvent))
+        if not fact.figures.get("is_contradicted")
+    ]
+    return (*far_attitudes, *vehicle_lights, *warnings)
+
+
+def _worst_event(bad_events: Sequence[Fact]) -> Fact:
+    """Returns the bad event that the headline names.
+
+    Args:
+        bad_events: at least one, the most important first.
+
+    Returns:
+        The largest of the events with the code of the first. A spent battery is worse than a critical one: if the first
+        is a critical battery, and a battery was spent too, the event of the spent one.
+    """
+    worst_event = _largest_of_first_kind(bad_events)
+    if worst_event.code is ReportedEvent.BATTERY_ALARMED:
+        for event in bad_events:
+            if event.code is ReportedEvent.BATTERY_SPENT:
+                return event
+    return worst_event
+
+
+def with_weak_motor(event: Fact, motors: Fact) -> Fact:
+    """Adds to the event of a lost flight a motor that was found weak before the loss.
+
+    The motor need not be the cause: the motion may not show what failed first, or something else may have failed.
+
+    Args:
+        event: the event in the headline. Its figure ``cause`` is what failed first, and ``word`` is what the autopilot
+            reported of a motor; each may name a motor.
+        motors: the fact of the light "motors", which judges the flight until it was lost. If it is about one motor,
+            this is its subject, such as "motor 2 (rear left)".
+
+    Returns:
+        The event, with ``motors`` as its figure ``weak_motor``. It is unchanged if it is no loss of a flight, no single
+        motor was found weak, or the event names this motor already.
+    """
+    is_loss = event.code in Ending
+    # The light may show the loss itself, if that names a motor.
+    is_about_weak_motor = motors.code not in Ending and bool(motors.subject)
+    is_weak = motors.is_bad or motors.code in TRIMS_OF_WEAK_MOTOR
+    if not (is_loss and is_about_weak_motor and is_weak):
+        return event
+    for fact in (event, event.figures.get("cause"), event.figures.get("word")):
+        if fact is None:
+            continue
+        names = (fact.subject, *fact.figures.get("names", ()))
+        # The autopilot names a motor without its place.
+        if motors.subject in names or name_without_place(motors.subject) in names:
+            return event
+    return event.replace(weak_motor=motors)
+
+
+def _reason_on_ground(evidence: Evidence) -> Fact:
+    """Returns the fact that says why a log has no flight or, of a vehicle that is no multirotor, no operation."""
+    if evidence.other_vehicle is not None:
+        armed_signal = evidence.signals.armed
+        if armed_signal is not None and not armed_signal.values.any():
+            return NEVER_ARMED
+    return evidence.learnability.reason
+
+
+def _largest_of_first_kind(bad_facts: Sequence[Fact]) -> Fact:
+    """Returns the fact that the headline names: the largest one of those with the same code as the first.
+
+    Only losses of thrust have a size: their figure ``rise``, by which the command of a motor rose to compensate its
+    loss. The largest loss is named, not the earliest. Of facts without that figure the first is returned.
+
+    Args:
+        bad_facts: at least one, the most important first.
+    """
+    with_first_code = [fact for fact in bad_facts if fact.code is bad_facts[0].code]
+    return max(with_first_code, key=lambda fact: fact.figures.get("rise", 0.0))
+
+
+def _urgent_warnings(evidence: Evidence) -> list[Fact]:
+    """Returns the events of ``URGENT_EVENTS`` with the level "watch", the most important first.
+
+    Events that the motion shows are included at any time, since a vehicle that hit the ground is no longer in flight.
+    Events that the autopilot reports are included only if they happened in flight.
+
+    Args:
+        evidence: signals, events and measurements of the vehicle.
+
+    Returns:
+        Events in the order of ``URGENT_EVENTS``.
+    """
+    reported_warnings = list(evidence.warnings_in_flight(URGENT_EVENTS))
+    motion = [event for event in evidence.events if isinstance(event.code, MotionEvent)]
+    urgent = [fact for fact in (*motion, *reported_warnings) if fact.code in URGENT_EVENTS]
+    warnings_to_watch = [fact for fact in urgent if fact.level is Level.WATCH]
+    return sorted(warnings_to_watch, key=lambda fact: URGENT_EVENTS.index(fact.code))
+
+
+def headline_by_lights(lights: NamedFacts) -> Fact:
+    """Returns the headline of a flight without a fault, by its lights alone.
+
+    Args:
+        lights: the status lights by name; no light of the vehicle is bad.
+
+    Returns:
+        The first light of the vehicle that is to be watched or, without one, that nothing is wrong with those that were
+        checked.
+    """
+    return _first_fact_to_watch([lights[name] for name in VEHICLE_LIGHTS], lights)
+
+
+def _first_fact_to_watch(facts: Iterable[Fact], lights: NamedFacts) -> Fact:
+    """Returns the first fact that is to be watched or, without one, that nothing is wrong with what was checked.
+
+    Args:
+        facts: facts of which none is bad, the most important first.
+        lights: the status lights by name; no light of the vehicle is bad.
+    """
+    for fact in facts:
+        if fact.level is Level.WATCH:
+            return fact
+    return _nothing_wrong_fact(lights)
+
+
+def _nothing_wrong_fact(lights: NamedFacts) -> Fact:
+    """Returns the fact that nothing is wrong as far as it was checked, or the reason why nothing could be checked.
+
+    Args:
+        lights: the status lights by name; no light of the vehicle is bad or to be watched.
+
+    Returns:
+        A fact with the lights that are good and those that are unknown. It is good only if the motors and at least
+        ``MIN_CHECKED_LIGHTS`` were checked. For a vehicle that is not a multirotor it has the ``kind``.
+    """
+    checked_lights = [name for name in VEHICLE_LIGHTS if lights[name].is_good]
+    unchecked_lights = [name for name in VEHICLE_LIGHTS if name not in checked_lights]
+    if not checked_lights:
+        # A log that lacks data is the reason. If it has all that is needed, the most urgent light says why it is
+        # unknown.
+        reason = lights[unchecked_lights[0] if lights[Light.LOG].is_good else Light.LOG]
+        if reason.code in PARTIAL_CHECKS and reason.figures["reason"] is not None:
+            # What a check has shown so far is not the reason why the rest of its light is unknown.
+            reason = reason.figures["reason"]
+        return Fact(Headline.NOTHING_CHECKED, reason=reason)
+    # The motors must be among the checked lights, since only their light shows a motor or propeller that is about to
+    # fail. But that light alone is not enough.
+    is_enough = Light.MOTORS in checked_lights and len(checked_lights) >= MIN_CHECKED_LIGHTS
+    level = Level.GOOD if is_enough else Level.UNKNOWN
+    motors = lights[Light.MOTORS]
+    kind = motors.figures["kind"] if motors.code is Unjudged.MULTIROTORS_ONLY else None
+    return Fact(
+        Headline.NOTHING_WRONG,
+        level,
+        names=checked_lights,
+        missing=unchecked_lights,
+        most_loss=motors.figures.get("most_loss"),
+        kind=kind,
+    )

@@ -1,0 +1,84 @@
+"""The next step of a judgement, a fact (a coded finding): what to repair, to log or to fly, by headline and lights."""
+
+from mavdem.assessment.lights import VEHICLE_LIGHTS
+from mavdem.facts import Fact, NamedFacts
+from mavdem.facts.assessment import Headline, NextStep
+from mavdem.facts.ending import Ending
+from mavdem.facts.lights import Light, Unjudged
+from mavdem.facts.loops import LoopAction
+
+
+def choose_next_step(headline: Fact, lights: NamedFacts, model_step: Fact | None) -> Fact:
+    """Returns the next step: repair what is wrong, otherwise log what is missing, otherwise improve the model.
+
+    Args:
+        headline: headline of the judgement. If something is wrong, its advice is the next step.
+        lights: the lights by name. If nothing is wrong, the next step is the advice of the first light that is not
+            good. One that is not judged, for a reason that nothing helps against, is passed over.
+        model_step: step that improves the model, for a vehicle without fault whose lights are all good; None without a
+            model.
+
+    Returns:
+        The fact that advises the step.
+    """
+    if headline.code is not Headline.NOTHING_WRONG:
+        return _step_against_faults(headline, lights)
+    is_other_vehicle = False
+    is_without_advice = False
+    for name in (Light.LOG, *VEHICLE_LIGHTS):
+        # This light is unknown because the vehicle is no multirotor: no other log of it would change that.
+        if lights[name].code is Unjudged.MULTIROTORS_ONLY:
+            is_other_vehicle = True
+        elif not lights[name].is_good:
+            advice = lights[name]
+            if advice.code is Unjudged.NOT_JUDGED and advice.figures["reason"] is not None:
+                # What makes a judgement possible is advised by the reason why there is none.
+                advice = advice.figures["reason"]
+                if not advice.remedy:
+                    is_without_advice = True
+                    continue
+            return Fact(NextStep.DO_AS_ADVISED, reason=advice)
+    if is_other_vehicle:
+        return Fact(NextStep.KEEP_LOG)
+    if is_without_advice and model_step is None:
+        return Fact(NextStep.KEEP_LOG)
+    return model_step or Fact(NextStep.KEEP_MODEL)
+
+
+def _step_against_faults(headline: Fact, lights: NamedFacts) -> Fact:
+    """Returns the next step: to do what the fault in the headline needs, and what some other bad lights need.
+
+    The advice of another light is added only if the fault in the headline does not explain that light. Bad power always
+    has other causes, and so has bad vibration if power is the headline. After a loss of the vehicle, every bad light
+    may be its reason, and a motor that is bad, or was found weak, is named as the suspect.
+
+    Args:
+        headline: headline of the judgement, with a fault.
+        lights: all status lights by name: facts with a level.
+
+    Returns:
+        The fact that advises the step, with the headline as ``reason`` and the facts of the other lights as ``also``.
+    """
+    unexplained_lights = [Light.POWER]
+    if headline == lights[Light.POWER]:
+        unexplained_lights.append(Light.VIBRATION)
+    is_loss = headline.code in Ending
+    if is_loss:
+        unexplained_lights = VEHICLE_LIGHTS
+        motors = lights[Light.MOTORS]
+        if motors.is_bad or "weak_motor" in headline.figures:
+            headline = headline.replace(suspect=motors.subject)
+    other_facts = []
+    for name in unexplained_lights:
+        fact = lights[name]
+        # The fact of a light may be the loss itself, which is in the headline already.
+        shows_loss = fact.code in Ending
+        if fact.is_bad and not shows_loss and not _advises_other_step_first(fact):
+            other_facts.append(fact)
+    return Fact(NextStep.DO_AS_ADVISED, headline.level, reason=headline, also=tuple(other_facts))
+
+
+def _advises_other_step_first(light: Fact) -> bool:
+    """Returns whether the fact of a light only advises to do first what the headline or another light advises."""
+    action = light.figures.get("action")
+    return isinstance(action, Fact) and action.code is LoopAction.DO_FIRST

@@ -1,0 +1,225 @@
+"""Times on the boot clock of messages without a stamp, by the stamped messages around them in the stream."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from itertools import pairwise
+from typing import NamedTuple
+
+import numpy as np
+
+from mavdem.ingest.mavlink.clock_readings import (
+    BootTimes,
+    ClockReadings,
+    MessageStamps,
+    ReceiveTimes,
+    Rows,
+    StreamPositions,
+    Times,
+    last_rows_before,
+)
+
+
+def assign_times_to_unstamped_messages(
+    message_types: Sequence[MessageStamps],
+    boot_times: Mapping[str, BootTimes],
+    receive_times: ReceiveTimes | None,
+) -> None:
+    """Assigns a time to each message without a usable stamp: the time of the last stamped message before it.
+
+    Stamped messages of all types of the component count, in the order of the stream. There are two exceptions. Messages
+    before the first stamped one get its time. At a restart of the autopilot, a message that was received nearer to the
+    first stamped message after it than to the last one before gets the time of the former.
+
+    Args:
+        message_types: The messages of a component by type, with their stamps and positions in the stream.
+        boot_times: Times, s, and boots of these messages by name of the type, which are changed in place; a time is NaN
+            where it is not known yet.
+        receive_times: Returns when the messages at some positions were received, s; None if that was not recorded.
+    """
+    timed_types = _messages_with_time(message_types, boot_times)
+    if not timed_types:
+        return
+    untimed_types = _messages_without_time(message_types, boot_times)
+    if not untimed_types:
+        return
+    first_type = min(timed_types, key=lambda readings: int(readings.positions[0]))
+    for untimed in untimed_types:
+        untimed.set_times(0, first_type.time[:1], first_type.boot[:1])
+    for readings in _merged_in_stream_order(timed_types):
+        # All later messages get these times first; those of the next section then replace what comes after it.
+        for untimed in untimed_types:
+            first = int(np.searchsorted(untimed.positions, readings.positions[0]))
+            rows_before = last_rows_before(readings.positions, untimed.positions[first:])
+            untimed.set_times(first, readings.time[rows_before], readings.boot[rows_before])
+    if receive_times is not None:
+        for reboot in _unmixed_reboots(timed_types):
+            for untimed in untimed_types:
+                untimed.move_to_next_boot(reboot, receive_times)
+
+
+class _Reboot(NamedTuple):
+    """The stamped messages on either side of a restart of the autopilot."""
+
+    last_position: int
+    """Position in the stream of the last one before."""
+    first_position: int
+    """Position in the stream of the first one after."""
+    first_time: float
+    """Time of the first one after, s since boot."""
+    boot: int
+    """Number of the boot that begins."""
+
+
+def _unmixed_reboots(timed_types: Sequence[ClockReadings]) -> list[_Reboot]:
+    """Finds the restarts of the autopilot in a stream, with the stamped messages before and after each.
+
+    A restart is left out if messages from before it and after it are mixed in the stream, as they are over two links:
+    then no place in the stream separates the two boots.
+
+    Args:
+        timed_types: Stream positions, times and boots of the messages of each type.
+
+    Returns:
+        The restarts in the order of the boots.
+    """
+    reboots: dict[int, _Reboot] = {}
+    for readings in timed_types:
+        for row in np.flatnonzero(np.diff(readings.boot) > 0).tolist():
+            boot = int(readings.boot[row + 1])
+            reboot = _Reboot(
+                last_position=int(readings.positions[row]),
+                first_position=int(readings.positions[row + 1]),
+                first_time=float(readings.time[row + 1]),
+                boot=boot,
+            )
+            # Each message type shows the restart. The last stamp before it and the first one after it, of all types,
+            # are the nearest to the restart.
+            other = reboots.get(boot, reboot)
+            earliest = min(reboot, other, key=lambda candidate: candidate.first_position)
+            last_position = max(reboot.last_position, other.last_position)
+            reboots[boot] = earliest._replace(last_position=last_position)
+    ordered = [reboots[boot] for boot in sorted(reboots)]
+    return [reboot for reboot in ordered if reboot.last_position < reboot.first_position]
+
+
+def _messages_with_time(
+    message_types: Sequence[MessageStamps], boot_times: Mapping[str, BootTimes]
+) -> list[ClockReadings]:
+    """Selects the messages whose time is known, of each type that has any.
+
+    Args:
+        message_types: The messages of a component by type.
+        boot_times: Their times, s, and boots by name of the type; a time that is not known is NaN.
+
+    Returns:
+        Positions in the stream, times and boots of these messages, for each type.
+    """
+    timed_types = []
+    for message_type in message_types:
+        times = boot_times[message_type.message]
+        readings = ClockReadings(message_type.positions, times.time, times.boot)
+        is_timed = ~np.isnan(times.time)
+        if is_timed.all() and len(is_timed):
+            # Without a selection the arrays are not copied.
+            timed_types.append(readings)
+        elif is_timed.any():
+            timed_types.append(readings.select(is_timed))
+    return timed_types
+
+
+class _UntimedMessages(NamedTuple):
+    """The m messages of one type that have no time of their own."""
+
+    times: BootTimes
+    """Times of all messages of the type."""
+    rows: Rows
+    """Rows of the m messages among them, ascending."""
+    positions: StreamPositions
+    """Positions of the m messages in the stream."""
+
+    def set_times(self, first: int, time: Times, boot: Rows) -> None:
+        """Sets the times of these messages from one on to the last.
+
+        Args:
+            first: Number of the first of the m messages whose time is set.
+            time: Times (m − first,), s, or one (1,) for all.
+            boot: Numbers of the boots, likewise. In a log of a single boot they cannot be written to, and stay 0.
+        """
+        self.times.time[self.rows[first:]] = time
+        if self.times.boot.flags.writeable:
+            self.times.boot[self.rows[first:]] = boot
+
+    def move_to_next_boot(self, reboot: _Reboot, receive_times: ReceiveTimes) -> None:
+        """Assigns the messages that a restarted autopilot sent before its first stamped message to the new boot.
+
+        These are the messages that were received nearer to the first stamped message of the new boot than to the last
+        one of the boot before. They get the time of that first stamped message.
+
+        Args:
+            reboot: The stamped messages before and after the restart.
+            receive_times: Returns when the messages at some positions in the stream were received, s.
+        """
+        bounds = np.array([reboot.last_position, reboot.first_position])
+        first, end = np.searchsorted(self.positions, bounds)
+        if first == end:
+            return
+        last_before, first_after = receive_times(bounds)
+        received = receive_times(self.positions[first:end])
+        is_of_next_boot = first_after - received < received - last_before
+        rows = self.rows[first:end][is_of_next_boot]
+        self.times.time[rows] = reboot.first_time
+        self.times.boot[rows] = reboot.boot
+
+
+def _messages_without_time(
+    message_types: Sequence[MessageStamps], boot_times: Mapping[str, BootTimes]
+) -> list[_UntimedMessages]:
+    """Selects the messages whose time is not known, of each type that has any.
+
+    Args:
+        message_types: The messages of a component by type.
+        boot_times: Their times, s, and boots by name of the type; a time that is not known is NaN.
+
+    Returns:
+        These messages of each type, with the arrays in which their times are to be set.
+    """
+    untimed_types = []
+    for message_type in message_types:
+        times = boot_times[message_type.message]
+        rows = np.flatnonzero(np.isnan(times.time))
+        if len(rows):
+            untimed_types.append(_UntimedMessages(times, rows, message_type.positions[rows]))
+    return untimed_types
+
+
+READINGS_AT_ONCE = 1 << 20
+"""Number of readings that are put in the order of the stream at once, about: a choice, which bounds the memory."""
+
+
+def _merged_in_stream_order(timed_types: Sequence[ClockReadings]) -> Iterator[ClockReadings]:
+    """Merges the messages of several types into the order of the stream, section by section to bound the memory.
+
+    Args:
+        timed_types: Stream positions, times and boots of the messages of each type, at least one message of each.
+
+    Yields:
+        The messages in one section of the stream, ``READINGS_AT_ONCE`` or fewer on average; sections without a message
+        are left out. Messages at the same position are in the order of their types in ``timed_types``.
+    """
+    message_count = sum(len(readings.positions) for readings in timed_types)
+    first = min(int(readings.positions[0]) for readings in timed_types)
+    end = max(int(readings.positions[-1]) for readings in timed_types) + 1
+    # Sections of equal length, which need not have equally many messages.
+    section_count = message_count // READINGS_AT_ONCE + 1
+    section_bounds = [first + (end - first) * k // section_count for k in range(section_count + 1)]
+    for section_start, section_end in pairwise(section_bounds):
+        sections = []
+        for readings in timed_types:
+            # With bounds of another data type, ``searchsorted`` would convert a copy of all positions.
+            bounds = np.array([section_start, section_end], dtype=readings.positions.dtype)
+            first_row, end_row = np.searchsorted(readings.positions, bounds).tolist()
+            sections.append(readings.select(slice(first_row, end_row)))
+        merged = ClockReadings(
+            *(np.concatenate(columns) for columns in zip(*sections, strict=True))
+        )
+        if len(merged.positions):
+            yield merged.select(np.argsort(merged.positions, kind="stable"))
