@@ -25,6 +25,7 @@ from mavdem.report.difference import (
     difference_blocks,
     headline_blocks,
     headline_of_comparison,
+    motor_table,
     next_blocks,
 )
 from mavdem.report.pages.difference_page import comparison_page
@@ -157,6 +158,7 @@ def diff_command(
     headline = headline_of_comparison(reviews, difference, parameters)
     blocks = [
         *headline,
+        *motor_table(reviews, difference),
         *bound_sentences(difference),
         *difference_blocks(difference, parameters, names_without_gains, headline),
         *([] if difference.is_of_same_flight else headline_blocks(headlines_of_sides, headline)),

@@ -12,6 +12,7 @@ from mavdem.dataset.axes import AXES
 from mavdem.facts import Level
 from mavdem.facts.fleet import QuantityOutcome
 from mavdem.facts.lights import Light
+from mavdem.facts.motors import motor_number
 from mavdem.fleet.comparability import STATE_NAMES
 from mavdem.fleet.difference import VehicleDifference
 from mavdem.fleet.parameter_changes import ParameterChange, axes_of_parameter
@@ -42,7 +43,7 @@ from mavdem.fleet.row import UNKNOWN, FlightRow
 from mavdem.ingest.vocabulary import RATE_PID_GAINS
 from mavdem.report.blocks import Blocks, Rated, Sentence, Table, caution, shortened
 from mavdem.report.numbers import counted, listed, plus_minus, rounded, without_remark
-from mavdem.report.templates import render_section, without_full_stop
+from mavdem.report.templates import capitalize_first, render_section, without_full_stop
 
 Review = Mapping[str, Any]
 """The document of a review, as ``report.json`` has it; any of its keys may be missing."""
@@ -83,6 +84,12 @@ SHOWN_QUANTITIES = {
 }
 """How quantities are shown, by their kind."""
 
+MAX_MOTOR_CHARACTERS = 30
+"""Largest length of what a table says of a motor in one flight: two of them fit into 80 columns with the changes."""
+
+WARNING_LEVELS = (Level.BAD, Level.WATCH)
+"""Levels of a light that warns, the worse first."""
+
 MAX_LIGHT_CHARACTERS = 60
 """Largest length of what a light of one flight says in the headline, without its details: a choice."""
 
@@ -103,11 +110,12 @@ def headline_of_comparison(
     They come in this order; where A and B are the same flight, only that is said.
 
     1. Whether the states are of two vehicles.
-    2. The lights (judgements of one subject each, such as the motors) that are bad on a side.
+    2. The lights (judgements of one subject each, such as the motors) that are bad on a side, and that of the motors
+       where both sides warn of different motors, or one side does and the other does not.
     3. Whether compared figures changed. One change is named: of a loop with a bad margin, or else the surest one.
     4. The changed gains of loops with a bad margin or a changed figure, or else all changed gains, and their effects.
        Where no figure changed that they do not explain, they come first.
-    5. The lights of the vehicle that are to be watched on one side, and good on the other.
+    5. The other lights of the vehicle that are to be watched on one side, and good on the other.
 
     Args:
         reviews: review documents of both logs, by side, "A" and "B"; of a fleet, empty.
@@ -121,6 +129,8 @@ def headline_of_comparison(
         return render_section("difference_same_flight", flights=difference.flights.before)
     bad_lights = _bad_lights(reviews)
     light_sentences = [Sentence(light.text, f"{light.name.capitalize()}:") for light in bad_lights]
+    if not any(light.name == Light.MOTORS for light in bad_lights):
+        light_sentences += _sentence_on_watched_motors(reviews)
     bad_axes = {light.axis for light in bad_lights if light.name == Light.MARGINS}
     changes = _changes_by_relevance(difference, bad_axes)
     changed_axes = {
@@ -134,7 +144,12 @@ def headline_of_comparison(
     for change in changes:
         if difference.follows_from_gains(change) and change.quantity.axis in axes_of_gains:
             effects.append(change_text(change, difference))
-    result = _result_sentences(difference, changes, has_bad_light=bool(bad_lights))
+    result = _result_sentences(
+        difference,
+        changes,
+        has_bad_light=bool(bad_lights),
+        has_motor_difference=has_motor_difference(reviews),
+    )
     gain_sentences = render_section(
         "difference_gains",
         gains=shown_gains,
@@ -243,8 +258,25 @@ def _bad_lights(reviews: Mapping[str, Review]) -> list[_BadLight]:
             side for side, light in lights_by_side.items() if light["level"] == Level.BAD
         )
         axis = value_at(lights_by_side[bad_sides[0]], "figures.axis") or ""
-        bad_lights.append(_BadLight(name, bad_sides, axis, _text_of_bad_light(lights_by_side)))
+        bad_lights.append(_BadLight(name, bad_sides, axis, _text_of_warning_light(lights_by_side)))
     return bad_lights
+
+
+def has_motor_difference(reviews: Mapping[str, Review]) -> bool:
+    """Returns whether the motors of both flights differ by their lights: in level, or in the motor that is named.
+
+    What a motor lost in flight is a figure of that flight alone, which is not tested together with the compared ones.
+    A light that warns of nothing on both sides, such as a good and an unknown one, is no difference of the motors.
+
+    Args:
+        reviews: review documents of both logs, by side; one without lights, as of a fleet, is compared with nothing.
+    """
+    lights_by_side = _lights_of_both(reviews).get(Light.MOTORS)
+    if lights_by_side is None:
+        return False
+    first, second = lights_by_side.values()
+    warns = any(light["level"] in WARNING_LEVELS for light in (first, second))
+    return warns and not _are_equal(first, second)
 
 
 def _lights_of_both(reviews: Mapping[str, Review]) -> dict[str, dict[str, JsonValues]]:
@@ -264,26 +296,34 @@ def _lights_of_both(reviews: Mapping[str, Review]) -> dict[str, dict[str, JsonVa
     return lights_of_both
 
 
-def _text_of_bad_light(lights_by_side: Mapping[str, JsonValues]) -> str:
-    """Returns the levels of a light on both sides, and what makes it bad.
+def _text_of_warning_light(lights_by_side: Mapping[str, JsonValues]) -> str:
+    """Returns the levels of a light on both sides, and what makes it bad or to be watched.
 
     Args:
-        lights_by_side: the light of each log's review document, by side; at least one is bad.
+        lights_by_side: the light of each log's review document, by side; at least one is bad or to be watched.
 
     Returns:
         Text such as "bad in A, good in B. Motor 3 lost 19 to 41 % of its thrust at 47 s.", with the sentences of both
-        sides if both are bad and the sentences differ.
+        sides if both have the same level and the sentences differ.
     """
     first_side, second_side = STATE_NAMES
     first, second = lights_by_side[first_side], lights_by_side[second_side]
     if first["level"] != second["level"]:
-        bad = first if first["level"] == Level.BAD else second
+        worse = next(
+            light
+            for level in WARNING_LEVELS
+            for light in (first, second)
+            if light["level"] == level
+        )
         levels = f"{first['level']} in {first_side}, {second['level']} in {second_side}"
-        return f"{levels}. {bad['sentence']}{_remark_on_imus(first, second)}"
+        return f"{levels}. {worse['sentence']}{_remark_on_imus(first, second)}"
     if first["sentence"] == second["sentence"]:
-        return f"bad in {first_side} and {second_side}. {first['sentence']}"
+        return f"{first['level']} in {first_side} and {second_side}. {first['sentence']}"
+    numbers = [motor_number(light.get("subject") or "") for light in (first, second)]
+    are_other_motors = None not in numbers and numbers[0] != numbers[1]
+    remark = ", of different motors" if are_other_motors else ""
     return (
-        f"bad in {first_side} and {second_side}. {first_side}: {first['sentence']} "
+        f"{first['level']} in {first_side} and {second_side}{remark}. {first_side}: {first['sentence']} "
         f"{second_side}: {second['sentence']}{_remark_on_imus(first, second)}"
     )
 
@@ -304,17 +344,30 @@ def _remark_on_imus(first_light: JsonValues, second_light: JsonValues) -> str:
     return f" {subjects[0]} and {subjects[1]} are different sensors: their difference is no change."
 
 
+def _sentence_on_watched_motors(reviews: Mapping[str, Review]) -> list[Sentence]:
+    """Returns the sentence on the motors' light where it differs, and is bad on no side; none otherwise.
+
+    Args:
+        reviews: review documents of both logs, by side; one without lights, as of a fleet, is compared with nothing.
+    """
+    if not has_motor_difference(reviews):
+        return []
+    text = _text_of_warning_light(_lights_of_both(reviews)[Light.MOTORS])
+    return [Sentence(text, f"{Light.MOTORS.capitalize()}:")]
+
+
 def _sentences_on_watched_lights(reviews: Mapping[str, Review]) -> list[Sentence]:
     """Returns a sentence on each light of the vehicle that is to be watched on one side, and good on the other.
 
-    The lights of the wind and of the log are left out: they judge the day and the recording, and not the vehicle.
+    The lights of the wind and of the log are left out: they judge the day and the recording, and not the vehicle. That
+    of the motors stands before them (:func:`_sentence_on_watched_motors`).
 
     Args:
         reviews: review documents of both logs, by side; one without lights, as of a fleet, is compared with nothing.
     """
     sentences = []
     for name, lights_by_side in _lights_of_both(reviews).items():
-        if name in (Light.WIND, Light.LOG):
+        if name in (Light.MOTORS, Light.WIND, Light.LOG):
             continue
         levels = {light["level"] for light in lights_by_side.values()}
         if levels == {Level.GOOD, Level.WATCH}:
@@ -373,6 +426,88 @@ def light_blocks(reviews: Mapping[str, Review]) -> Blocks:
     return [*table, *render_section("difference_lights", names_by_level=names_by_level)]
 
 
+def motor_table(reviews: Mapping[str, Review], difference: VehicleDifference) -> Blocks:
+    """Returns a table that compares the motors of two flights one by one.
+
+    A row has the motor, what the review of each flight warns of about it, such as the thrust that it lost, and the
+    changes of its relative trim and of its control effectiveness, with their 90 % intervals.
+
+    Args:
+        reviews: review documents of both logs, by side; of a fleet, empty.
+        difference: comparison of the two states.
+
+    Returns:
+        The table; nothing if neither flight has a warning about a single motor, since the changes alone are shown
+        elsewhere.
+    """
+    warnings_by_side = {side: _motor_warnings(reviews.get(side, {})) for side in STATE_NAMES}
+    if not any(warnings_by_side.values()):
+        return []
+    changes = {
+        (change.quantity.kind, change.quantity.motor): change
+        for change in difference.changes
+        if change.quantity.is_of_motor
+    }
+    kinds = [kind for kind in (SHARE, EFFECT) if any(kind == known for known, _ in changes)]
+    numbers = {motor for _, motor in changes}
+    for side, warnings in warnings_by_side.items():
+        names = value_at(reviews[side], "condition.hover.motors") if warnings else None
+        numbers |= {*warnings, *range(1, len(names or ()) + 1)}
+    rows = []
+    for motor in sorted(numbers):
+        cells = [
+            _motor_cell(reviews[side], warnings_by_side[side].get(motor)) for side in STATE_NAMES
+        ]
+        for kind in kinds:
+            change = changes.get((kind, motor))
+            cells.append("" if change is None else _change_with_interval(change))
+        rows.append([f"motor {motor}", *cells])
+    titles = [SHOWN_QUANTITIES[kind].name for kind in kinds]
+    return [Table(["", *STATE_NAMES, *titles], rows, words=True)]
+
+
+def _motor_warnings(review: Review) -> dict[int, JsonValues]:
+    """Returns the worst fact of a review about each motor that it warns of, by the number of the motor.
+
+    Of equally bad facts the light's one is taken, or else the first event.
+
+    Args:
+        review: review document of a log; empty of a fleet.
+    """
+    facts = [value_at(review, f"lights.{Light.MOTORS}"), *review.get("events", ())]
+    warnings: dict[int, JsonValues] = {}
+    for level in WARNING_LEVELS:
+        for fact in facts:
+            motor = motor_number((fact or {}).get("subject") or "")
+            if motor is not None and fact["level"] == level:
+                warnings.setdefault(motor, fact)
+    return warnings
+
+
+def _motor_cell(review: Review, fact: JsonValues | None) -> str:
+    """Returns what a flight shows of one motor, in few words, with the level and the whole sentence behind it.
+
+    Args:
+        review: review document of the log; empty of a fleet.
+        fact: the worst fact about the motor; None if the review does not warn of it.
+    """
+    if fact is None:
+        level = Level(value_at(review, f"lights.{Light.MOTORS}.level") or Level.UNKNOWN)
+        (words,) = render_section(
+            "difference_motor", is_known=level is not Level.UNKNOWN, loss=None
+        )
+        return words.text
+    (words,) = render_section(
+        "difference_motor",
+        is_known=True,
+        loss=value_at(fact, "figures.loss"),
+        time=fact.get("time"),
+        sentence=fact["sentence"].removeprefix(f"{capitalize_first(fact['subject'])} "),
+    )
+    text = without_full_stop(shortened(words.text, MAX_MOTOR_CHARACTERS))
+    return Rated(text, Level(fact["level"]), fact["sentence"])
+
+
 def _are_equal(first_light: JsonValues, second_light: JsonValues) -> bool:
     """Returns whether two lights have one level and, if they warn, say the same of the same motor, IMU or axis.
 
@@ -381,7 +516,7 @@ def _are_equal(first_light: JsonValues, second_light: JsonValues) -> bool:
     """
     if first_light["level"] != second_light["level"]:
         return False
-    if first_light["level"] not in (Level.BAD, Level.WATCH):
+    if first_light["level"] not in WARNING_LEVELS:
         return True
     keys = ("code", "subject", "figures.axis")
     return all(value_at(first_light, key) == value_at(second_light, key) for key in keys)
@@ -487,6 +622,7 @@ def _result_sentences(
     changes: Sequence[QuantityChange],
     *,
     has_bad_light: bool = False,
+    has_motor_difference: bool = False,
 ) -> list[Sentence]:
     """Returns the result of the comparison in one sentence: the change that matters most, or that nothing changed.
 
@@ -497,6 +633,7 @@ def _result_sentences(
         difference: comparison of two groups of flights of a vehicle, quantity by quantity.
         changes: the changed quantities, the most relevant first.
         has_bad_light: whether a light is bad on a side, so that it must not be said that nothing differs.
+        has_motor_difference: whether the motors differ by their lights, so that only other figures may not.
     """
     unexplained_changes, by_gains = _changes_by_cause(difference, changes)
     doubtful = sorted(filter(_is_doubtful, difference.tested), key=lambda change: change.p)
@@ -515,6 +652,7 @@ def _result_sentences(
         has_figures=bool(difference.changes),
         has_changes_by_gains=bool(by_gains),
         has_bad_light=has_bad_light,
+        has_motor_difference=has_motor_difference,
         are_two_vehicles=_are_two_vehicles(difference),
     )
 
@@ -858,21 +996,28 @@ def change_text(change: QuantityChange, difference: VehicleDifference) -> str:
         name = f"{_motor_name(change, difference)}'s {shown_form.name}"
     else:
         name = f"{shown_form.name} on {quantity.axis}"
-    if quantity.kind in LOGARITHMIC_KINDS:
-        percent = 100 * change.half_width
-        decimals = 0 if percent >= MIN_WHOLE_PERCENT else 1
-        increase = _signed(f"{100 * change.difference:z.{decimals}f}")
-        change_with_interval = f"{increase} % ± {percent:.{decimals}f} %"
-    else:
-        change_with_interval = _signed(
-            plus_minus(shown_form.scale * change.difference, shown_form.scale * change.half_width)
-        )
+    change_with_interval = _change_with_interval(change)
     if quantity.kind in (SHARE, EFFECT, MEAN_EFFECT):
         return f"{name} {change_with_interval}"
     value_before = rounded(shown_form.scale * change.before)
     value_after = rounded(shown_form.scale * change.after)
     space = " " if shown_form.unit not in ("°", "") else ""
     return f"{name} {value_before} → {value_after}{space}{shown_form.unit} ({change_with_interval})"
+
+
+def _change_with_interval(change: QuantityChange) -> str:
+    """Returns a change with the half width of its 90 % interval, such as "−18 % ± 6 %" or "+1.2 ± 0.8", without unit.
+
+    Args:
+        change: change of one quantity; that of a quantity which is compared as a ratio is in percent.
+    """
+    if change.quantity.kind in LOGARITHMIC_KINDS:
+        percent = 100 * change.half_width
+        decimals = 0 if percent >= MIN_WHOLE_PERCENT else 1
+        increase = _signed(f"{100 * change.difference:z.{decimals}f}")
+        return f"{increase} % ± {percent:.{decimals}f} %"
+    scale = SHOWN_QUANTITIES[change.quantity.kind].scale
+    return _signed(plus_minus(scale * change.difference, scale * change.half_width))
 
 
 def _texts_by_kind(changes: Sequence[QuantityChange]) -> Iterator[str]:

@@ -33,6 +33,7 @@ from mavdem.report.difference import (
     headline_blocks,
     headline_of_comparison,
     light_blocks,
+    motor_table,
     next_blocks,
     same_sentences,
 )
@@ -118,7 +119,7 @@ def comparison_page(
         Chapter("Step response", (), [Group.of_axes(steps_of_axes)] if steps_of_axes else []),
         Chapter(
             "Motors",
-            (),
+            motor_table(reviews_by_side, difference),
             _chart_group(_trim_chart(reviews_by_side, legend, difference), TRIMS_CAPTION),
         ),
         _series_chapter(flights, series_charts),

@@ -16,6 +16,7 @@ from mavdem.report.difference import (
     bound_sentences,
     headline_of_comparison,
     light_blocks,
+    motor_table,
     next_blocks,
 )
 from mavdem.report.pages.difference_page import (
@@ -162,22 +163,66 @@ def test_where_nothing_changed_it_says_what_would_have_been_found():
     assert 0 < float(bound) < float(detectable) < 20
 
 
+def motor_review(motor, level="bad", **figures):
+    """Returns a review whose motors' light warns of one of four motors, which is in its next step, too."""
+    sentence = f"{motor.capitalize()} is weak."
+    light = {"level": level, "code": "motor_lost_thrust", "subject": motor, "sentence": sentence}
+    light |= {"time": 47.0, "figures": figures}
+    names = [f"motor {number}" for number in (1, 2, 3, 4)]
+    return {
+        "lights": {"motors": light},
+        "events": [light],
+        "condition": {"hover": {"motors": names}},
+        "next_step": {"sentence": f"Inspect {motor}."},
+    }
+
+
+def unchanged():
+    """Returns the comparison of two flights of a vehicle whose compared figures are the same."""
+    intervals = {"trim_share_interval": (0.01,) * 4}
+    return vehicle_difference(
+        *([flight_row("quad", number, trim_share=SHARES["A"], **intervals)] for number in (0, 1))
+    )
+
+
 def test_two_weak_motors_are_no_equal_lights_and_come_before_figures(difference):
-    reviews = {}
-    for side, motor in {"A": "motor 3", "B": "motor 1"}.items():
-        light = {"level": "bad", "code": "motor_lost_thrust", "subject": motor}
-        light |= {"sentence": f"{motor} is weak."}
-        next_step = {"sentence": f"Inspect {motor}."}
-        reviews[side] = {"lights": {"motors": light}, "next_step": next_step}
+    reviews = {"A": motor_review("motor 3"), "B": motor_review("motor 1")}
     (table,) = light_blocks(reviews)
     assert table.rows == [["motors", "bad", "bad"]]
     first, *_ = headline_of_comparison(reviews, difference)
     assert (first.lead, first.text) == (
         "Motors:",
-        "bad in A and B. A: motor 3 is weak. B: motor 1 is weak.",
+        "bad in A and B, of different motors. A: Motor 3 is weak. B: Motor 1 is weak.",
     )
     steps = [(step.lead, step.text) for step in next_blocks(difference, reviews)]
     assert steps == [("Next, by B:", "Inspect motor 1."), ("Next, by A:", "Inspect motor 3.")]
+
+
+@pytest.mark.parametrize("level", ["bad", "watch"])
+def test_where_another_motor_is_weak_only_other_figures_do_not_differ(level):
+    same = unchanged()
+    reviews = {"A": motor_review("motor 3", level), "B": motor_review("motor 1", level)}
+    first, second, *_ = headline_of_comparison(reviews, same)
+    assert first.text.startswith(f"{level} in A and B, of different motors. A: Motor 3 is weak.")
+    assert second.lead.startswith("No other compared figure changed")
+    reviews = {"A": motor_review("motor 3", level), "B": motor_review("motor 3", level)}
+    leads = [sentence.lead for sentence in headline_of_comparison(reviews, same)]
+    assert any(lead.startswith("No compared figure changed") for lead in leads)
+
+
+def test_motors_are_compared_one_by_one_where_one_is_weak(difference):
+    reviews = {"A": motor_review("motor 3", loss=[0.19, 0.42]), "B": {}}
+    (table,) = motor_table(reviews, difference)
+    assert table.header[:4] == ["", "A", "B", "relative trim"]
+    cells = [row[:3] for row in table.rows]
+    assert cells[0] == ["motor 1", "no warning", "not known"]
+    assert cells[2] == ["motor 3", "lost 19 to 42 % at 47 s", "not known"]
+    assert table.rows[2][1].reason == "Motor 3 is weak."
+    assert table.rows[1][3].startswith("+10 % ±")
+    assert motor_table({"A": {}, "B": {}}, difference) == []
+    page = comparison_page(("a.bin", "b.bin"), (reviews["A"], {}), difference)
+    chapter = page[page.index('id="motors"') :]
+    assert "lost 19 to 42 % at 47 s" in chapter[: chapter.index("</section>")]
 
 
 @pytest.mark.parametrize(
