@@ -27,13 +27,10 @@ from mavdem.live.session import LiveSession
 from mavdem.live.session_loop import run_session
 from mavdem.live.session_status import SessionStatus
 from mavdem.live.vehicle_selection import Component
-from mavdem.report.pages.flight_page import live_page
 from mavdem.report.pages.page import PageLink
 from mavdem.report.templates import Medium, sentences_for
 from mavdem.serve.library import Library
-
-PAGE_SECONDS = 5.0
-"""Seconds between two pages of a session."""
+from mavdem.serve.live_pages import PAGE_SECONDS, session_page
 
 MAX_SILENT_PAGES = 12
 """Pages in a row during which nothing is received, a minute in all, after which the session of a vehicle is over."""
@@ -66,6 +63,10 @@ NO_VEHICLE_CODES = frozenset(
 
 MODEL_AXIS = "roll"
 """Axis whose model a session learns."""
+
+
+LIBRARY_LINK = PageLink("Flights", "/")
+"""Link to the page of the library."""
 
 
 class _IncomingRecording(NamedTuple):
@@ -371,8 +372,9 @@ class LinkMonitor:
                 self._page = self._finished_page
                 return
             self._finished_page = ""
-        self._page = _session_page(
-            session, status, self._library.names, latest_flight=self._latest_flight
+        links = [] if self._latest_flight is None else [self._latest_flight]
+        self._page = session_page(
+            session, status, self._library.names, back=LIBRARY_LINK, links=links
         )
 
 
@@ -389,39 +391,6 @@ def _awaits_vehicle(status: SessionStatus) -> bool:
     """Returns whether no vehicle has been received in a session."""
     reason = status.no_model_reason
     return status.vehicle is None and (reason is None or reason.code in NO_VEHICLE_CODES)
-
-
-def _session_page(
-    session: LiveSession,
-    status: SessionStatus,
-    names: GivenNames,
-    *,
-    latest_flight: PageLink | None = None,
-    saved_flight: PageLink | None = None,
-) -> str:
-    """Returns the HTML page of a live session.
-
-    Args:
-        session: the session, with the history of its flight.
-        status: state of the live session: vehicle, learning, alarms, headline and next step.
-        names: names that were given to vehicles in the library.
-        latest_flight: link to the page of the flight before, if any.
-        saved_flight: link to the page of this session's flight in the library; None while the session goes on.
-    """
-    # Sentences for a browser must not advise options of `mavdem live`, which its reader cannot give.
-    with sentences_for(Medium(has_terminal=False)):
-        return live_page(
-            session.link.name,
-            MODEL_AXIS,
-            session.history,
-            status,
-            session.time_account(),
-            learned=None,
-            back=PageLink("Flights", "/"),
-            latest_flight=latest_flight,
-            saved_flight=saved_flight,
-            names=names,
-        )
 
 
 def _finished_page(session: LiveSession, names: GivenNames, saved_flight: PageLink) -> str:
@@ -445,7 +414,7 @@ def _finished_page(session: LiveSession, names: GivenNames, saved_flight: PageLi
         rates=status_at_last_message.rates,
         watch_facts=status_at_last_message.watch_facts,
     )
-    return _session_page(session, status, names, saved_flight=saved_flight)
+    return session_page(session, status, names, back=LIBRARY_LINK, saved_flight=saved_flight)
 
 
 def _ignore(_: object) -> None:

@@ -1,4 +1,4 @@
-"""Endpoints of the server for browsers: HTML pages, the files of flights, and signing in and out."""
+"""Endpoints of the server for browsers: HTML pages, and the files of flights."""
 
 import asyncio
 import json
@@ -6,7 +6,6 @@ import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from stat import S_ISREG
-from urllib.parse import parse_qs
 
 from markupsafe import Markup
 from starlette.concurrency import run_in_threadpool
@@ -15,7 +14,6 @@ from starlette.responses import (
     FileResponse,
     HTMLResponse,
     JSONResponse,
-    RedirectResponse,
     Response,
 )
 
@@ -44,10 +42,7 @@ from mavdem.report.pages.motor_trouble import motor_trouble
 from mavdem.report.pages.page import PageLink
 from mavdem.results import PAGE_FILE, RECORDING_FILE, RECORDINGS
 from mavdem.serve.index import LibraryEntry
-from mavdem.serve.link_monitor import PAGE_SECONDS, LinkMonitor
 from mavdem.serve.recordings import RecordingRequests, reason_without_file
-from mavdem.serve.requests import read_body
-from mavdem.serve.rights import COOKIE_NAME
 from mavdem.serve.search import search_problems, unknown_terms
 from mavdem.serve.stored_series import read_series
 from mavdem.serve.uploads import MAX_FILES
@@ -115,7 +110,7 @@ class Pages:
         recordings_wanted: Callable[[], None],
         sample_log: Path | None,
         open_recording: Callable[[Path], str] | None,
-        monitor: LinkMonitor | None,
+        is_live: bool,
     ) -> None:
         """Takes what the pages show.
 
@@ -124,7 +119,7 @@ class Pages:
             recordings_wanted: function that is called after recordings were requested.
             sample_log: a log that visitors may try the server with; None for no offer.
             open_recording: opens a recording in a viewer on this machine; None if that is not possible.
-            monitor: monitor of a live link; None without one.
+            is_live: whether a live session has a page.
         """
         self._visible_library = visible
         self._library = visible.library
@@ -133,7 +128,7 @@ class Pages:
         self._waiting_downloads = 0
         self._sample_log = sample_log
         self._open_recording = open_recording
-        self._monitor = monitor
+        self._is_live = is_live
 
     def list_flights(self, request: HttpRequest) -> Response:
         """Answers with the list of flights, newest first, or with those that a search finds.
@@ -166,7 +161,7 @@ class Pages:
                 page=FLIGHTS_PER_PAGE,
                 is_empty=not result.entries and not result.query and not result.offset,
                 sample=self._sample_log,
-                is_live=self._monitor is not None,
+                is_live=self._is_live,
                 vehicles=self._library.vehicle_names() if may_read else [],
                 troubles=troubles,
                 **visitor,
@@ -338,13 +333,6 @@ class Pages:
             path, media_type="application/octet-stream", filename=name, stat_result=status
         )
 
-    def live_session(self, request: HttpRequest) -> Response:
-        """Answers with the page of the live session, which the browser loads again every few seconds."""
-        self._rights.require(request, Permission.READ)
-        if self._monitor is None:
-            raise Refusal(RefusalReason.NO_SUCH_FLIGHT)
-        return HTMLResponse(self._monitor.page, headers={"Refresh": f"{PAGE_SECONDS:g}"})
-
     def vehicle(self, request: HttpRequest) -> Response:
         """Answers with the page of a vehicle: its flights over time, and how the latest differs from the baseline.
 
@@ -456,37 +444,6 @@ class Pages:
         """Returns the fleet's rows of a log, of the vehicle under which it is listed, with the vehicle's given name."""
         rows = [row for row in self._library.flight_rows([entry]) if row.vehicle == entry.vehicle]
         return self._library.names.rows_with_given_names(rows)
-
-    def sign_in_form(self, request: HttpRequest) -> Response:
-        """Refuses the request: the page of that refusal has the form that asks for the token."""
-        raise Refusal(RefusalReason.NO_RIGHT, name=Permission.READ)
-
-    async def sign_in(self, request: HttpRequest) -> Response:
-        """Checks the token of a form, and gives the browser the cookie for reading.
-
-        The cookie holds a key that is derived from the token, not the token itself, and JavaScript cannot read it. A
-        wrong token is answered after a delay, which slows guessing down.
-        """
-        fields = parse_qs((await read_body(request)).decode(errors="replace"))
-        token = fields.get("token", [""])[0].strip()
-        if not self._rights.is_token(token):
-            await self._rights.delay_wrong_token()
-            raise Refusal(RefusalReason.WRONG_TOKEN)
-        response = RedirectResponse("/", 303)
-        response.set_cookie(
-            COOKIE_NAME,
-            self._rights.derived_key(Permission.READ),
-            httponly=True,
-            samesite="lax",
-            secure=request.url.scheme == "https",
-        )
-        return response
-
-    def sign_out(self, request: HttpRequest) -> Response:
-        """Removes the cookie from the browser."""
-        response = RedirectResponse("/", 303)
-        response.delete_cookie(COOKIE_NAME)
-        return response
 
     def script(self, request: HttpRequest) -> Response:
         """Answers with the JavaScript of the pages."""

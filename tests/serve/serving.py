@@ -20,9 +20,9 @@ from mavdem.results import PAGE_FILE, RECORDINGS, REPORT_FILE
 from mavdem.serve.app import Server
 from mavdem.serve.index import columns_of_flight
 from mavdem.serve.library import Library
+from mavdem.serve.listening import Connection
 from mavdem.serve.recordings import RecordingRequests
 from mavdem.serve.rights import Rights
-from mavdem.serve.run import Connection
 from mavdem.serve.stored_files import PROGRESS, RESULTS
 
 TOKEN = "0123456789abcdef"

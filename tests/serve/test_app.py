@@ -31,7 +31,7 @@ from mavdem.errors import Refusal
 from mavdem.facts.serve import RefusalReason, Sharing, Stage, StartFailure
 from mavdem.facts.sources import SourceFact
 from mavdem.report.pages.library_page import interface_words
-from mavdem.serve import api, run, uploads
+from mavdem.serve import api, listening, uploads
 from mavdem.serve.rights import Rights, rights_for_host
 from mavdem.serve.stored_files import refuse_full_disk
 from mavdem.serve.viewers import RecordingViewer
@@ -524,8 +524,8 @@ def test_size_number_queue_and_patience_have_limits(tmp_path, monkeypatch):
 
 
 def test_who_asks_nothing_and_who_is_one_too_many_is_hung_up_on(tmp_path, monkeypatch):
-    monkeypatch.setattr(run, "MAX_CONNECTIONS", 2)
-    monkeypatch.setattr(run, "MAX_REQUEST_DELAY", 0.2)
+    monkeypatch.setattr(listening, "MAX_CONNECTIONS", 2)
+    monkeypatch.setattr(listening, "MAX_REQUEST_DELAY", 0.2)
     with serving(tmp_path) as server, ExitStack() as lines:
         place = ("127.0.0.1", server.port)
         idle, slow, late = (

@@ -31,7 +31,7 @@ from mavdem.live.session_status import SessionStatus
 from mavdem.live.vehicle_selection import Component
 from mavdem.report.live import moment_text
 from mavdem.report.pages.page import PageLink
-from mavdem.serve import link_monitor
+from mavdem.serve import link_monitor, live_pages
 from mavdem.serve.library import Library
 from mavdem.serve.link_monitor import LinkMonitor
 
@@ -101,7 +101,7 @@ def test_a_session_has_a_page_and_leaves_its_log(tmp_path, heard):
 
 def test_a_session_is_over_when_a_vehicle_that_was_heard_is_silent_for_a_minute(idle, monkeypatch):
     live, _ = idle
-    monkeypatch.setattr(link_monitor, "live_page", Mock(return_value=""))
+    monkeypatch.setattr(live_pages, "live_page", Mock(return_value=""))
     session = Mock()
     session.stream.followed_vehicle.frame_count = 0
     seconds = -20 * link_monitor.PAGE_SECONDS
@@ -117,7 +117,7 @@ def test_a_session_is_over_when_a_vehicle_that_was_heard_is_silent_for_a_minute(
 
 def test_a_finished_flight_is_shown_until_the_next_vehicle_comes(idle, monkeypatch):
     live, _ = idle
-    monkeypatch.setattr(link_monitor, "live_page", Mock(return_value="running"))
+    monkeypatch.setattr(live_pages, "live_page", Mock(return_value="running"))
     live._finished_page = "finished"
     session = Mock()
     session.stream.followed_vehicle = None
@@ -139,6 +139,7 @@ def test_a_finished_flight_is_shown_until_the_next_vehicle_comes(idle, monkeypat
 def test_the_page_of_a_finished_flight_leads_to_the_library_and_keeps_what_it_knew():
     session = Mock()
     session.link.name = "udpin:127.0.0.1:14550"
+    session.stream.axis = "roll"
     session.history = LiveHistory()
     session.time_account.return_value = dict.fromkeys(TimeUse, 0.0)
     known = SessionStatus("1:1")
@@ -175,7 +176,7 @@ def test_the_page_of_a_server_advises_an_option_that_the_server_has(idle, monkey
     live, _ = idle
     slow = Fact(code, can_ask=True, reason=Fact(RowsFact.NO_LIVE_MOTORS))
     assert slow.remedy == "Ask for more with `--request-rate 100`."
-    monkeypatch.setattr(link_monitor, "live_page", lambda *_, **__: slow.remedy)
+    monkeypatch.setattr(live_pages, "live_page", lambda *_, **__: slow.remedy)
     session = Mock()
     session.stream.followed_vehicle = None
     session.intake.recording.frame_count = 0
@@ -214,7 +215,7 @@ def test_what_the_socket_holds_when_the_server_ends_is_recorded(tmp_path, monkey
         has_begun.set()
         until(is_over)
 
-    monkeypatch.setattr(link_monitor, "live_page", Mock(return_value=""))
+    monkeypatch.setattr(live_pages, "live_page", Mock(return_value=""))
     monkeypatch.setattr(link_monitor, "run_session", wait_for_the_end)
     library = Library(tmp_path)
     port = free_port()
@@ -248,7 +249,7 @@ def test_the_flight_of_a_silent_vehicle_is_saved_and_the_one_that_sends_is_follo
             )
             assert is_over()
 
-    monkeypatch.setattr(link_monitor, "live_page", Mock(return_value=""))
+    monkeypatch.setattr(live_pages, "live_page", Mock(return_value=""))
     monkeypatch.setattr(link_monitor, "run_session", fly)
     for _ in range(3):
         live._run_one_session(None)
@@ -265,7 +266,7 @@ def test_only_the_vehicle_that_was_chosen_is_followed(idle, monkeypatch):
     live, _ = idle
     live._chosen_vehicle = "4:1"
     sessions = []
-    monkeypatch.setattr(link_monitor, "live_page", Mock(return_value=""))
+    monkeypatch.setattr(live_pages, "live_page", Mock(return_value=""))
     monkeypatch.setattr(link_monitor, "run_session", lambda session, *_: sessions.append(session))
     live._run_one_session(None)
     [session] = sessions
@@ -288,7 +289,7 @@ def test_no_recorded_frame_of_the_next_vehicle_is_lost_when_the_server_ends(idle
         elif end == "no move":
             monkeypatch.setattr(RawRecording, "move_after", Mock(side_effect=OSError))
 
-    monkeypatch.setattr(link_monitor, "live_page", Mock(return_value=""))
+    monkeypatch.setattr(live_pages, "live_page", Mock(return_value=""))
     monkeypatch.setattr(link_monitor, "run_session", fly)
     # A take-over takes longer than the second by which recordings are named.
     numbers = count()
@@ -327,7 +328,7 @@ def test_each_flight_of_a_vehicle_that_restarts_after_landing_is_a_log(idle, mon
         live._take_event(HappenedEvent(1.0, Fact(VehicleFact.VEHICLE_REBOOTED, clock=100.2)))
         assert is_over() is lands
 
-    monkeypatch.setattr(link_monitor, "live_page", Mock(return_value=""))
+    monkeypatch.setattr(live_pages, "live_page", Mock(return_value=""))
     monkeypatch.setattr(link_monitor, "run_session", fly)
     numbers = count()
     monkeypatch.setattr(link_monitor, "_recording_name", lambda _: f"{next(numbers)}.tlog")

@@ -673,7 +673,7 @@ def live_page(
     account: Mapping[TimeUse, float],
     learned: Learned | None,
     back: PageLink | None = None,
-    latest_flight: PageLink | None = None,
+    links: Sequence[PageLink] = (),
     saved_flight: PageLink | None = None,
     names: GivenNames = NO_NAMES,
 ) -> str:
@@ -687,7 +687,7 @@ def live_page(
         account: seconds of the flight by what they were used for.
         learned: the latest model; None if there is none.
         back: the page that leads here, if any.
-        latest_flight: the page of the flight before, if any.
+        links: other pages at the top, such as that of the flight before.
         saved_flight: the page of this flight in the library of a server, where it is over; None for none.
         names: names that were given to vehicles in the library of a server.
     """
@@ -717,7 +717,7 @@ def live_page(
         has_log=False,
         is_newest_first=not status.is_over,
         is_in_flight=status.is_flying and not status.is_over,
-        latest_flight=latest_flight,
+        links=links,
         saved_flight=saved_flight,
     )
     sentences = judgement_sentences(judgement)

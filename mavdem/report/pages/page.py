@@ -222,8 +222,8 @@ class Head(NamedTuple):
     is_in_flight: bool = False
     """Whether the vehicle of that session flies."""
 
-    latest_flight: PageLink | None = None
-    """The flight before that of a live page, once it is in the library; None without one."""
+    links: Sequence[PageLink] = ()
+    """Other pages at the top, such as that of the flight before."""
 
     saved_flight: PageLink | None = None
     """The page of a live flight in the library, once it is over; None without one."""

@@ -1,0 +1,114 @@
+"""How a server listens: its socket and its URL, and connections that are closed if they are too many or too slow."""
+
+import asyncio
+import socket
+
+import h11
+import uvicorn
+from starlette.applications import Starlette
+from uvicorn.protocols.http.h11_impl import H11Protocol, RequestResponseCycle
+
+from mavdem.errors import Unreadable, error_message
+from mavdem.facts.serve import StartFailure
+from mavdem.processes import max_open_files
+from mavdem.serve.uploads import MAX_CHUNK_DELAY
+
+MAX_CONNECTIONS = 1000
+"""Connections that are open at once, at most; further ones are closed."""
+
+MAX_REQUEST_DELAY = 10
+"""Seconds until the next complete request of a connection must come."""
+
+LISTEN_QUEUE_LENGTH = 512
+"""Connections that the operating system holds until the server accepts them."""
+
+ACCEPTED_AT_ONCE = 100
+"""Connections that uvicorn accepts in one step, before any of them can be closed again."""
+
+MAX_SHUTDOWN_SECONDS = 3
+"""Seconds that answers which are being sent may take after the server was asked to end."""
+
+
+def server_config(app: Starlette, *, is_behind_proxy: bool = False) -> uvicorn.Config:
+    """Returns how uvicorn runs an application: with guarded connections, and without headers about itself.
+
+    Args:
+        app: the application.
+        is_behind_proxy: whether a reverse proxy in front of the server says who sends a request.
+    """
+    return uvicorn.Config(
+        app,
+        log_level="warning",
+        server_header=False,
+        date_header=False,
+        http=Connection,
+        backlog=ACCEPTED_AT_ONCE,
+        timeout_graceful_shutdown=MAX_SHUTDOWN_SECONDS,
+        proxy_headers=is_behind_proxy,
+    )
+
+
+def listening_socket(host: str, port: int) -> socket.socket:
+    """Opens a socket that listens on an address, by IPv4 or IPv6.
+
+    Args:
+        host: name or number of the address.
+        port: number of the port; 0 for a free one.
+
+    Returns:
+        The socket, bound and listening.
+
+    Raises:
+        Unreadable: the address is in use, or does not belong to this machine.
+    """
+    try:
+        family = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0][0]
+        return socket.create_server((host, port), family=family, backlog=LISTEN_QUEUE_LENGTH)
+    except OSError as error:
+        reason = error_message(error)
+        address = f"{host}:{port}"
+        raise Unreadable(StartFailure.ADDRESS_NOT_FREE, address=address, reason=reason) from None
+
+
+def server_url(host: str, listener: socket.socket) -> str:
+    """Returns the URL of the server; an IPv6 address is put in brackets (RFC 3986, sec. 3.2.2)."""
+    url_host = f"[{host}]" if ":" in host else host
+    port = listener.getsockname()[1]
+    return f"http://{url_host}:{port}"
+
+
+class Connection(H11Protocol):
+    """The connection of one client, closed if there are too many, or if its next request does not arrive in time.
+
+    uvicorn alone would keep such connections open for ever, and a few clients could take all of them.
+    """
+
+    def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
+        """Begins the connection and the time in which the first request must come; called by asyncio."""
+        super().connection_made(transport)
+        if len(self.connections) > _max_connections():
+            transport.close()
+        self.loop.call_later(MAX_REQUEST_DELAY, self._close_if_idle_since, None)
+
+    def on_response_complete(self) -> None:
+        """Starts the timeout for the next request of this connection; called by uvicorn after each answer.
+
+        ``cycle`` is uvicorn's object of the latest request. If it is still the same after the timeout, no further
+        request has arrived.
+        """
+        answered_request = self.cycle
+        super().on_response_complete()
+        # A client that still sends the body of a refused request reads the reason only afterwards, and gets more time.
+        is_sending_body = self.conn.their_state is h11.SEND_BODY
+        delay = MAX_CHUNK_DELAY if is_sending_body else MAX_REQUEST_DELAY
+        self.loop.call_later(delay, self._close_if_idle_since, answered_request)
+
+    def _close_if_idle_since(self, last_request: RequestResponseCycle | None) -> None:
+        """Closes the connection if no request has followed ``last_request``, where None means no request at all."""
+        if self.cycle is last_request:
+            self.transport.close()
+
+
+def _max_connections() -> int:
+    """Returns how many connections may be open: half of the files that the process may open, at most."""
+    return min(MAX_CONNECTIONS, max_open_files() // 2)
