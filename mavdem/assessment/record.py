@@ -172,12 +172,12 @@ class Assessment:
         "all axes".
         """
         # Imported here, since that module imports this one.
-        from mavdem.assessment.axis.tuning import tuned
+        from mavdem.assessment.axis.tuning import tune_loops
 
         if self.evidence is None:
             return {}
         try:
-            return tuned(self, AXES, is_written=False).axes
+            return tune_loops(self, AXES, is_written=False).axes
         except NotLearnable as no_loop:
             if self.evidence.reasons_not_to_fly:
                 return {"all axes": no_loop.fact}

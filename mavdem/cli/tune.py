@@ -6,7 +6,7 @@ import click
 
 from mavdem.assessment import Assessment
 from mavdem.assessment.axis.figures import ALL_AXES
-from mavdem.assessment.axis.tuning import Tuning, tuned
+from mavdem.assessment.axis.tuning import Tuning, tune_loops
 from mavdem.assessment.evidence import Evidence
 from mavdem.cli.exit_codes import EXIT_UNSUPPORTED
 from mavdem.cli.options import (
@@ -102,7 +102,7 @@ def tune_command(
     assessment, evidence = assess_without_model(source, vehicle, params, inputs, start)
     axes = AXES if axis == ALL_AXES else (axis,)
     with progress("Choosing gains", measured=False):
-        tuning = tuned(
+        tuning = tune_loops(
             assessment,
             axes,
             margins,

@@ -15,7 +15,7 @@ import numpy as np
 
 from mavdem.assessment.assess import assess
 from mavdem.assessment.axis import Options
-from mavdem.assessment.axis.tuning import Tuning, tuned
+from mavdem.assessment.axis.tuning import Tuning, tune_loops
 from mavdem.assessment.axis.twin import predicted_errors
 from mavdem.assessment.judgement import Judgement
 from mavdem.dataset.axes import AXES
@@ -170,7 +170,7 @@ def advise_gains(recording: Path, vehicle: str) -> GainAdvice:
     # Only an assessment in which no vehicle was judged has no evidence.
     assert assessment.evidence is not None
     try:
-        tuning = tuned(assessment, AXES, is_written=True)
+        tuning = tune_loops(assessment, AXES, is_written=True)
     except Refusal as error:
         return GainAdvice((Fact(GainFact.GAINS_LEFT, reason=error.fact),), assessment.judgement)
     facts = facts_of_tuning(tuning)

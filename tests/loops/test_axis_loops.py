@@ -18,7 +18,7 @@ from scipy.signal import lfilter
 from mavdem.assessment import Assessment
 from mavdem.assessment.axis.gains import autotune_fact, changed_gains_at_end, loop_at_end_of_log
 from mavdem.assessment.axis.loop_decision import LoopDecision, LoopDiagnosis
-from mavdem.assessment.axis.tuning import tuned
+from mavdem.assessment.axis.tuning import tune_loops
 from mavdem.assessment.evidence import Evidence
 from mavdem.assessment.judgement import Judgement
 from mavdem.assessment.noise_spectra import MeasuredNoise
@@ -273,7 +273,7 @@ def tuned_by(loops, decisions=None, headline=None, **options):
         margins=(),
         noise=MeasuredNoise({}, {}, notch),
     )
-    return tuned(assessment, [*loops], is_written=False, **options)
+    return tune_loops(assessment, [*loops], is_written=False, **options)
 
 
 @mark.slow

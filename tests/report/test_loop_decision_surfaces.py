@@ -20,7 +20,7 @@ from mavdem.assessment import Assessment
 from mavdem.assessment.axis import Options, analyse
 from mavdem.assessment.axis.loop_decision import ADVICE_TO_TUNE
 from mavdem.assessment.axis.margins import AxisMargins
-from mavdem.assessment.axis.tuning import tuned
+from mavdem.assessment.axis.tuning import tune_loops
 from mavdem.assessment.event_lights import lights_with_event
 from mavdem.assessment.judgement import judge
 from mavdem.dataset.signals import Signals
@@ -258,7 +258,7 @@ def tunings(assessments, searches_once):
     made = {}
     for name, assessment in assessments.items():
         try:
-            made[name] = tuned(assessment, AXES, is_written=True)
+            made[name] = tune_loops(assessment, AXES, is_written=True)
         except NotLearnable as error:
             made[name] = error.fact
     return made

@@ -1,4 +1,12 @@
-"""Tuning of an assessed vehicle: gains and a notch to set, or facts (coded findings) why none; and the next step."""
+"""Tuning of the control loops of an assessed vehicle: which gains to set, with a notch filter, and what to do next.
+
+The results are facts (coded findings), in these roles:
+
+- The *advice* on the loop of one axis has the gains to set, or a conclusion why they stay.
+- The *decision* on the loops of one axis, made by the assessment, says what is wrong with them, and which action helps.
+- The *judgement* of the flight has a *headline*, its most serious fact, and the *next step* of the pilot. Tuning may
+  change the next step, for example to load the new gains.
+"""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -37,17 +45,17 @@ class Tuning(NamedTuple):
     """The tuning of a vehicle: gains to set for each axis, or facts (coded findings) why there are none."""
 
     axes: AdviceByAxis
-    """The advice on each requested axis, or why there is none."""
+    """The advice on each requested axis, or why its loop is not known."""
     advice: Sequence[Advice]
-    """The advice on axes whose loops are known, at least one."""
+    """The advice on the axes whose loops are known, at least one."""
     parameters: Parameters
     """The parameters that change, by the autopilot's names; empty if no gains are advised."""
     notch_parameters: Parameters
-    """The parameters of these that set a notch filter; empty without one."""
+    """Those of ``parameters`` that set a notch filter; empty without one."""
     notch: Fact | None
     """The notch filter to set, or why there is none; None if it was not requested."""
     judgement: Judgement
-    """The judgement of the flight. Its next step is to load the gains, unless something else is bad."""
+    """The judgement of the flight, whose next step is to load the new gains, unless something else is bad."""
     doubtful_axes: frozenset[str] = frozenset()
     """The axes whose measured response contradicts the identified loop, so that its margins must not be trusted."""
 
@@ -88,7 +96,7 @@ class Tuning(NamedTuple):
         return texts
 
 
-def tuned(
+def tune_loops(
     assessment: Assessment,
     axes: Sequence[str],
     margins: str = "default",
@@ -97,7 +105,7 @@ def tuned(
     raises_sound_gains: bool = False,
     filters: bool = False,
 ) -> Tuning:
-    """Returns the gains to set for some axes of an assessed vehicle.
+    """Designs the gains to set for some axes of an assessed vehicle.
 
     Gains are advised for every axis with an identified loop. They are not raised if anything about the vehicle or the
     loop is doubtful. A notch filter is set only if nothing about the vehicle is doubtful, and only together with gains
@@ -151,7 +159,7 @@ def tuned(
         parameters,
         notch_parameters if parameters else {},
         notch,
-        _judgement_after_tuning(
+        _judgement_with_tuning_step(
             judgement,
             axes,
             advice_on_loops,
@@ -164,7 +172,7 @@ def tuned(
     return freeze(tuning)
 
 
-def _judgement_after_tuning(
+def _judgement_with_tuning_step(
     judgement: Judgement,
     axes: Sequence[str],
     advice_on_loops: Sequence[Advice],
@@ -173,10 +181,14 @@ def _judgement_after_tuning(
     has_new_gains: bool,
     is_written: bool,
 ) -> Judgement:
-    """Returns the judgement with the next step that follows from the advice on the gains.
+    """Replaces the next step of a judgement if the advice on the gains changes what the pilot should do next.
 
-    The next step is to set the new gains, if there are any and the headline allows it. If there are none, advice to
-    tune is replaced by the reason or by the advice to tune other axes. Otherwise the judgement is not changed.
+    There are three cases:
+
+    - There are new gains, and no other fault comes before them: the next step is to load the gains.
+    - There are none, although the next step was to tune the vehicle: it becomes to tune other axes or, if their gains
+      need no change, what the advice on the loops says instead, such as to fly doublets.
+    - Otherwise the next step stays, for example to replace a propeller.
 
     Args:
         judgement: judgement of the vehicle before tuning.
@@ -187,23 +199,22 @@ def _judgement_after_tuning(
         is_written: whether the gains will be written to a file.
 
     Returns:
-        The judgement.
+        The judgement, with its headline and lights unchanged.
     """
-    # The axes that were not requested, but whose gains should be changed.
-    other_axes = tuple(
+    other_axes_to_tune = tuple(
         axis
         for axis, decision in judgement.loop_decisions.items()
         if axis not in axes and decision.action and decision.action.code in ADVICE_TO_TUNE
     )
-    if has_new_gains and _gains_come_next(judgement.headline):
-        next_step = _step_with_gains(
-            judgement, advice_on_loops, other_axes, arguments, is_written=is_written
+    if has_new_gains and _allows_new_gains(judgement.headline):
+        next_step = _next_step_with_new_gains(
+            judgement, advice_on_loops, other_axes_to_tune, arguments, is_written=is_written
         )
-        return replace(judgement, next_step=next_step)
-    if not has_new_gains and _advises_to_tune(judgement.next_step):
-        next_step = _step_without_gains(advice_on_loops, other_axes, arguments)
-        return replace(judgement, next_step=next_step)
-    return judgement
+    elif not has_new_gains and _advises_to_tune(judgement.next_step):
+        next_step = _next_step_without_new_gains(advice_on_loops, other_axes_to_tune, arguments)
+    else:
+        return judgement
+    return replace(judgement, next_step=next_step)
 
 
 def _advice_on_axes(
@@ -215,7 +226,7 @@ def _advice_on_axes(
     *,
     raises_sound_gains: bool,
 ) -> AdviceByAxis:
-    """Returns the advice on the gains of each axis, or why there is none.
+    """Returns the advice on the gains of each axis, or the reason why its loop is not known.
 
     Args:
         assessment: all results on the vehicle: events, status lights, model, loops and wind.
@@ -226,48 +237,74 @@ def _advice_on_axes(
         raises_sound_gains: whether the gains of loops that have enough margin are raised.
 
     Returns:
-        For each axis the advice, or the fact that its loop is not known.
+        For each axis the advice, or the fact that its loop is not known, with the reasons.
 
     Raises:
-        NotLearnable: none of the loops is known.
+        NotLearnable: none of the loops is known. A bad headline that is no need of repair comes first among the
+            reasons; a single axis without such reasons has the reason of its own loop.
     """
     evidence = assessment.evidence
     assert evidence is not None
     judgement = assessment.judgement
-    headline = judgement.headline
+    reasons_without_loop = _reasons_without_loop(assessment, axes)
+    refusals = {
+        axis: Fact(LoopFact.NO_LOOP, reasons=vehicle_doubts or (reason,))
+        for axis, reason in reasons_without_loop.items()
+    }
+    if all(axis in refusals for axis in axes):
+        headline = judgement.headline
+        must_be_repaired = repairs_before_tuning(evidence, judgement.lights[Light.MOTORS])
+        reasons = _joined_by_reason(refusals)
+        if headline.is_bad and not must_be_repaired:
+            reasons.insert(0, headline)
+        elif len(axes) == 1 and not vehicle_doubts:
+            raise NotLearnable(reasons_without_loop[axes[0]])
+        raise NotLearnable(LoopFact.NO_LOOP, reasons=reasons)
     advice_by_axis = AdviceByAxis()
-    refusals = dict[str, Fact]()
-    measured_loops = _measured_loops(assessment)
-    must_be_repaired = repairs_before_tuning(evidence, judgement.lights[Light.MOTORS])
-    is_headline_reason = headline.is_bad and not must_be_repaired
     for axis in axes:
         loop = evidence.loops[axis]
-        if isinstance(loop, Loop):
-            decision = judgement.loop_decisions.get(axis)
-            loop_doubts = vehicle_doubts if decision is None else decision.doubts
-            is_too_slow = decision is not None and decision.is_too_slow
-            advice_by_axis[axis] = _advice_on_loop(
-                loop,
-                margins,
-                loop_doubts,
-                notch_parameters,
-                raises_sound_gains=raises_sound_gains,
-                is_too_slow=is_too_slow,
-            )
+        if not isinstance(loop, Loop):
+            advice_by_axis[axis] = refusals[axis]
             continue
-        if axis in measured_loops:
-            loop = Fact(LoopFact.NO_LOOP, reasons=(measured_loops[axis], loop))
-        if not is_headline_reason and not vehicle_doubts and len(axes) == 1:
-            raise NotLearnable(loop)
-        refusals[axis] = Fact(LoopFact.NO_LOOP, reasons=vehicle_doubts or (loop,))
-        advice_by_axis[axis] = refusals[axis]
-    if len(refusals) == len(advice_by_axis):
-        reasons = [headline] if is_headline_reason else []
-        raise NotLearnable(LoopFact.NO_LOOP, reasons=[*reasons, *_each_reason_once(refusals)])
+        decision = judgement.loop_decisions.get(axis)
+        advice_by_axis[axis] = _advice_on_loop(
+            loop,
+            margins,
+            vehicle_doubts if decision is None else decision.doubts,
+            notch_parameters,
+            raises_sound_gains=raises_sound_gains,
+            is_too_slow=decision is not None and decision.is_too_slow,
+        )
     return advice_by_axis
 
 
-def _step_with_gains(
+def _reasons_without_loop(assessment: Assessment, axes: Sequence[str]) -> dict[str, Fact]:
+    """Returns why the loop of an axis was not identified, for each axis without one.
+
+    If the autopilot injected a signal on such an axis, what was measured with it is part of the reason.
+
+    Args:
+        assessment: all results on the vehicle, with the loops that were identified in its flight.
+        axes: the axes that are asked for.
+    """
+    evidence = assessment.evidence
+    assert evidence is not None
+    measurements = {
+        margins.axis: margins.facts[0] for margins in assessment.margins if margins.injected
+    }
+    reasons = {}
+    for axis in axes:
+        # In the place of a loop that was not identified there is a fact that says why.
+        reason = evidence.loops[axis]
+        if isinstance(reason, Loop):
+            continue
+        if axis in measurements:
+            reason = Fact(LoopFact.NO_LOOP, reasons=(measurements[axis], reason))
+        reasons[axis] = reason
+    return reasons
+
+
+def _next_step_with_new_gains(
     judgement: Judgement,
     advice_on_loops: Sequence[Advice],
     other_axes: Sequence[str],
@@ -275,7 +312,7 @@ def _step_with_gains(
     *,
     is_written: bool,
 ) -> Fact:
-    """Returns the fact that advises to load the new gains next, with what is uncertain about them, or to fly before.
+    """Returns the next step if gains change: to load them or, if they are too uncertain, to fly first.
 
     Args:
         judgement: headline, next step and status lights of the flight, and decisions on its loops.
@@ -285,71 +322,73 @@ def _step_with_gains(
         is_written: whether the gains are written to a file.
 
     Returns:
-        The fact. It is ``FLY_BEFORE_GAINS`` if the flight is no basis for the new gains of any axis
-        (``Advice.is_sound``), and otherwise ``LOAD_GAINS``. Its ``share`` is the share of the models that agree with
-        the flight and have the margins, the lowest of all loops; new gains are surely right if that is at least
-        ``needed``. ``is_biased`` is whether wind biased the control effectiveness of a loop, and ``missing`` are the
-        lights that should be known before.
+        The fact ``FLY_BEFORE_GAINS`` if the flight is no basis for the new gains of any axis (``Advice.is_sound``), and
+        otherwise ``LOAD_GAINS`` with these figures: ``share``, the fraction of the models that fit the flight with
+        which the new gains have the required margins, the lowest of all loops; ``needed``, the fraction from which on
+        the gains count as certain; ``is_biased``, whether wind biased the control effectiveness of a loop; and
+        ``missing``, the status lights that should be known before.
     """
-    new_gains = _advice_to_load(advice_on_loops)
-    is_biased = any(
-        caution.code is LoopFact.EFFECT_BIASED
-        for advice in new_gains
-        for caution in advice.before.cautions
-    )
-    if not any(advice.is_sound for advice in new_gains):
-        # The most certain of the axes, whose flight is nearest to a basis for the gains.
-        clearest = max(
-            new_gains,
+    changed_loops = _advice_on_changed_loops(advice_on_loops)
+    if not any(advice.is_sound for advice in changed_loops):
+        # The flight that is needed is that of the axis whose advice is the most certain.
+        most_certain = max(
+            changed_loops,
             key=lambda advice: max(advice.sure, advice.fraction_without_margins_before),
         )
-        flight = clearest.flight_before_gains.replace(
-            names=tuple(advice.before.axis for advice in new_gains)
+        flight = most_certain.flight_before_gains.replace(
+            names=tuple(advice.before.axis for advice in changed_loops)
         )
         return Fact(NextStep.FLY_BEFORE_GAINS, judgement.headline.level, reason=flight)
+    is_biased = any(
+        caution.code is LoopFact.EFFECT_BIASED
+        for advice in changed_loops
+        for caution in advice.before.cautions
+    )
     return Fact(
         NextStep.LOAD_GAINS,
         judgement.headline.level,
         is_written=is_written,
-        share=min(advice.sure for advice in new_gains),
+        share=min(advice.sure for advice in changed_loops),
         needed=SURE_SHARE,
         is_biased=is_biased,
-        missing=_unknown_lights_for_higher_gains(judgement, new_gains),
+        missing=_unknown_lights_for_higher_gains(judgement, changed_loops),
         others=tuple(other_axes),
         arguments=tuple(arguments),
     )
 
 
-def _advice_to_load(advice_on_loops: Sequence[Advice]) -> list[Advice]:
+def _advice_on_changed_loops(advice_on_loops: Sequence[Advice]) -> list[Advice]:
     """Selects the advice on the loops that the new parameters change.
 
     Args:
         advice_on_loops: advice on all loops.
 
     Returns:
-        The advice on loops with gains that change (``Advice.parameters``). If no gain changes, only a notch filter is
-        new, which changes every loop: then the advice on all loops whose gains are known (``Advice.gains``).
+        The advice on loops with parameters that change. If there are none, only a notch filter is new, which changes
+        every loop: then the advice on all loops with gains.
     """
     changed_loops = [advice for advice in advice_on_loops if advice.parameters]
     return changed_loops or [advice for advice in advice_on_loops if advice.gains]
 
 
 def _unknown_lights_for_higher_gains(
-    judgement: Judgement, new_gains: Sequence[Advice]
+    judgement: Judgement, changed_loops: Sequence[Advice]
 ) -> tuple[str, ...]:
-    """Returns which of the status lights of motors and vibration are unknown, if a gain is to be raised.
+    """Returns which of the status lights of motors and vibration are unknown, if any gain is to be raised.
 
     Higher gains strain the motors and amplify vibration, so that both should be known before.
 
     Args:
         judgement: headline, next step and status lights of the flight, and decisions on its loops.
-        new_gains: advice on the axes whose gains change.
+        changed_loops: advice on the axes whose gains change.
 
     Returns:
-        The names of these lights; empty if no gain rises.
+        The names of these lights; empty if no gain is raised.
     """
-    rises = any(gain.set > gain.now for advice in new_gains for gain in advice.gains.values())
-    if not rises:
+    raises_gain = any(
+        gain.set > gain.now for advice in changed_loops for gain in advice.gains.values()
+    )
+    if not raises_gain:
         return ()
     lights = judgement.lights
     return tuple(
@@ -361,15 +400,16 @@ def _unknown_lights_for_higher_gains(
 
 def _advises_to_tune(next_step: Fact) -> bool:
     """Returns whether a next step is to run ``mavdem tune``, or to load the gains that it advises."""
+    # A next step refers to the fact that is its reason, and a reason that is about loops to the advised action.
     reason = next_step.figures.get("reason")
     action = reason.figures.get("action") if reason else None
     return action is not None and action.code in ADVICE_TO_TUNE
 
 
-def _step_without_gains(
+def _next_step_without_new_gains(
     advice_on_loops: Sequence[Advice], other_axes: Sequence[str], arguments: Sequence[str]
 ) -> Fact:
-    """Returns the fact that advises the next step if tuning changes no gains of the requested axes.
+    """Returns the next step if the advice changes no gains of the requested axes.
 
     Args:
         advice_on_loops: advice on the requested axes, at least one, none of which has new gains.
@@ -377,8 +417,8 @@ def _step_without_gains(
         arguments: arguments of ``mavdem tune`` that repeat this run, without its axes.
 
     Returns:
-        To tune the other axes, if there are any. Otherwise to do what the first requested axis needs, such as to fly
-        doublets; if no axis needs anything, to keep the gains of the first one.
+        The fact that advises to tune the other axes, if there are any. Otherwise to do what the first axis with a
+        remedy needs, such as to fly doublets; if no axis needs anything, to keep the gains of the first one.
     """
     if other_axes:
         return Fact(
@@ -387,11 +427,11 @@ def _step_without_gains(
             others=tuple(other_axes),
             arguments=tuple(arguments),
         )
-    advice_facts = [advice.conclusion for advice in advice_on_loops]
-    for advice_fact in advice_facts:
-        if advice_fact.remedy:
-            return Fact(NextStep.DO_AS_ADVISED, reason=advice_fact)
-    return Fact(NextStep.DO_AS_ADVISED, reason=advice_facts[0])
+    conclusions = [advice.conclusion for advice in advice_on_loops]
+    for conclusion in conclusions:
+        if conclusion.remedy:
+            return Fact(NextStep.DO_AS_ADVISED, reason=conclusion)
+    return Fact(NextStep.DO_AS_ADVISED, reason=conclusions[0])
 
 
 def _advice_on_loop(
@@ -434,13 +474,15 @@ def _advice_on_loop(
     return advice
 
 
-def _gains_come_next(headline: Fact) -> bool:
-    """Returns whether new gains are the next step.
+def _allows_new_gains(headline: Fact) -> bool:
+    """Returns whether new gains are the next step after a flight: whether no other fault must be mended before.
 
-    They are if the headline advises them, or to fly before they are loaded, or if it is not bad.
+    No other fault comes before them if the headline is about the loops and advises new gains or a flight before they
+    are loaded, or if it is about anything else that is not bad.
 
     Args:
-        headline: headline of the judgement; if it is about loops, its figure ``action`` is the advised action.
+        headline: the most serious fact of the flight; if it is about loops, its figure ``action`` is the advised
+            action.
     """
     action = headline.figures.get("action")
     if action is not None:
@@ -449,12 +491,11 @@ def _gains_come_next(headline: Fact) -> bool:
 
 
 def _doubts_on_vehicle(evidence: Evidence, judgement: Judgement) -> Facts:
-    """Returns the reasons why no gains of any axis may be raised.
+    """Returns why the gains of no axis may be raised: the repairs that the vehicle needs, and a limit cycle.
 
-    The reasons are the repairs that the vehicle needs, and a limit cycle: a lasting oscillation of the loops. Three
-    judgements report the same limit cycle: the repairs, the decision on the loops of its axis, and the gains to lower.
-    It is to be read once. So of these only the decision is returned, which names the gains too; if no axis has it, the
-    gains to lower stand for it.
+    A limit cycle, a lasting oscillation of the loops, is known by up to three facts: one among the repairs, the reason
+    of the decision on the axis that oscillates, and the gains to lower. Only one of them is returned, since a reader
+    needs it once: the reason of the decision, which contains the gains to lower, or else these themselves.
 
     Args:
         evidence: signals, events and measurements of the vehicle.
@@ -475,28 +516,23 @@ def _doubts_on_vehicle(evidence: Evidence, judgement: Judgement) -> Facts:
     return (*repairs, gains_to_lower)
 
 
-def _measured_loops(assessment: Assessment) -> dict[str, Fact]:
-    """Returns what an injected signal showed of the loop of each axis, if there was such a signal."""
-    return {margins.axis: margins.facts[0] for margins in assessment.margins if margins.injected}
+def _joined_by_reason(refusals: Mapping[str, Fact]) -> list[Fact]:
+    """Joins the axes whose loops are not known for the same reason, so that each reason is read once.
 
-
-def _each_reason_once(reason_by_axis: Mapping[str, Fact]) -> list[Fact]:
-    """Returns the reasons why the loops of several axes are not known, with axes of the same reason joined.
-
-    Reasons count as the same if their text with its advice (``Fact.sentence_and_remedy``) is the same. Facts cannot be
-    compared as such: their figures, such as intervals, differ from axis to axis.
+    Reasons are the same if their text with its advice (``Fact.sentence_and_remedy``) is the same. Facts cannot be
+    compared as such, since figures, such as intervals, differ from axis to axis.
 
     Args:
-        reason_by_axis: the reason of each axis, at least one.
+        refusals: why the loop is not known, by axis, at least one.
 
     Returns:
-        One fact for each reason, the fact of the first axis which has it, with the ``names`` of all axes that share it.
-        It has no names if all axes share it.
+        One fact for each reason: that of the first axis with it. Its figure ``names`` are the axes with this reason; it
+        is absent if all axes have the same.
     """
-    axes_by_advice = group_by(reason_by_axis, lambda axis: reason_by_axis[axis].sentence_and_remedy)
+    axes_by_text = group_by(refusals, lambda axis: refusals[axis].sentence_and_remedy)
     reasons = []
-    for axes in axes_by_advice.values():
-        reason = reason_by_axis[axes[0]]
-        has_all_axes = len(axes) == len(reason_by_axis)
+    for axes in axes_by_text.values():
+        reason = refusals[axes[0]]
+        has_all_axes = len(axes) == len(refusals)
         reasons.append(reason if has_all_axes else reason.replace(names=axes))
     return reasons
