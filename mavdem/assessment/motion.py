@@ -6,7 +6,6 @@ level is only "watch".
 """
 
 from collections.abc import Iterator, Sequence
-from math import inf
 
 import numpy as np
 
@@ -15,22 +14,20 @@ from mavdem.assessment.attitude_losses import attitude_losses
 from mavdem.assessment.attitude_swings import attitude_swings
 from mavdem.assessment.autopilot_messages import in_time_order
 from mavdem.assessment.barometer_drifts import barometer_drifts, dated_by_growth
+from mavdem.assessment.clipping import clipping_events
 from mavdem.assessment.descents import dive_events, fall_events
-from mavdem.assessment.flights import (
-    RECOVERY_SECONDS,
-    flights_in_boot,
-    loss_onset,
-    merge_close_intervals,
-)
+from mavdem.assessment.flights import RECOVERY_SECONDS, flights_in_boot, loss_onset
 from mavdem.assessment.flips import flip_events, flip_intervals
-from mavdem.assessment.ground_contacts import CONTACTS, flight_losses, ground_contact
+from mavdem.assessment.ground_contacts import flight_losses, ground_contact
 from mavdem.assessment.height_disagreements import height_disagreements
 from mavdem.assessment.height_divergence import height_divergences
 from mavdem.assessment.invalid_attitudes import invalid_attitudes
+from mavdem.assessment.log_end import end_in_air
 from mavdem.assessment.motor_events import LASTING_SECONDS, motor_events
 from mavdem.assessment.motor_speeds import standing_motors
 from mavdem.assessment.motor_witnesses import with_sensor_evidence
 from mavdem.assessment.position_losses import position_losses
+from mavdem.assessment.swing_causes import with_causes_of_swings
 from mavdem.assessment.wind_drifts import wind_drifts
 from mavdem.dataset.grounded import MAX_GROUND_HEIGHT, MAX_SETPOINT_DELAY
 from mavdem.dataset.intervals import Intervals, TimeInterval, in_intervals
@@ -39,7 +36,6 @@ from mavdem.facts import Fact, Facts, Level
 from mavdem.facts.ending import MotionEvent
 from mavdem.facts.witnesses import Side
 from mavdem.ingest.motors import POSSIBLE_MULTIROTORS
-from mavdem.vibration.vibration_message import reported_vibration
 from mavdem.witnesses import SensorTrust, trust_of_boots
 from mavdem.witnesses.boot_sensors import BootSensors
 
@@ -75,72 +71,7 @@ def motion_events(signals: Signals, reports: Sequence[Fact] = ()) -> Facts:
             events.append(not_flown)
         else:
             events += _events_of_boot(signals, boot, reports)
-    return tuple(in_time_order(_with_causes_of_swings(events)))
-
-
-def _with_causes_of_swings(events: Sequence[Fact]) -> list[Fact]:
-    """Adds to each event of a swinging attitude what other events at the same time show of the cause.
-
-    Args:
-        events: events of all boots of the autopilot, each a fact (a coded finding) with its time.
-
-    Returns:
-        All events, in the same order.
-    """
-    completed_events = []
-    for event in events:
-        if event.code is MotionEvent.ATTITUDE_SWUNG:
-            concurrent_events = [
-                other_event for other_event in events if _overlap(event, other_event)
-            ]
-            event = _with_causes(event, concurrent_events)
-        completed_events.append(event)
-    return completed_events
-
-
-def _with_causes(swing: Fact, concurrent_events: Sequence[Fact]) -> Fact:
-    """Adds to a swinging attitude how far it was from its setpoint, and which motors had no reserve.
-
-    An attitude swings if roll or pitch goes to and fro by tens of degrees. If the attitude was far from its setpoint,
-    the gains of the position controller are not the first to look at. In an autonomous mode that also means that the
-    autopilot does not control the vehicle, so that the swing is bad even if the vehicle recovered.
-
-    Args:
-        swing: the event that the attitude swung.
-        concurrent_events: events at the same time. Among them may be losses of attitude from which the vehicle
-            recovered (``ATTITUDE_CAUGHT``), and motors at their upper limit (``MOTOR_AT_ITS_STOP``).
-
-    Returns:
-        The event. It is bad and has the largest error of roll or pitch as ``angle_error``, rad, if there was a loss of
-        attitude whose setpoint is known. It has the ``names`` of the motors that were at their upper limit while the
-        pilot did not give full throttle.
-    """
-    errors = []
-    limited_motors: list[str] = []
-    for event in concurrent_events:
-        if event.code is MotionEvent.ATTITUDE_CAUGHT:
-            # Without a setpoint the event has the figure ``is_lean``: its angle is the whole lean, and no error.
-            has_setpoint = "is_lean" not in event.figures
-            if has_setpoint:
-                errors.append(event.figures["angle"])
-        elif event.code is MotionEvent.MOTOR_AT_ITS_STOP:
-            # With full throttle some motor is at its limit in any case.
-            has_full_throttle = "is_full_throttle" in event.figures
-            if not has_full_throttle and event.subject not in limited_motors:
-                limited_motors.append(event.subject)
-    if errors:
-        swing = swing.replace(Level.BAD, angle_error=max(errors))
-    if limited_motors:
-        swing = swing.replace(names=tuple(limited_motors))
-    return swing
-
-
-def _overlap(event: Fact, other_event: Fact) -> bool:
-    """Returns whether two events of one boot share a time; one without an end lasts to the end of the record."""
-    if event.figures["boot"] != other_event.figures["boot"]:
-        return False
-    start = max(event.start_time, other_event.start_time)
-    return start <= min(event.latest_time, other_event.latest_time)
+    return tuple(in_time_order(with_causes_of_swings(events)))
 
 
 def _events_of_other_vehicle(
@@ -157,7 +88,7 @@ def _events_of_other_vehicle(
         reports: events that the autopilot reports.
     """
     flights = flights_in_boot(signals, boot)
-    yield from _clipping_events(signals, boot, flights)
+    yield from clipping_events(signals, boot, flights)
     for flight in flights:
         take_off, _ = flight
         yield from position_losses(BootSensors(signals, boot, take_off), flight, reports)
@@ -166,11 +97,11 @@ def _events_of_other_vehicle(
 def _not_flown_event(signals: Signals, trust: SensorTrust) -> Fact | None:
     """Returns the event that the vehicle did not fly between a start of the autopilot (boot) and the next.
 
-    Its motors ran and the autopilot may report a flight, but sensors such as barometer and accelerometer show none.
+    This is the case if the motors ran, and the autopilot may even report a flight, but the sensors show none.
 
     Args:
         signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.
-        trust: what the sensors show of this boot: whether the vehicle flew, None if they do not show it.
+        trust: what the sensors show of this boot: whether the vehicle flew, or None if they do not show it.
 
     Returns:
         The event, at the first time of the boot; None if the vehicle flew, or may have flown.
@@ -185,11 +116,10 @@ def _not_flown_event(signals: Signals, trust: SensorTrust) -> Fact | None:
 
 
 def _events_of_boot(signals: Signals, boot: int, reports: Sequence[Fact]) -> Iterator[Fact]:
-    """Yields the events of one boot, in no particular order.
+    """Yields the events of one boot in which a multirotor flew, in no particular order.
 
-    Losses of attitude, falls and height estimates that diverged are found flight by flight. After them the controller
-    drives motors to their limits, however sound these are. So motors at a limit are not reported while the vehicle is
-    out of control. Whether the log ends in the air follows from the events of the last flight.
+    Most events are found flight by flight. Those of motors are found afterwards, since a vehicle that is out of control
+    drives sound motors to their limits. Whether the log ends in the air follows from the events of the last flight.
 
     Args:
         signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.
@@ -200,8 +130,8 @@ def _events_of_boot(signals: Signals, boot: int, reports: Sequence[Fact]) -> Ite
     if error is None:
         return
     flights = flights_in_boot(signals, boot)
-    yield from _clipping_events(signals, boot, flights)
-    out_of_control: Intervals = []
+    yield from clipping_events(signals, boot, flights)
+    times_out_of_control: Intervals = []
     flips: Intervals = []
     flight_events: list[Fact] = []
     for flight in flights:
@@ -209,18 +139,21 @@ def _events_of_boot(signals: Signals, boot: int, reports: Sequence[Fact]) -> Ite
         sensors = BootSensors(signals, boot, take_off)
         flight_events = list(_events_of_flight(sensors, error, flight, reports))
         yield from flight_events
-        out_of_control += _intervals_out_of_control(flight_events, flight)
+        times_out_of_control += _times_out_of_control(flight_events, flight)
         flips += flip_intervals(flight_events)
     for event in motor_events(signals, boot, flights):
         if event.code is MotionEvent.MOTOR_OFF:
             yield from with_sensor_evidence(signals, [event], reports)
         elif event.code is MotionEvent.MOTOR_AT_ITS_STOP and _lies_within(event, flips):
+            # A flip needs full thrust of some motors, so that their limit is no fault.
             yield event.replace(Level.GOOD, is_in_flip=True)
-        elif not in_intervals(event.start_time, out_of_control):
+        elif not in_intervals(event.start_time, times_out_of_control):
             yield event
     if flights:
         events_of_last_flight = flight_events
-        yield from _end_in_air(signals, boot, flights[-1], error.time[-1], events_of_last_flight)
+        end_event = end_in_air(signals, boot, flights[-1], error.time[-1], events_of_last_flight)
+        if end_event is not None:
+            yield end_event
 
 
 def _lies_within(event: Fact, intervals: Intervals) -> bool:
@@ -228,10 +161,10 @@ def _lies_within(event: Fact, intervals: Intervals) -> bool:
     return any(start <= event.start_time and event.latest_time <= end for start, end in intervals)
 
 
-def _intervals_out_of_control(
+def _times_out_of_control(
     flight_events: Sequence[Fact], flight_interval: TimeInterval
 ) -> Intervals:
-    """Returns the intervals of a flight in which its motors reach their limits because it is out of control.
+    """Returns the intervals of a flight in which motors reach their limits because the vehicle is out of control.
 
     Each begins with an event such as a fall, a flight on its back, or a height estimate that diverged, and lasts until
     the end of the flight. A motor at its limit in such an interval is not a fault of the motor.
@@ -263,8 +196,8 @@ def _events_of_flight(
 ) -> Iterator[Fact]:
     """Yields the events of one flight, such as a loss of attitude, a fall or a flip, in no particular order.
 
-    A flight may end with a loss of attitude, a contact with the ground, or both (:func:`flight_losses`). Events that a
-    vehicle out of control would show anyway, such as a diverged height, are sought only before that.
+    A flight may end with a loss of attitude, a contact with the ground, or both (:func:`flight_losses`). Some events
+    follow from every such end, for example a height estimate that diverges. They are sought only before it.
 
     Args:
         sensors: sensors of the boot, with the take-off of this flight.
@@ -325,11 +258,11 @@ def _stopped_motors(
     contact: Fact | None,
     reports: Sequence[Fact],
 ) -> Iterator[Fact]:
-    """Yields the motors that stood still in a flight before it was lost.
+    """Yields an event for each motor that stood still in a flight before the vehicle was lost.
 
-    After a contact with the ground propellers are blocked, so that standstills from then on are left out. After the
-    onset of a loss in the air they are left out from ``MAX_SETPOINT_DELAY`` later on: the standstill that caused the
-    loss may be measured that late, since telemetry of controllers is slow.
+    A standstill after a contact with the ground is left out, since the ground blocks propellers. One after a loss of
+    attitude in the air is left out if it begins more than ``MAX_SETPOINT_DELAY`` later: the standstill that caused the
+    loss may be measured that late, since the telemetry of motor controllers is slow.
 
     Args:
         sensors: sensors of the boot, with the take-off of this flight.
@@ -351,14 +284,14 @@ def _stopped_motors(
 
 
 def _interval_before(flight_interval: TimeInterval, *events: Fact | None) -> TimeInterval:
-    """Returns the time of a flight before the first of some events.
+    """Returns the part of a flight before the first of some events.
 
     Args:
         flight_interval: start and end of the flight, s since boot.
         events: the events; None for one that did not occur.
 
     Returns:
-        Start and end of this time, s since boot.
+        Start and end of this part, s since boot.
     """
     start, end = flight_interval
     for event in events:
@@ -407,81 +340,3 @@ def _falls_of_flight(
         # The flight ended in an ordinary landing, after which the estimate may diverge.
         return
     yield from fall_events(sensors, (max(flight_start, start), end))
-
-
-def _end_in_air(
-    signals: Signals,
-    boot: int,
-    flight_interval: TimeInterval,
-    end_time: float,
-    events: Sequence[Fact],
-) -> Iterator[Fact]:
-    """Yields one event if the log ends while the vehicle was still in the air, and the log does not show why.
-
-    Then either the recorder failed, or the vehicle crashed and the crash was not recorded. If a loss of attitude came
-    just before, the fact says so (``is_after_loss``). Nothing is yielded if the end is explained by a landing, an
-    impact, a loss of attitude at least ``RECOVERY_SECONDS`` earlier (the vehicle is then on the ground), a restart of
-    the autopilot, after which the log continues, or attitudes that are no numbers, with which it continues. Nothing is
-    yielded either if the last height is unknown or at most ``MAX_GROUND_HEIGHT``, since the vehicle may then stand on
-    the ground.
-
-    Args:
-        signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.
-        boot: number of the boot: the time from one start of the autopilot to the next.
-        flight_interval: start and end of the boot's last flight, s since boot; the end is infinite without a recorded
-            landing.
-        end_time: time of the last attitude sample of the boot, s since boot.
-        events: events of this flight.
-    """
-    # In an earlier boot the recording ended with the restart of the autopilot, not with a failure in the air.
-    is_last_boot = boot == signals.tilts[0].boot[-1]
-    flight_start, landing_time = flight_interval
-    has_landed = landing_time != inf
-    if has_landed or not is_last_boot or signals.telemetry.is_ended_on_purpose:
-        return
-    is_after_loss = False
-    for event in events:
-        is_without_attitude = event.code is MotionEvent.ATTITUDE_INVALID and event.end_time is None
-        if event.code in CONTACTS or is_without_attitude:
-            return
-        if event.code is MotionEvent.ATTITUDE_LOST:
-            if end_time - (event.time or end_time) >= RECOVERY_SECONDS:
-                return
-            is_after_loss = True
-    sensors = BootSensors(signals, boot, flight_start)
-    last_height = sensors.height_at(end_time)
-    if last_height is not None and last_height > MAX_GROUND_HEIGHT:
-        end_in_air = Fact(
-            MotionEvent.LOG_ENDED_IN_AIR,
-            time=end_time,
-            height=last_height,
-            height_source=sensors.height_source,
-            boot=boot,
-            witnesses=sensors.height_facts(MAX_GROUND_HEIGHT, end_time),
-            # A stream also ends if somebody ends its recording.
-            is_received=not signals.telemetry.translated_from,
-        )
-        yield end_in_air.replace(is_after_loss=True) if is_after_loss else end_in_air
-
-
-def _clipping_events(signals: Signals, boot: int, flights: Intervals) -> Iterator[Fact]:
-    """Yields an event for each time in flight in which accelerometers were out of their range ("clipping").
-
-    Counted are the clips of the IMU that clipped most. Those that follow each other within ``RECOVERY_SECONDS`` are one
-    event.
-
-    Args:
-        signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.
-        boot: number of the boot; a boot lasts from one start of the autopilot to the next.
-        flights: start and end of each flight, s since boot.
-    """
-    vibration = reported_vibration(signals)
-    if vibration is None:
-        return
-    time = vibration.levels.time
-    is_of_boot = vibration.levels.boot == boot
-    has_clipped = is_of_boot & vibration.clips.any(axis=1) & in_intervals(time, flights)
-    moments = [(moment, moment) for moment in time[has_clipped].tolist()]
-    for start, end in merge_close_intervals(moments, RECOVERY_SECONDS):
-        count = vibration.most_clips(is_of_boot & in_intervals(time, [(start, end)]))
-        yield Fact(MotionEvent.CLIPPED, time=start, end_time=end, count=count, boot=boot)

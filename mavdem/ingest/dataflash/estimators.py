@@ -13,13 +13,7 @@ from numpy.typing import NDArray
 
 from mavdem.arrays import Integers
 from mavdem.ingest.dataflash.tables import continuous_time, message_count
-from mavdem.ingest.telemetry import (
-    Columns,
-    Parameters,
-    Tables,
-    concatenated_columns,
-    selected_rows,
-)
+from mavdem.ingest.telemetry import Columns, Parameters, Tables, concatenated_columns, selected_rows
 
 FILTERS = {3: "XKF", 2: "NKF", 1: "EKF"}
 """Beginning of the names of each filter's messages, by the value of AHRS_EKF_TYPE; the latest filter first."""

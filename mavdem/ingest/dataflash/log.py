@@ -12,12 +12,7 @@ from mavdem.errors import Unreadable
 from mavdem.facts import Facts
 from mavdem.facts.sources import Flaw, Repair, SourceFact
 from mavdem.files import PathName
-from mavdem.ingest.contents import (
-    RECOGNITION_BYTES,
-    FileContent,
-    file_content,
-    is_dataflash_text,
-)
+from mavdem.ingest.contents import RECOGNITION_BYTES, FileContent, file_content, is_dataflash_text
 from mavdem.ingest.dataflash.binary import read_binary
 from mavdem.ingest.dataflash.clock import (
     CLOCK_FIELDS,
@@ -39,11 +34,7 @@ from mavdem.ingest.dataflash.translation import (
     satellite_utc,
     with_new_names,
 )
-from mavdem.ingest.dataflash.vehicle_kind import (
-    firmware_text,
-    mav_type,
-    system_id_of_parameters,
-)
+from mavdem.ingest.dataflash.vehicle_kind import firmware_text, mav_type, system_id_of_parameters
 from mavdem.ingest.mavlink.dialect import mavlink_constant
 from mavdem.ingest.other_recordings import (
     DATAFLASH_RULES,
@@ -53,14 +44,7 @@ from mavdem.ingest.other_recordings import (
     blocks_of_other_recordings,
     outside_blocks,
 )
-from mavdem.ingest.telemetry import (
-    Columns,
-    Log,
-    Tables,
-    Telemetry,
-    log_of_vehicles,
-    repair_facts,
-)
+from mavdem.ingest.telemetry import Columns, Log, Tables, Telemetry, log_of_vehicles, repair_facts
 from mavdem.ingest.vocabulary import (
     AUTOPILOT_COMPONENT,
     UNNAMED,

@@ -7,12 +7,7 @@ had several units.
 from typing import NamedTuple
 
 from mavdem.ingest.dataflash.attitude import NamedMessage
-from mavdem.ingest.dataflash.tables import (
-    float_table,
-    messages_with_fields,
-    resampled,
-    with_stamps,
-)
+from mavdem.ingest.dataflash.tables import float_table, messages_with_fields, resampled, with_stamps
 from mavdem.ingest.telemetry import Fields, Tables
 
 

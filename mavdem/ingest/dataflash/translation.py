@@ -26,21 +26,10 @@ from mavdem.ingest.dataflash.attitude import (
     rate_tuning,
     rate_unit,
 )
-from mavdem.ingest.dataflash.batteries import (
-    NUMBERED_BATTERY_MESSAGES,
-    battery_status,
-    sys_status,
-)
-from mavdem.ingest.dataflash.estimators import (
-    FlownEstimates,
-    core_message_names,
-    flown_estimates,
-)
+from mavdem.ingest.dataflash.batteries import NUMBERED_BATTERY_MESSAGES, battery_status, sys_status
+from mavdem.ingest.dataflash.estimators import FlownEstimates, core_message_names, flown_estimates
 from mavdem.ingest.dataflash.outputs import servo_outputs
-from mavdem.ingest.dataflash.position_targets import (
-    POSITION_CONTROLLER_MESSAGES,
-    position_targets,
-)
+from mavdem.ingest.dataflash.position_targets import POSITION_CONTROLLER_MESSAGES, position_targets
 from mavdem.ingest.dataflash.recording import MessageTable
 from mavdem.ingest.dataflash.sensors import (
     FURTHER_SENSOR_MESSAGES,

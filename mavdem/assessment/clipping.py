@@ -1,0 +1,33 @@
+"""Clipping of the accelerometers in flight (their range was exceeded), as facts (coded findings)."""
+
+from collections.abc import Iterator
+
+from mavdem.assessment.flights import RECOVERY_SECONDS, merge_close_intervals
+from mavdem.dataset.intervals import Intervals, in_intervals
+from mavdem.dataset.signals import Signals
+from mavdem.facts import Fact
+from mavdem.facts.ending import MotionEvent
+from mavdem.vibration.vibration_message import reported_vibration
+
+
+def clipping_events(signals: Signals, boot: int, flights: Intervals) -> Iterator[Fact]:
+    """Yields an event for each time in flight in which an accelerometer exceeded its range ("clipping").
+
+    Clips that follow each other within ``RECOVERY_SECONDS`` are one event. It counts the clips of the inertial
+    measurement unit (IMU) with most of them.
+
+    Args:
+        signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.
+        boot: number of the boot; a boot lasts from one start of the autopilot to the next.
+        flights: start and end of each flight, s since boot.
+    """
+    vibration = reported_vibration(signals)
+    if vibration is None:
+        return
+    time = vibration.levels.time
+    is_of_boot = vibration.levels.boot == boot
+    has_clipped = is_of_boot & vibration.clips.any(axis=1) & in_intervals(time, flights)
+    clip_times = [(clip_time, clip_time) for clip_time in time[has_clipped].tolist()]
+    for start, end in merge_close_intervals(clip_times, RECOVERY_SECONDS):
+        count = vibration.most_clips(is_of_boot & in_intervals(time, [(start, end)]))
+        yield Fact(MotionEvent.CLIPPED, time=start, end_time=end, count=count, boot=boot)

@@ -1,0 +1,75 @@
+"""Causes of a swinging attitude, by other events at the same time; all events are facts (coded findings)."""
+
+from collections.abc import Sequence
+
+from mavdem.facts import Fact, Level
+from mavdem.facts.ending import MotionEvent
+
+
+def with_causes_of_swings(events: Sequence[Fact]) -> list[Fact]:
+    """Adds to each event of a swinging attitude what other events at the same time show of its cause.
+
+    Args:
+        events: events of all boots of the autopilot, each with its time.
+
+    Returns:
+        All events, in the same order.
+    """
+    completed_events = []
+    for event in events:
+        if event.code is MotionEvent.ATTITUDE_SWUNG:
+            concurrent_events = [
+                other_event for other_event in events if _share_time(event, other_event)
+            ]
+            event = _with_causes(event, concurrent_events)
+        completed_events.append(event)
+    return completed_events
+
+
+def _with_causes(swing: Fact, concurrent_events: Sequence[Fact]) -> Fact:
+    """Adds to a swinging attitude how far it was from its setpoint, and which motors had no reserve of thrust.
+
+    An attitude swings if roll or pitch goes to and fro by tens of degrees. A swing far from the setpoint is bad even if
+    the vehicle recovered, since the autopilot did not control the attitude.
+
+    Args:
+        swing: the event that the attitude swung.
+        concurrent_events: events at the same time. Among them may be losses of attitude from which the vehicle
+            recovered (``ATTITUDE_CAUGHT``), and motors at their upper limit (``MOTOR_AT_ITS_STOP``).
+
+    Returns:
+        The event, changed in two cases. If the attitude was lost from a known setpoint, it is bad and has the largest
+        error of roll or pitch as ``angle_error``, rad. If motors were at their upper limit while the pilot did not give
+        full throttle, it has their ``names``.
+    """
+    angle_errors = [
+        event.figures["angle"] for event in concurrent_events if _is_lost_from_setpoint(event)
+    ]
+    limited_motors = [event.subject for event in concurrent_events if _has_no_reserve(event)]
+    if angle_errors:
+        swing = swing.replace(Level.BAD, angle_error=max(angle_errors))
+    if limited_motors:
+        # Each motor is named once, in the order of its first event.
+        swing = swing.replace(names=tuple(dict.fromkeys(limited_motors)))
+    return swing
+
+
+def _is_lost_from_setpoint(event: Fact) -> bool:
+    """Returns whether an event is a loss of attitude whose figure ``angle`` is the distance from the setpoint.
+
+    Without a setpoint, ``angle`` is the whole lean, and the event has the figure ``is_lean``.
+    """
+    return event.code is MotionEvent.ATTITUDE_CAUGHT and "is_lean" not in event.figures
+
+
+def _has_no_reserve(event: Fact) -> bool:
+    """Returns whether an event is a motor at its upper limit, without the full throttle that would explain it."""
+    return event.code is MotionEvent.MOTOR_AT_ITS_STOP and "is_full_throttle" not in event.figures
+
+
+def _share_time(event: Fact, other_event: Fact) -> bool:
+    """Returns whether two events of one boot overlap; an event without an end lasts to the end of the record."""
+    if event.figures["boot"] != other_event.figures["boot"]:
+        return False
+    start = max(event.start_time, other_event.start_time)
+    return start <= min(event.latest_time, other_event.latest_time)
