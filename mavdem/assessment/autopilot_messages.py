@@ -57,9 +57,9 @@ REPEAT_SECONDS = 30.0
 every 5 to 30 s."""
 
 ACTIVATION_PAUSE = 5.0
-"""Seconds without a failsafe after which the next one is another event: a choice, a few reports of a state at 1 Hz.
+"""Seconds without a state after which its next report is another event: a choice, a few reports of a state at 1 Hz.
 
-Autopilots report a failsafe when it begins and do not repeat that; the recorded state lasts as long as the failsafe.
+Autopilots report a failsafe, or a state whose end they report too, when it begins and do not repeat that.
 """
 
 CODES_WITH_TEXT = (ReportedEvent.AUTOPILOT_SAID, ReportedEvent.ARMING_REFUSED)
@@ -353,8 +353,9 @@ def merge_repeats(facts: Iterable[Fact]) -> list[Fact]:
 
     Autopilots repeat a warning while its cause persists, and report one problem by several messages. Two facts are one
     report if they have the same boot and code (and text, for ``CODES_WITH_TEXT``), no contrary subjects, and follow
-    each other within ``REPEAT_SECONDS``, failsafes within ``ACTIVATION_PAUSE``. The merged fact has the number of
-    reports as ``count``, and ends with the last of them.
+    each other within ``REPEAT_SECONDS``. If one of them is a failsafe or has an end of its own, such as a loss of GPS
+    with its return, they must follow within ``ACTIVATION_PAUSE``: else the merged state would last through the pause.
+    The merged fact has the number of reports as ``count``, and ends with the last of them.
 
     Args:
         facts: facts that report messages of the autopilot, in any order.
@@ -363,19 +364,27 @@ def merge_repeats(facts: Iterable[Fact]) -> list[Fact]:
         The remaining facts in time order, each with its ``count``, 1 for a report without repetitions.
     """
     merged_facts: list[Fact] = []
-    # The indices in ``merged`` of facts with the same boot, code and quoted text.
+    # The indices in ``merged_facts`` of facts with the same boot, code and quoted text.
     indices_by_kind = defaultdict[tuple[Any, ...], list[int]](list)
+    # The indices in ``merged_facts`` of failsafes and of facts of which a report had an end of its own.
+    state_indices = set[int]()
     for fact in in_time_order(facts):
         quoted_text = fact.figures["text"] if fact.code in CODES_WITH_TEXT else ""
         indices = indices_by_kind[fact.figures["boot"], fact.code, quoted_text]
+        is_state = fact.code is ReportedEvent.FAILSAFE or fact.end_time is not None
         # The latest report of the kind comes first: it is the one that is repeated, if any.
         for index in reversed(indices):
-            if _is_repetition(merged_facts[index], fact):
+            concerns_state = is_state or index in state_indices
+            longest_pause = ACTIVATION_PAUSE if concerns_state else REPEAT_SECONDS
+            if _is_repetition(merged_facts[index], fact, longest_pause):
                 merged_facts[index] = _merged_pair(merged_facts[index], fact)
                 break
         else:
-            indices.append(len(merged_facts))
+            index = len(merged_facts)
+            indices.append(index)
             merged_facts.append(fact.replace(count=1))
+        if is_state:
+            state_indices.add(index)
     return merged_facts
 
 
@@ -386,23 +395,22 @@ def _last_time(fact: Fact) -> float:
     return max(time for time in (fact.time, fact.end_time) if time is not None)
 
 
-def _is_repetition(earlier_report: Fact, later_report: Fact) -> bool:
+def _is_repetition(earlier_report: Fact, later_report: Fact, longest_pause: float) -> bool:
     """Returns whether ``later_report`` repeats ``earlier_report``, a fact (a coded finding) of the same code.
 
-    It does if it follows within ``REPEAT_SECONDS``, a failsafe within ``ACTIVATION_PAUSE``, and is about the same
-    subject, such as "motor 2". A report that names no subject may be about the subject of the other report.
+    It does if it follows within ``longest_pause`` and is about the same subject, such as "motor 2". A report that names
+    no subject may be about the subject of the other report.
 
     Args:
         earlier_report: the first report.
         later_report: the one that may repeat it.
+        longest_pause: time, s, between the end of the first and the start of the other.
     """
     subjects_agree = (
         earlier_report.subject == later_report.subject
         or not earlier_report.subject
         or not later_report.subject
     )
-    is_failsafe = later_report.code is ReportedEvent.FAILSAFE
-    longest_pause = ACTIVATION_PAUSE if is_failsafe else REPEAT_SECONDS
     return subjects_agree and later_report.start_time - _last_time(earlier_report) <= longest_pause
 
 

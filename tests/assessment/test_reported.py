@@ -94,6 +94,18 @@ def test_what_is_said_again_soon_is_once_with_its_count_and_span():
     assert spans == [(1.0, 1.0 + REPEAT_SECONDS, 2), (times[2], None, 1)]
 
 
+@mark.parametrize(
+    "second_loss, spans", [(20.0, [(10.0, 11.0), (20.0, 30.0)]), (15.0, [(10.0, 30.0)])]
+)
+def test_a_state_that_was_over_is_not_reported_through_the_pause(second_loss, spans):
+    gps_failsafe = 7
+    rows = columns([10.0, 11.0, second_loss, 30.0], Subsys=[gps_failsafe] * 4, ECode=[1, 0, 1, 0])
+    found = merge_repeats(reported_problems(changed(FLOWN, "ERR", **rows)))
+    assert [(fact.code, fact.time, fact.end_time) for fact in found] == [
+        (ReportedEvent.GPS_LOST, start, end) for start, end in spans
+    ]
+
+
 def test_of_two_that_say_the_same_the_worse_level_holds():
     told = columns([0.5], Id=[62])
     telemetry = with_texts(changed(FLOWN, "EV", **told), b"EKF3 IMU0 emergency yaw reset")
