@@ -261,9 +261,9 @@
     return above(data) + (isForPaper ? (isFlat ? 56 : 89) + (isBare ? 0 : 26) : (isFlat ? 118 : 154) + (isBare ? 0 : 34));
   };
 
-  const draw = figure => {
-    const data = JSON.parse(figure.querySelector("script").textContent), group = data.group && (groups[data.group] ??= { charts: [] });
-    const strip = !data.lines.length, bare = figure.dataset.bare != null || strip, drawn = [{}], bands = [];
+  // What a figure shows: its data with the values unpacked, and the columns, series and bands that uPlot has of them.
+  const contentOf = figure => {
+    const data = JSON.parse(figure.querySelector("script").textContent), drawn = [{}], bands = [];
     data.columns = unpack(data.at, data.x.log) || data.x.ends;
     const columns = [data.columns];
     if (data.lines[0]?.heat) {
@@ -280,6 +280,14 @@
       line.series = line.low ? [drawn.length - 2, drawn.length - 1, drawn.length] : [drawn.length];
       drawn.push(series(line, data.lines.length));
     }
+    return { data, columns, drawn, bands };
+  };
+  // The span of the common axis that the data of a chart have.
+  const wholeOf = data => data.x.ends || [data.columns[0], data.columns.at(-1)];
+
+  const draw = figure => {
+    const { data, columns, drawn, bands } = contentOf(figure), group = data.group && (groups[data.group] ??= { charts: [] });
+    const strip = !data.lines.length, bare = figure.dataset.bare != null || strip;
     const grid = { stroke: () => colour("--line"), width: 1 }, noLabels = (_, splits) => splits.map(() => "");
     const space = () => root.classList.contains("printing") ? 10 : figure.dataset.flat != null ? 16 : 30;
     const width = (_, texts) => Math.max(50, ...(texts ?? []).filter(text => text?.length > 5).map(text => 14 + 7.2 * text.length));
@@ -317,7 +325,7 @@
       if (strip) group.modes = data.spans;
       group.charts.push(chart);
       // The chart's own scale is set later.
-      group.whole ??= data.x.ends || [data.columns[0], data.columns.at(-1)];
+      group.whole ??= wholeOf(data);
       const [min, max] = group.span ?? group.whole;
       chart.setScale("x", { min, max });
       figure.addEventListener("keydown", event => {
@@ -442,6 +450,53 @@
       }
     }
   };
+  // What decides how uPlot draws a figure besides the values of its lines.
+  const formOf = (figure, data) => JSON.stringify([
+    { ...figure.dataset }, data.title, data.group, data.x.label, data.x.names.length, data.y.label, data.y.log, data.beside?.label, hasNumbers(data),
+    data.lines.map(({ name, kind, colour, right, low }) => [name, kind, colour, right, !!low]),
+  ]);
+  const forget = figure => {
+    const chart = charts.get(figure), groupOf = chart?.data_.group && groups[chart.data_.group];
+    if (groupOf) groupOf.charts.splice(groupOf.charts.indexOf(chart), 1);
+    chart?.destroy();
+    charts.delete(figure);
+    figures.splice(figures.indexOf(figure), 1);
+    observer.unobserve(figure);
+  };
+  const observe = figure => {
+    figures.push(figure);
+    observer.observe(figure);
+  };
+  // Gives a figure what a newer one of the same place shows. Only one that has other lines or axes is drawn anew.
+  const renew = (figure, newer) => {
+    const chart = charts.get(figure), script = figure.querySelector("script"), text = newer.querySelector("script").textContent;
+    const { data, columns } = contentOf(newer), isSame = script.textContent === text;
+    if (!chart || formOf(figure, chart.data_) !== formOf(newer, data)) {
+      forget(figure);
+      figure.replaceWith(newer);
+      observe(newer);
+    } else if (!isSame) {
+      script.textContent = text;
+      figure.setAttribute("aria-label", newer.getAttribute("aria-label"));
+      // The chart's functions hold these axes, and its legend is at "at".
+      const { x, y, beside } = chart.data_, { at } = chart.data_;
+      Object.assign(chart.data_, data, { at, x: Object.assign(x, data.x), y: Object.assign(y, data.y), beside: beside && Object.assign(beside, data.beside) });
+      if (data.group && !data.lines.length) groups[data.group].modes = data.spans;
+      chart.setData(columns, false);
+    }
+  };
+  // After charts were renewed: those that showed all show all, those zoomed to the end follow it, others stay.
+  const follow = group => {
+    const [first, last] = group.whole, [min, max] = group.span ?? group.whole, wholes = group.charts.map(({ data_ }) => wholeOf(data_));
+    const newest = [Math.min(...wholes.map(([start]) => start)), Math.max(...wholes.map(([, end]) => end))], later = newest[1] - last;
+    group.whole = newest;
+    if (min <= first && max >= last) zoom(group, ...newest); else if (max >= last) zoom(group, min + later, max + later); else zoom(group, min, max);
+  };
+  // The time under the cursor of a group's charts; null where there is none, or the mouse holds it at its place.
+  const cursorOf = group => {
+    const chart = group.charts.find(({ cursor }) => cursor.idx != null && cursor.left >= 0);
+    return !chart || group.charts.some(({ over }) => over.matches(":hover")) ? null : chart.posToVal(chart.cursor.left, "x");
+  };
   root.classList.add("plotted");
   let isFirst = true;
   const observer = new ResizeObserver(entries => requestAnimationFrame(() => {
@@ -466,8 +521,7 @@
     header.append(Object.assign(element("h3"), { textContent: label }));
     figure.append(header, element("div", "plot"), Object.assign(element("script"), { type: "application/json", textContent: JSON.stringify(data) }));
     column.append(figure);
-    figures.push(figure);
-    observer.observe(figure);
+    observe(figure);
     return {
       figure, header,
       replace: (times, values) => {
@@ -479,14 +533,10 @@
         chart.batch(() => { chart.setData([times, values], false); chart.setScale("x", { min, max }); });
       },
       remove: () => {
-        const chart = charts.get(figure);
-        if (chart) groups.flight.charts.splice(groups.flight.charts.indexOf(chart), 1), chart.destroy();
-        charts.delete(figure);
-        figures.splice(figures.indexOf(figure), 1);
-        observer.unobserve(figure);
+        forget(figure);
         figure.remove();
       },
     };
   };
-  root.charts = { add, groups, zoom, setCursor, unpack, digits };
+  root.charts = { add, renew, observe, forget, follow, cursorOf, groups, zoom, setCursor, unpack, digits };
 })();

@@ -97,6 +97,7 @@ class Server:
             "GET /f/{id}/viewer": pages.viewer,
             "GET /f/{id}/{name}": pages.file,
             "GET /live": self._live_pages.live_session,
+            "GET /live/update": self._live_pages.live_session_update,
             "GET /vehicle": pages.vehicle,
             "GET /compare": pages.compare,
             "GET /enter": sign_in.form,

@@ -3,7 +3,7 @@
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from datetime import UTC, datetime
-from math import nan
+from math import inf, nan
 from pathlib import Path
 from threading import Event as ThreadEvent
 from threading import Thread
@@ -30,7 +30,7 @@ from mavdem.live.vehicle_selection import Component
 from mavdem.report.pages.page import PageLink
 from mavdem.report.templates import Medium, sentences_for
 from mavdem.serve.library import Library
-from mavdem.serve.live_pages import PAGE_SECONDS, session_page
+from mavdem.serve.live_pages import NEWS_SECONDS, PAGE_SECONDS, SessionPage, session_page
 
 MAX_SILENT_PAGES = 12
 """Pages in a row during which nothing is received, a minute in all, after which the session of a vehicle is over."""
@@ -122,7 +122,11 @@ class LinkMonitor:
             Unreadable: the link cannot be opened.
         """
         self.problem: Fact | None = None
-        self._page = ""
+        self._page = SessionPage("", clock.monotonic())
+        # Whether the session has reported something that its page does not show yet.
+        self._has_news = False
+        # When ``_update_page`` was called last, s of the monotonic clock.
+        self._update_time = -inf
         # The page of the session before, which is shown until another vehicle is received; empty for none.
         self._finished_page = ""
         # The recording of the session before, in the library.
@@ -160,8 +164,8 @@ class LinkMonitor:
         self._link.close()
 
     @property
-    def page(self) -> str:
-        """The HTML page of the running session, which is at most a few seconds old.
+    def page(self) -> SessionPage:
+        """The page of the running session, which is at most a few seconds old; empty before the first one.
 
         Until its vehicle is received, it is that of the session before, if there was one.
 
@@ -233,8 +237,8 @@ class LinkMonitor:
                     session,
                     lambda: self._is_over() or self._has_restarted or session.successor is not None,
                     None,
-                    PAGE_SECONDS,
-                    self._update_page,
+                    NEWS_SECONDS,
+                    self._watch_session,
                 )
                 # A flight whose landing was reported is not reported again.
                 session.report_end(session.status, None)
@@ -315,6 +319,7 @@ class LinkMonitor:
             OSError: the event is the end of the recording, and this error ends the session.
         """
         fact = event.fact
+        self._has_news = True
         if fact.code is LinkFact.STREAM_RECORDING_ENDED:
             raise OSError(fact.figures["error"])
         if fact.code in (ReportedEvent.OFF_GROUND, ReportedEvent.ON_GROUND):
@@ -340,6 +345,20 @@ class LinkMonitor:
         """Returns whether the session is to end, since the server stops or the vehicle has been silent for long."""
         return self._is_stopping.is_set() or self._silent_pages >= MAX_SILENT_PAGES
 
+    def _watch_session(self, session: LiveSession) -> None:
+        """Renders the page of a live session again if it is old or lacks an event; called every ``NEWS_SECONDS``.
+
+        Args:
+            session: the running session.
+
+        Raises:
+            Refusal: the disk is nearly full.
+        """
+        if clock.monotonic() - self._update_time >= PAGE_SECONDS:
+            self._update_page(session)
+        elif self._has_news:
+            self._render_page(session)
+
     def _update_page(self, session: LiveSession) -> None:
         """Renders the page of a live session again; called every ``PAGE_SECONDS``.
 
@@ -352,6 +371,7 @@ class LinkMonitor:
         Raises:
             Refusal: the disk is nearly full, so the session should end while its recording can still be kept.
         """
+        self._update_time = clock.monotonic()
         self._library.check_space(0)
         recording = session.intake.recording
         # A recording that fails ends the session before its next page.
@@ -366,16 +386,25 @@ class LinkMonitor:
         else:
             self._silent_pages = 0
         self._frames_at_last_page = frames
+        self._render_page(session)
+
+    def _render_page(self, session: LiveSession) -> None:
+        """Renders the page of a live session as it is now.
+
+        Until its vehicle is received, the page stays that of the session before, if there was one.
+
+        Args:
+            session: the running session.
+        """
+        self._has_news = False
         status = session.status
-        if self._finished_page:
-            if _awaits_vehicle(status):
-                self._page = self._finished_page
-                return
+        if self._finished_page and not _awaits_vehicle(status):
             self._finished_page = ""
         links = [] if self._latest_flight is None else [self._latest_flight]
-        self._page = session_page(
+        html = self._finished_page or session_page(
             session, status, self._library.names, back=LIBRARY_LINK, links=links
         )
+        self._page = SessionPage(html, clock.monotonic())
 
 
 def _recording_name(first_time: datetime) -> str:

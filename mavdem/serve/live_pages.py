@@ -1,6 +1,11 @@
-"""The page of a live session, and the endpoint of a server that answers with it."""
+"""The page of a live session, and the endpoints of a server that answer with it and with what is new in it."""
 
+import asyncio
 from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from hashlib import sha256
+from http import HTTPStatus
 from typing import Protocol
 
 from starlette.requests import Request as HttpRequest
@@ -9,23 +14,70 @@ from starlette.responses import HTMLResponse, Response
 from mavdem.errors import Refusal
 from mavdem.facts.serve import Permission, RefusalReason
 from mavdem.fleet.names import NO_NAMES, GivenNames
+from mavdem.live import clock
 from mavdem.live.session import LiveSession
 from mavdem.live.session_status import SessionStatus
 from mavdem.report.pages.flight_page import live_page
-from mavdem.report.pages.page import PageLink
+from mavdem.report.pages.page import PageLink, page_update
 from mavdem.report.templates import Medium, sentences_for
 from mavdem.serve.rights import Rights
 
 PAGE_SECONDS = 5.0
-"""Seconds between two pages of a session."""
+"""Seconds between two pages of a session; one with an alarm or another event comes at once."""
+
+NEWS_SECONDS = 0.2
+"""Seconds between two looks whether a session has reported something that its page does not show: a choice."""
+
+MAX_FIRST_PAGE_WAIT = 20.0
+"""Seconds for which a browser waits for the first page of a session, at most.
+
+The process that learns starts before the session, which takes seconds.
+"""
+
+MAX_UPDATE_WAIT = 2.0
+"""Seconds for which the answer on what is new in a session waits until something is: a choice.
+
+A page that gets no answer for longer says so.
+"""
+
+UPDATE_POLL_SECONDS = 0.1
+"""Seconds between two looks whether there is a newer page for a waiting browser: a choice; an alarm comes at once."""
+
+
+@dataclass(frozen=True)
+class SessionPage:
+    """The page of a live session as it was at one moment."""
+
+    html: str
+    """The page as HTML; empty before there is one."""
+
+    made_time: float
+    """When it was made, s of the monotonic clock."""
+
+    @cached_property
+    def tag(self) -> str:
+        """A text that no other page has, as the header ETag needs it; empty before there is a page."""
+        if not self.html:
+            return ""
+        return f'"{sha256(self.html.encode()).hexdigest()}"'
+
+    @cached_property
+    def update(self) -> str:
+        """What the page shows, without its style and scripts, for browsers in which an earlier one is open."""
+        return page_update(self.html)
+
+    @property
+    def age(self) -> float:
+        """Time since it was made, s."""
+        return clock.monotonic() - self.made_time
 
 
 class SessionPages(Protocol):
     """What renders the page of a live session again and again."""
 
     @property
-    def page(self) -> str:
-        """The HTML page of the running session, which is at most a few seconds old.
+    def page(self) -> SessionPage:
+        """The page of the running session, which is at most a few seconds old; empty before the first one.
 
         Raises:
             Refusal: no session runs any more.
@@ -33,10 +85,10 @@ class SessionPages(Protocol):
 
 
 class LivePages:
-    """The endpoint of a server that answers with the page of a live session."""
+    """The endpoints of a server that answer with the page of a live session, and with what is new in it."""
 
     def __init__(self, rights: Rights, session_pages: SessionPages | None) -> None:
-        """Takes what the answer depends on.
+        """Takes what the answers depend on.
 
         Args:
             rights: who may read the page.
@@ -45,12 +97,47 @@ class LivePages:
         self._rights = rights
         self._session_pages = session_pages
 
-    def live_session(self, request: HttpRequest) -> Response:
-        """Answers with the page of the live session, which the browser loads again every few seconds."""
+    async def live_session(self, request: HttpRequest) -> Response:
+        """Answers with the page of the live session, which keeps itself up to date in the browser."""
+        page = await self._newest_page(request, MAX_FIRST_PAGE_WAIT)
+        return HTMLResponse(page.html)
+
+    async def live_session_update(self, request: HttpRequest) -> Response:
+        """Answers with what is new in the live session, for a browser in which its page is open.
+
+        The header If-None-Match has the tag of the page that the browser shows. While that is the newest one, the
+        answer waits for ``MAX_UPDATE_WAIT``, and then is 304, as it is before the first page. Its header Age has the
+        seconds since the newest page was made.
+        """
+        shown_tag = request.headers.get("if-none-match", "")
+        page = await self._newest_page(request, MAX_UPDATE_WAIT, shown_tag)
+        headers = {"ETag": page.tag, "Age": f"{page.age:.1f}"}
+        if page.tag in ("", shown_tag):
+            return Response(status_code=HTTPStatus.NOT_MODIFIED, headers=headers)
+        return HTMLResponse(page.update, headers=headers)
+
+    async def _newest_page(
+        self, request: HttpRequest, longest_wait: float, shown_tag: str = ""
+    ) -> SessionPage:
+        """Returns the page of the live session, after waiting for the first one, or for another than is shown.
+
+        Args:
+            request: the request, whose sender needs the right to read.
+            longest_wait: time after which the page is returned as it is, s.
+            shown_tag: tag of the page that the browser shows; empty for none.
+
+        Raises:
+            Refusal: the sender has no right, the server has no link, or no session runs any more.
+        """
         self._rights.require(request, Permission.READ)
         if self._session_pages is None:
             raise Refusal(RefusalReason.NO_SUCH_FLIGHT)
-        return HTMLResponse(self._session_pages.page, headers={"Refresh": f"{PAGE_SECONDS:g}"})
+        deadline = clock.monotonic() + longest_wait
+        page = self._session_pages.page
+        while page.tag in ("", shown_tag) and clock.monotonic() < deadline:
+            await asyncio.sleep(UPDATE_POLL_SECONDS)
+            page = self._session_pages.page
+        return page
 
 
 def session_page(
@@ -85,4 +172,5 @@ def session_page(
             links=links,
             saved_flight=saved_flight,
             names=names,
+            refresh_seconds=PAGE_SECONDS,
         )

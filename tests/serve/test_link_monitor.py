@@ -84,12 +84,12 @@ def test_a_session_has_a_page_and_leaves_its_log(tmp_path, heard):
     begin, library, warned, come = heard
     live = begin()
     until(lambda: come)  # it is silent
-    assert "udpin:127.0.0.1:" in live.page and not warned
-    assert '<a href="/">← Flights</a>' in live.page and "the last 0 s" not in live.page
+    assert "udpin:127.0.0.1:" in live.page.html and not warned
+    assert '<a href="/">← Flights</a>' in live.page.html and "the last 0 s" not in live.page.html
     (entry,), _ = library.find("1", [], 10)
     # While the next session waits for a vehicle, the page is that of the flight, and leads to its recording.
-    until(lambda: "This flight is over." in live.page)
-    assert f'<a href="/f/{entry.id}">' in live.page
+    until(lambda: "This flight is over." in live.page.html)
+    assert f'<a href="/f/{entry.id}">' in live.page.html
     (telemetry,) = read_log(library.log_path(entry)).vehicles
     assert (telemetry.system, telemetry.component) == (1, 1)
     # The flight is named after its first frame, not after the time since when the server listened.
@@ -115,6 +115,23 @@ def test_a_session_is_over_when_a_vehicle_that_was_heard_is_silent_for_a_minute(
     assert seconds == 60
 
 
+def test_the_page_has_an_alarm_at_once_and_other_changes_every_five_seconds(idle, monkeypatch):
+    live, _ = idle
+    pages = (f"page {number}" for number in count())
+    monkeypatch.setattr(live_pages, "live_page", lambda *_, **__: next(pages))
+    session = Mock(status=SessionStatus("1:1"))
+    session.intake.recording.frame_count = session.stream.followed_vehicle.frame_count = 0
+    live._watch_session(session)
+    live._watch_session(session)
+    assert live.page.html == "page 0"
+    live._take_event(HappenedEvent(4.0, Fact(ReportedEvent.BATTERY_ALARMED, Level.BAD)))
+    live._watch_session(session)
+    assert live.page.html == "page 1"
+    live._update_time -= link_monitor.PAGE_SECONDS
+    live._watch_session(session)
+    assert live.page.html == "page 2"
+
+
 def test_a_finished_flight_is_shown_until_the_next_vehicle_comes(idle, monkeypatch):
     live, _ = idle
     monkeypatch.setattr(live_pages, "live_page", Mock(return_value="running"))
@@ -132,7 +149,7 @@ def test_a_finished_flight_is_shown_until_the_next_vehicle_comes(idle, monkeypat
     ):
         session.status = status
         live._update_page(session)
-        shown.append(live.page)
+        shown.append(live.page.html)
     assert shown == ["finished", "finished", "running", "running"]
 
 
@@ -181,7 +198,7 @@ def test_the_page_of_a_server_advises_an_option_that_the_server_has(idle, monkey
     session.stream.followed_vehicle = None
     session.intake.recording.frame_count = 0
     live._update_page(session)
-    assert "Start this server with `--request-rate 100`" in live.page
+    assert "Start this server with `--request-rate 100`" in live.page.html
     assert "--request-rate" in {name for option in serve_command.params for name in option.opts}
 
 

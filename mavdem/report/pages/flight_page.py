@@ -676,6 +676,7 @@ def live_page(
     links: Sequence[PageLink] = (),
     saved_flight: PageLink | None = None,
     names: GivenNames = NO_NAMES,
+    refresh_seconds: float | None = None,
 ) -> str:
     """Returns the HTML of the page of a live flight.
 
@@ -690,6 +691,7 @@ def live_page(
         links: other pages at the top, such as that of the flight before.
         saved_flight: the page of this flight in the library of a server, where it is over; None for none.
         names: names that were given to vehicles in the library of a server.
+        refresh_seconds: time after which a server has a newer page, s; None for a page that does not change.
     """
     # Imported here: a page of a log needs nothing of live sessions.
     from mavdem.report.live import live_title
@@ -719,6 +721,7 @@ def live_page(
         is_in_flight=status.is_flying and not status.is_over,
         links=links,
         saved_flight=saved_flight,
+        refresh_seconds=refresh_seconds,
     )
     sentences = judgement_sentences(judgement)
     return render_document(

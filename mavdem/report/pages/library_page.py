@@ -54,7 +54,14 @@ AUTOPILOT_NAMES = {"ARDUPILOTMEGA": "ArduPilot", "PX4": "PX4"}
 METRES_PER_KILOMETRE = 1000
 """Metres of a kilometre."""
 
-CHART_SCRIPTS = ("sharp.js", "uplot/uPlot.iife.min.js", "charts.js", "page.js", "notch.js")
+CHART_SCRIPTS = (
+    "sharp.js",
+    "uplot/uPlot.iife.min.js",
+    "charts.js",
+    "page.js",
+    "notch.js",
+    "live.js",
+)
 """The scripts within a page: those that draw its charts, and what else it does."""
 
 

@@ -222,6 +222,10 @@ class Head(NamedTuple):
     is_in_flight: bool = False
     """Whether the vehicle of that session flies."""
 
+    refresh_seconds: float | None = None
+    """Time after which a browser without JavaScript loads the page of that session again, s; with it, the page takes
+    over what is new by itself. None for a page that does not change."""
+
     links: Sequence[PageLink] = ()
     """Other pages at the top, such as that of the flight before."""
 
@@ -324,6 +328,20 @@ def render_document(
         points=max_points,
         has_charts=has_charts,
     )
+
+
+def page_update(page: str) -> str:
+    """Returns the title and the main part of a page, without its style and scripts, which an open page has already.
+
+    The script ``live.js`` puts what is new in it into the open page.
+
+    Args:
+        page: HTML of a page, as ``render_document`` returns it.
+    """
+    title = page[page.index("<title>") : page.index("</title>")]
+    # All text of the page is escaped, so that these tags stand once in it.
+    main = page[page.index("<main>") : page.index("</main>")]
+    return f"<!doctype html>\n{title}</title>\n{main}</main>\n"
 
 
 def notebook_html(blocks: Sequence[Block]) -> str:

@@ -307,33 +307,6 @@ def test_a_live_flight_has_what_was_trained_on_its_events_and_no_wind_below_0():
     assert (np.nanmin(wind.lower_edge), np.nanmax(wind.upper_edge)) == (0.0, 2.5)
 
 
-ZOOM_AND_OPEN = """(() => {
-  const { groups, zoom } = document.documentElement.charts;
-  document.querySelector("details.events").open = true;
-  zoom(groups.flight, groups.flight.whole[1] - 1, groups.flight.whole[1]);
-  document.querySelector("details.events summary").focus();
-  window.isBefore = true;
-  location.reload();
-})()"""
-
-IS_RESTORED = """(({ span, whole }) => !window.isBefore && document.querySelector("details.events").open
-  && span[0] === whole[1] - 1 && span[1] === whole[1]
-  && document.activeElement.textContent === "Earlier events")(document.documentElement.charts.groups.flight)"""
-
-
-@mark.slow
-def test_a_page_that_is_loaded_again_keeps_what_was_opened_zoomed_and_focused(
-    live_document, tmp_path, browser
-):
-    (tmp_path / "page.html").write_text(live_document)
-    with browser.tab() as tab:
-        tab.size(1280)
-        tab.open((tmp_path / "page.html").as_uri())
-        tab.until("document.documentElement.charts.groups.flight")
-        tab.run(ZOOM_AND_OPEN)
-        tab.until(IS_RESTORED)
-
-
 @fixture
 def live_document():
     """The page of a session that goes on, with twelve events."""

@@ -1,0 +1,110 @@
+// Keeps the page of a session up to date: the server sends what has changed, and it takes the place of what was there, so
+// that scroll, opened parts, the cursor, the zoom and the keyboard stay where they are. While the server does not answer,
+// the page keeps its last state, looks old, and says for how long.
+(() => {
+  const root = document.documentElement, charts = root.charts, main = document.querySelector("main");
+  // Seconds without an answer, and with answers that have nothing new, after which the page says so: the server answers
+  // within two seconds, and makes a new state every five.
+  const LONGEST_SILENCE = 5, LONGEST_PAUSE = 15;
+  // Milliseconds until an answer is given up, and from a failure to the next request.
+  const PATIENCE = 8000, RETRY = 1000;
+
+  // Parts that scripts fill, or that a click changes.
+  const OWN_PARTS = "#now, #all", KEPT_ATTRIBUTES = ["open"];
+  const nameOf = node => {
+    if (node.nodeType !== Node.ELEMENT_NODE) return node.nodeName;
+    const title = node.tagName === "TR" ? node.textContent : node.matches("figure, details") ? node.querySelector("h3, summary")?.textContent : "";
+    return [node.tagName, node.id, node.dataset.light, title].join(" ");
+  };
+  // Makes a part of the page like a newer one, and keeps every element that is in both.
+  const renew = (part, newer) => {
+    if (part.nodeType !== Node.ELEMENT_NODE) {
+      if (part.data !== newer.data) part.data = newer.data;
+      return;
+    }
+    if (part.matches("figure.chart")) return charts.renew(part, newer);
+    if (part.matches(OWN_PARTS) || part.isEqualNode(newer)) return;
+    for (const { name } of [...part.attributes]) if (!newer.hasAttribute(name) && !KEPT_ATTRIBUTES.includes(name)) part.removeAttribute(name);
+    for (const { name, value } of newer.attributes) if (!KEPT_ATTRIBUTES.includes(name) && part.getAttribute(name) !== value) part.setAttribute(name, value);
+    let next = part.firstChild;
+    for (const child of [...newer.childNodes]) {
+      let same = next;
+      while (same && nameOf(same) !== nameOf(child)) same = same.nextSibling;
+      if (!same) {
+        part.insertBefore(child, next);
+        observeCharts(child, charts.observe);
+        continue;
+      }
+      // What stands between has no counterpart in the newer page.
+      while (next !== same) next = removed(next);
+      next = same.nextSibling;
+      renew(same, child);
+    }
+    while (next) next = removed(next);
+  };
+  const removed = node => {
+    const next = node.nextSibling;
+    observeCharts(node, charts.forget);
+    node.remove();
+    return next;
+  };
+  const observeCharts = (node, action) => {
+    if (node.nodeType === Node.ELEMENT_NODE) for (const figure of [node, ...node.querySelectorAll("figure.chart")]) if (figure.matches("figure.chart")) action(figure);
+  };
+
+  // A plot is not changed under a finger or a pressed button, which may be choosing what to zoom to.
+  let isPressed = false;
+  for (const [kind, pressed] of [["pointerdown", true], ["pointerup", false], ["pointercancel", false]]) addEventListener(kind, () => { isPressed = pressed; }, true);
+
+  const show = text => {
+    const newer = new DOMParser().parseFromString(text, "text/html"), flight = charts.groups.flight;
+    // Another version of the program may have other scripts and another style.
+    if (newer.querySelector("footer").textContent !== main.querySelector("footer").textContent) return location.reload();
+    const time = flight && charts.cursorOf(flight);
+    document.title = newer.title;
+    renew(main, newer.querySelector("main"));
+    for (const group of Object.values(charts.groups)) if (group.charts.length) charts.follow(group);
+    if (time != null) charts.setCursor(flight, time);
+    root.dispatchEvent(new Event("renewed"));
+  };
+
+  // When the server answered last, and when it made the state that is shown, ms; what it answers in the place of a state.
+  let answerTime = Date.now(), stateTime = Date.now(), tag = "", refusal = "", waiting = null;
+  const request = async () => {
+    const answer = await fetch(`${location.pathname}/update`, { cache: "no-store", signal: AbortSignal.timeout(PATIENCE), headers: tag ? { "If-None-Match": tag } : {} });
+    const text = await answer.text(), isState = answer.ok || answer.status === 304;
+    answerTime = Date.now();
+    refusal = isState ? "" : [...new DOMParser().parseFromString(text, "text/html").querySelectorAll("main > h1, main > p")].map(part => part.textContent).join(" ");
+    if (!isState) throw new Error(refusal);
+    stateTime = answerTime - 1000 * answer.headers.get("Age");
+    if (answer.ok) waiting = { text, tag: answer.headers.get("ETag") };
+    if (!waiting || isPressed) return;
+    show(waiting.text);
+    ({ tag } = waiting);
+    waiting = null;
+  };
+
+  // The line that says how old the page is stands above everything, where it stays while the page is scrolled.
+  const line = Object.assign(document.createElement("p"), { id: "unanswered", hidden: true });
+  line.setAttribute("role", "alert");
+  document.body.prepend(line);
+  const tell = () => {
+    const silence = Math.round((Date.now() - answerTime) / 1000), age = Math.round((Date.now() - stateTime) / 1000);
+    const words = refusal ? `mavdem does not show the session: ${refusal}`
+      : silence >= LONGEST_SILENCE ? `No answer from mavdem for ${silence} s.`
+      : age >= LONGEST_PAUSE ? `mavdem answers, but has had nothing new for ${age} s.` : "";
+    line.hidden = !words;
+    root.classList.toggle("unanswered", !!words);
+    if (!words) return;
+    line.textContent = `${words} What is below is ${age} s old.`;
+  };
+  setInterval(tell, 1000);
+
+  const followSession = async () => {
+    for (;;) {
+      try { await request(); } catch { await new Promise(resolve => setTimeout(resolve, RETRY)); }
+      tell();
+    }
+  };
+  followSession();
+})();

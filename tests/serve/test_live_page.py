@@ -1,0 +1,148 @@
+"""The page of a live session in Chromium: it takes over what is new, keeps its place, and says when nothing comes."""
+
+from live_rows import flown
+from pytest import fixture, mark
+from serving import serving
+
+from mavdem.facts import Fact
+from mavdem.facts.event import Event
+from mavdem.facts.session import TimeUse, VehicleFact
+from mavdem.live import clock
+from mavdem.live.history import LiveHistory
+from mavdem.live.session_status import SessionStatus
+from mavdem.report.pages.flight_page import live_page
+from mavdem.serve.live_pages import SessionPage
+
+pytestmark = mark.slow
+
+FLIGHT = "document.documentElement.charts.groups.flight"
+HEADLINE = "document.querySelector('.headline').innerText"
+LOUD_LINE = "(document.querySelector('#unanswered:not([hidden])')?.innerText ?? '')"
+
+
+class Session:
+    """A session whose vehicle flies some seconds when it is told to, in the place of the monitor of a link."""
+
+    def __init__(self):
+        self.history = LiveHistory()
+        self.end = 100.0
+        self.fly(4.0)
+
+    def start(self):
+        pass
+
+    def stop(self):
+        pass
+
+    def fly(self, seconds):
+        """Adds some seconds of flight, at whose end the vehicle reboots, and makes a page of it."""
+        flown(self.history, seconds, start=self.end)
+        self.end += seconds
+        reboot = Fact(VehicleFact.VEHICLE_REBOOTED, time=self.end, clock=self.end)
+        self.history.events.append(Event(self.end, reboot, reception=0.0))
+        self.show(SessionStatus("1:1", is_flying=True, message_age=0.0))
+
+    def show(self, status):
+        """Makes the page of a status."""
+        account = dict.fromkeys(TimeUse, 0.0)
+        html = live_page("udp", "roll", self.history, status, account, None, refresh_seconds=5.0)
+        self.page = SessionPage(html, clock.monotonic())
+
+
+@fixture
+def session():
+    return Session()
+
+
+@fixture
+def tab(tmp_path, browser, session):
+    """A tab with the page of the session."""
+    with serving(tmp_path, monitor=session) as server, browser.tab() as tab:
+        tab.size(1280)
+        tab.open(f"{server.address}/live")
+        tab.until(FLIGHT)
+        yield tab
+
+
+READ = """(() => {
+  const { groups, setCursor, zoom } = document.documentElement.charts;
+  window.isSamePage = true;
+  document.querySelector("#prediction-of-roll-in-flight-and-the-link details").open = true;
+  document.querySelector("[data-light=power]").focus();
+  zoom(groups.flight, 101, 103);
+  return new Promise(drawn => setTimeout(() => {
+    setCursor(groups.flight, 102);
+    scrollTo(0, 250);
+    drawn();
+  }, 50));
+})()"""
+PLACE = """(flight => ({
+  isSamePage: window.isSamePage,
+  scroll: scrollY,
+  span: flight.span,
+  light: document.activeElement.dataset.light,
+  isOpen: document.querySelector("#prediction-of-roll-in-flight-and-the-link details").open,
+  cursor: Math.round(10 * flight.charts[0].posToVal(flight.charts[0].cursor.left, "x")) / 10,
+}))(document.documentElement.charts.groups.flight)"""
+LAST_TIME = f"{FLIGHT}.charts.at(-1).data_.columns.at(-1)"
+
+
+def test_a_page_takes_over_what_is_new_and_keeps_its_readers_place(session, tab):
+    tab.run(READ)
+    place = tab.run(PLACE)
+    assert tab.run(LAST_TIME) < 104.0
+    session.fly(4.0)
+    tab.until(f"{LAST_TIME} > 107 && document.querySelectorAll('tr[data-at]').length === 2")
+    assert tab.run(PLACE) == place
+    assert place["span"] == [101, 103] and place["cursor"] == 102 and place["isOpen"]
+    assert tab.said == []
+
+
+def test_what_shows_the_whole_flight_or_its_end_follows_the_flight(session, tab):
+    whole = tab.run(f"{FLIGHT}.whole")
+    session.fly(4.0)
+    tab.until(f"{FLIGHT}.span[1] > 107")
+    assert tab.run(f"{FLIGHT}.span[0]") == whole[0]
+    tab.run(f"document.documentElement.charts.zoom({FLIGHT}, 105, {FLIGHT}.whole[1])")
+    session.fly(4.0)
+    tab.until(f"{FLIGHT}.span[1] > 111 && {FLIGHT}.span[0] > 108")
+
+
+def test_a_page_without_an_answer_keeps_its_state_says_for_how_long_and_recovers(session, tab):
+    headline = tab.run(HEADLINE)
+    tab.command("Network.enable")
+    offline = {"latency": 0, "downloadThroughput": -1, "uploadThroughput": -1}
+    tab.command("Network.emulateNetworkConditions", offline=True, **offline)
+    tab.until(f"/^No answer from mavdem for \\d+ s/.test({LOUD_LINE})")
+    first = tab.run(LOUD_LINE)
+    tab.until(f"{LOUD_LINE} !== {first!r}")
+    assert tab.run(HEADLINE) == headline
+    assert "grayscale" in tab.run("getComputedStyle(document.querySelector('main')).filter")
+    session.show(SessionStatus("1:1", no_model_reason=Fact(VehicleFact.NO_VEHICLE_YET)))
+    tab.command("Network.emulateNetworkConditions", offline=False, **offline)
+    tab.until(f"{LOUD_LINE} === '' && {HEADLINE} !== {headline!r}")
+    assert tab.run("getComputedStyle(document.querySelector('main')).filter") == "none"
+
+
+def test_a_page_whose_server_has_nothing_new_says_so(session, tab):
+    session.page = SessionPage(session.page.html, clock.monotonic() - 60.0)
+    tab.until(f"{LOUD_LINE}.includes('has had nothing new for 6')")
+    session.fly(4.0)
+    tab.until(f"{LOUD_LINE} === ''")
+
+
+def test_without_javascript_a_page_is_loaded_again(session):
+    assert '<noscript><meta http-equiv="refresh" content="5"></noscript>' in session.page.html
+
+
+def test_an_update_has_no_style_no_script_and_waits_until_something_is_new(tmp_path, session):
+    with serving(tmp_path, monitor=session) as server:
+        answer = server.get("/live/update")
+        assert "<style" not in answer.text and "uPlot" not in answer.text
+        assert "<title>" in answer.text and answer.text.count("<main>") == 1
+        start = clock.monotonic()
+        shown = {"If_None_Match": answer.headers["ETag"]}
+        assert server.get("/live/update", **shown).status == 304
+        assert clock.monotonic() - start > 1.0
+        session.fly(4.0)
+        assert server.get("/live/update", **shown).status == 200
