@@ -36,7 +36,7 @@ class AttitudeError:
 
 
 WITHOUT_SETPOINT_SHARE = 0.5
-"""Share of an angle that counts as its error where its setpoint was not recorded: the rest may be intended.
+"""Fraction of an angle that counts as its error where its setpoint was not recorded: the rest may be intended.
 
 A choice, in the middle, since such an angle may be intended wholly or not at all.
 """
@@ -75,7 +75,8 @@ def largest_error(error: AttitudeError, interval: TimeInterval) -> LargestError 
     angle = float(error.magnitude[row])
     has_setpoint = bool(error.has_setpoint[row])
     if not has_setpoint:
-        # Without a setpoint ``attitude_error`` counts only this share of the lean as error. Dividing restores the lean.
+        # Without a setpoint ``attitude_error`` counts only this fraction of the lean as error. Dividing restores the
+        # lean.
         angle /= WITHOUT_SETPOINT_SHARE
     return LargestError(angle, has_setpoint, float(error.time[row]))
 

@@ -50,8 +50,8 @@ ALOFT_HEIGHT = 5.0
 """Height, m, above the take-off from which on a knock alone shows no contact; slopes, bushes and the error of a
 barometer are lower."""
 
-MIN_GYRO_SHARE = 0.3
-"""Share of the change of attitude that the largest body rates explain, below which the gyro contradicts a loss.
+MIN_GYRO_FRACTION = 0.3
+"""Fraction of the change of attitude that the largest body rates explain, below which the gyro contradicts a loss.
 
 A gyro logged at 10 Hz misses a part of a tumble, but not most of it.
 """
@@ -386,7 +386,7 @@ class _AttitudeLoss(NamedTuple):
 
         If only the setpoint changed, the angles did not. If the estimated angles changed but the gyro measured no
         rotation, the estimate is wrong. So the larger change of roll or pitch must be at least ``ONSET_ANGLE``, and the
-        gyro must have measured at least ``MIN_GYRO_SHARE`` of it.
+        gyro must have measured at least ``MIN_GYRO_FRACTION`` of it.
 
         Args:
             onset: time when the attitude began to leave its setpoint, s since boot.
@@ -418,7 +418,7 @@ class _AttitudeLoss(NamedTuple):
                 end_time=end,
                 body_rate=fastest_rotation.body_rate,
             )
-        if largest_turn < MIN_GYRO_SHARE * largest_change:
+        if largest_turn < MIN_GYRO_FRACTION * largest_change:
             return contradicting_fact(
                 SensorFact.GYRO_DISAGREED, time=onset, end_time=end, angle=largest_change
             )

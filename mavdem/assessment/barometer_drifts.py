@@ -23,8 +23,8 @@ WEATHER_RATE = 0.1 / 60
 NOISE_RATIO = 4.0
 """Change of the barometer's height over its scatter at rest from which on it is no noise."""
 
-MAX_SATELLITE_SHARE = 0.5
-"""Change of the altitude by satellites, as a share of the barometer's, up to which it denies that one; a choice.
+MAX_SATELLITE_FRACTION = 0.5
+"""Change of the altitude by satellites, as a fraction of the barometer's, up to which it denies that one; a choice.
 
 A vehicle that lands at another height changes both by the same amount.
 """
@@ -61,8 +61,8 @@ def barometer_drifts(
     is_large = abs(change) >= limit
     # The size of the change by satellites decides, not its sign: one that is large the other way shows that the
     # altitude by satellites drifted itself, and proves no drift of the barometer.
-    satellite_share = abs(heights.satellite_change / change) if change else 0.0
-    is_level_by_satellites = satellite_share <= MAX_SATELLITE_SHARE
+    satellite_fraction = abs(heights.satellite_change / change) if change else 0.0
+    is_level_by_satellites = satellite_fraction <= MAX_SATELLITE_FRACTION
     is_one_place = heights.distance <= MAX_DISTANCE
     if not (is_large and is_level_by_satellites and is_one_place):
         return

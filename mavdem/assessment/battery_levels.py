@@ -52,7 +52,7 @@ charge, after the prefix of the battery; 0 for none."""
 
 
 def ardupilot_charge_levels(parameters: Parameters, number: int) -> Limits:
-    """Returns the shares of the full charge below which ArduPilot acts on a low and on a critical battery.
+    """Returns the fractions of the full charge below which ArduPilot acts on a low and on a critical battery.
 
     Args:
         parameters: values of the autopilot's parameters by their names.

@@ -76,7 +76,7 @@ class Condition(ImmutableResult):
     """Half widths of the 90 % intervals of the motors' ``hover.trim_share``, within this flight, not between flights;
     None for a flight that is too short."""
     command: dict[str, MeanFigure] = field(default_factory=dict)
-    """For each axis whose mixer is known, the combination of the motors that turns it, as a share of their range:
+    """For each axis whose mixer is known, the combination of the motors that turns it, as a fraction of their range:
     positive to the right, nose up, nose to the right. It balances a shifted load, steady wind or a weak motor."""
     lean: dict[str, MeanFigure] = field(default_factory=dict)
     """Roll and pitch, rad."""
@@ -100,7 +100,7 @@ class Condition(ImmutableResult):
 
     @property
     def collective(self) -> float | None:
-        """Mean output of all motors in settled flight, as a share of their range."""
+        """Mean output of all motors in settled flight, as a fraction of their range."""
         if self.hover is None:
             return None
         return float(np.mean(self.hover.trim_of_range))
@@ -131,7 +131,7 @@ def measure_condition(signals: Signals, *, with_oscillation: bool = True) -> Con
     commands: dict[str, MeanFigure] = {}
     if hover is not None:
         assert signals.motors is not None
-        share_intervals = _share_intervals(signals.motors, settled_segments)
+        share_intervals = _trim_intervals(signals.motors, settled_segments)
         commands = _mean_commands(signals.motors, settled_segments)
 
     tilt = _tilt_in_settled_flight(signals, settled_segments)
@@ -179,10 +179,10 @@ def _find_oscillation(signals: Signals, settled_segments: Segments) -> Oscillati
     )
 
 
-def _share_intervals(motors: MotorOutputs, settled_segments: Segments) -> tuple[float | None, ...]:
-    """Returns the uncertainty of each motor's share of the work: half widths of 90 % intervals.
+def _trim_intervals(motors: MotorOutputs, settled_segments: Segments) -> tuple[float | None, ...]:
+    """Returns the uncertainty of each motor's trim, its mean output relative to that of all motors.
 
-    With the output u_i of motor i, and the mean m of the outputs of all motors at the same time, the share is the ratio
+    With the output u_i of motor i, and the mean m of the outputs of all motors at the same time, the trim is the ratio
     of means E[u_i]/E[m]; it is 1 for a motor that does as much as the others. To first order (delta method) the error
     of this ratio is the mean of (u_i − m E[u_i]/E[m])/E[m], whose interval follows from its samples.
 
@@ -191,15 +191,15 @@ def _share_intervals(motors: MotorOutputs, settled_segments: Segments) -> tuple[
         settled_segments: segments of settled flight: armed, off the ground, without climbs.
 
     Returns:
-        Half width for each motor (k,); None if the flight is too short for one.
+        Half width of the 90 % interval for each motor (k,); None if the flight is too short for one.
     """
-    shares = _shares_in(motors, settled_segments)
-    means_of_motors = shares.mean(axis=1, keepdims=True)
+    outputs = _range_fractions(motors, settled_segments)
+    means_of_motors = outputs.mean(axis=1, keepdims=True)
     mean_output = means_of_motors.mean()
     half_widths = []
     # The motors are processed one by one to save memory: in hours of flight, one such array is as large as the log.
-    for share, ratio in zip(shares.T, shares.mean(axis=0) / mean_output, strict=True):
-        errors = (share[:, None] - means_of_motors * ratio) / mean_output
+    for output, ratio in zip(outputs.T, outputs.mean(axis=0) / mean_output, strict=True):
+        errors = (output[:, None] - means_of_motors * ratio) / mean_output
         half_widths += mean_interval(errors, total_duration(settled_segments)).tolist()
     return tuple(map(finite_or_none, half_widths))
 
@@ -215,19 +215,19 @@ def _mean_commands(motors: MotorOutputs, settled_segments: Segments) -> dict[str
         settled_segments: segments of settled flight: armed, off the ground, without climbs.
 
     Returns:
-        Figures by axis, as shares of the motors' range; axes whose row of the mixer is not known are left out.
+        Figures by axis, as fractions of the motors' range; axes whose row of the mixer is not known are left out.
     """
-    shares = _shares_in(motors, settled_segments)
+    outputs = _range_fractions(motors, settled_segments)
     commands = {}
     for axis in AXES:
         mixer_row = motors.geometry.mixer_row(axis)
         if mixer_row is not None:
-            commands[axis] = mean_figure(shares @ mixer_row, total_duration(settled_segments))
+            commands[axis] = mean_figure(outputs @ mixer_row, total_duration(settled_segments))
     return commands
 
 
-def _shares_in(motors: MotorOutputs, segments: Segments) -> Array:
-    """Returns the outputs (N, k) of k motors in some segments, as shares of their range, 0 to 1."""
+def _range_fractions(motors: MotorOutputs, segments: Segments) -> Array:
+    """Returns the outputs (N, k) of k motors in some segments, as fractions of their range, 0 to 1."""
     return motors.scale.fraction(motors.outputs[in_segments(motors, *segments, slack=0)])
 
 

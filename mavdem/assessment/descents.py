@@ -17,7 +17,7 @@ from mavdem.witnesses.boot_sensors import CLOSED_STICK, BootSensors
 from mavdem.witnesses.sensor_facts import supporting_fact, supporting_facts
 
 SINK_AGREEMENT = 0.7
-"""Share of the integrated speed of a fall by which the height must decrease: otherwise the estimated speed diverged."""
+"""Least decrease of the height in a fall, as a fraction of its integrated speed; with less, the speed diverged."""
 
 BAROMETER_LAG = 1.0
 """Seconds by which the descent that a barometer shows may be late: its altitude is averaged over that time."""

@@ -50,7 +50,7 @@ def find_ending(
     Args:
         signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.
         events: events of ``motion_events`` and ``reported_events``.
-        collective: mean output of all motors in the hover, as a share of their range; None if it is not known.
+        collective: mean output of all motors in the hover, as a fraction of their range; None if it is not known.
 
     Returns:
         A fact with the figures ``cause`` (the fact about what failed first, or None), ``word`` (what the autopilot

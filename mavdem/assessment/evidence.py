@@ -164,9 +164,9 @@ class Evidence:
     def reasons_not_to_fly(self) -> Facts:
         """Why the vehicle must not fly again as it is: it was lost, it oscillates, or a motor is at its limit.
 
-        A motor counts as at its limit by its share of the time in the hover or, if no hover was measured, by any moment
-        at the limit. The reasons are empty if there are none, or the vehicle never flew. Facts about a vehicle that
-        must not fly are shown without advice to fly (:attr:`mavdem.facts.Fact.grounded`).
+        A motor counts as at its limit by its fraction of the time in the hover or, if no hover was measured, by any
+        moment at the limit. The reasons are empty if there are none, or the vehicle never flew. Facts about a vehicle
+        that must not fly are shown without advice to fly (:attr:`mavdem.facts.Fact.grounded`).
         """
         if self.not_flown is not None:
             return ()

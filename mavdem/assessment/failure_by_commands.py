@@ -29,12 +29,12 @@ from mavdem.facts.ending import FailedFirst
 from mavdem.witnesses.boot_sensors import BootSensors
 from mavdem.witnesses.sensors import FULL_STICK
 
-ALIGNMENT_SHARE = 2 / 3
-"""A direction belongs to a motor if it is within this share of half the angle between neighbouring motors: then it
+ALIGNMENT_FRACTION = 2 / 3
+"""A direction belongs to a motor if it is within this fraction of half the angle between neighbouring motors: then it
 belongs to no other."""
 
 SPENT_THRUST_SHARE = 0.9
-"""Mean command of all motors, as a share of the highest, from which on all thrust is in use
+"""Mean command of all motors, as a fraction of the highest, from which on all thrust is in use
 (THRUST_LOSS_CHECK_MINIMUM_THROTTLE of ArduCopter's ``crash_check.cpp``)."""
 
 LEAST_SINK_RATE = 0.5
@@ -43,8 +43,8 @@ LEAST_SINK_RATE = 0.5
 SINKING_SECONDS = 1.0
 """Seconds before an impact in which a vehicle sinks at full throttle; a choice."""
 
-LIMITED_SHARE = 0.5
-"""Share of that time beyond which a motor must be at its limit; a choice."""
+LIMITED_FRACTION = 0.5
+"""Fraction of that time beyond which a motor must be at its limit; a choice."""
 
 MIN_FROZEN_SAMPLES = 3
 """Number of equal samples that show a frozen output: two may be equal by chance."""
@@ -75,7 +75,7 @@ class WeakMotor(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class _LossCommands:
-    """The commands of k motors, as shares of their range, in the time in which a vehicle was lost and before it."""
+    """The commands of k motors, as fractions of their range, in the time in which a vehicle was lost and before it."""
 
     motors: MotorOutputs
     """The motors."""
@@ -285,7 +285,7 @@ def _thrust_limit_fact(commands: _LossCommands, loss_context: LossContext) -> Fa
         highest one; None if some thrust was left.
     """
     loss_start, loss_end = loss_context.interval
-    # Upper limit of a motor's command, as a share of its range.
+    # Upper limit of a motor's command, as a fraction of its range.
     highest_command = commands.motors.scale.stop
     is_attitude_lost = loss_context.fall_direction is not None
     if is_attitude_lost:
@@ -352,9 +352,9 @@ def _start_of_spent_thrust(commands: TimeSeries, time: float, highest_command: f
     """Returns the time, s since boot, from which on the motors together used up their thrust, up to a given time.
 
     Args:
-        commands: (N, k) of k motors, as shares of their range.
+        commands: (N, k) of k motors, as fractions of their range.
         time: time of one of the samples, s, which is returned if the thrust was not used up at that sample.
-        highest_command: upper limit of a command, as a share of the range.
+        highest_command: upper limit of a command, as a fraction of the range.
     """
     has_reserve = commands.values.mean(axis=1) <= SPENT_THRUST_SHARE * highest_command
     rows_with_reserve = np.flatnonzero(has_reserve & (commands.time <= time))
@@ -404,7 +404,7 @@ def _sinking_at_full_throttle(
     if not len(stick_travel) or not len(climb_rates) or not is_in_interval.any():
         return None
     at_limit, _ = samples_at_limits(commands.values[is_in_interval], motors.scale)
-    has_limited_motor = at_limit.any(axis=1).mean() > LIMITED_SHARE
+    has_limited_motor = at_limit.any(axis=1).mean() > LIMITED_FRACTION
     is_full_throttle = stick_travel.min() >= FULL_STICK
     is_sinking = climb_rates.max() <= -LEAST_SINK_RATE
     if not (is_full_throttle and is_sinking and has_limited_motor):
@@ -491,7 +491,7 @@ def weak_motor(
 
     Args:
         motors: outputs and geometry of k motors.
-        change: (k,) change of the commands, as shares of the motors' range.
+        change: (k,) change of the commands, as fractions of the motors' range.
         fall_direction: lean with which the vehicle fell, rad: forward and, as imaginary part, to the right; None if it
             fell upright.
 
@@ -504,7 +504,7 @@ def weak_motor(
         # The positions are not known, or a motor at the centre has no direction.
         return None
     # Half the angle between neighbouring motors is π over their number.
-    max_angle = ALIGNMENT_SHARE * pi / len(positions)
+    max_angle = ALIGNMENT_FRACTION * pi / len(positions)
     lift_direction = change @ positions
     if fall_direction is None:
         fall_direction = lift_direction

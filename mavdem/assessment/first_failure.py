@@ -52,7 +52,7 @@ HOVER_ESTIMATE_PARAMETER = "MPC_USE_HTE"
 """If it is 1, PX4's land detector takes its estimate of the hover thrust as soon as there is one, and MPC_THR_HOVER
 until then (``MulticopterLandDetector.cpp``)."""
 
-DEFAULT_MINIMUM_SHARE = 0.12 / 0.5
+DEFAULT_MINIMUM_FRACTION = 0.12 / 0.5
 """Minimum thrust over the thrust in the hover: the defaults of MPC_THR_MIN and MPC_THR_HOVER."""
 
 LEAST_MINIMUM_THRUST = 0.05
@@ -75,7 +75,7 @@ def first_failure(
         signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.
         events: events of the flight, each a fact (a coded finding) with its time.
         loss: the motion event by which the vehicle was lost.
-        collective: mean output of all motors in the hover, as a share of their range; None if it is not known.
+        collective: mean output of all motors in the hover, as a fraction of their range; None if it is not known.
     """
     boot = loss.figures["boot"]
     onset = loss_onset(loss)
@@ -281,7 +281,7 @@ def _assumed_landing_fact(signals: Signals, cause: Fact, collective: float | Non
     Args:
         signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.
         cause: the fact that all motors were off, with its time.
-        collective: mean output of all motors in the hover, as a share of their range; None if it is not known. It
+        collective: mean output of all motors in the hover, as a fraction of their range; None if it is not known. It
             equals the thrust that the parameters mean only if PX4's THR_MDL_FAC is 0, since that makes the relation
             between the two nonlinear. Otherwise the fact states neither of the two thrusts.
     """
@@ -290,7 +290,7 @@ def _assumed_landing_fact(signals: Signals, cause: Fact, collective: float | Non
     hover_thrust = None if parameters.get("THR_MDL_FAC") else collective
     minimum_thrust = None
     if hover_thrust is not None:
-        minimum_thrust = max(LEAST_MINIMUM_THRUST, DEFAULT_MINIMUM_SHARE * hover_thrust)
+        minimum_thrust = max(LEAST_MINIMUM_THRUST, DEFAULT_MINIMUM_FRACTION * hover_thrust)
     return Fact(
         FailedFirst.LANDING_ASSUMED_FIRST,
         time=cause.time,

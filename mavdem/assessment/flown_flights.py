@@ -34,8 +34,8 @@ hover each second.
 MAX_PATH_SPEED = 50.0
 """Ground speed, m/s, above which a step of the position is a reset of the estimator: no usual multirotor is so fast."""
 
-MIN_KNOWN_SHARE = 0.5
-"""Share of a flight in which the estimator must report a position, so that a distance is known; a choice.
+MIN_KNOWN_FRACTION = 0.5
+"""Fraction of a flight in which the estimator must report a position, so that a distance is known; a choice.
 
 Without a position the vehicle may have flown anywhere, so that the rest is no distance of the flight.
 """
@@ -137,7 +137,7 @@ def _flight(
 
 
 def _has_position(validity: TimeSeries | None, interval: TimeInterval) -> bool:
-    """Returns whether the estimator reports a position for at least ``MIN_KNOWN_SHARE`` of a flight.
+    """Returns whether the estimator reports a position for at least ``MIN_KNOWN_FRACTION`` of a flight.
 
     Args:
         validity: whether the estimator reports a position (N,), 1 or 0; None if nothing says so.
@@ -146,7 +146,7 @@ def _has_position(validity: TimeSeries | None, interval: TimeInterval) -> bool:
     if validity is None:
         return True
     reports = validity.within(interval).values
-    return not len(reports) or reports.mean() >= MIN_KNOWN_SHARE
+    return not len(reports) or reports.mean() >= MIN_KNOWN_FRACTION
 
 
 def _path_length(position: TimeSeries) -> float | None:

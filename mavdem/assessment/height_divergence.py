@@ -40,14 +40,14 @@ MAX_FORCE_ERROR = 0.4
 """Deviation, m/s², of the mean upward force in flight from gravity and the barometer's acceleration, that condemns the
 accelerometer. It is 0.04 in sound flights and 0.5 to 3.4 in those whose height ran away."""
 
-MIN_REST_SHARE = 0.5
-"""Share of the accelerometer's error in flight from which on the error at rest explains it; a choice."""
+MIN_REST_FRACTION = 0.5
+"""Fraction of the accelerometer's error in flight from which on the error at rest explains it; a choice."""
 
 CONTEXT_SECONDS = 5.0
 """Seconds before the divergence over which the accelerometer is averaged too: its error is integrated first."""
 
 FULL_THROTTLE_COMMAND = 0.9
-"""Largest command of all motors, as a share of the range, from which on they work at full throttle; a choice."""
+"""Largest command of all motors, as a fraction of the range, from which on they work at full throttle; a choice."""
 
 
 def height_divergences(sensors: BootSensors, flight_interval: TimeInterval) -> Iterator[Fact]:
@@ -184,7 +184,7 @@ def _median_stick_travel(sensors: BootSensors, interval: TimeInterval) -> float 
 def _accelerometer_error(sensors: BootSensors, interval: TimeInterval) -> Fact | None:
     """Returns a fact that supports the divergence: that the accelerometer measured a wrong specific force.
 
-    An error at rest, as of a wrong scale or offset, is preferred if it explains at least ``MIN_REST_SHARE`` of the
+    An error at rest, as of a wrong scale or offset, is preferred if it explains at least ``MIN_REST_FRACTION`` of the
     error in flight, or if the error in flight is not known. Otherwise the fact has the error in flight, which vibration
     may cause.
 
@@ -207,7 +207,7 @@ def _accelerometer_error(sensors: BootSensors, interval: TimeInterval) -> Fact |
         rest_explains_flight = flight_error is None
         if flight_error is not None and is_wrong_in_flight:
             # The share is negative if the errors have opposite signs: the one at rest then explains nothing.
-            rest_explains_flight = (force_at_rest - GRAVITY) / flight_error >= MIN_REST_SHARE
+            rest_explains_flight = (force_at_rest - GRAVITY) / flight_error >= MIN_REST_FRACTION
         if rest_explains_flight:
             return supporting_fact(
                 SensorFact.GRAVITY_WRONG, part="at rest", acceleration=force_at_rest

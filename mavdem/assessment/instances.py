@@ -82,7 +82,7 @@ class Instance(ImmutableResult):
     state: Fact
     """What is known of it, with its level."""
     used_share: float | None = None
-    """Share of the samples in flight in which the autopilot used it, 0 to 1; None if the log does not show it."""
+    """Fraction of the samples in flight in which the autopilot used it, 0 to 1; None if the log does not show it."""
 
 
 def list_instances(evidence: Evidence) -> tuple[Instance, ...]:
@@ -195,7 +195,7 @@ def _battery_instances(evidence: Evidence) -> Iterator[Instance]:
 
 
 def _estimator_instances(evidence: Evidence) -> Iterator[Instance]:
-    """Yields the instances of the estimator with their innovation ratios and the share of the time that each was used.
+    """Yields the instances of the estimator with their innovation ratios, and for how much of the time each was used.
 
     At each sample the largest ratio of all innovations is used, relative to the limit of the estimator's own test. An
     innovation is a measurement minus its prediction.
@@ -256,7 +256,7 @@ def _estimator_state(evidence: Evidence, samples: TimeSeries, used_share: float)
     Args:
         evidence: signals, events and measurements of the vehicle.
         samples: its innovation ratios, as :func:`_estimator_samples` returns them.
-        used_share: share of the time in which the autopilot used the instance.
+        used_share: fraction of the time in which the autopilot used the instance.
 
     Returns:
         A fact with the code REJECTED or MEASURED. A rejection is bad only if the instance was used in flight.
@@ -562,7 +562,7 @@ def _output_instances(evidence: Evidence) -> Iterator[Instance]:
 
     For a vehicle that is not a multirotor they are the outputs that change, such as outputs to control surfaces. The
     commands are in the unit of the log, such as µs of a pulse; "1" means no unit. The autopilot uses all of these
-    outputs all the time, so that their share of use is 1.
+    outputs all the time, so that their fraction of use is 1.
 
     Args:
         evidence: signals, events and measurements of the vehicle.

@@ -21,13 +21,13 @@ MIN_MESSAGES_FOR_STEP = 50
 """Number of messages of a stream from which on the usual step between them is known."""
 
 STEP_JITTER = 0.25
-"""Jitter of the time step between messages, as a share of it: a step up to 1.75 times as long lacks no message.
+"""Jitter of the time step between messages, as a fraction of it: a step up to 1.75 times as long lacks no message.
 
 The ratio of a step to the usual one is reduced by this before it is rounded, so that 1.5 + 0.25 is the limit.
 """
 
-MIN_MEAN_RATE_SHARE = 1 / 4
-"""Mean rate, as a share of the rate without gaps, below which a stream comes in bursts: then its rate is the mean."""
+MIN_MEAN_RATE_FRACTION = 1 / 4
+"""Mean rate, as a fraction of the rate without gaps, below which a stream is in bursts and its rate is the mean."""
 
 
 class VehicleContents(NamedTuple):
@@ -65,8 +65,8 @@ def inventory(log: Log, vehicles: Sequence[VehicleContents] | None = None) -> Js
     """
     if vehicles is None:
         vehicles = [vehicle_contents(telemetry, log) for telemetry in log.vehicles]
-    missing_shares = {
-        (telemetry.system, telemetry.component): _missing_share(telemetry)
+    missing_fractions = {
+        (telemetry.system, telemetry.component): _missing_fraction(telemetry)
         for telemetry in log.vehicles
     }
     vehicle_values = [_vehicle_values(vehicle) for vehicle in vehicles]
@@ -85,7 +85,7 @@ def inventory(log: Log, vehicles: Sequence[VehicleContents] | None = None) -> Js
         "unread": unread,
         "speakers": [
             _component_values(
-                component, missing_shares.get((component.system, component.component))
+                component, missing_fractions.get((component.system, component.component))
             )
             for component in log.components
         ],
@@ -134,7 +134,7 @@ def _component_values(component: Component, missing_share: float | None) -> Json
 
     Args:
         component: counts of a component's messages.
-        missing_share: share of the samples of its streams that are missing; None if it is no vehicle.
+        missing_share: fraction of the samples of its streams that are missing; None if it is no vehicle.
 
     Returns:
         MAVLink ids of ``system`` and ``component``, its ``kind``, number of ``messages``, number ``lost`` by the
@@ -197,7 +197,7 @@ def _message_rate(columns: Columns) -> float | None:
     """Returns the rate at which a message was recorded.
 
     It is the rate between gaps, since an outage of the link does not change how often a message is sent. The mean rate
-    of a message that comes in bursts is less than ``MIN_MEAN_RATE_SHARE`` of that; then it is returned instead. If
+    of a message that comes in bursts is less than ``MIN_MEAN_RATE_FRACTION`` of that; then it is returned instead. If
     several instances send the message, each on its port or in its group, the rate of the most frequent one is returned.
 
     Args:
@@ -218,11 +218,11 @@ def _message_rate(columns: Columns) -> float | None:
         return None
     rate = rate_without_gaps(steps)
     mean_rate = 1 / steps.mean()
-    return rate if mean_rate > MIN_MEAN_RATE_SHARE * rate else mean_rate
+    return rate if mean_rate > MIN_MEAN_RATE_FRACTION * rate else mean_rate
 
 
-def _missing_share(telemetry: Telemetry) -> float | None:
-    """Returns the share of messages missing from a stream, the median over the streams of a vehicle; None without one.
+def _missing_fraction(telemetry: Telemetry) -> float | None:
+    """Returns the fraction of the messages missing from a stream: the median of all streams; None without a stream.
 
     In a step of n times the usual one, n − 1 messages are missing. The usual step is the mean of the middle half of the
     steps, and not the median, since steps may alternate: an autopilot with a loop of 4 ms sends a message of 100 Hz in
@@ -232,9 +232,9 @@ def _missing_share(telemetry: Telemetry) -> float | None:
         telemetry: messages of the vehicle; those with fewer than ``MIN_MESSAGES_FOR_STEP`` are left out.
 
     Returns:
-        Share of the messages that should be there, 0 to 1.
+        Fraction of the messages that should be there, 0 to 1.
     """
-    shares = []
+    missing_fractions = []
     for columns in telemetry.messages.values():
         message_count = len(columns["time"])
         steps = np.diff(columns["time"])[np.diff(columns["boot"]) == 0]
@@ -247,5 +247,5 @@ def _missing_share(telemetry: Telemetry) -> float | None:
             # The jitter is subtracted, so that a step of 1.75 usual ones is rounded down to one.
             missing_by_step = np.rint(steps / usual_step - STEP_JITTER) - 1
             missing_count = np.maximum(missing_by_step, 0).sum()
-            shares.append(missing_count / (missing_count + message_count))
-    return np.median(shares) if shares else None
+            missing_fractions.append(missing_count / (missing_count + message_count))
+    return np.median(missing_fractions) if missing_fractions else None

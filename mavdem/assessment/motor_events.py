@@ -38,11 +38,11 @@ FROZEN_SAMPLES = 8
 """Number of samples that must show it: those of that time at 4 Hz."""
 
 MIN_COMMAND_RANGE = 0.05
-"""Mean range of motors' commands, as a share of the full range, from which on one that is constant has frozen; also
+"""Mean range of motors' commands, as a fraction of the full range, from which on one that is constant has frozen; also
 the least distance of that constant command from the upper limit."""
 
-FULL_THROTTLE_SHARE = 0.5
-"""Share of the time at its limit beyond which the throttle must be full to explain the limit of a motor; a choice."""
+FULL_THROTTLE_FRACTION = 0.5
+"""Fraction of a motor's time at its limit with full throttle beyond which that explains the limit; a choice."""
 
 
 def lasting_runs(time: Array, is_true: Flags, gap: float) -> Intervals:
@@ -173,7 +173,7 @@ def _frozen_outputs(
     Args:
         motors: outputs of the k motors, with their scale.
         boot: number of the boot; a boot lasts from one start of the autopilot to the next.
-        commands: outputs of the motors in this boot (N, k), as shares of their range.
+        commands: outputs of the motors in this boot (N, k), as fractions of their range.
         flights: start and end of each flight of the boot, s.
 
     Yields:
@@ -209,8 +209,8 @@ def frozen_motor(motors: MotorOutputs, commands: Array, lowest_command: float) -
 
     Args:
         motors: outputs of the k motors, with their scale.
-        commands: commands of that time (N, k), as shares of their range.
-        lowest_command: lowest command of all motors that occurred around that time, as share of the range.
+        commands: commands of that time (N, k), as fractions of their range.
+        lowest_command: lowest command of all motors that occurred around that time, as fraction of the range.
 
     Returns:
         The index; None if no output is frozen, or several seem to be.
@@ -256,7 +256,7 @@ def _with_full_throttle_marked(
 
     Returns:
         The event with ``is_full_throttle``, and the level "good" in a climb. It is unchanged unless the stick was at
-        full throttle, in a mode in which it sets the thrust, for more than ``FULL_THROTTLE_SHARE`` of the time.
+        full throttle, in a mode in which it sets the thrust, for more than ``FULL_THROTTLE_FRACTION`` of the time.
     """
     stick = series_of_boot(throttle_stick(signals), boot)
     if stick is None:
@@ -265,7 +265,7 @@ def _with_full_throttle_marked(
     is_in_event = in_intervals(stick.time, [interval])
     is_manual_in_event = in_intervals(stick.time, intersection(manual, [interval]))
     is_full = is_manual_in_event & (stick.values >= FULL_STICK)
-    if not is_in_event.any() or is_full.sum() <= FULL_THROTTLE_SHARE * is_in_event.sum():
+    if not is_in_event.any() or is_full.sum() <= FULL_THROTTLE_FRACTION * is_in_event.sum():
         return limit
     limit = limit.replace(is_full_throttle=True)
     climb_rate = series_of_boot(signals.climb_rate, boot)
@@ -314,7 +314,7 @@ def _is_off(signals: Signals, motors: MotorOutputs, boot: int, commands: Array) 
         signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.
         motors: outputs of the k motors, with their scale.
         boot: number of the boot; a boot lasts from one start of the autopilot to the next.
-        commands: (N, k) outputs of the motors in this boot, as shares of their range.
+        commands: (N, k) outputs of the motors in this boot, as fractions of their range.
 
     Returns:
         (N, k) flags.

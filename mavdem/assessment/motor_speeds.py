@@ -34,8 +34,8 @@ from mavdem.witnesses.sensor_facts import (
     supporting_fact,
 )
 
-STANDSTILL_SHARE = 0.05
-"""Speed, as a share of the usual one in flight, below which a motor stands still; idle motors turn at 0.2 or more."""
+STANDSTILL_FRACTION = 0.05
+"""Speed, as a fraction of the usual one in flight, below which a motor stands still; an idle motor has over 0.2."""
 
 MIN_USUAL_SAMPLES = 5
 """Number of samples in flight before, whose median is the usual speed of a motor; a choice."""
@@ -47,7 +47,7 @@ HIGHEST_COMMAND_QUANTILE = 0.95
 """Quantile of a motor's commands that is used as the highest one, so that single peaks have no effect; a choice."""
 
 MIN_COMMAND_RISE = 0.1
-"""Rise of a motor's command, as a share of the range, that makes up for lost thrust; 99 % of trims vary less."""
+"""Rise of a motor's command, as a fraction of the range, that makes up for lost thrust; 99 % of trims vary less."""
 
 MIN_SPEED_CHANGE = 0.1
 """Change of a motor's speed, relative to the usual one, that counts; the battery's voltage changes it by less."""
@@ -68,7 +68,7 @@ class SamplesAround(NamedTuple):
 
 
 class CommandChange(NamedTuple):
-    """Command of one motor before a loss of thrust and in it, as shares of the motor's range."""
+    """Command of one motor before a loss of thrust and in it, as fractions of the motor's range."""
 
     before: float
     """Median before the loss."""
@@ -114,7 +114,7 @@ def standing_motors(
 
 
 def _commands_at(motors: MotorOutputs, boot: int, motor: int, time: Array) -> TimeSeries:
-    """Returns the command of a motor as shares of its range, at some times.
+    """Returns the command of a motor as fractions of its range, at some times.
 
     Args:
         motors: outputs and geometry of all motors.
@@ -123,7 +123,7 @@ def _commands_at(motors: MotorOutputs, boot: int, motor: int, time: Array) -> Ti
         time: (N,) s since boot.
 
     Returns:
-        Commands (N,), as shares of the range.
+        Commands (N,), as fractions of the range.
     """
     commands = motors.motor_fractions(boot, motor)
     values = np.interp(time, commands.time, commands.values)
@@ -141,7 +141,7 @@ def _standstill_intervals(
     Args:
         signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.
         speed: speed of the motor in flight (N,), 1/min.
-        command: command of the motor at the same times (N,), as shares of its range.
+        command: command of the motor at the same times (N,), as fractions of its range.
     """
     is_commanded = command.values > min_airborne_collective(signals.telemetry.parameters)
     is_standing = is_commanded & _is_far_below_usual(speed.values)
@@ -149,7 +149,7 @@ def _standstill_intervals(
 
 
 def _is_far_below_usual(speeds: Array) -> Flags:
-    """Determines at which samples a motor turns with less than ``STANDSTILL_SHARE`` of its usual speed.
+    """Determines at which samples a motor turns with less than ``STANDSTILL_FRACTION`` of its usual speed.
 
     The usual speed is the median of the earlier samples that are not so low themselves, since a lost motor may turn on
     slowly in the wind. Until there are ``MIN_USUAL_SAMPLES`` of these, no sample counts as low.
@@ -166,7 +166,7 @@ def _is_far_below_usual(speeds: Array) -> Flags:
         if len(usual_speeds) >= MIN_USUAL_SAMPLES:
             # The speeds are in ascending order, so that the one in the middle is their median.
             median = usual_speeds[len(usual_speeds) // 2]
-            is_low[sample] = speed < STANDSTILL_SHARE * median
+            is_low[sample] = speed < STANDSTILL_FRACTION * median
         if speed > 0 and not is_low[sample]:
             insort(usual_speeds, speed)
     return is_low
@@ -233,7 +233,7 @@ def _reaction_of_command(command: TimeSeries, interval: TimeInterval) -> Facts:
     it. If the command stayed as it was, the thrust was there, and the measured speed is wrong.
 
     Args:
-        command: command of the motor in the boot (N,), as shares of the range.
+        command: command of the motor in the boot (N,), as fractions of the range.
         interval: start and end of the time when its speed was zero, s since boot.
 
     Returns:
@@ -260,7 +260,7 @@ def command_change(
 
     Args:
         time: time of the commands (N,), s since boot.
-        commands: commands of the motor (N,), as shares of its range.
+        commands: commands of the motor (N,), as fractions of its range.
         interval: start and end of a loss of the motor, s since boot.
         later_quantile: quantile by which the commands in the interval are summarised, 0 to 1; 0.5 is their median.
 

@@ -23,8 +23,8 @@ from mavdem.witnesses.boot_sensors import BootSensors
 from mavdem.witnesses.sensor_facts import supporting_fact, supporting_facts
 
 MIN_MEDIAN_RISE = MIN_COMMAND_RISE / 2
-"""Rise of a motor's median command, as a share of the range, that supports its loss: a slow loss has most of its rise
-later, and a rise as small as the trims of sound motors supports nothing."""
+"""Rise of a motor's median command, as a fraction of the range, that supports its loss: a slow loss has most of its
+rise later, and a rise as small as the trims of sound motors supports nothing."""
 
 
 def with_sensor_evidence(
@@ -111,8 +111,8 @@ def _loss_of_attitude(signals: Signals, boot: int, interval: TimeInterval) -> Fa
     """Returns the fact that the attitude left its setpoint, which supports that a motor was lost.
 
     If it did not, that proves nothing, since other motors may hold the attitude. If no setpoint was recorded, only a
-    share of the lean is compared with the limit (:func:`mavdem.assessment.attitude_error.attitude_error`), but the fact
-    has the whole lean.
+    fraction of the lean is compared with the limit (:func:`mavdem.assessment.attitude_error.attitude_error`), but the
+    fact has the whole lean.
 
     Args:
         signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.

@@ -49,7 +49,7 @@ class MeasuredNoise(NamedTuple):
     def facts(self) -> Facts:
         """The facts about the noise of the gyro, or the one fact that there is no spectrum of it.
 
-        They are the spectrum, its lines, the share of each motor line that the gyro's filters remove, and the notch
+        They are the spectrum, its lines, the fraction of each motor line that the gyro's filters remove, and the notch
         filter to set. The spectrum before the filters is preferred, since it shows all lines. The removed shares are
         known only if the gyro was logged both before and after the filters.
         """
@@ -81,11 +81,11 @@ class MeasuredNoise(NamedTuple):
             if line.cause is LineCause.MOTOR and line.frequency < filtered_gyro.nyquist_frequency:
                 # Lower and upper end of the band about the line, Hz.
                 band = np.multiply(LINE_BAND, line.frequency)
-                remaining_share = filtered_gyro.mean_power(*band) / unfiltered_gyro.mean_power(
+                remaining_fraction = filtered_gyro.mean_power(*band) / unfiltered_gyro.mean_power(
                     *band
                 )
                 yield Fact(
-                    NoiseFact.FILTERS_REMOVE, frequency=line.frequency, share=1 - remaining_share
+                    NoiseFact.FILTERS_REMOVE, frequency=line.frequency, share=1 - remaining_fraction
                 )
 
 

@@ -263,7 +263,7 @@ class Assessment:
 
     @cached_property
     def wind_share_of_torque(self) -> Fact | None:
-        """The share of the wind torque's variance that the wind velocity explains, as a fact.
+        """The fraction of the wind torque's variance that the wind velocity explains, as a fact.
 
         The torque on the axis (rad/s²) is estimated with the learned model, the velocity (m/s) by the vehicle's drag:
         two independent estimates of the same wind. They are compared at the samples that the model was trained on. None

@@ -30,7 +30,7 @@ MIN_LIMIT_SECONDS = 1.0
 """Time, s, that a motor must be at its limit: longer than a quick manoeuvre takes."""
 
 MIN_EXCESS = 0.25
-"""Least command of a saturated motor above the mean of the others, as a share of the range.
+"""Least command of a saturated motor above the mean of the others, as a fraction of the range.
 
 Then the others have thrust left, so that the motor and not the load is to blame.
 
@@ -38,7 +38,7 @@ In real logs 99 % of the motors of sound vehicles are less than 0.11 above, a mo
 """
 
 MAX_FORMER_EXCESS = 0.15
-"""Largest excess over the others in the flight before, as a share of the range.
+"""Largest excess over the others in the flight before, as a fraction of the range.
 
 A motor that was farther above the others all along did not change: its load is larger.
 """
@@ -64,7 +64,7 @@ def saturation_losses(signals: Signals, events: Sequence[Fact], ending: Fact | N
         ending: event with which the flight was lost; None if it was not.
 
     Returns:
-        Facts with the motor as subject, its ``excess`` above the others as a share of the range, and the time at the
+        Facts with the motor as subject, its ``excess`` above the others as a fraction of the range, and the time at the
         limit, s, as ``duration``.
     """
     motors = signals.motors
@@ -292,7 +292,8 @@ def _conspicuous_excess(
         interval: start and end of the event, s since boot; the end may be infinite.
 
     Returns:
-        Mean excess, as a share of the range; None if it is not conspicuous, or there are no samples in flight before.
+        Mean excess, as a fraction of the range; None if it is not conspicuous, or there are no samples in flight
+        before.
     """
     boot = event.figures["boot"]
     start, _ = interval
@@ -334,11 +335,11 @@ def _command_excess(commands: Array, motor: int) -> Array:
     """Returns the excess of one motor's command over the mean of the others.
 
     Args:
-        commands: (N, k) commands of k motors, as shares of the range.
+        commands: (N, k) commands of k motors, as fractions of the range.
         motor: index of the motor.
 
     Returns:
-        (N,) excess, as shares of the range.
+        (N,) excess, as fractions of the range.
     """
     return commands[:, motor] - np.delete(commands, motor, axis=1).mean(axis=1)
 

@@ -28,10 +28,10 @@ from mavdem.witnesses.boot_sensors import BootSensors
 USUAL_LEAN_LIMIT = radians(45.0)
 """Largest lean where its parameter is not known, rad: the default of MPC_TILTMAX_AIR and ANGLE_MAX."""
 
-LIMIT_SHARE = 0.9
-"""Share of the largest lean from which on a vehicle has no lean left against the wind: a choice."""
+LIMIT_FRACTION = 0.9
+"""Fraction of the largest lean from which on a vehicle has no lean left against the wind: a choice."""
 
-MAX_LIMIT_SHARE = 1.2
+MAX_LIMIT_FRACTION = 1.2
 """Mean lean over the largest that the autopilot commands, beyond which something else than wind leans the vehicle."""
 
 MIN_DRIFT_SPEED = 0.5
@@ -190,9 +190,11 @@ class WindDriftDetector:
         samples = self._samples
         if samples[-1].time - samples[0].time < DRIFT_SECONDS - 2 * MAX_SAMPLE_GAP:
             return False
-        lean_share = fmean(sample.lean for sample in samples) / _largest_lean(parameters)
+        lean_fraction = fmean(sample.lean for sample in samples) / _largest_lean(parameters)
         mean_speed = fmean(sample.opposing_speed for sample in samples)
-        return LIMIT_SHARE <= lean_share <= MAX_LIMIT_SHARE and mean_speed >= MIN_DRIFT_SPEED
+        return (
+            LIMIT_FRACTION <= lean_fraction <= MAX_LIMIT_FRACTION and mean_speed >= MIN_DRIFT_SPEED
+        )
 
     def _begin_drift(self) -> None:
         """Begins a drift with the latest samples, or continues one that ended within ``RECOVERY_SECONDS`` before."""
@@ -244,7 +246,7 @@ def wind_drifts(sensors: BootSensors, flight_interval: TimeInterval) -> Iterator
     # Only times around a lean near the limit can show a drift. Most flights have none, and are not searched.
     parameters = signals.telemetry.parameters
     roll, pitch, _ = columns
-    is_leaned = np.cos(roll) * np.cos(pitch) <= np.cos(LIMIT_SHARE * _largest_lean(parameters))
+    is_leaned = np.cos(roll) * np.cos(pitch) <= np.cos(LIMIT_FRACTION * _largest_lean(parameters))
     moments = [(time, time) for time in velocity.time[is_leaned].tolist()]
     around_lean = [
         (start - DRIFT_SECONDS, end + DRIFT_SECONDS)

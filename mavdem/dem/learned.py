@@ -42,7 +42,7 @@ if TYPE_CHECKING:
     from mavdem.report.figures import Plots
 
 
-USEFUL_VARIANCE_SHARE = 0.5
+USEFUL_VARIANCE_FRACTION = 0.5
 """Squared error of a prediction, relative to the variance of the output, below which it is useful; a choice."""
 
 
@@ -372,14 +372,14 @@ class Learned(ImmutableResult, ForecasterBase):
     def useful_steps(self) -> Indices:
         """Longest useful horizon of predictions for each output, (m,), in samples, up to 1.5 s.
 
-        A prediction is useful where its expected squared error is below ``USEFUL_VARIANCE_SHARE`` of the output's
+        A prediction is useful where its expected squared error is below ``USEFUL_VARIANCE_FRACTION`` of the output's
         variance, the squared error of always predicting the mean.
         """
         max_steps = max(1, round(FORECAST_HORIZON_SECONDS / self.dt))
         # The error of a longer horizon is taken to be at least as large as of each shorter one. If a horizon is useful,
         # all shorter ones then are as well.
         errors = np.maximum.accumulate(self.predict_with_variance(max_steps).variance)
-        is_useful = errors < USEFUL_VARIANCE_SHARE * self.record.outputs.var(axis=0)
+        is_useful = errors < USEFUL_VARIANCE_FRACTION * self.record.outputs.var(axis=0)
         # The useful horizons are 1, 2, …, so that their number is the longest one.
         return is_useful.sum(axis=0)
 

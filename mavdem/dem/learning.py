@@ -284,7 +284,7 @@ def _learned_from_fit(fit: Fit, record: Record, data: Array) -> Learned:
         covariance = fit.simulation_fit.theta_covariance(inverse(precision))
         converged = fit.simulation_fit.converged
     covariance = covariance * np.outer(scale, scale)
-    # F(t) is a sample's share of the F̄ that DEM reached before simulations refined θ.
+    # F(t) is a sample's contribution to the F̄ that DEM reached before simulations refined θ.
     sample_free_energy = SampleFreeEnergy.from_posterior(ascent.posterior)
     return Learned(
         settings=fit.settings,

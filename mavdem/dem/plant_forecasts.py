@@ -21,7 +21,7 @@ FORECAST_HORIZON_SECONDS = 1.5
 TEST_FORECASTS = 200
 """About how many forecasts of the training data the errors are estimated from, spread evenly over the flight."""
 
-FILTER_SETTLING_SHARE = 4
+FILTER_SETTLING_FRACTION = 4
 """The filter runs for a horizon divided by this number before a test forecast begins, to find the hidden states."""
 
 
@@ -141,7 +141,7 @@ class PlantForecasts:
         squared_errors = []
         for inputs, outputs in self.scaling.scale_segments(self.record):
             # Forecast i is of the samples after starts[i]; states[i] is the state at the first of them.
-            starts = np.arange(horizon // FILTER_SETTLING_SHARE, len(outputs) - horizon, stride)
+            starts = np.arange(horizon // FILTER_SETTLING_FRACTION, len(outputs) - horizon, stride)
             first_state = self.process.second_state(inputs[0], outputs[0])
             states = self.process.predicted_states(first_state, inputs[1:], outputs[1:])[starts]
             forecasts = self.process.simulate_from(starts + 1, horizon, states, inputs)

@@ -33,7 +33,7 @@ Common multirotors have 20 to 100 ms.
 """
 
 MIN_EXPLAINED_SHARE = 0.5
-"""An output counts as the derivative of another where its integral explains more than this share of the changes."""
+"""An output counts as the derivative of another where its integral explains more than this fraction of the changes."""
 
 DerivativePairs = tuple[tuple[int, int], ...]
 """Pairs (i, j) of output columns where output j is the time derivative of output i."""

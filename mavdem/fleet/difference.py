@@ -75,7 +75,7 @@ class VehicleDifference(NamedTuple):
     """Axes whose gain from attitude to rate is known to differ, so that figures of the attitude loop are not tested."""
 
     false_discovery_rate: float = SIGNIFICANCE
-    """Bound of the expected share of false alarms among a family's tested changes, averaged over families with any.
+    """Bound of the expected fraction of false alarms among a family's tested changes, averaged over families with any.
 
     Where nothing changed, it is the largest probability that any quantity is called changed.
     """
@@ -202,7 +202,7 @@ def _comparable_kinds(incomparability: Fact | None) -> list[str]:
         return list(SD_BETWEEN_FLIGHTS)
     if incomparability.code is Incomparable.OTHER_INPUTS:
         # The models of both states have different inputs, such as motors and demand, so that their parameters do not
-        # mean the same. A motor's share of the output and figures of loops do not depend on the inputs of models.
+        # mean the same. A motor's fraction of the output and figures of loops do not depend on the inputs of models.
         return [SHARE, *LOOP_KINDS]
     # Any other reason, such as another number of motors, concerns every quantity.
     return []

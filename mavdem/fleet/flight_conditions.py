@@ -25,7 +25,7 @@ from mavdem.immutable import ReadOnlyDict
 SD_UNKNOWN_LEAN = 0.07
 """Standard deviation of the difference of roll or pitch between two states where a lean is not known, rad: 4°."""
 
-SD_SHARE_PER_LEAN = 0.5
+RELATIVE_SD_PER_LEAN = 0.5
 """Standard deviation of the change of a trim share by lean, 1/rad.
 
 It is that of drag which acts half an arm's length above or below the centre of mass.
@@ -56,7 +56,7 @@ class Conditions(NamedTuple):
     """Voltage of the battery, V; ``None`` too where nothing measured it."""
 
     collective: float | None
-    """Mean of the motors, as a share of their range: it depends on payload and voltage."""
+    """Mean of the motors, as a fraction of their range: it depends on payload and voltage."""
 
     lean_roll: float | None
     """Mean roll, rad."""
@@ -150,7 +150,7 @@ def condition_allowance(kind: str, before: Conditions, after: Conditions) -> flo
     if kind == SHARE:
         roll_change = _lean_change(before.lean_roll, after.lean_roll)
         pitch_change = _lean_change(before.lean_pitch, after.lean_pitch)
-        return SD_SHARE_PER_LEAN * hypot(roll_change, pitch_change)
+        return RELATIVE_SD_PER_LEAN * hypot(roll_change, pitch_change)
     if kind != MEAN_EFFECT and kind not in LOOP_CHANGES_PER_LOG_EFFECT:
         return 0.0
     # At the same thrust the effect is proportional to the voltage, and with more thrust to the output.

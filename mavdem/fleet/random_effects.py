@@ -150,7 +150,7 @@ class QuantityChange(NamedTuple):
         minimum detectable difference of sample-size planning (S.-C. Chow, "Sample Size Calculations", sec. 3.2).
 
         Args:
-            significance: significance of the two-sided test of this quantity, such as a share of that of all.
+            significance: significance of the two-sided test of this quantity, such as a fraction of that of all.
         """
         ratio = 1 + self.difference if self.quantity.kind in LOGARITHMIC_KINDS else 1.0
         sd = self.half_width / ratio / coverage_factor(freedom=self.freedom)

@@ -32,8 +32,8 @@ from mavdem.motors.healthy_flights import HealthFigures
 from mavdem.motors.signatures import motor_signatures
 
 MAX_SATURATED_SHARE = 0.01
-"""Share of the time that a motor of a sound flight spends at its upper stop, at most: a motor that is there for longer
-has no thrust left, and its trim is not what the flight needs."""
+"""Fraction of the time that a motor of a sound flight spends at its upper stop, at most: a motor that is there for
+longer has no thrust left, and its trim is not what the flight needs."""
 
 ASSESSMENT_COLUMNS = ("health", "fault_probability", "change_probability", "suspect_motor")
 """Columns that are attributes of the assessment of a flight's motors."""
@@ -161,7 +161,7 @@ def health_figures(row: FlightRow) -> HealthFigures:
         geometry = MotorGeometry(numbers, numbers, row.positions or (), spins=row.spins or ())
         signatures = motor_signatures(geometry)
     name = f"{row.file} {row.system} {row.component}"
-    # Of the motors' shares of time at a limit the largest counts.
+    # Of the motors' fractions of time at a limit the largest counts.
     saturated_share = max(row.saturated or (0.0,))
     is_sound = row.oscillation is None and saturated_share < MAX_SATURATED_SHARE
     return HealthFigures(

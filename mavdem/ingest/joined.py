@@ -57,7 +57,7 @@ MIN_COMMON_PARAMETERS = 50
 """Number of parameters from which on they show whether two logs are of one vehicle: a choice, far below all."""
 
 MAX_CHANGED_PARAMETERS = 0.15
-"""Largest share of the parameters that differ between the end of a log and the beginning of the next.
+"""Largest fraction of the parameters that differ between the end of a log and the beginning of the next.
 
 A choice: of logs of one board on different days at most 7 % differ, such as calibrations and counters.
 """
@@ -247,13 +247,13 @@ def _separation_of_vehicles(earlier: Telemetry, later: Telemetry) -> Separation 
 
 
 def _changed_parameters(earlier: Telemetry, later: Telemetry) -> float:
-    """Returns the share of parameters that differ between the end of a log and the beginning of the next.
+    """Returns the fraction of parameters that differ between the end of a log and the beginning of the next.
 
     Args:
         earlier, later: The vehicle by the two logs, in the order of time.
 
     Returns:
-        The share of those that both logs have; 0 where these are fewer than ``MIN_COMMON_PARAMETERS``.
+        The fraction of those that both logs have; 0 where these are fewer than ``MIN_COMMON_PARAMETERS``.
     """
     values_before = earlier.parameters
     values_after = {**later.parameters, **later.initial_parameters}

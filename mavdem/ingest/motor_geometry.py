@@ -312,8 +312,8 @@ PX4_MOTOR_FUNCTION_OFFSET = 100
 MAX_PX4_DRIVER_OUTPUTS = 16
 """Number of outputs of a driver of PX4 at most: {driver}_FUNC1 to {driver}_FUNC16."""
 
-MAX_CONSTANT_SHARES = (0.0, 0.5)
-"""Share of a driver's motor outputs that may be constant for the driver to fit a bank: first none, then half.
+MAX_CONSTANT_FRACTIONS = (0.0, 0.5)
+"""Fraction of a driver's motor outputs that may be constant for the driver to fit a bank: first none, then half.
 
 A bank all of whose motor channels change fits for certain. In the second pass half of them may be constant, since a
 motor that never ran, or is at its limit, does not change its output.
@@ -352,7 +352,7 @@ def _px4_wiring(parameters: Parameters, moving_channels: Sequence[int], bank_siz
     as PWM_AUX_FUNC3 names the motor on an output of a driver, but no message states which bank of channels belongs to
     which driver. Drivers are tried in a fixed order, the most common first: each gets the first free bank in which all
     its motor outputs change. Drivers without such a bank are tried again, with a limit at which half of their outputs
-    may be constant (``MAX_CONSTANT_SHARES``).
+    may be constant (``MAX_CONSTANT_FRACTIONS``).
 
     Args:
         parameters: The autopilot's parameters by name.
@@ -369,7 +369,7 @@ def _px4_wiring(parameters: Parameters, moving_channels: Sequence[int], bank_siz
         wiring.driver_of_channel[bank_size + channel] = OutputDriver("PWM_AUX", channel)
     # A bank is given by the number of channels before it.
     free_banks = [0, bank_size]
-    for max_constant_share in MAX_CONSTANT_SHARES:
+    for max_constant_fraction in MAX_CONSTANT_FRACTIONS:
         for driver in NAMES["px4_drivers"]:
             outputs = _px4_motor_outputs(parameters, driver)
             # An output for a motor that already has a channel of an earlier driver is a spare one, and is left out.
@@ -379,7 +379,7 @@ def _px4_wiring(parameters: Parameters, moving_channels: Sequence[int], bank_siz
                 if motor not in wiring.channel_of_motor
             }
             bank = _matching_bank(
-                free_banks, new_outputs.values(), moving_channels, max_constant_share
+                free_banks, new_outputs.values(), moving_channels, max_constant_fraction
             )
             if bank is None:
                 continue
@@ -413,7 +413,7 @@ def _matching_bank(
     free_banks: Sequence[int],
     motor_outputs: Iterable[int],
     moving_channels: Sequence[int],
-    max_constant_share: float,
+    max_constant_fraction: float,
 ) -> int | None:
     """Returns the first bank of output channels that can be the outputs of one of PX4's output drivers.
 
@@ -425,7 +425,7 @@ def _matching_bank(
             channel bank + n.
         motor_outputs: The driver's outputs to which motors are connected, from 1.
         moving_channels: Channels, from 1, whose outputs change.
-        max_constant_share: Share of the motor outputs that may be constant, 0 to 1.
+        max_constant_fraction: Fraction of the motor outputs that may be constant, 0 to 1.
 
     Returns:
         The number of channels before the bank; None if no bank matches.
@@ -436,6 +436,6 @@ def _matching_bank(
     for bank in free_banks:
         channels = {bank + output for output in distinct_outputs}
         constant_channels = channels - set(moving_channels)
-        if len(constant_channels) <= max_constant_share * len(channels):
+        if len(constant_channels) <= max_constant_fraction * len(channels):
             return bank
     return None

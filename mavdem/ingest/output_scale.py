@@ -1,7 +1,7 @@
 """Scale of motor outputs: the unit of the numbers in a log, and which of them mean no throttle and full throttle.
 
-Autopilots log pulse widths, DShot or UAVCAN commands, or shares of the range, and rarely say which. The scale follows
-from the values themselves and from the parameters of the output driver.
+Autopilots log pulse widths, DShot or UAVCAN commands, or fractions of the range, and rarely say which. The scale
+follows from the values themselves and from the parameters of the output driver.
 """
 
 from collections.abc import Sequence
@@ -33,18 +33,18 @@ class OutputScale:
     step: float
     """Smallest difference between two values that occurred; 0 where all are equal."""
     stop: float = 1.0
-    """Share of the range beyond which the autopilot sends no motor, 0 to 1; 1 where that is not known."""
+    """Fraction of the range beyond which the autopilot sends no motor, 0 to 1; 1 where that is not known."""
     lower_stop: float = 0.0
-    """Share of the range below which the autopilot sends no motor in flight, 0 to 1: its idle in the air."""
+    """Fraction of the range below which the autopilot sends no motor in flight, 0 to 1: its idle in the air."""
 
     def fraction(self, outputs: Array) -> Array:
-        """Converts outputs to shares of the range.
+        """Converts outputs to fractions of the range.
 
         Args:
             outputs: Outputs of any shape, in the unit of the scale.
 
         Returns:
-            Shares of the same shape: 0 at ``low`` and for a motor that is off (an output of 0), 1 at ``high``. Some
+            Fractions of the same shape: 0 at ``low`` and for a motor that is off (an output of 0), 1 at ``high``. Some
             autopilots send less than ``low`` while disarmed; those shares are negative.
         """
         # Computed in place, since copies of hours of flight take much memory.
@@ -91,8 +91,8 @@ MIN_RUNNING_PULSE_WIDTH = 1000.0
 MIN_PULSE_RANGE = 300.0
 """Smallest range of pulse widths of a speed controller, µs; parameters with less are of something else."""
 
-MAX_SHARE_OUTSIDE = 0.5
-"""Share of the distinct outputs that may lie outside the range of the parameters for them to be of this driver.
+MAX_FRACTION_OUTSIDE = 0.5
+"""Fraction of the distinct outputs that may lie outside the range of the parameters for them to be of this driver.
 
 Outputs of disarmed and arming motors lie outside, and damaged ones.
 """
@@ -137,7 +137,7 @@ def output_scale(
         lower_stop = 0.0 if drivers else _ardupilot_lower_stop(parameters)
         return OutputScale("PWM", "µs", low, high, step, upper_stop, lower_stop)
     if drivers and MAX_IDLE_DSHOT < largest <= MAX_DSHOT_COMMAND and "DSHOT_MIN" in parameters:
-        # DSHOT_MIN is the idle throttle as a share of the range, 0 to 1, so that the lower end is at idle.
+        # DSHOT_MIN is the idle throttle as a fraction of the range, 0 to 1, so that the lower end is at idle.
         low = float(round(parameters["DSHOT_MIN"] * MAX_DSHOT))
         return OutputScale("DShot", "", low, MAX_DSHOT, step)
     name, high = _scale_of_largest(largest, is_px4=bool(drivers))
@@ -194,7 +194,7 @@ def _pulse_range(
         is_pulse_range = low > 0 and high - low >= MIN_PULSE_RANGE
         # One microsecond above the range is rounding.
         is_outside = (pulse_widths < low) | (pulse_widths > high + 1)
-        if is_pulse_range and np.mean(is_outside) <= MAX_SHARE_OUTSIDE:
+        if is_pulse_range and np.mean(is_outside) <= MAX_FRACTION_OUTSIDE:
             return low, high
     low, high = DEFAULT_PULSE_RANGE
     if drivers and pulse_widths.max() > high + 1:
@@ -273,14 +273,14 @@ def _px4_limit(driver: OutputDriver, end: str, parameters: Parameters) -> float:
 
 
 MIN_STOP = 0.5
-"""Smallest share of the range that counts as the mixer's limit; a parameter with less has another meaning."""
+"""Smallest fraction of the range that counts as the mixer's limit; a parameter with less has another meaning."""
 
 
 def _ardupilot_stop(parameters: Parameters) -> float:
-    """Returns the upper limit that ArduPilot's mixer sets to the motors, as a share of the range of their outputs.
+    """Returns the upper limit that ArduPilot's mixer sets to the motors, as a fraction of the range of their outputs.
 
-    From ArduCopter 3.4 on it is MOT_SPIN_MAX. In 3.3 it is MOT_THST_MAX, a share of the range above THR_MIN, which is
-    in per mille. Before, it is MOT_TCRV_MAXPCT, in percent. Source: ``AP_MotorsMulticopter`` and, before it,
+    From ArduCopter 3.4 on it is MOT_SPIN_MAX. In 3.3 it is MOT_THST_MAX, a fraction of the range above THR_MIN, which
+    is in per mille. Before, it is MOT_TCRV_MAXPCT, in percent. Source: ``AP_MotorsMulticopter`` and, before it,
     ``AP_Motors`` of https://github.com/ArduPilot/ardupilot.
 
     Args:
@@ -301,7 +301,8 @@ def _ardupilot_stop(parameters: Parameters) -> float:
 
 
 DEFAULT_LOWER_STOP = 0.15
-"""Share of the range at which ArduPilot's motors idle in flight where no parameter has it: MOT_SPIN_MIN's default."""
+"""Fraction of the range at which ArduPilot's motors idle in flight where no parameter has it: MOT_SPIN_MIN's
+default."""
 
 
 def _ardupilot_lower_stop(parameters: Parameters) -> float:
@@ -313,7 +314,7 @@ def _ardupilot_lower_stop(parameters: Parameters) -> float:
         parameters: The autopilot's parameters by name.
 
     Returns:
-        The share of the output's range, 0 to 1; the firmware's default if no parameter has it.
+        The fraction of the output's range, 0 to 1; the firmware's default if no parameter has it.
     """
     if "MOT_SPIN_MIN" in parameters:
         return parameters["MOT_SPIN_MIN"]

@@ -96,7 +96,7 @@ def _used_outputs(topic: Columns) -> Array:
 
 
 def hil_actuator_controls(topics: Topics, vehicle: str, parameters: Parameters) -> Fields:
-    """Makes HIL_ACTUATOR_CONTROLS, outputs as shares of their range, from actuator_motors (PX4 1.13 and later).
+    """Makes HIL_ACTUATOR_CONTROLS, outputs as fractions of their range, from actuator_motors (PX4 1.13 and later).
 
     The topic is indexed by motor, the message by channel: each motor is put on the channel that the parameters state. A
     motor that is off, NaN in the topic, becomes 0.

@@ -39,7 +39,7 @@ MICROSECONDS = 1e6
 """Microseconds in a second."""
 
 MIN_PREFERRED_SHARE = 0.9
-"""A preferred message gives way to another only where it comes less often than this share of the other's count.
+"""A preferred message gives way to another only where it comes less often than this fraction of the other's count.
 
 A choice: a tenth fewer messages is less harm than the disadvantages of the other message.
 """

@@ -20,13 +20,13 @@ MIN_SAMPLE_RATE = MIN_BLOCK_SAMPLES / BLOCK_SECONDS
 """Rate of the samples, Hz, that the detection needs."""
 
 SAMPLE_RATE_TOLERANCE = 0.9
-"""Share of that rate which is still enough, for jitter."""
+"""Fraction of that rate which is still enough, for jitter."""
 
 UNKNOWN_LEAN = (nan, nan)
 """Roll and pitch of a vehicle whose attitude is not known."""
 
-MIN_PRESENT_SHARE = 0.8
-"""Share of the blocks that must be present for variances to be right. A choice."""
+MIN_PRESENT_FRACTION = 0.8
+"""Fraction of the blocks that must be present for variances to be right. A choice."""
 
 
 class CommandBlock(NamedTuple):
@@ -172,7 +172,7 @@ class BalanceBlocks:
     def has_gaps(self) -> bool:
         """Whether too many blocks are missing, as after lost messages."""
         expected_count = (self.times[-1] - self.times[0]) / BLOCK_SECONDS + 1
-        return len(self) < MIN_PRESENT_SHARE * expected_count
+        return len(self) < MIN_PRESENT_FRACTION * expected_count
 
     def add(self, time: float, balance: Array, heading: float, lean: Array) -> None:
         """Adds the next block in the order of time, and counts it as steady if the vehicle did not turn.

@@ -18,7 +18,7 @@ RISES = np.geomspace(0.05, 0.8, 13)
 """(s,) rises of a weak motor's own command that are considered, relative to the mean command."""
 
 RECOVERIES = np.linspace(0.2, 1.3, len(RISES))
-"""(s,) shares of a weak motor's rise that its recovery takes back; the rise may be wrong by a quarter."""
+"""(s,) fractions of a weak motor's rise that its recovery takes back; the rise may be wrong by a quarter."""
 
 RECOVERIES_PER_LOSS = 5.0
 """Prior odds of the recovery of a weak motor, or of all of them, against the loss of another one; a choice."""

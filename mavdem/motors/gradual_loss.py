@@ -20,7 +20,7 @@ import numpy as np
 from mavdem.arrays import Array, Indices
 from mavdem.confidence import STRONG_EVIDENCE_NATS
 from mavdem.ingest.motors import MotorGeometry
-from mavdem.motors.balance_blocks import MIN_PRESENT_SHARE
+from mavdem.motors.balance_blocks import MIN_PRESENT_FRACTION
 from mavdem.motors.balance_model import BalanceModel
 from mavdem.motors.change_causes import (
     LOADS_PER_MOTOR,
@@ -48,8 +48,8 @@ MAX_BLOCKS = 240
 """Number of blocks into which a flight is divided at most; longer flights get longer blocks. Two minutes of half
 seconds: a change needs no finer time than that."""
 
-RAMP_SHARES = (0.0, 0.05, 0.1, 0.2, 0.4, 0.6, 1.0)
-"""Durations of the ramp that are tried, as shares of the flight; a choice."""
+RAMP_FRACTIONS = (0.0, 0.05, 0.1, 0.2, 0.4, 0.6, 1.0)
+"""Durations of the ramp that are tried, as fractions of the flight; a choice."""
 
 MIN_WORK_RISE = 0.18
 """Rise of a weak motor's work, as a fraction, from which on it is named.
@@ -122,7 +122,7 @@ def gradual_loss(
     min_blocks_after = round(MIN_LOSS_SECONDS / block_seconds)
     block_times, block_commands = _block_means(time, commands, block_seconds)
     thrust = block_commands.mean(axis=1)
-    is_sparse = len(block_times) < MIN_PRESENT_SHARE * duration / block_seconds
+    is_sparse = len(block_times) < MIN_PRESENT_FRACTION * duration / block_seconds
     is_too_short = len(block_times) < min_blocks_before + min_blocks_after
     # The balance is relative to the thrust, which is 0 while the motors stand still.
     do_motors_run = bool((thrust > 0).all())
@@ -211,8 +211,8 @@ def _best_ramp(balances: Array, min_blocks_before: int) -> Ramp:
     # At least two blocks are left for the change.
     starts = np.arange(min_blocks_before, block_count - 2)
     fits = []
-    for share in RAMP_SHARES:
-        lengths = np.clip(round(share * block_count), 1, block_count - 1 - starts)
+    for fraction in RAMP_FRACTIONS:
+        lengths = np.clip(round(fraction * block_count), 1, block_count - 1 - starts)
         fits.append(_best_ramp_of_lengths(balances, starts, lengths))
     # Of equal ramps the shortest is the first.
     return min(fits, key=lambda fit: fit.misfit).ramp

@@ -14,8 +14,8 @@ HEADING_SECTORS = 6
 MIN_SECTOR_BLOCKS = 2
 """Fewest blocks of steady flight in a sector whose mean counts; a choice."""
 
-MIN_SHOWN_SHARE = 0.5
-"""Share of a change that steady flight in each sector of headings must show; a choice."""
+MIN_SHOWN_FRACTION = 0.5
+"""Fraction of a change that steady flight in each sector of headings must show; a choice."""
 
 Angle = TypeVar("Angle", float, Array)
 
@@ -61,14 +61,14 @@ def is_independent_of_heading(
     if common_sectors:
         # A full change is a step of 1, from -1 to 0.
         return all(
-            progress_after[sector] - progress_before[sector] > MIN_SHOWN_SHARE
+            progress_after[sector] - progress_before[sector] > MIN_SHOWN_FRACTION
             for sector in common_sectors
         )
     if len(progress_after) < 2 or not progress_before:
         return False
     # Without a common sector, each side is compared with the level halfway between "before" (-1) and "after" (0).
-    is_absent_before = max(progress_before.values()) < -MIN_SHOWN_SHARE
-    is_present_after = min(progress_after.values()) > -MIN_SHOWN_SHARE
+    is_absent_before = max(progress_before.values()) < -MIN_SHOWN_FRACTION
+    is_present_after = min(progress_after.values()) > -MIN_SHOWN_FRACTION
     return is_absent_before and is_present_after
 
 

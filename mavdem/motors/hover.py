@@ -43,9 +43,9 @@ class HoverFigures:
     headroom: Numbers
     """(k,) upper stop less the 99th percentile of the output, as a fraction of the range: what is left for gusts."""
     at_upper_limit: Numbers
-    """(k,) share of the time within 1 % of the range of the upper stop or, where none shows, of full throttle."""
+    """(k,) fraction of the time within 1 % of the range of the upper stop or, where none shows, of full throttle."""
     at_lower_limit: Numbers
-    """(k,) share of the time within 1 % of the range of the lower stop, the motor's idle in flight, or below it."""
+    """(k,) fraction of the time within 1 % of the range of the lower stop, the motor's idle in flight, or below it."""
     roll: float | None
     """Mean roll, degrees: steady lean against wind or an offset centre of mass; None where it is not known."""
     pitch: float | None
@@ -124,7 +124,7 @@ def hover_figures(
 ) -> HoverFigures:
     """Computes trim, headroom and time at the limits of each motor from its outputs, as a rule in settled flight.
 
-    Means and shares are over samples. Outputs are converted to shares of their range, so that vehicles with PWM (µs)
+    Means and shares are over samples. Outputs are converted to fractions of their range, so that vehicles with PWM (µs)
     and with normalised outputs have comparable figures.
 
     Args:

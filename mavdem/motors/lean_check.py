@@ -23,8 +23,8 @@ from mavdem.motors.signatures import MotorSignatures
 MIN_FREEDOM = 3
 """Fewest blocks beyond the coefficients of the fit, with which its errors are known at all; a choice."""
 
-FALSE_SHARE = 0.01
-"""Share of shifts by wind alone that may pass for beyond the lean, by the design of the test; a choice."""
+FALSE_FRACTION = 0.01
+"""Fraction of shifts by wind alone that may pass for beyond the lean, by the design of the test; a choice."""
 
 
 def is_beyond_lean(run: SteadyRun, signatures: MotorSignatures, onset_time: float) -> bool:
@@ -62,7 +62,7 @@ def is_beyond_lean(run: SteadyRun, signatures: MotorSignatures, onset_time: floa
     step_error = np.sqrt(block_variance * inflation * inverse[step_row, step_row])
     tilt_columns = [AXES.index(axis) for axis in TILT_AXES]
     # Two axes are tested, each on both sides.
-    limit = scipy.special.stdtrit(freedom, 1 - FALSE_SHARE / (2 * len(TILT_AXES)))
+    limit = scipy.special.stdtrit(freedom, 1 - FALSE_FRACTION / (2 * len(TILT_AXES)))
     # Constant commands have no error, so that the step is not divided by it.
     is_significant = abs(fit[step_row]) > limit * step_error
     return bool(is_significant[tilt_columns].any())

@@ -32,7 +32,7 @@ SMOOTHING_BLOCKS = 4
 """Number of blocks, 2 s, over whose mean it is decided when a change was over: single blocks are too noisy."""
 
 HALF_CHANGE = 0.5
-"""Share of a change below which the balance is nearer to that before the change than to that after it."""
+"""Fraction of a change below which the balance is nearer to that before the change than to that after it."""
 
 
 class LossConfirmation(NamedTuple):
@@ -62,8 +62,8 @@ class LossConfirmation(NamedTuple):
         """Returns whether the loss is confirmed at a time, s, since nothing withdrew it."""
         return time >= self.start + MIN_LOSS_SECONDS + MAX_CONFIRMATION_SECONDS
 
-    def remaining_shares(self, balances: Array) -> Array:
-        """Returns the share of the change that remains in each block: 0 as before the change, 1 as after it.
+    def remaining_fractions(self, balances: Array) -> Array:
+        """Returns the fraction of the change that remains in each block: 0 as before the change, 1 as after it.
 
         It is the projection of the balance on the change, by weighted least squares: each axis is weighted by the
         inverse of the variance of the change.
@@ -72,7 +72,7 @@ class LossConfirmation(NamedTuple):
             balances: (N, a) balance of each block.
 
         Returns:
-            (N,) shares.
+            (N,) remaining fractions.
         """
         weights = self.change / self.variance
         return (balances - self.balance_before) @ weights / (self.change @ weights)
@@ -92,29 +92,29 @@ class LossConfirmation(NamedTuple):
             The log odds; 0, even odds, while there is too little flight to decide.
         """
         is_settled = np.array(times) > self.start + MIN_LOSS_SECONDS
-        shares = self.remaining_shares(np.array(balances)[is_settled])
-        if len(shares) * BLOCK_SECONDS < MIN_CONFIRMATION_SECONDS:
+        remaining = self.remaining_fractions(np.array(balances)[is_settled])
+        if len(remaining) * BLOCK_SECONDS < MIN_CONFIRMATION_SECONDS:
             return 0.0
-        mean = shares.mean()
-        block_variance = np.array([shares.var()])
+        mean = remaining.mean()
+        block_variance = np.array([remaining.var()])
         # The function takes several signals and windows; here it is one signal, and one window with all blocks.
-        is_selected = np.ones((1, len(shares)), dtype=bool)
+        is_selected = np.ones((1, len(remaining)), dtype=bool)
         long_run = long_run_variance(
-            shares[:, None], is_selected, np.array([[mean]]), block_variance, PRIOR_FREEDOM
+            remaining[:, None], is_selected, np.array([[mean]]), block_variance, PRIOR_FREEDOM
         )
-        mean_variance = float(long_run.max()) / len(shares)
+        mean_variance = float(long_run.max()) / len(remaining)
         return float((1 - 2 * mean) / (2 * max(mean_variance, SMALLEST_VARIANCE)))
 
     def blocks_since_return(self, balances: Sequence[Array]) -> int:
         """Returns the number of blocks, at least 1, since the change was over.
 
-        It was over after the last block at which the moving average of the remaining share was at least one half.
+        It was over after the last block at which the moving average of the remaining fraction was at least one half.
 
         Args:
             balances: (a,) balance in each of the N blocks since the detection.
         """
-        shares = self.remaining_shares(np.array(balances))
-        means = np.convolve(shares, np.full(SMOOTHING_BLOCKS, 1 / SMOOTHING_BLOCKS), "same")
+        remaining = self.remaining_fractions(np.array(balances))
+        means = np.convolve(remaining, np.full(SMOOTHING_BLOCKS, 1 / SMOOTHING_BLOCKS), "same")
         changed_rows = np.flatnonzero(means >= HALF_CHANGE)
         last_changed_row = int(changed_rows[-1]) if len(changed_rows) else 0
-        return max(len(shares) - 1 - last_changed_row, 1)
+        return max(len(remaining) - 1 - last_changed_row, 1)

@@ -90,8 +90,8 @@ STALE_SECONDS = 15.0
 HOURS_TO_FALSE_ALARM = 10.0
 """Mean time to a false alarm by design, hours."""
 
-MAX_RECOVERED_SHARE = 1 / 4
-"""Share of its former rise below which a motor's remaining rise counts as recovered: the rise may be wrong by it."""
+MAX_RECOVERED_FRACTION = 1 / 4
+"""Fraction of its former rise below which a motor's remaining rise counts as recovered: the rise may be wrong by it."""
 
 PRIOR_BLOCK_SD = 0.006
 """Standard deviation of a block's balance before the flight has shown its own, relative to the mean command."""
@@ -511,7 +511,7 @@ class MotorLossDetector:
             rise = (1 + previous_rise) * (1 + change_of_command) - 1
             lowest = (1 + previous_rise) * (1 + change_of_command - half_width) - 1
             highest = (1 + previous_rise) * (1 + change_of_command + half_width) - 1
-            is_sound_again = rise < max(RISES[0], previous_rise * MAX_RECOVERED_SHARE)
+            is_sound_again = rise < max(RISES[0], previous_rise * MAX_RECOVERED_FRACTION)
             if rises[motor] < 0 and (len(moved_motors) > 1 or is_sound_again):
                 self._add_alarm(motor, block_count, log_odds, 0.0)
                 continue

@@ -154,7 +154,7 @@ class DragPosterior(NamedTuple):
     """Covariance (10, 10)."""
 
     steered_share: float
-    """Share of the force's variance that opposes the velocity, as by steering."""
+    """Fraction of the force's variance that opposes the velocity, as by steering."""
 
 
 class _Expansion(NamedTuple):
@@ -184,8 +184,8 @@ def identify_drag(grid: MotionGrid, drag: Drag) -> DragPosterior:
 
     Drag and wind can be distinguished only in manoeuvres, and lean and wind only while the vehicle yaws. Without these
     the likelihood would still depend on them, but only because of the form of the model. So its information is
-    multiplied by a factor below 1: for drag the squared share of the force that manoeuvres explain
-    (``steered_fraction``), for lean the share of turned yaw.
+    multiplied by a factor below 1: for drag the squared fraction of the force that manoeuvres explain
+    (``steered_fraction``), for lean the fraction of turned yaw.
 
     Each iteration expands the log likelihood, adds the prior, and makes one step. Steps may overshoot and then diverge,
     so the result is the parameters with the highest posterior of all iterations. The prior of the mean force
@@ -198,13 +198,13 @@ def identify_drag(grid: MotionGrid, drag: Drag) -> DragPosterior:
         drag: prior of the drag.
 
     Returns:
-        Mean and covariance of the ten scaled parameters, and the share of the force that steering explains.
+        Mean and covariance of the ten scaled parameters, and the fraction of the force that steering explains.
     """
     prior_mean = np.append(drag.mean, GUST_PRIOR_MEAN)
     precision = scipy.linalg.block_diag(np.linalg.inv(drag.covariance), np.diag(GUST_PRIOR_SD**-2))
     steered_fraction = steered_share(grid)
     # Factors of the information: four entries of drag, two of lean, and four of gusts and noise.
-    information_shares = np.repeat([steered_fraction**2, _turned_share(grid), 1.0], [4, 2, 4])
+    information_fractions = np.repeat([steered_fraction**2, _turned_fraction(grid), 1.0], [4, 2, 4])
     bound = MAX_PRIOR_DEVIATIONS / np.sqrt(np.diag(precision))
     mean = prior_mean
     highest_value = np.nan
@@ -212,7 +212,7 @@ def identify_drag(grid: MotionGrid, drag: Drag) -> DragPosterior:
     while len(values) < MAX_ITERATIONS:
         expansion = _expand_log_likelihood(mean, grid)
         information = expansion.information * np.sqrt(
-            np.outer(information_shares, information_shares)
+            np.outer(information_fractions, information_fractions)
         )
         # A drag that changes within the flight makes the innovations less informative (matrix inversion lemma).
         model_precision = np.eye(2) + MODEL_ERROR.T @ information @ MODEL_ERROR
@@ -234,7 +234,7 @@ def identify_drag(grid: MotionGrid, drag: Drag) -> DragPosterior:
         values.append(value)
         if _has_settled(values):
             break
-        gradient = discount @ (information_shares * expansion.gradient)
+        gradient = discount @ (information_fractions * expansion.gradient)
         step = covariance @ (gradient + speed_pull - precision @ deviation)
         mean = np.clip(
             mean + np.clip(step, -MAX_STEP, MAX_STEP), prior_mean - bound, prior_mean + bound
@@ -332,7 +332,7 @@ def _expand_log_likelihood(scaled_parameters: Array, grid: MotionGrid) -> _Expan
 
 
 def steered_share(grid: MotionGrid) -> float:
-    """Returns the share of the force's changes that is drag by manoeuvres; only this part determines the drag.
+    """Returns the fraction of the force's changes that is drag by manoeuvres; only this part determines the drag.
 
     In a manoeuvre, drag opposes the change of the velocity: force and velocity change in opposite directions. A gust
     accelerates the vehicle: both change in the same direction. So the share is the square of the correlation between
@@ -342,7 +342,7 @@ def steered_share(grid: MotionGrid) -> float:
         grid: velocity and specific force of the flight on an even time grid.
 
     Returns:
-        Share of the variance of the force's changes, 0 to 1.
+        Fraction of the variance of the force's changes, 0 to 1.
     """
     steps = max(round(STEERED_SECONDS / grid.step), 1)
     force = grid.level_force[:, HORIZONTAL]
@@ -351,7 +351,7 @@ def steered_share(grid: MotionGrid) -> float:
     force_changes = (force[steps:] - force[:-steps])[both_complete].ravel()
     velocity_changes = (velocity[steps:] - velocity[:-steps])[both_complete].ravel()
     # The error of a difference of two velocities has twice the variance of the error of one velocity. It is added to
-    # the power of the changes, so that a hover, in which the velocity hardly changes, has a share of about 0.
+    # the power of the changes, so that a hover, in which the velocity hardly changes, has a fraction of about 0.
     noise = 2 * VELOCITY_SD**2 * len(velocity_changes)
     force_power = force_changes @ force_changes
     velocity_power = velocity_changes @ velocity_changes + noise
@@ -360,7 +360,7 @@ def steered_share(grid: MotionGrid) -> float:
     return max(float(opposition), 0.0) ** 2
 
 
-def _turned_share(grid: MotionGrid) -> float:
+def _turned_fraction(grid: MotionGrid) -> float:
     """Returns the spread of the yaw: 1 minus the square of the mean heading vector's length, 0 to 1."""
     forward_axes = grid.body_axes[grid.complete, 0, :2]
     headings = forward_axes / np.hypot(*forward_axes.T)[:, None]
@@ -425,7 +425,7 @@ def sampled_winds(grid: MotionGrid, scaled_parameters: Array) -> SmoothedStates:
     return filter_motion(filter_parameters(scaled_parameters, grid), grid).smooth()
 
 
-def independent_share(errors: Array) -> float:
+def independent_fraction(errors: Array) -> float:
     """Returns the ratio of effective to actual sample size of autocorrelated errors.
 
     Autocorrelated errors contain less information than independent ones. They are modelled as first-order
@@ -503,7 +503,7 @@ def estimate_drag(
     mean = prior.mean
     for _ in range(WEIGHTING_ITERATIONS):
         errors = force_errors(mean)
-        weight = independent_share(errors) / max(errors.var(), MIN_VARIANCE)
+        weight = independent_fraction(errors) / max(errors.var(), MIN_VARIANCE)
         solution = least_squares(residuals, mean, args=(weight,))
         mean = solution.x
     # The residuals are whitened, so the inverse of JᵀJ is the posterior covariance.

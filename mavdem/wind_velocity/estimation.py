@@ -632,7 +632,7 @@ def _doubts_on_wind(
         drag_sd: relative standard deviation of the drag force at the air speed of the flight.
         remaining_sd: standard deviation after the flight, relative to the one before it (the prior's).
         is_lean_worse: whether the speed is more uncertain by the lean than by the drag.
-        steered_share: share of the force's variance that manoeuvres explain, 0 to 1; only they determine the drag.
+        steered_share: fraction of the force's variance that manoeuvres explain, 0 to 1; only they determine the drag.
         prior_source: source of the prior of the drag.
 
     Returns:

@@ -20,7 +20,7 @@ MEANS_PER_FOLD_BLOCK = 5
 
 
 def torque_share_of_wind(wind: WindVelocity, time: Array, torque: Array) -> Fact:
-    """Estimates the share of a wind torque's variance that the mean wind explains.
+    """Estimates the fraction of a wind torque's variance that the mean wind explains.
 
     Air that flows past a vehicle causes a torque about proportional to its velocity along the body. So the torque,
     averaged over 3 s, is regressed on the velocity relative to the mean wind along body x and y. As any regression
@@ -58,5 +58,5 @@ def torque_share_of_wind(wind: WindVelocity, time: Array, torque: Array) -> Fact
     for test in (in_even_block, ~in_even_block):
         coefficients = np.linalg.lstsq(regressors[~test], mean_torque[~test])[0]
         residual[test] -= regressors[test] @ coefficients
-    unexplained_share = residual.var() / mean_torque.var()
-    return Fact(WindShare.SHARE_KNOWN, share=max(1 - unexplained_share, 0.0), span=GUST_SECONDS)
+    unexplained_fraction = residual.var() / mean_torque.var()
+    return Fact(WindShare.SHARE_KNOWN, share=max(1 - unexplained_fraction, 0.0), span=GUST_SECONDS)

@@ -46,7 +46,7 @@ LEAN = slice(4, 6)
 DRAG_PARAMETERS = 6
 """Number of entries of ``Drag.mean``."""
 
-AXIS_SHARES = np.array([-0.5, 0.5])
+AXIS_FRACTIONS = np.array([-0.5, 0.5])
 """Part of a log ratio y to x that is added to the logarithms of x and of y."""
 
 POPULATION_MEAN = np.log([0.3, 0.014, 1.0, 1.0])
@@ -193,10 +193,10 @@ def axis_drag(logarithms: Array) -> AxisDrag:
     log_quadratic = logarithms[..., [LOG_QUADRATIC]]
     log_linear_ratio = logarithms[..., [LOG_LINEAR_RATIO]]
     log_quadratic_ratio = logarithms[..., [LOG_QUADRATIC_RATIO]]
-    # ``AXIS_SHARES`` is −1/2 for x and 1/2 for y.
+    # ``AXIS_FRACTIONS`` is −1/2 for x and 1/2 for y.
     return AxisDrag(
-        np.exp(log_linear + log_linear_ratio * AXIS_SHARES),
-        np.exp(log_quadratic + log_quadratic_ratio * AXIS_SHARES),
+        np.exp(log_linear + log_linear_ratio * AXIS_FRACTIONS),
+        np.exp(log_quadratic + log_quadratic_ratio * AXIS_FRACTIONS),
     )
 
 
@@ -326,7 +326,7 @@ class Drag(ImmutableResult):
         # Row x is 1 · ln mean − ½ · ln ratio, and row y is 1 · ln mean + ½ · ln ratio.
         weights = np.zeros((2, DRAG_PARAMETERS))
         weights[:, log_mean] = 1.0
-        weights[:, log_ratio] = AXIS_SHARES
+        weights[:, log_ratio] = AXIS_FRACTIONS
         log_sd = np.sqrt(np.diag(weights @ self.covariance @ weights.T))
         log_half_width = coverage_factor() * log_sd
         return np.array([medians * np.exp(-log_half_width), medians * np.exp(log_half_width)])
@@ -385,11 +385,11 @@ class Drag(ImmutableResult):
         Returns:
             The prior, whose source is an earlier flight if this drag was identified in one.
         """
-        constant_share = 1 - (LEAN_CHANGE_SD / LEAN_SD) ** 2
+        constant_fraction = 1 - (LEAN_CHANGE_SD / LEAN_SD) ** 2
         scale = np.ones(DRAG_PARAMETERS)
-        scale[LEAN] = constant_share
+        scale[LEAN] = constant_fraction
         added_variances = np.zeros(DRAG_PARAMETERS)
-        added_variances[LEAN] = LEAN_SD**2 * (1 - constant_share**2)
+        added_variances[LEAN] = LEAN_SD**2 * (1 - constant_fraction**2)
         source = DragSource.EARLIER_FLIGHT if self.source is DragSource.FLIGHT else self.source
         return Drag(
             self.mean * scale,

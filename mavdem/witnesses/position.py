@@ -114,8 +114,8 @@ class PositionRecord:
     """Whether any GPS receiver had a fix (N,), 1 or 0; None if no receiver was recorded."""
     validity: TimeSeries | None
     """Whether the estimator reports a position (M,), 1 or 0; None if nothing reports it."""
-    fix_share: float | None
-    """Share of the time under power with a fix of GPS; None if no receiver was recorded."""
+    fix_fraction: float | None
+    """Fraction of the time under power with a fix of GPS; None if no receiver was recorded."""
 
 
 @cached_per_vehicle()
@@ -127,18 +127,18 @@ def position_record(signals: Signals, boot: int) -> PositionRecord:
         boot: number of the boot; a boot lasts from one start of the autopilot to the next.
 
     Returns:
-        The fixes, the validity of the position estimate, and the share of the powered time with a fix.
+        The fixes, the validity of the position estimate, and the fraction of the powered time with a fix.
     """
     fix = series_of_boot(position_fix(signals), boot)
     return PositionRecord(
         fix=fix,
         validity=series_of_boot(position_validity(signals), boot),
-        fix_share=None if fix is None else _share_under_power(signals, boot, fix),
+        fix_fraction=None if fix is None else _fraction_under_power(signals, boot, fix),
     )
 
 
-def _share_under_power(signals: Signals, boot: int, state: TimeSeries) -> float | None:
-    """Returns the share of the time under power in which a state was 1.
+def _fraction_under_power(signals: Signals, boot: int, state: TimeSeries) -> float | None:
+    """Returns the fraction of the time under power in which a state was 1.
 
     Under power means that the motors could carry the vehicle. Without motor outputs all samples count.
 

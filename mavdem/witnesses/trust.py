@@ -27,8 +27,8 @@ from mavdem.witnesses.position import PositionRecord, position_record
 from mavdem.witnesses.rotation import RotationUnderPower, rotation_under_power
 from mavdem.witnesses.sensors import throttle_stick
 
-MIN_FIX_SHARE = 0.95
-"""Share of the time under power with a position fix from which on the position can be trusted; a choice."""
+MIN_FIX_FRACTION = 0.95
+"""Fraction of the time under power with a position fix from which on the position can be trusted; a choice."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,7 +95,7 @@ class SensorTrust:
     @property
     def has_position_fix(self) -> bool | None:
         """Whether GPS had a fix at any time under power; None if no receiver was recorded."""
-        return None if self.position.fix_share is None else self.position.fix_share > 0
+        return None if self.position.fix_fraction is None else self.position.fix_fraction > 0
 
     @property
     def attitude_follows_setpoint(self) -> bool | None:
@@ -204,8 +204,8 @@ class SensorTrust:
         Its ``share`` is the time with a fix over the time in which the motors could carry the vehicle, or over the
         whole boot if that is not known (``is_powered`` is false).
         """
-        share = self.position.fix_share
-        has_mostly_fix = None if share is None else share >= MIN_FIX_SHARE
+        share = self.position.fix_fraction
+        has_mostly_fix = None if share is None else share >= MIN_FIX_FRACTION
         is_powered = bool(self.powered)
         return Fact(
             TrustCheck.POSITION,

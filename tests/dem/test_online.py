@@ -25,7 +25,7 @@ from mavdem.dem.online.anomaly_marks import (
 from mavdem.dem.online.error_bands import BAND_SECONDS, MAX_MEDIANS, ErrorBands
 from mavdem.dem.online.forecaster import OnlineForecaster
 from mavdem.dem.online.free_energy_monitor import MAX_QUARTILES, FreeEnergyMonitor, Surprise
-from mavdem.dem.online.learner import LEARNING_SECONDS, NEW_SAMPLE_SHARE
+from mavdem.dem.online.learner import LEARNING_SECONDS, NEW_SAMPLE_FRACTION
 from mavdem.dem.online.memory import SampleMemory, drop_blocks_since
 from mavdem.facts.online import OnlineFact
 
@@ -78,7 +78,7 @@ def test_it_arrives_where_learning_at_once_does(horizon):
     online = OnlineLearner(settings, dt=flight.dt, memory=30.0)
     estimate = flown(online, flight)[-1]
     learned = round((estimate.training_end_time - flight.time[0]) / flight.dt) + 1
-    longest_pause = max(LEARNING_SECONDS / flight.dt, NEW_SAMPLE_SHARE * learned)
+    longest_pause = max(LEARNING_SECONDS / flight.dt, NEW_SAMPLE_FRACTION * learned)
     assert len(flight) - learned <= longest_pause
     whole = mavdem.learn(flight[:learned], settings)
     assert_array_equal(estimate.model.A, whole.model.A)

@@ -11,7 +11,7 @@ from mavdem.dem.online.anomaly_marks import AnomalyMarks
 from mavdem.dem.online.surprise_cause import (
     cause_of_surprise,
     explained_share,
-    sustained_share,
+    sustained_fraction,
 )
 from mavdem.facts.online import SurpriseCause
 
@@ -50,8 +50,8 @@ def test_a_command_that_stays_away_opposes_a_torque_from_outside():
     steady[-150:] += 5000.0 * MOTORS
     cause = cause_of_surprise(steady @ MOTORS, MANOEUVRE.outputs, DT, SETTINGS)
     assert cause is SurpriseCause.DISTURBANCE
-    assert sustained_share(steady @ MOTORS, DT) > 0.8
-    assert sustained_share(MANOEUVRE.inputs @ MOTORS, DT) < 0.2
+    assert sustained_fraction(steady @ MOTORS, DT) > 0.8
+    assert sustained_fraction(MANOEUVRE.inputs @ MOTORS, DT) < 0.2
 
 
 def test_the_share_is_that_of_a_regression_on_the_lagged_command():

@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 import mavdem
 from mavdem.facts.online import DragSource
 from mavdem.wind_velocity import drag_identification
-from mavdem.wind_velocity.drag_identification import independent_share
+from mavdem.wind_velocity.drag_identification import independent_fraction
 from mavdem.wind_velocity.motion_grid import motion_grid
 from mavdem.wind_velocity.vehicle_drag import Drag, drag_model_setting
 
@@ -87,8 +87,10 @@ def test_what_somebody_set_in_the_autopilot_takes_the_place_of_the_populations_d
 
 def test_errors_that_are_alike_count_for_fewer_independent_ones():
     white = default_rng(0).standard_normal((20_000, 1))
-    assert independent_share(white) == approx(1.0, abs=0.03)
-    assert independent_share(lfilter([1], [1, -0.8], white, axis=0)) == approx(0.2 / 1.8, rel=0.1)
+    assert independent_fraction(white) == approx(1.0, abs=0.03)
+    assert independent_fraction(lfilter([1], [1, -0.8], white, axis=0)) == approx(
+        0.2 / 1.8, rel=0.1
+    )
 
 
 @mark.parametrize(

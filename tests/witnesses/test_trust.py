@@ -138,7 +138,7 @@ def test_an_accelerometer_must_measure_gravity_at_rest(gravity, is_sound):
 def test_a_receiver_without_satellites_gives_no_position():
     telemetry = changed(flight(), "GPS_RAW_INT", fix_type=1)
     assert trust(telemetry).has_position_fix is False
-    assert trust(telemetry).position.fix_share == 0
+    assert trust(telemetry).position.fix_fraction == 0
 
 
 @mark.parametrize("gain, answers", [(0.9, True), (0.0, False)])

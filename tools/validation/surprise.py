@@ -49,7 +49,7 @@ from mavdem.dem.online.free_energy_monitor import Surprise
 from mavdem.dem.online.surprise_cause import (
     cause_of_surprise,
     explained_share,
-    sustained_share,
+    sustained_fraction,
 )
 from mavdem.dem.record import Record
 from mavdem.facts.online import SurpriseCause
@@ -255,7 +255,7 @@ def event_row(flight: Flight, start: float) -> Values | None:
         "what": "event",
         "evidence": peak.evidence,
         "explained": explained_share(command, outputs, flight.dt, learned.settings),
-        "sustained": sustained_share(command, flight.dt),
+        "sustained": sustained_fraction(command, flight.dt),
         "cause": cause_name(cause),
     }
 

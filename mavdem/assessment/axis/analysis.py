@@ -354,7 +354,7 @@ def _with_other_axes(
         analysis: what the log shows of roll: model, physical parameters and condition.
         log: the log of a flight, with the messages of each vehicle.
         signals: logged time series of the vehicle, and which of them are the inputs of the model.
-        progress: shows the share of the axes that are done.
+        progress: shows the fraction of the axes that are done.
         estimates_of_other_axes: a function that returns estimates by axis which a second process has computed; axes
             that are missing in them are computed here.
 
@@ -464,7 +464,7 @@ def _lasting_losses(
     Args:
         signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.
         motors: outputs and geometry of the k motors.
-        commands: (N, k) their outputs while the attitude follows its setpoint, as shares of the range.
+        commands: (N, k) their outputs while the attitude follows its setpoint, as fractions of the range.
         boot: number of the boot; a boot lasts from one start of the autopilot to the next.
         changes: changes in this boot that the detector of sudden losses reported.
 
@@ -499,7 +499,7 @@ def _gradual_losses(
     Args:
         signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.
         motors: outputs and geometry of the k motors.
-        commands: (N, k) their outputs while the attitude follows its setpoint, as shares of the range.
+        commands: (N, k) their outputs while the attitude follows its setpoint, as fractions of the range.
         boot: number of the boot; a boot lasts from one start of the autopilot to the next.
         intervals: intervals of flight, s since boot.
         changes: changes in this boot that the detector of sudden losses reported.

@@ -217,7 +217,7 @@ class LogAnalysis:
         One of the faults is that the recorded body rates do not match the recorded angles, of which they should be the
         derivative. Slow streams do not show that, so that it is tested only if the log allows a full model.
         """
-        # Share of the angle's changes that the recorded rates explain, 0 to 1.
+        # Fraction of the angle's changes that the recorded rates explain, 0 to 1.
         rate_consistency = None
         if self.learnability.learnable:
             rate_consistency = self.learnability.figures.consistency

@@ -47,9 +47,9 @@ class PredictionLimits(NamedTuple):
     ratio: float = 0.5
     """Largest squared error over that of the better baseline."""
     worse: float = 0.1
-    """Largest share of windows with a larger error than the constant mean."""
+    """Largest fraction of windows with a larger error than the constant mean."""
     worse_than_last: float = 0.25
-    """Largest share of windows with a larger error than the last sample held, which is hard to beat near the trim."""
+    """Largest fraction of windows with a larger error than the last sample held, which is hard to beat in a hover."""
     coverage: float = 0.75
     """Least coverage of a 90 % band; below it there is a warning."""
     over_expected: float = 3.0
@@ -107,7 +107,7 @@ def model_findings(
         held_out: forecasts of windows that no model was trained on.
         condition: condition of the vehicle.
         alarms: lasting changes of the motors' balance.
-        consistency: share of the angle's changes that the recorded rates explain, 0 to 1.
+        consistency: fraction of the angle's changes that the recorded rates explain, 0 to 1.
         trim: fact about the deviations of the motors' commands from their mean.
 
     Returns:
@@ -310,7 +310,7 @@ def _damping_finding(physical: Physical) -> Finding:
 
 
 def _wind_finding(wind_torque: WindTorque | None, physical: Physical) -> Finding:
-    """Judges how well the wind torque is known: the share of the torque that the motors do not make.
+    """Judges how well the wind torque is known: the fraction of the torque that the motors do not make.
 
     It is NOT IDENTIFIABLE without the control effectiveness, and LIMITED if any physical parameter is doubtful.
     Otherwise the half width of the 90 % interval of its standard deviation decides, relative to that standard
@@ -355,7 +355,7 @@ def _prediction_finding(held_out: HeldOut) -> Finding:
         held_out: forecasts and baselines in the held-out windows.
 
     Returns:
-        The grade, with the error ratio and the shares of windows that were forecast worse than by each baseline.
+        The grade, with the error ratio and the fractions of windows that were forecast worse than by each baseline.
     """
     limits = PREDICTION_LIMITS
     baseline = held_out.best_baseline

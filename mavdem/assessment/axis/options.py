@@ -12,7 +12,7 @@ from mavdem.files import PathName
 ShowStep = Callable[..., AbstractContextManager[Progress]]
 """Shows a step of the work, given its ``title`` and whether it is ``measured``.
 
-It returns a context, which yields a function. A measured step calls that with the share of the work that is done.
+It returns a context, which yields a function. A measured step calls that with the fraction of the work that is done.
 """
 
 

@@ -19,7 +19,7 @@ class LimitedMotors(NamedTuple):
 
     names: Names
     share: float
-    """Share of the time at the limit, of the motor with the most."""
+    """Fraction of the time at the limit, of the motor with the most."""
     equally_loaded: Names
     """Other motors, seldom at their limit, whose mean command in the hover is about as high."""
 
@@ -63,7 +63,7 @@ def flight_overrides(
     Args:
         condition: condition of the vehicle, with its limit cycle and its hover; None if it is not known.
         alarms: lasting changes of the motors' balance.
-        consistency: share of the angle's changes that the recorded rates explain (R²); None if it is not known.
+        consistency: fraction of the angle's changes that the recorded rates explain (R²); None if it is not known.
         trim: fact about the deviations of the motors' commands from their mean; None if they are not known.
 
     Returns:
@@ -117,8 +117,8 @@ def _loss_override(loss: Fact) -> Fact:
         loss: the loss of one motor's thrust, from :func:`mavdem.motors.motor_changes.thrust_losses`.
 
     Returns:
-        A fact with the time, level and motor of the loss, the lost share of thrust, 0 to 1, as ``loss``, and the loss
-        itself as its ``reason``.
+        A fact with the time, level and motor of the loss, the lost fraction of thrust, 0 to 1, as ``loss``, and the
+        loss itself as its ``reason``.
     """
     return Fact(
         Override.MOTORS,
@@ -132,13 +132,13 @@ def _loss_override(loss: Fact) -> Fact:
 
 
 def limited_motors(hover: HoverFigures) -> LimitedMotors | None:
-    """Returns the motors that are at their upper limit for the largest share of a hover.
+    """Returns the motors that are at their upper limit for the largest fraction of a hover.
 
     Args:
         hover: figures of the motors in the hover.
 
     Returns:
-        The motors; None if their share of the time is at most ``MIN_AT_LIMIT_SHARE``.
+        The motors; None if that fraction is at most ``MIN_AT_LIMIT_SHARE``.
     """
     largest_share = max(hover.at_upper_limit)
     if largest_share <= MIN_AT_LIMIT_SHARE:

@@ -27,8 +27,8 @@ MIN_TURN_SECONDS = 0.5
 RISE_SECONDS = 0.5
 """Time after the end of a turn's setpoint in which its largest rate may still come, s: a yaw loop rises as slowly."""
 
-MIN_REACHED_SHARE = 0.8
-"""Least share of the setpoint that a sound axis reaches: 0.88 to 1.1 in flights that follow, at most 0.71 in others."""
+MIN_REACHED_FRACTION = 0.8
+"""Least fraction of the setpoint that a sound axis reaches: 0.88 to 1.1 in good flights, at most 0.71 in others."""
 
 
 class ReachedRate(NamedTuple):
@@ -49,7 +49,7 @@ class ReachedRate(NamedTuple):
     @property
     def falls_short(self) -> bool:
         """Whether the rate does not reach its setpoint."""
-        return self.share < MIN_REACHED_SHARE
+        return self.share < MIN_REACHED_FRACTION
 
 
 class _Turn(NamedTuple):
@@ -58,22 +58,22 @@ class _Turn(NamedTuple):
     segment: Segment
     """The time of its setpoint."""
     rates: ReachedRate
-    """Its largest rates, without the share of motors at a limit."""
+    """Its largest rates, without the fraction of motors at a limit."""
 
 
 def reached_rate(signals: Signals, segments: Segments) -> ReachedRate | None:
     """Returns the rate and its setpoint in the turn that is typical of a flight, and whether motors were at a limit.
 
     A turn about the axis of ``signals`` is a time of at least ``MIN_TURN_SECONDS`` in which the setpoint has one sign
-    and exceeds half of the largest setpoint of the flight. Turns are ordered by the share of the setpoint that the rate
-    reaches, and the one in the middle is typical.
+    and exceeds half of the largest setpoint of the flight. Turns are ordered by the fraction of the setpoint that the
+    rate reaches, and the one in the middle is typical.
 
     Args:
         signals: logged time series of the vehicle, with angle, rate and setpoints of the axis.
         segments: segments of the flight that are judged.
 
     Returns:
-        The largest rate and setpoint of that turn, with the share of the time of all turns in which a motor was at a
+        The largest rate and setpoint of that turn, with the fraction of the time of all turns in which a motor was at a
         limit; None without turns, or if messages are too slow.
     """
     if signals.rate_and_setpoint is None:
@@ -86,7 +86,7 @@ def reached_rate(signals: Signals, segments: Segments) -> ReachedRate | None:
         return None
     turns.sort(key=lambda turn: turn.rates.share)
     typical_turn = turns[len(turns) // 2]
-    at_limit_share = _at_limit_share(signals, [turn.segment for turn in turns])
+    at_limit_share = _fraction_of_time_at_limit(signals, [turn.segment for turn in turns])
     return typical_turn.rates._replace(at_limit_share=at_limit_share)
 
 
@@ -151,7 +151,7 @@ def _long_intervals(series: TimeSeries, is_selected: Flags) -> list[Segment]:
     return intervals
 
 
-def _at_limit_share(signals: Signals, turns: list[Segment]) -> float | None:
+def _fraction_of_time_at_limit(signals: Signals, turns: list[Segment]) -> float | None:
     """Returns the fraction of the time of turns in which some motor is at its upper or lower limit.
 
     Args:

@@ -56,7 +56,7 @@ A second-order system with ``MAX_OVERSHOOT`` has the peak 1 / (2ζ √(1 − ζ�
 Control Engineering).
 """
 
-MIN_PEAK_DRIVER_SHARE = 0.01
+MIN_PEAK_DRIVER_FRACTION = 0.01
 """Least power of the setpoint where its response counts, over its largest power: a choice.
 
 If the setpoint hardly moves, wind and noise determine the ratio. Power at 0 Hz, which is that of trends, does not
@@ -125,7 +125,7 @@ class _TrackingRating(NamedTuple):
     level: Level
     """How serious that is."""
     overshoot: float | None = None
-    """Overshoot of a step as a share of it; None if it was not measured."""
+    """Overshoot of a step as a fraction of it; None if it was not measured."""
 
 
 def tracking_of_axes(signals: Signals, segments: Segments) -> NamedFacts:
@@ -156,7 +156,7 @@ def _axis_tracking(signals: Signals, segments: Segments) -> Fact:
         - ``delay``, s; None if the smallest error is at an end of the ``DELAYS``, so that the flight does not show it;
         - ``rate_error``, rad/s;
         - ``ratio`` and ``frequency``, Hz, of the largest response of the angle to its setpoint;
-        - ``overshoot`` of a step as a share of the step, if it was measured;
+        - ``overshoot`` of a step as a fraction of the step, if it was measured;
         - ``rate_setpoint`` and ``reached_rate``, rad/s, and ``at_limit_share`` in turns.
 
         Without a setpoint of the angle only ``rate_error`` is known.
@@ -434,8 +434,8 @@ def _response_peak(
 ) -> ResponsePeak | None:
     """Returns the largest response of the angle to its setpoint by frequency, from Welch spectra.
 
-    Only frequencies are used at which the setpoint has at least ``MIN_PEAK_DRIVER_SHARE`` of its largest power, and the
-    angle is coherent with it (``MIN_COMPARED_COHERENCE``). At others the ratio is determined by wind and noise.
+    Only frequencies are used at which the setpoint has at least ``MIN_PEAK_DRIVER_FRACTION`` of its largest power, and
+    the angle is coherent with it (``MIN_COMPARED_COHERENCE``). At others the ratio is determined by wind and noise.
 
     Args:
         setpoint: setpoint of the angle, rad.
@@ -450,7 +450,7 @@ def _response_peak(
         return None
     is_above_zero = estimate.frequency > 0
     setpoint_power = np.where(is_above_zero, estimate.driver_power, 0.0)
-    is_excited = setpoint_power >= MIN_PEAK_DRIVER_SHARE * setpoint_power.max()
+    is_excited = setpoint_power >= MIN_PEAK_DRIVER_FRACTION * setpoint_power.max()
     is_coherent = estimate.coherence >= MIN_COMPARED_COHERENCE
     is_usable = is_above_zero & is_excited & is_coherent
     if not is_usable.any():

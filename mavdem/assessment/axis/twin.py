@@ -74,8 +74,8 @@ def build_assessed_twin(evidence: Evidence, mass: float | None = None) -> Assess
     loops = evidence.identified_loops
     signals = evidence.signals
     hover = hover_of(signals.for_axis("roll", "motors"), evidence.log.components)
-    # Mean command of all motors in the hover, as a share of their range.
-    hover_share = float(np.mean(hover.trim_of_range))
+    # Mean command of all motors in the hover, as a fraction of their range.
+    hover_fraction = float(np.mean(hover.trim_of_range))
     telemetry = signals.telemetry
     wind = evidence.wind.estimate
     if wind is not None:
@@ -83,7 +83,7 @@ def build_assessed_twin(evidence: Evidence, mass: float | None = None) -> Assess
     else:
         drag = Drag.from_parameters(telemetry.autopilot, telemetry.parameters)
     is_px4 = telemetry.autopilot == "PX4"
-    twin = build_twin(loops, px4=is_px4, hover=hover_share, wind=wind, drag=drag, mass=mass)
+    twin = build_twin(loops, px4=is_px4, hover=hover_fraction, wind=wind, drag=drag, mass=mass)
     return AssessedTwin(twin, loops, missing_loops)
 
 

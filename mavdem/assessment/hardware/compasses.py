@@ -20,8 +20,8 @@ from mavdem.facts.hardware import HardwareFact
 from mavdem.witnesses.sensors import compass_fields, is_compass_used
 
 FIELD_CHANGE_LIMITS = Limits(MAX_FIELD_CHANGE, 0.6)
-"""Changes of the field, as shares of it, when the throttle is raised: acceptable below the first, really bad above the
-second (https://ardupilot.org/copter/docs/common-diagnosing-problems-using-logs.html, "Compass interference")."""
+"""Changes of the field, as fractions of it, when the throttle is raised: acceptable below the first, really bad above
+the second (https://ardupilot.org/copter/docs/common-diagnosing-problems-using-logs.html, "Compass interference")."""
 
 MIN_SECONDS = 20.0
 """Length of flight, s, from which on a correlation is stated: ten averages of 2 s, of which chance alone correlates one

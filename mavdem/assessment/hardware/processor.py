@@ -20,7 +20,7 @@ LOAD_PARAMETER = "COM_CPU_MAX"
 """PX4's parameter of the load, %, above which it does not arm; a negative one switches that off."""
 
 MEMORY_PARAMETER = "COM_RAM_MAX"
-"""PX4's parameter of the share of the memory, %, above which it does not arm; a negative one switches that off."""
+"""PX4's parameter of the fraction of the memory, %, above which it does not arm; a negative one switches that off."""
 
 LOOP_COUNT_FIELDS = ("NL", "NLoop")
 """Fields of DataFlash's PM with the number of main loops since the message before, today and before ArduPilot 4.1."""
@@ -67,7 +67,7 @@ def processor_fact(evidence: Evidence) -> Fact | None:
         memory=memory,
         memory_share_limit=memory_limit if is_full else None,
         memory_free=memory_free.min() if len(memory_free) else None,
-        share=_share_of_long_loops(evidence),
+        share=_fraction_of_long_loops(evidence),
     )
 
 
@@ -76,8 +76,8 @@ def _reaches(value: float | None, limit: float | None) -> bool:
     return value is not None and limit is not None and 0 < limit <= value
 
 
-def _share_of_long_loops(evidence: Evidence) -> float | None:
-    """Returns the share of ArduPilot's main loops in flight that took too long.
+def _fraction_of_long_loops(evidence: Evidence) -> float | None:
+    """Returns the fraction of ArduPilot's main loops in flight that took too long.
 
     Args:
         evidence: signals, events and measurements of the vehicle.

@@ -17,8 +17,8 @@ from mavdem.facts import Fact, Level
 from mavdem.facts.hardware import HardwareFact, ReceiverDoubt
 from mavdem.ingest.telemetry import Telemetry
 
-TYPICAL_SHARE = 0.95
-"""Share of the flight for which the reported figure is not exceeded, so that single bad samples have no effect."""
+TYPICAL_FRACTION = 0.95
+"""Fraction of the flight for which the reported figure is not exceeded, so that single bad samples have no effect."""
 
 MAX_JAMMING = 80.0
 """Jamming indicator from which on "the setup must be inspected"
@@ -64,7 +64,7 @@ def receiver_fact(evidence: Evidence) -> Fact | None:
     dilution_usual = None
     for name, quantity in QUANTITIES.items():
         values = evidence.values_in_flight(recorded_quantity(signals, quantity))
-        figures[name] = float(np.quantile(values, TYPICAL_SHARE)) if len(values) else None
+        figures[name] = float(np.quantile(values, TYPICAL_FRACTION)) if len(values) else None
         if len(values) and name == "dilution":
             dilution_usual = float(np.median(values))
         if len(values) and name in limits and np.median(values) > limits[name]:
@@ -75,7 +75,7 @@ def receiver_fact(evidence: Evidence) -> Fact | None:
     return Fact(
         HardwareFact.RECEIVER_MEASURED,
         Level.WATCH if doubts else Level.GOOD,
-        satellites=np.quantile(satellites, 1 - TYPICAL_SHARE),
+        satellites=np.quantile(satellites, 1 - TYPICAL_FRACTION),
         satellites_usual=np.median(satellites),
         dilution=figures["dilution"],
         dilution_usual=dilution_usual,

@@ -25,8 +25,8 @@ from mavdem.ingest.vocabulary import SCENARIO_TEXT, SIH_AIRFRAMES
 MAX_GAP = 1.0
 """Time without attitude in flight, s, that is to be watched: longer than a fall from 5 m."""
 
-MAX_DAMAGED_SHARE = 0.01
-"""Share of damaged frames or bytes that is to be watched: a choice.
+MAX_DAMAGED_FRACTION = 0.01
+"""Fraction of damaged frames or bytes that is to be watched: a choice.
 
 So many losses thin every stream, parameters included.
 """
@@ -68,7 +68,7 @@ def log_light(evidence: Evidence) -> Fact:
        the body rates is used; the light states both.
     3. If a gap of the attitude in flight is longer than ``MAX_GAP``, or the logger itself lost messages ("dropouts"),
        the log has gaps.
-    4. If damage has cost more than ``MAX_DAMAGED_SHARE`` of the log, or more than ``MAX_GAP``, it is damaged.
+    4. If damage has cost more than ``MAX_DAMAGED_FRACTION`` of the log, or more than ``MAX_GAP``, it is damaged.
     5. If the log ends in the air, and no loss of the vehicle explains it, the rest of the flight is missing.
 
     The light also states how much of the file could not be read.
@@ -159,18 +159,18 @@ def _damage_fact(log: Log, telemetry: Telemetry) -> Fact | None:
         telemetry: repairs of the file that the vehicle was read from.
 
     Returns:
-        The fact, with the number of bytes and of damaged frames, the share of the log that these are, and the time, s,
-        that they contained, if it is known.
+        The fact, with the number of bytes and of damaged frames, the fraction of the log that these are, and the time,
+        s, that they contained, if it is known.
     """
     byte_count = 0
-    byte_share = 0.0
+    byte_fraction = 0.0
     frame_count = 0
     duration = 0.0
     for repair in telemetry.repairs:
         unread_bytes = _unread_bytes(repair)
         byte_count += unread_bytes
         if repair.code is Repair.BYTES_SKIPPED:
-            byte_share += unread_bytes / repair.figures["total"]
+            byte_fraction += unread_bytes / repair.figures["total"]
         if repair.code is Repair.FRAMES_LEFT_OUT and repair.figures["flaw"] == Flaw.DAMAGE:
             frame_count += repair.figures["count"]
         if repair.code in (Repair.ULOG_DAMAGED, Repair.CHUNKS_DAMAGED):
@@ -178,7 +178,7 @@ def _damage_fact(log: Log, telemetry: Telemetry) -> Fact | None:
     if not byte_count and not frame_count:
         return None
     # Damaged frames were recognised, and bytes that were skipped belong to no frame: they are other parts of the log.
-    share = frame_count / max(log.frames, 1) + byte_share
+    share = frame_count / max(log.frames, 1) + byte_fraction
     return Fact(
         LogLight.DAMAGED, size=byte_count, frames=frame_count, share=share, duration=duration
     )
@@ -187,7 +187,7 @@ def _damage_fact(log: Log, telemetry: Telemetry) -> Fact | None:
 def _is_large(damage: Fact) -> bool:
     """Returns whether damage has cost so much of a log that it is to be watched."""
     figures = damage.figures
-    return figures["share"] > MAX_DAMAGED_SHARE or figures["duration"] > MAX_GAP
+    return figures["share"] > MAX_DAMAGED_FRACTION or figures["duration"] > MAX_GAP
 
 
 def _unread_bytes(repair: Fact) -> int:

@@ -28,19 +28,19 @@ from mavdem.motors.saturation import most_limited_motors
 from mavdem.motors.trim_pattern import trim_of_signals
 
 MAX_HOVER_COMMAND = 0.8
-"""Mean command in the hover, as a share of the range, up to which full throttle is no need of the hover; a choice."""
+"""Mean command, as a fraction of the range, up to which a hover does not need full throttle; a choice."""
 
 MIN_HEADROOM = 0.1
-"""Share of the motors' range to be left for gusts at the 99th percentile of the output; less is to be watched."""
+"""Fraction of the motors' range to be left for gusts at the 99th percentile of the output; less is to be watched."""
 
-MIN_MOST_SHARE = 0.5
-"""Share of the flight at the limit above which a motor is there for most of the flight, whatever the vehicle did."""
+MIN_MOST_FRACTION = 0.5
+"""Fraction of the flight at the limit above which a motor is there for most of the flight, whatever the vehicle did."""
 
 UNKNOWN_TRIMS = (TrimFact.TRIM_UNKNOWN, TrimFact.TRIM_UNSURE, TrimFact.TRIM_OF_UNKNOWN_PLACES)
 """Facts that say why it is not known how evenly the motors work."""
 
-MIN_TOGETHER_SHARE = 0.5
-"""Share of the samples with a motor at its limit above which the motors count as limited together: most of them."""
+MIN_TOGETHER_FRACTION = 0.5
+"""Fraction of the samples with a motor at its limit above which the motors count as limited together: most of them."""
 
 
 def motors_light(evidence: Evidence) -> Fact:
@@ -98,8 +98,8 @@ def _missing_hover(evidence: Evidence) -> Fact:
 def _limited_motors_of_flight(evidence: Evidence, hover: HoverFigures | None) -> Fact | None:
     """Returns the motors that were at their upper limit in the hover or, if that was too short, in most of the flight.
 
-    In a short hover one manoeuvre could decide the share of the time at the limit. But a motor that is at its limit all
-    the time may keep the vehicle from settling, so that there is hardly a hover: then all of the flight is judged.
+    In a short hover one manoeuvre could decide the fraction of the time at the limit. But a motor that is at its limit
+    all the time may keep the vehicle from settling, so that there is hardly a hover: then all of the flight is judged.
 
     Args:
         evidence: signals, events and measurements of the vehicle.
@@ -123,7 +123,7 @@ def _limited_motors_of_flight(evidence: Evidence, hover: HoverFigures | None) ->
     motors_at_limit = limited_motors(figures)
     if motors_at_limit is None:
         return None
-    is_long_enough = has_long_hover or motors_at_limit.share > MIN_MOST_SHARE
+    is_long_enough = has_long_hover or motors_at_limit.share > MIN_MOST_FRACTION
     if not is_long_enough or _is_limited_together(motors, segments, figures):
         return None
     return motors_at_limit.fact(MotorsLight.MOTOR_LIMITED).replace(is_settled=has_long_hover)
@@ -189,7 +189,7 @@ def _is_limited_together(motors: MotorOutputs, segments: Segments, figures: Hove
         return False
     mean_commands = commands[limited_rows].mean(axis=1)
     limited_together = mean_commands >= SPENT_THRUST_SHARE * motors.scale.stop
-    return bool(limited_together.mean() > MIN_TOGETHER_SHARE)
+    return bool(limited_together.mean() > MIN_TOGETHER_FRACTION)
 
 
 def _motor_names(evidence: Evidence) -> tuple[str, ...]:
@@ -222,8 +222,8 @@ def _events_of_motors(evidence: Evidence) -> list[Fact]:
     4. Lasting shifts of the trims in flight, which name no motor: the weak one may hide behind a shifted load.
     5. Reports of the autopilot about a motor.
     6. The motor that was longest at its limit, if it alone was there for ``MIN_LOSS_SECONDS`` at a time, such as in a
-       descent. In a hover the share of the time is judged. If no hover was measured, motors count that were there for
-       most of the flight, too, however short that was (:func:`_is_limited_for_most_of_flight`).
+       descent. In a hover the fraction of the time is judged. If no hover was measured, motors count that were there
+       for most of the flight, too, however short that was (:func:`_is_limited_for_most_of_flight`).
 
     Args:
         evidence: signals, events and measurements of the vehicle.
@@ -244,7 +244,7 @@ def _events_of_motors(evidence: Evidence) -> list[Fact]:
     if ending is not None and (ending.subject in names or _is_thrust_spent(ending)):
         facts.append(ending)
     warnings = [fact for fact in evidence.warnings_in_flight(codes) if fact.subject in names]
-    # The figure "rise" is the increase of the motor's command that compensates its loss, as a share of the range. An
+    # The figure "rise" is the increase of the motor's command that compensates its loss, as a fraction of the range. An
     # event without it, such as a motor that was off, counts as infinitely large.
     warnings.sort(key=lambda fact: (-fact.figures.get("rise", inf), -_duration(fact)))
     facts += warnings
@@ -277,7 +277,7 @@ def _is_limited_for_most_of_flight(evidence: Evidence) -> bool:
     for event in evidence.warnings_in_flight([MotionEvent.MOTOR_AT_ITS_STOP]):
         seconds_at_limit[event.subject] += event.figures["duration"]
     flight_seconds = total_duration(evidence.flight_segments(motors.boot))
-    return max(seconds_at_limit.values()) > MIN_MOST_SHARE * flight_seconds
+    return max(seconds_at_limit.values()) > MIN_MOST_FRACTION * flight_seconds
 
 
 def _is_thrust_spent(ending: Fact) -> bool:
@@ -325,8 +325,8 @@ def _trim_or_headroom(evidence: Evidence, hover: HoverFigures) -> Fact:
     """Returns the pattern of the trim, or that the headroom is small.
 
     The trim is the mean output of each motor in the hover; an uneven one shows a weak motor, a shifted load or a
-    crooked arm. The headroom is the share of a motor's range above the 99th percentile of its output. A trim that is to
-    be watched is returned rather than a small headroom, since it may be the reason for that.
+    crooked arm. The headroom is the fraction of a motor's range above the 99th percentile of its output. A trim that is
+    to be watched is returned rather than a small headroom, since it may be the reason for that.
 
     Args:
         evidence: signals, events and measurements of the vehicle.
@@ -334,7 +334,7 @@ def _trim_or_headroom(evidence: Evidence, hover: HoverFigures) -> Fact:
 
     Returns:
         One of four facts: ``HEADROOM_LITTLE`` with the motors of least headroom; the trim to watch, with the smallest
-        ``headroom`` of a motor as a share of its range if that is small; ``MOTORS_EVEN`` with the headroom, None if
+        ``headroom`` of a motor as a fraction of its range if that is small; ``MOTORS_EVEN`` with the headroom, None if
         full throttle used it up; or any other fact of the trim, unchanged.
     """
     trim = trim_of_signals(evidence.signals) or Fact(TrimFact.TRIM_UNKNOWN)
@@ -353,7 +353,7 @@ def _trim_or_headroom(evidence: Evidence, hover: HoverFigures) -> Fact:
             if imbalance_percent / 100 > FAULT_RISE:
                 excess = imbalance_percent / 100
         # All motors carry the load: where only one lacks headroom, that motor or its propeller may be the reason.
-        motors_with_little = sum(share < MIN_HEADROOM for share in hover.headroom)
+        motors_with_little = sum(each < MIN_HEADROOM for each in hover.headroom)
         light = Fact(
             MotorsLight.HEADROOM_LITTLE,
             names=names,

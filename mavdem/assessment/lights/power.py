@@ -43,13 +43,13 @@ MIN_VOLTAGE_STEP = 1e-3
 """Least step between two voltages, s, that is used: a damaged log may have the same stamp throughout."""
 
 MAX_SAG = 0.5
-"""Share of a battery's voltage that its resistance takes at most: beyond it, more than half of the power heats it."""
+"""Largest fraction of a battery's voltage that its resistance takes; with more, most of the power heats it."""
 
 PX4_LOW_CHARGE = 0.15
-"""Share of the full charge below which PX4 warns: the default of BAT_LOW_THR."""
+"""Fraction of the full charge below which PX4 warns: the default of BAT_LOW_THR."""
 
 PX4_CRITICAL_CHARGE = 0.07
-"""Share of the full charge below which PX4 acts on a critical battery: the default of BAT_CRIT_THR."""
+"""Fraction of the full charge below which PX4 acts on a critical battery: the default of BAT_CRIT_THR."""
 
 CHARGED_CELL_VOLTAGE = 3.6
 """Voltage, V, of a cell under load from which on it is not empty: PX4's default of BAT1_V_EMPTY, that of an empty cell
@@ -285,7 +285,7 @@ def _first_time_below(evidence: Evidence, voltage: TimeSeries, limit: float) -> 
 def _battery_charges(evidence: Evidence, batteries: Sequence[Battery]) -> Iterator[Fact]:
     """Yields a fact for each battery whose charge fell below the autopilot's limits in flight.
 
-    The autopilot estimates the remaining charge in percent. It is averaged over 2 s, and compared as a share of the
+    The autopilot estimates the remaining charge in percent. It is averaged over 2 s, and compared as a fraction of the
     full charge with PX4's parameters BAT_LOW_THR, below which it is to be watched, and BAT_CRIT_THR, below which it is
     bad, or with their defaults; or with those of ArduPilot, which has no defaults. ArduPilot counts the charge down
     from the capacity that is set: at 0 %, all of it was used. That is bad, or to be watched if the voltage of the cells
@@ -302,26 +302,26 @@ def _battery_charges(evidence: Evidence, batteries: Sequence[Battery]) -> Iterat
     """
     telemetry = evidence.signals.telemetry
     is_px4 = telemetry.autopilot == "PX4"
-    low_share = telemetry.parameters.get("BAT_LOW_THR", PX4_LOW_CHARGE if is_px4 else 0.0)
-    critical_share = telemetry.parameters.get(
+    low_fraction = telemetry.parameters.get("BAT_LOW_THR", PX4_LOW_CHARGE if is_px4 else 0.0)
+    critical_fraction = telemetry.parameters.get(
         "BAT_CRIT_THR", PX4_CRITICAL_CHARGE if is_px4 else 0.0
     )
-    px4_levels = Limits(watch=low_share, bad=critical_share)
+    px4_levels = Limits(watch=low_fraction, bad=critical_fraction)
     has_several = len(evidence.signals.batteries) > 1
     for battery in batteries:
         percent = evidence.averages_in_flight(battery.charge)
         # A charge that is not known is sent as -1 or as 0. Only after a larger one is 0 that of an empty battery.
         was_charged = np.maximum.accumulate(percent) > 0
-        shares = percent[was_charged & (percent >= 0)] / 100
-        lowest_share = shares.min(initial=1.0)
+        charge_fractions = percent[was_charged & (percent >= 0)] / 100
+        lowest_fraction = charge_fractions.min(initial=1.0)
         levels = px4_levels
         is_spent = False
         if telemetry.autopilot == "ARDUPILOTMEGA":
-            is_spent = lowest_share <= 0
+            is_spent = lowest_fraction <= 0
             levels = ardupilot_charge_levels(telemetry.parameters, battery.number)
-        if lowest_share >= max(levels.watch, levels.bad) and not is_spent:
+        if lowest_fraction >= max(levels.watch, levels.bad) and not is_spent:
             continue
-        is_critical = lowest_share < levels.bad
+        is_critical = lowest_fraction < levels.bad
         charged_cell_voltage = None
         if is_spent and not is_critical:
             charged_cell_voltage = _charged_cell_voltage(evidence, battery)
@@ -330,21 +330,21 @@ def _battery_charges(evidence: Evidence, batteries: Sequence[Battery]) -> Iterat
         optional_figures = {}
         if charged_cell_voltage is not None:
             optional_figures["cell_voltage"] = charged_cell_voltage
-        share_before_fall = _share_before_sudden_fall(evidence, battery) if is_spent else None
-        if share_before_fall is not None:
-            optional_figures["share_before"] = share_before_fall
+        fraction_before_fall = _fraction_before_sudden_fall(evidence, battery) if is_spent else None
+        if fraction_before_fall is not None:
+            optional_figures["share_before"] = fraction_before_fall
         yield Fact(
             PowerLight.CHARGE_LOW,
             Level.BAD if is_bad else None,
             subject=battery_name(battery.number) if has_several else "",
-            share=lowest_share,
-            share_limit=share_limit if lowest_share < share_limit else None,
+            share=lowest_fraction,
+            share_limit=share_limit if lowest_fraction < share_limit else None,
             **optional_figures,
         )
 
 
-def _share_before_sudden_fall(evidence: Evidence, battery: Battery) -> float | None:
-    """Returns the share of the full charge from which that of a battery fell to nothing faster than it can be used.
+def _fraction_before_sudden_fall(evidence: Evidence, battery: Battery) -> float | None:
+    """Returns the fraction of the full charge from which that of a battery fell to nothing faster than it can be used.
 
     Args:
         evidence: signals, events and measurements of the vehicle.

@@ -1,4 +1,4 @@
-"""Status light of the wind, a fact (a coded finding): its speed, and the share of the largest lean that it needs."""
+"""Status light of the wind, a fact (a coded finding): its speed, and the fraction of the largest lean that it needs."""
 
 from math import hypot, inf, radians
 
@@ -15,8 +15,8 @@ from mavdem.wind_velocity.beaufort import is_speed_known
 LEAN_LIMIT_PARAMETERS = {"ANGLE_MAX": 0.01, "ATC_ANGLE_MAX": 1.0, "MPC_TILTMAX_AIR": 1.0}
 """Parameters with the largest lean, and the factor that converts them to degrees."""
 
-MAX_LEAN_SHARE = 0.5
-"""Share of the largest lean that the mean wind may take: as much again is left for gusts and for motion against it."""
+MAX_LEAN_FRACTION = 0.5
+"""Fraction of the largest lean that the mean wind may take: as much is left for gusts and motion against it."""
 
 
 def wind_light(evidence: Evidence, estimator: Fact) -> Fact:
@@ -26,7 +26,7 @@ def wind_light(evidence: Evidence, estimator: Fact) -> Fact:
 
     1. "unknown", without figures, if the flight does not identify the speed;
     2. "watch" if the estimator is bad, whose velocity the estimate needs, or if the vehicle needed more than
-       ``MAX_LEAN_SHARE`` of the largest lean that its parameters allow, in air that was not calm;
+       ``MAX_LEAN_FRACTION`` of the largest lean that its parameters allow, in air that was not calm;
     3. "good" if it needed less of that lean, if the air was calm, or if no parameter limits the lean but the interval
        of the speed is narrow (:func:`mavdem.wind_velocity.beaufort.is_speed_known`);
     4. "unknown", with the figures of the estimate, if the speed is known only roughly.
@@ -53,15 +53,15 @@ def wind_light(evidence: Evidence, estimator: Fact) -> Fact:
     if not wind.speed_identifiable:
         return Fact(WindLight.WIND_NOT_KNOWN, reason=wind.reasons["speed"])
     lowest_speed, highest_speed = wind.speed_interval
-    lean_share = _lean_share(evidence.condition, evidence.signals.telemetry)
+    lean_fraction = _lean_fraction(evidence.condition, evidence.signals.telemetry)
     is_rough = not is_speed_known(wind.speed_interval)
     reason: Fact | None = None
     if estimator.is_bad:
         level = Level.WATCH
         reason = estimator
-    elif lean_share > MAX_LEAN_SHARE and not wind.calm:
+    elif lean_fraction > MAX_LEAN_FRACTION and not wind.calm:
         level = Level.WATCH
-    elif lean_share > 0 or not is_rough:
+    elif lean_fraction > 0 or not is_rough:
         # Either the vehicle had enough lean in reserve, or the speed says enough without it.
         level = Level.GOOD
     else:
@@ -75,7 +75,7 @@ def wind_light(evidence: Evidence, estimator: Fact) -> Fact:
         low=lowest_speed,
         high=highest_speed,
         direction=wind.direction if wind.direction_identifiable else None,
-        share=lean_share,
+        share=lean_fraction,
         is_rough=is_rough,
         # The interval allows for the drag of typical multirotors, not for that of any vehicle.
         by_usual_drag=wind.drag.source is DragSource.POPULATION,
@@ -104,8 +104,8 @@ def _velocity_message_of_spare_core(telemetry: Telemetry) -> str | None:
     return None
 
 
-def _lean_share(condition: Condition, telemetry: Telemetry) -> float:
-    """Returns the share of its largest lean that the vehicle needs to hold against the wind.
+def _lean_fraction(condition: Condition, telemetry: Telemetry) -> float:
+    """Returns the fraction of its largest lean that the vehicle needs to hold against the wind.
 
     The lean is the length of the vector of mean roll and pitch in settled flight, rad.
 

@@ -104,8 +104,8 @@ EVALUATED_SAMPLES = 1 << 16
 class SampleFreeEnergy:
     """The free energy F(t) of one sample, as a function of its data and its states, at a fixed posterior of θ and λ.
 
-    F(t) is the share of one sample in the free energy action F̄: summed over the training samples it is F̄. Its terms
-    have the names of the terms of F̄, and each sums to the term of F̄ with its name.
+    F(t) is the contribution of one sample to the free energy action F̄: summed over the training samples it is F̄. Its
+    terms have the names of the terms of F̄, and each sums to the term of F̄ with its name.
 
     - The squared errors of outputs, inputs and states, the noise entropy, and the entropy of states and inputs belong
       to the sample.

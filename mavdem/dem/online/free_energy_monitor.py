@@ -108,7 +108,7 @@ class FreeEnergyMonitor(NamedTuple):
         """Computes F(t) of the sample at the centre of the latest embedding window: how well it agrees with the model.
 
         The derivatives of outputs and inputs are computed from the samples of the window, as in the fit. F(t) is the
-        same function as for the training samples, and includes the same share of the model's complexity.
+        same function as for the training samples, and includes the same part of the model's complexity.
 
         Args:
             memory: Memory with the latest samples.
@@ -200,8 +200,8 @@ class Surprise:
         if len(self._past_values) < MIN_PAST_VALUES:
             return
         # The lower end of the 90 % interval is the 5 % quantile.
-        low_share, _ = INTERVAL_QUANTILES
-        low, lower_quartile, median = np.quantile(self._past_values, [low_share, 0.25, 0.5])
+        low_fraction, _ = INTERVAL_QUANTILES
+        low, lower_quartile, median = np.quantile(self._past_values, [low_fraction, 0.25, 0.5])
         unit = min(median - low, MAX_QUARTILES * (median - lower_quartile))
         self._median = median
         # If F(t) did not vary, this minimum keeps the surprise of a drop finite.

@@ -55,8 +55,8 @@ LEARNING_SECONDS = 2.0
 After a landing the last samples before it are learned from at once.
 """
 
-NEW_SAMPLE_SHARE = 1.0
-"""Samples since the last call of ``learn``, as a share of those it had, with which it is called again; a choice.
+NEW_SAMPLE_FRACTION = 1.0
+"""Samples since the last call of ``learn``, as a fraction of those it had, with which it is called again; a choice.
 
 Samples double from call to call, until the memory is full and each call has new samples only. Half as many new samples
 would cost nearly twice the processor time. Predictions do not depend on it: they come from a separate forecaster,
@@ -491,7 +491,7 @@ class OnlineLearner:
         """Starts a fit of the model to the samples in the memory, when it is due and no other is running.
 
         With an executor the result is adopted at a later sample; without one, this function computes the fit and adopts
-        its result. The next fit is due when the number of new samples is ``NEW_SAMPLE_SHARE`` of the samples of this
+        its result. The next fit is due when the number of new samples is ``NEW_SAMPLE_FRACTION`` of the samples of this
         fit, but not before ``LEARNING_SECONDS`` have passed. If the memory holds more than ``FULL_RATE_SAMPLES``, this
         time is longer in proportion to the number of samples.
         """
@@ -502,7 +502,7 @@ class OnlineLearner:
         end_time = self._memory.blocks[-1].end_time
         least_pause = round(LEARNING_SECONDS / self._dt * max(len(record) / FULL_RATE_SAMPLES, 1.0))
         self._pause_end_sample = self._sample_count + least_pause
-        new_samples = round(NEW_SAMPLE_SHARE * len(record))
+        new_samples = round(NEW_SAMPLE_FRACTION * len(record))
         self._next_fit_sample = self._sample_count + max(least_pause, new_samples)
         if self._executor is None:
             self._adopt_fit_result(lambda: _learn_and_monitor(record, self._settings, end_time))

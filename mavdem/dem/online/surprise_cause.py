@@ -6,7 +6,7 @@ Two properties of the motors' command decide.
   motors. A disturbance accelerates the vehicle first, and the command then opposes it, so that the command explains
   little of the acceleration (:func:`explained_share`).
 - After a manoeuvre the body rate is what it was, and so is the command. A lasting disturbance must be balanced, so that
-  the command stays away from its former value (:func:`sustained_share`).
+  the command stays away from its former value (:func:`sustained_fraction`).
 
 The learned model is not used for this. It was learned in closed loop: in a calm flight the command follows the
 disturbance, and the model's control effectiveness may even have the wrong sign.
@@ -37,13 +37,13 @@ REFERENCE_SECONDS = 10.0
 """Time before ``CAUSE_SECONDS`` that shows the usual command, s: as long as the past of a surprise."""
 
 MIN_EXPLAINED_SHARE = 0.6
-"""Share of the acceleration that the command explains, below which a surprise is a disturbance.
+"""Fraction of the acceleration that the command explains, below which a surprise is a disturbance.
 
 Chosen on simulated flights of even numbers (``tools/validation/surprise.py``).
 """
 
-MAX_SUSTAINED_SHARE = 0.8
-"""Share of the command's deviation that is constant, above which a surprise is a disturbance; chosen in the same
+MAX_SUSTAINED_FRACTION = 0.8
+"""Fraction of the command's deviation that is constant, above which a surprise is a disturbance; chosen in the same
 way."""
 
 
@@ -65,13 +65,13 @@ def cause_of_surprise(
     share = explained_share(command, outputs, dt, settings)
     if share is None:
         return None
-    if share < MIN_EXPLAINED_SHARE or sustained_share(command, dt) > MAX_SUSTAINED_SHARE:
+    if share < MIN_EXPLAINED_SHARE or sustained_fraction(command, dt) > MAX_SUSTAINED_FRACTION:
         return SurpriseCause.DISTURBANCE
     return SurpriseCause.MODEL_MISFIT
 
 
-def sustained_share(command: Array, dt: float) -> float:
-    """Returns the share of the command's deviation over the last ``CAUSE_SECONDS`` that is constant.
+def sustained_fraction(command: Array, dt: float) -> float:
+    """Returns the fraction of the command's deviation over the last ``CAUSE_SECONDS`` that is constant.
 
     The deviation is that from the median of the ``REFERENCE_SECONDS`` before. Its constant share is the square of its
     mean divided by its mean square. Over a manoeuvre the torque of the motors averages to almost zero, since the body
@@ -93,7 +93,7 @@ def sustained_share(command: Array, dt: float) -> float:
 def explained_share(
     command: Array, outputs: Array, dt: float, settings: CompleteSettings
 ) -> float | None:
-    """Returns the share of the acceleration that the command explains, over the last ``CAUSE_SECONDS``.
+    """Returns the fraction of the acceleration that the command explains, over the last ``CAUSE_SECONDS``.
 
     The measured angular acceleration is regressed on the command after a first-order lag, with each of the
     ``MOTOR_LAGS``. The share is the largest coefficient of determination (R²). If the slope is negative, so that the

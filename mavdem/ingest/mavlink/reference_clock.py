@@ -37,7 +37,7 @@ A choice: an autopilot sends within some seconds, and its radio is there within 
 MAX_LATE_SECONDS = 10.0
 """Time, s, by which messages come late at most, over a second link. A choice: 3 s were seen."""
 
-MIN_STAMPS_SHARE = 0.5
+MIN_STAMPS_FRACTION = 0.5
 """Least number of stamps while a restarted clock rises, as a fraction of those of this time at the usual rate.
 
 A choice: links lose less, and messages that only a second link brought are those that the first one lost.
@@ -202,7 +202,7 @@ def rises_steadily(stamps: Times, former_highest: float, median_step: float) -> 
     stamps_below = np.count_nonzero(stamps < former_value)
     expected_stamps = (former_value - stamps[0]) / median_step
     has_gaps = (np.diff(stamps) > MIN_RESET_STEP).any()
-    return bool(not has_gaps and stamps_below >= MIN_STAMPS_SHARE * expected_stamps)
+    return bool(not has_gaps and stamps_below >= MIN_STAMPS_FRACTION * expected_stamps)
 
 
 def _highest_ahead(values: Times, count: int) -> Times:

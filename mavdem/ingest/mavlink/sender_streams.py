@@ -33,8 +33,8 @@ from mavdem.ingest.mavlink.sequence_counters import ATTITUDE_LAYOUTS, SEQUENCE_N
 from mavdem.ingest.mavlink.vehicle_tracks import ReadingColumns
 from mavdem.ingest.vocabulary import DEGREES_PER_UNIT
 
-MIN_IRREGULAR_SHARE = 0.005
-"""Share of frames whose sequence number does not follow that of the frame before, above which several links or two
+MIN_IRREGULAR_FRACTION = 0.005
+"""Fraction of frames whose sequence number does not follow that of the frame before, above which several links or two
 vehicles are suspected, and all bytes of every frame are compared: a choice.
 
 Two vehicles whose frames come by 50 in turn have twice as many.
@@ -80,7 +80,7 @@ def sender_stream_of(data: Bytes, all_frames: Frames, rows: Rows) -> SenderStrea
         A flag for each frame (n,) that is not a copy, and the number of missing frames.
     """
     steps = _sequence_steps(all_frames.sequence[rows])
-    has_many_irregular_steps = steps.irregular > MIN_IRREGULAR_SHARE * max(len(rows) - 1, 0)
+    has_many_irregular_steps = steps.irregular > MIN_IRREGULAR_FRACTION * max(len(rows) - 1, 0)
     # Only frames with a boot clock are compared: others may have the same bytes without being copies.
     clock_indices = _indices_with_boot_clock(all_frames, rows)
     clock_rows = rows[clock_indices]

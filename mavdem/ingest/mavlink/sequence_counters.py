@@ -39,8 +39,8 @@ MIN_ATTITUDE_DIFFERENCE = radians(0.5)
 Both messages of one vehicle have the same estimate, to within the milliseconds of their stamps.
 """
 
-RATE_ERROR_SHARE = 0.5
-"""Share of the predicted rotation by which it may be wrong: body rates are noisy, and change."""
+RATE_ERROR_FRACTION = 0.5
+"""Fraction of the predicted rotation by which it may be wrong: body rates are noisy, and change."""
 
 MAX_ANGULAR_ACCELERATION = 20.0
 """Angular acceleration, rad/s², that may change the rates between two attitudes: what a multirotor keeps up.
@@ -260,7 +260,7 @@ def attitudes_contradict(first: AttitudeReading, second: AttitudeReading) -> boo
         predicted_rotation = (first.rates[axis] + second.rates[axis]) / 2 * seconds
         # A rotation about an axis is known but for whole turns.
         difference = abs((rotation - predicted_rotation + pi) % (2 * pi) - pi)
-        rate_error = RATE_ERROR_SHARE * abs(predicted_rotation)
+        rate_error = RATE_ERROR_FRACTION * abs(predicted_rotation)
         if difference > MIN_ATTITUDE_DIFFERENCE + rate_error + acceleration_angle:
             return True
     return False
