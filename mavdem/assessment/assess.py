@@ -21,6 +21,7 @@ from mavdem.assessment.flights import loss_onset
 from mavdem.assessment.judgement import judge, lights_without_loops, unjudged
 from mavdem.assessment.lights.power import with_batteries_on_ground
 from mavdem.assessment.motion import motion_events
+from mavdem.assessment.motor_failure import with_evidence_of_cause
 from mavdem.assessment.motor_witnesses import with_sensor_evidence
 from mavdem.assessment.record import Assessment
 from mavdem.assessment.reported import reported_events
@@ -281,9 +282,11 @@ def _evidence_without_loops(
     saturation = saturation_losses(signals, events, ending)
     saturation = with_sensor_evidence(signals, saturation, reports)
     events += saturation
-    # 4. The motor whose loss of thrust caused the ending, or the motors that were at their limit before it.
+    # 4. The motor whose loss of thrust caused the ending, or the motors that were at their limit before it, and what
+    # shows the cause.
     ending = with_saturated_motor(ending, saturation, events)
     ending = with_motors_limited_before(ending, events)
+    ending = with_evidence_of_cause(signals, ending, events)
     if ending is not None:
         events.append(ending)
     evidence = Evidence(

@@ -5,6 +5,8 @@ The loss itself is found by the commands of all motors; these facts show what el
 
 from collections.abc import Sequence
 
+import numpy as np
+
 from mavdem.assessment.attitude_error import attitude_error, largest_error
 from mavdem.assessment.flights import RECOVERY_SECONDS, flights_in_boot
 from mavdem.assessment.motor_speeds import (
@@ -104,7 +106,13 @@ def _rise_of_command(signals: Signals, loss: Fact, interval: TimeInterval) -> Fa
     change = command_change(commands.time, commands.values[:, motor], interval, later_quantile=0.5)
     if change is None or change.rise < MIN_MEDIAN_RISE:
         return ()
-    return (rise_fact(change, interval),)
+    # What the others did shows that the vehicle was not only heavier, or climbed.
+    mean_of_others = np.delete(commands.values, motor, axis=1).mean(axis=1)
+    others = command_change(commands.time, mean_of_others, interval, later_quantile=0.5)
+    fact = rise_fact(change, interval)
+    if others is not None:
+        fact = fact.replace(others_share_before=others.before, others_share=others.later)
+    return (fact,)
 
 
 def _loss_of_attitude(signals: Signals, boot: int, interval: TimeInterval) -> Facts:

@@ -62,6 +62,7 @@ class SensorFact(Code):
     MOTOR_SLOWED = "witness_motor_slowed"
     MOTOR_TURNED = "witness_motor_turned"
     COMMAND_ROSE = "witness_command_rose"
+    COMMANDS_CHANGED = "witness_commands_changed"
     COMMAND_UNCHANGED = "witness_command_unchanged"
     COMMAND_ABOVE_OTHERS = "witness_command_above_others"
     MODE_CHANGED = "witness_mode_changed"

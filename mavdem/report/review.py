@@ -22,6 +22,7 @@ from mavdem.report.blocks import SCREEN_LINES, Sentence, shortened
 from mavdem.report.brief_events import first_of_count, worst_events
 from mavdem.report.lights import earlier_lights, lights_with_reason_once
 from mavdem.report.templates import headline, render_section
+from mavdem.report.why import cause_sentences
 
 SCREEN_COLUMNS = 80
 """Columns of a terminal that nobody has widened."""
@@ -154,6 +155,7 @@ def _last_lines(assessment: Assessment, light_line_count: int, columns: int) -> 
     """
     headline_and_next_step = [
         *wrap(headline(assessment.headline), columns),
+        *_evidence_lines(assessment.headline, columns),
         *_wrapped_lines(f"Next: {assessment.next_step}", columns),
     ]
     # Of the title the first line is among the reserved ones.
@@ -166,6 +168,17 @@ def _last_lines(assessment: Assessment, light_line_count: int, columns: int) -> 
             break
         alarm_lines += lines_of_alarm
     return [*alarm_lines, *headline_and_next_step]
+
+
+def _evidence_lines(event: Fact, columns: int) -> Iterator[str]:
+    """Yields the lines with what shows the cause of the headline; none if nothing does.
+
+    Args:
+        event: the headline of the review.
+        columns: characters of a line.
+    """
+    for sentence in cause_sentences(event):
+        yield from wrap(f"{sentence.lead} {sentence.text}", columns)
 
 
 def review_title(assessment: Assessment) -> Sentence:

@@ -334,6 +334,7 @@ def _environment() -> Environment:
         "inf": inf,
         "interval": interval,
         "list_separator": list_separator,
+        "mean_of_others": mean_of_others,
         "period": period,
         "tau": tau,
         "zip": zip,
@@ -379,6 +380,18 @@ def _environment() -> Environment:
 def _finalized(value: Any) -> Any:
     """Returns what Jinja prints for a value: a fact stands inside a sentence, so without its full stop."""
     return without_full_stop(value) if isinstance(value, Fact) else value
+
+
+def mean_of_others(before: float, later: float) -> str:
+    """Returns in brackets how the mean command of the motors other than one changed, for the end of a sentence.
+
+    Args:
+        before: their mean command before, as a share of the range.
+        later: the one after.
+    """
+    if _percent(before) == _percent(later):
+        return f" (the mean of the others stayed at {_percent(later)})"
+    return f" (the mean of the others from {_percent(before)} to {_percent(later)})"
 
 
 def list_separator(loop: Any, is_continued: bool = False) -> str:

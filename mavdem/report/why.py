@@ -3,7 +3,8 @@
 from collections.abc import Iterable
 from typing import TYPE_CHECKING
 
-from mavdem.facts import Fact
+from mavdem.facts import Fact, Facts
+from mavdem.facts.ending import Ending
 from mavdem.facts.margins import MarginsLight
 from mavdem.report.blocks import Sentence
 from mavdem.report.templates import render_section
@@ -16,7 +17,9 @@ def evidence_sentences(fact: Fact) -> list[Sentence]:
     """Returns the sentence with the evidence for an event: the measurements that confirm it, then those that do not.
 
     An event is checked against measurements that are independent of each other. For a collision, for example, the
-    accelerometer shows a shock, and the gyro a fast rotation. What each of them shows is a fact, called a witness.
+    accelerometer shows a shock, and the gyro a fast rotation. What each of them shows is a fact, called a witness. If
+    the cause of the event has witnesses too, such as the command of the motor that failed, they come first: those of
+    the event show only what followed.
 
     Args:
         fact: the event. Facts of the sensors that confirm or contradict it are its figure ``witnesses``.
@@ -36,9 +39,32 @@ def evidence_sentences(fact: Fact) -> list[Sentence]:
             witnesses.append(witness)
     return render_section(
         "why",
+        causing=supporting_facts(_witnesses_of_cause(fact)),
         supporting=supporting_facts(witnesses),
         contradicting=contradicting_facts(witnesses),
     )
+
+
+def cause_sentences(fact: Fact) -> list[Sentence]:
+    """Returns the sentence with the evidence for what an event is about: that for its cause or, without one, its own.
+
+    Args:
+        fact: the event.
+
+    Returns:
+        A list with one sentence; empty if neither was checked, or the flight was lost for an unknown cause: what
+        followed is no evidence for it.
+    """
+    cause_witnesses = _witnesses_of_cause(fact)
+    if cause_witnesses:
+        return evidence_sentences(fact.replace(witnesses=()))
+    return [] if fact.code in Ending else evidence_sentences(fact)
+
+
+def _witnesses_of_cause(fact: Fact) -> Facts:
+    """Returns the facts of sensors that confirm the cause of an event; empty without a cause or such facts."""
+    cause = fact.figures.get("cause")
+    return tuple(cause.figures.get("witnesses", ())) if isinstance(cause, Fact) else ()
 
 
 def margin_sentences(fact: Fact, loops: "LoopsByAxis", margins: Iterable[Fact]) -> list[Sentence]:

@@ -40,6 +40,7 @@ SOURCES = {
     SensorFact.ERRORS_COUNTED: "speed controller",
     SensorFact.MOTOR_SLOWED: "speed controller",
     SensorFact.COMMAND_ROSE: "motors",
+    SensorFact.COMMANDS_CHANGED: "motors",
     SensorFact.COMMAND_ABOVE_OTHERS: "motors",
     SensorFact.POSITION_INVALID: "estimator",
     SensorFact.NO_FIX: "receiver",

@@ -15,11 +15,15 @@ from mavdem.assessment.ending import find_ending
 from mavdem.assessment.failure_by_commands import is_first_at_limit, weak_motor
 from mavdem.assessment.first_failure import first_failure
 from mavdem.assessment.motion import motion_events
+from mavdem.assessment.motor_failure import failure_commands, with_evidence_of_cause
 from mavdem.dataset.signals import Signals
 from mavdem.facts import Fact, Level
 from mavdem.facts.ending import Ending, FailedFirst, MotionEvent
 from mavdem.facts.events import ReportedEvent
+from mavdem.facts.witnesses import SensorFact
 from mavdem.ingest.vocabulary import IN_AIR, ON_GROUND, attitude_target, quaternion
+from mavdem.report.charts.plans import frame_plan
+from mavdem.report.why import evidence_text
 from mavdem.vibration.vibration_message import CLIPPING_FIELDS, LEVEL_FIELDS
 from mavdem.witnesses.boot_sensors import BootSensors
 
@@ -575,3 +579,61 @@ def test_an_estimate_that_runs_away_gives_no_speed():
     fell = events[MotionEvent.FELL].figures
     assert fell["speed"] < 8.0
     assert fell["speed"] in [witness.figures["speed"] for witness in fell["witnesses"]]
+
+
+def evidence_of_cause(telemetry):
+    """The ending with the evidence for its cause, and the facts of that evidence."""
+    events, ending = judged(telemetry)
+    ending = with_evidence_of_cause(Signals(telemetry, inputs="motors"), ending, [*events.values()])
+    return ending, ending.figures["cause"].figures["witnesses"]
+
+
+def test_the_climb_of_its_command_is_the_first_evidence_for_a_weak_motor():
+    """The controller drives motor 2 up over the last 6 s, before it reaches its limit."""
+    telemetry = lost(1)
+    outputs = pulses(telemetry)
+    seconds = stamps(telemetry, "SERVO_OUTPUT_RAW") - FAILS
+    outputs[1] += np.where(seconds < 0, 200.0 * np.clip(1 + seconds / 6.0, 0, 1), 0.0)
+    ending, (climb,) = evidence_of_cause(with_pulses(telemetry, outputs))
+    assert (climb.code, climb.subject) == (SensorFact.COMMANDS_CHANGED, NAMES[1])
+    # The average over two seconds may leave its usual range a second early.
+    assert FAILS - 7.0 < climb.time < FAILS - 4.0
+    assert climb.end_time == approx(FAILS, abs=0.15)
+    figures = climb.figures
+    assert figures["is_at_limit"] and figures["share"] == approx(1.0)
+    # The other motors hold the vehicle as before.
+    assert figures["others_share"] == approx(figures["others_share_before"], abs=0.02)
+    text = evidence_text(ending)
+    assert text.startswith(f"Why: the command of {NAMES[1]} rose from its usual ")
+    assert "; then the attitude was" in text
+
+
+def test_of_a_motor_without_output_the_evidence_is_that_its_command_fell():
+    telemetry = driven(falling(leaning(flight(), QUAD[2], 120.0, 100.0)), 2, 1000.0, FAILS - 4.0)
+    _, (fall,) = evidence_of_cause(telemetry)
+    assert (fall.time, fall.end_time) == (approx(FAILS - 4.0, abs=0.15), None)
+    assert fall.figures["share"] == 0.0 < fall.figures["share_before"]
+    assert " fell from its usual " in str(fall) and "(the mean of the others stayed at " in str(
+        fall
+    )
+
+
+def test_a_height_that_diverged_brings_its_own_evidence():
+    witness = Fact(SensorFact.GRAVITY_WRONG, time=2.0, acceleration=7.8, part="at rest")
+    divergence = Fact(MotionEvent.HEIGHT_DIVERGED, time=2.0, boot=0, witnesses=(witness,))
+    cause = Fact(FailedFirst.HEIGHT_DIVERGED_FIRST, time=2.0, cause=divergence)
+    ending = Fact(Ending.CRASHED, time=4.0, boot=0, cause=cause, witnesses=())
+    completed = with_evidence_of_cause(Signals(flight()), ending, [divergence])
+    assert completed.figures["cause"].figures["witnesses"] == (witness,)
+
+
+def test_a_motor_that_failed_is_drawn_as_it_was_commanded_then():
+    telemetry = lost(1)
+    signals = Signals(telemetry, inputs="motors")
+    _, ending = judged(telemetry)
+    failure = failure_commands(signals, ending)
+    assert failure.interval == approx((FAILS, FAILS + 2.0), abs=0.2)
+    plan = frame_plan(signals.motors, None, ending, failure)
+    assert "at the failure" in plan.title
+    assert "motor 2 100 %, usual " in plan.description
+    assert frame_plan(signals.motors, None, ending) is None

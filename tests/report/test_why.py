@@ -3,11 +3,16 @@
 from types import SimpleNamespace
 
 from mavdem.facts import Fact, Level
-from mavdem.facts.ending import MotionEvent
+from mavdem.facts.ending import Ending, FailedFirst, MotionEvent
 from mavdem.facts.events import ReportedEvent
 from mavdem.facts.margins import MarginsLight
 from mavdem.facts.witnesses import SensorFact
-from mavdem.report.why import evidence_sentences, evidence_text, margin_sentences
+from mavdem.report.why import (
+    cause_sentences,
+    evidence_sentences,
+    evidence_text,
+    margin_sentences,
+)
 from mavdem.witnesses.sensor_facts import (
     checked_event,
     contradicting_fact,
@@ -31,6 +36,32 @@ def test_witnesses_for_an_event_come_first_and_those_against_it_last():
         "the barometer sank at 4.0 m/s at 2.5 s and the accelerometer measured 80 m/s² at 3.0 s; "
         "against it: from 4.0 s on it stood upright, by the accelerometer."
     )
+
+
+def test_what_shows_the_cause_comes_before_what_followed_and_alone_on_the_terminal():
+    climb = supporting_fact(
+        SensorFact.COMMANDS_CHANGED,
+        subject="motor 2",
+        time=1.0,
+        end_time=2.0,
+        share_before=0.61,
+        share=0.93,
+        others_share_before=0.59,
+        others_share=0.62,
+        is_at_limit=True,
+    )
+    cause = Fact(FailedFirst.LIMIT_FIRST, time=2.0, subject="motor 2", witnesses=(climb,))
+    lost = Fact(Ending.CONTROL_LOST, time=2.0, cause=cause, witnesses=(SANK,))
+    clause = (
+        "the command of motor 2 rose from its usual 61 % to its limit of 93 % from 1.0 to 2.0 s "
+        "(the mean of the others from 59 % to 62 %)"
+    )
+    assert evidence_text(lost) == f"Why: {clause}; then the barometer sank at 4.0 m/s at 2.5 s."
+    (alone,) = cause_sentences(lost)
+    assert alone.text == f"{clause}."
+    # What followed a loss is no evidence for a cause that is not known.
+    assert not cause_sentences(lost.replace(cause=None))
+    assert cause_sentences(hit(SANK, KNOCKED)) == evidence_sentences(hit(SANK, KNOCKED))
 
 
 def test_what_stands_askew_is_not_called_upright():

@@ -19,6 +19,7 @@ from mavdem.wind_velocity.compass import compass_text
 
 if TYPE_CHECKING:
     from mavdem.assessment.condition import Condition
+    from mavdem.assessment.motor_failure import FailureCommands
     from mavdem.dataset.motor_outputs import MotorOutputs
     from mavdem.wind_velocity.estimation import WindVelocity
 
@@ -54,9 +55,12 @@ A choice: a steady hover moves by some decimetres, and fills a good part of it.
 
 
 def frame_plan(
-    motors: MotorOutputs | None, condition: Condition | None, light: Fact
+    motors: MotorOutputs | None,
+    condition: Condition | None,
+    light: Fact,
+    failure: FailureCommands | None = None,
 ) -> Plan | None:
-    """Returns the vehicle from above: each motor at its position, with mean command and headroom.
+    """Returns the vehicle from above: each motor at its position, with its command in the hover or at a failure.
 
     The commands are as flown, with what lean and manoeuvres ask for. How unevenly the motors work without that is for
     the light to say.
@@ -65,20 +69,37 @@ def frame_plan(
         motors: outputs with the geometry of the motors; None if they were not logged.
         condition: condition of the vehicle with its hover, the outputs in steady flight; None if it is not known.
         light: status light of the motors: a fact with its level.
+        failure: commands when a motor failed; None if none did. They are then drawn instead of those of the hover, and
+            the usual command in the place of the headroom.
 
     Returns:
-        The drawing; None if the positions or the hover of all motors are not known.
+        The drawing; None if the positions or the commands of all motors are not known.
     """
-    hover = None if condition is None else condition.hover
-    if motors is None or condition is None or hover is None:
+    if motors is None:
         return None
-    count = len(hover.motors)
+    hover = None if condition is None else condition.hover
+    if failure is not None:
+        start, end = failure.interval
+        title = f"From above, at the failure ({start:.1f} to {end:.1f} s)"
+        description = "Median command at the failure, of its range, and in the flight before"
+        commands = failure.at_failure
+        remarks = [f"usual {100 * usual:.0f} %" for usual in failure.usual]
+        imbalance = np.zeros(len(commands))
+    elif hover is not None:
+        title = "From above, in settled flight"
+        description = "Mean command, of its range, and headroom"
+        commands = np.array(hover.trim_of_range)
+        remarks = [f"{100 * headroom:.0f} % left" for headroom in hover.headroom]
+        imbalance = np.array(hover.imbalance)
+    else:
+        return None
+    count = len(commands)
     if len(motors.geometry.positions) != count:
         return None
     # The outermost motor lies at RADIUS from the centre.
     positions = np.array(motors.geometry.positions, np.float64)
     positions *= RADIUS / max(np.hypot(*positions.T).max(), 1e-9)
-    levels = motor_levels(light, np.array(hover.imbalance))
+    levels = motor_levels(light, imbalance)
     drawn_motors = []
     for number, (forward, right) in enumerate(positions.tolist()):
         drawn_motors.append(
@@ -87,20 +108,18 @@ def frame_plan(
                 "x": round(right, 1),
                 "y": round(-forward, 1),
                 # The disc's area, not its radius, is the motor's share of its range.
-                "share": hover.trim_of_range[number] ** 0.5,
-                "command": f"{100 * hover.trim_of_range[number]:.0f} %",
-                "headroom": f"{100 * hover.headroom[number]:.0f} % left",
+                "share": float(commands[number]) ** 0.5,
+                "command": f"{100 * commands[number]:.0f} %",
+                "remark": remarks[number],
                 "level": levels[number],
             }
         )
     motor_texts = [
-        f"motor {motor['name']} {motor['command']}, {motor['headroom']}" for motor in drawn_motors
+        f"motor {motor['name']} {motor['command']}, {motor['remark']}" for motor in drawn_motors
     ]
     # The radius of the discs, in the units of the drawing: those of eight motors on a circle still do not overlap.
     svg = figure_as_svg("frame", motors=drawn_motors, size=150.0 / count**0.9)
-    return Plan(
-        "From above", f"Mean command, of its range, and headroom: {listed(motor_texts)}.", svg
-    )
+    return Plan(title, f"{description}: {listed(motor_texts)}.", svg)
 
 
 def motor_levels(light: Fact, imbalance: Array) -> list[Level]:

@@ -19,6 +19,7 @@ from mavdem.assessment.axis.responses import advised_steps
 from mavdem.assessment.evidence import Evidence
 from mavdem.assessment.flights import loss_onset
 from mavdem.assessment.identity import day_in_file_name
+from mavdem.assessment.motor_failure import failure_commands
 from mavdem.containers import JsonValues, Names
 from mavdem.dataset.speed_controllers import speed_controllers
 from mavdem.dem import Learned
@@ -548,6 +549,7 @@ def _notch_trial(name: str, assessment: Assessment, evidence: Evidence) -> Notch
 def _motors_chapter(analysis: LogAnalysis, evidence: Evidence, light: Fact) -> Chapter:
     """Returns the chapter on the motors of a flight: a table of motors and the vehicle drawn from above.
 
+    Where a motor failed, the drawing shows what the motors were commanded then; sentences have the means of the hover.
     If the log allows no full model, the sentences on the vehicle's condition that concern the motors follow.
 
     Args:
@@ -565,7 +567,8 @@ def _motors_chapter(analysis: LogAnalysis, evidence: Evidence, light: Fact) -> C
         for sentence in render_section("condition", analysis.condition):
             if sentence.lead in MOTOR_LEADS:
                 blocks.append(sentence)
-    plan = frame_plan(evidence.signals.motors, analysis.condition, light)
+    failure = failure_commands(evidence.signals, light)
+    plan = frame_plan(evidence.signals.motors, analysis.condition, light, failure)
     groups = [] if plan is None else [Group.side_by_side([plan])]
     return Chapter("Motors", blocks, groups, is_side_by_side=True)
 
