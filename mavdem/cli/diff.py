@@ -110,8 +110,9 @@ def diff_command(
     one flight differs from the next. For single flights that spread is assumed, and the report says so.
 
     Compared are each motor's relative trim and its control effectiveness, rate damping, motor time constant and
-    margins, tested by families: trims, physical parameters, loops. Of a family's changes at most 5 % are expected to be
-    false, on average over the families with any. Wind, battery and payload are conditions: they widen the intervals.
+    margins. They are tested in three groups, trims, physical parameters and loops, so that of the changes found in a
+    group at most one in twenty is expected to be wrong, on average over these groups. Wind, battery and payload are
+    conditions: they widen the intervals.
     Loops with other gains are not tested, but named with the gains.
 
     \b

@@ -223,12 +223,14 @@ def test_a_figure_of_a_loop_with_other_gains_differs_only_by_its_own_interval():
 def test_the_bound_on_false_changes_is_that_of_the_families_that_were_tested():
     flights = flown(0), flown(1, voltage_mean=15.0)
     text = plain_text(difference_blocks(vehicle_difference(*flights)))
-    assert "(trims and physical parameters). Of a family's changes found so, at most 5 %" in text
-    assert "on average over the families with any (Benjamini and Bogomolov)." in text
+    assert (
+        "(trims and physical parameters), so that of the changes found in a group at most" in text
+    )
+    assert "at most one in 20 is expected to be wrong, on average over these groups." in text
     without_models = {f"{name}_status": "refused" for name in ("effect", "damping", "lag")}
     flights = [[replace(row, **without_models) for row in rows] for rows in flights]
     text = plain_text(difference_blocks(vehicle_difference(*flights)))
-    assert "4 figures (trims). Of the changes found so, at most 5 % are expected to be" in text
+    assert "4 figures (trims), so that of the changes found at most one in 20 is" in text
 
 
 def test_the_latest_flight_of_each_vehicle_is_compared_with_the_baseline():
