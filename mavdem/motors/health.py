@@ -74,7 +74,8 @@ def assess_motor_health(
     Args:
         flights: Flights of one vehicle.
         baseline: Its healthy flights, from ``flights`` or others. By default its first three sound flights by date, of
-            which none is a fault compared with the others. A flight that was logged twice counts once.
+            which none is a fault compared with the others. A flight that was logged twice counts once. Where there is
+            but one such flight besides, the later of the two is compared with it.
 
     Returns:
         An assessment for each flight, in their order.
@@ -96,6 +97,9 @@ def assess_motor_health(
             if healthy_flight.geometry_key == flight.geometry_key
         ]
         comparison: JsonValues = {"flights": len(comparable_flights), "are_chosen": has_baseline}
+        if not has_baseline and len(comparable_flights) < MIN_HEALTHY_FLIGHTS:
+            # Of two flights that nobody has named as healthy the earlier one is taken for that.
+            comparable_flights = _flights_before(comparable_flights, flight)
         unknown_reason = _unknown_reason(flight, comparable_flights, candidate_flights, comparison)
         if unknown_reason is not None:
             assessments[number] = HealthAssessment(MotorHealth.UNKNOWN, unknown_reason)
@@ -140,6 +144,13 @@ def _without_flight(healthy: HealthFlights, flight: HealthFigures) -> list[Healt
     return [other for other in healthy if other is not flight and not other.overlaps(flight)]
 
 
+def _flights_before(flights: HealthFlights, flight: HealthFigures) -> list[HealthFigures]:
+    """Returns the flights that are known to be earlier than another one; none where its date is not known."""
+    if flight.date is None:
+        return []
+    return [other for other in flights if other.start_time < flight.start_time]
+
+
 def _unknown_reason(
     flight: HealthFigures,
     comparable_flights: HealthFlights,
@@ -161,8 +172,7 @@ def _unknown_reason(
     """
     if flight.missing is not None:
         return flight.missing
-    least = MIN_BASELINE_FLIGHTS if comparison["are_chosen"] else MIN_HEALTHY_FLIGHTS
-    if len(comparable_flights) >= least:
+    if len(comparable_flights) >= MIN_BASELINE_FLIGHTS:
         return None
     return _too_few_healthy_flights(flight, candidate_flights, comparison)
 
@@ -317,7 +327,8 @@ def _weak_motor(
     """Returns the assessment of a flight in which one motor is probably weak: fault or drift.
 
     The motor is named only if its conditional probability, given that some motor is weak, is at least
-    ``MIN_NAMED_PROBABILITY``: to name a sound motor is the worse mistake.
+    ``MIN_NAMED_PROBABILITY``: to name a sound motor is the worse mistake. Beside a single flight that nobody has named
+    as healthy, a weak motor is never a fault: that flight may have been the worse one.
 
     Args:
         flight: Measured motor balance of the flight, the names of its motors, and the mixer of the vehicle.
@@ -331,7 +342,8 @@ def _weak_motor(
     is_named = suspect_probability >= MIN_NAMED_PROBABILITY * change.fault_probability
     # (3,) mean and ends of the 90 % interval of the rise of the suspect's command.
     rise = change.rises[:, suspect]
-    is_fault = change.fault_probability >= MIN_FAULT_PROBABILITY
+    has_healthy_flights = comparison["are_chosen"] or comparison["flights"] >= MIN_HEALTHY_FLIGHTS
+    is_fault = has_healthy_flights and change.fault_probability >= MIN_FAULT_PROBABILITY
     fact = Fact(
         MotorsBetween.MOTOR_WEAK,
         Level.BAD if is_fault else Level.WATCH,

@@ -16,10 +16,10 @@ from mavdem.motors.balance_figures import BalanceFigures
 from mavdem.motors.signatures import MotorSignatures
 
 MIN_HEALTHY_FLIGHTS = 2
-"""Number of healthy flights that a comparison needs: a single one does not show how much they differ."""
+"""Number of healthy flights that show that nothing changed: a single one does not show how much they differ."""
 
 MIN_BASELINE_FLIGHTS = 1
-"""Number of healthy flights that somebody named from which on a fault or a drift is found.
+"""Number of healthy flights from which on a weak motor or another change is found.
 
 How much flights differ is then the prior alone, if need be, which does not show that nothing changed.
 """

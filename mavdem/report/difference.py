@@ -51,6 +51,9 @@ Review = Mapping[str, Any]
 NO_REVIEWS: Mapping[str, Review] = MappingProxyType({})
 """No review documents, as of fleets."""
 
+NO_REASONS: Mapping[str, str] = MappingProxyType({})
+"""No side whose motors are known to differ from those of other flights of the vehicle."""
+
 MIN_WHOLE_PERCENT = 3.0
 """Half width, %, from which on a relative change is shown without decimals, which would mean nothing: a choice."""
 
@@ -104,6 +107,7 @@ def headline_of_comparison(
     reviews: Mapping[str, Review],
     difference: VehicleDifference,
     parameters: Sequence[ParameterChange] = (),
+    health_reasons: Mapping[str, str] = NO_REASONS,
 ) -> list[Sentence]:
     """Returns the sentences that head a comparison on the terminal and on pages: what matters of all that differs.
 
@@ -111,7 +115,8 @@ def headline_of_comparison(
 
     1. Whether the states are of two vehicles.
     2. The lights (judgements of one subject each, such as the motors) that are bad on a side, and that of the motors
-       where both sides warn of different motors, or one side does and the other does not.
+       where both sides warn of different motors, or one side does and the other does not; and how the motors of a
+       flight differ from those of the vehicle's other flights.
     3. Whether compared figures changed. One change is named: of a loop with a bad margin, or else the surest one.
     4. The changed gains of loops with a bad margin or a changed figure, or else all changed gains, and their effects.
        Where no figure changed that they do not explain, they come first.
@@ -121,6 +126,8 @@ def headline_of_comparison(
         reviews: review documents of both logs, by side, "A" and "B"; of a fleet, empty.
         difference: comparison of the two states.
         parameters: parameters of the autopilot that changed.
+        health_reasons: how the motors of a flight differ from those of all other flights of its vehicle, by side; none
+            where they do not, or only these two flights are known.
 
     Returns:
         The sentences with their leads.
@@ -131,6 +138,8 @@ def headline_of_comparison(
     light_sentences = [Sentence(light.text, f"{light.name.capitalize()}:") for light in bad_lights]
     if not any(light.name == Light.MOTORS for light in bad_lights):
         light_sentences += _sentence_on_watched_motors(reviews)
+    for side, reason in health_reasons.items():
+        light_sentences.append(Sentence(reason, f"Motors of {side} beside other flights:"))
     bad_axes = {light.axis for light in bad_lights if light.name == Light.MARGINS}
     changes = _changes_by_relevance(difference, bad_axes)
     changed_axes = {
@@ -148,7 +157,8 @@ def headline_of_comparison(
         difference,
         changes,
         has_bad_light=bool(bad_lights),
-        has_motor_difference=has_motor_difference(reviews),
+        # Of motors that both flights show in trouble it is not known whether they differ.
+        has_motor_difference=has_motor_difference(reviews) or len(health_reasons) == 1,
     )
     gain_sentences = render_section(
         "difference_gains",
@@ -886,12 +896,10 @@ def next_blocks(
     """
     if difference.is_of_same_flight:
         return []
-    vehicles_before, vehicles_after = difference.vehicles
-    known_vehicles = {*vehicles_before, *vehicles_after} - {UNKNOWN}
-    steps = _steps_of_bad_logs(reviews, are_two_vehicles=len(known_vehicles) > 1)
+    steps = steps_of_bad_logs(difference, reviews)
     if steps:
         return steps
-    if len(known_vehicles) > 1:
+    if len(_known_vehicles(difference)) > 1:
         return []
     changes = difference.changes_with(QuantityOutcome.CHANGED)
     unexplained_changes = _changes_by_cause(difference, changes).unexplained
@@ -906,16 +914,30 @@ def next_blocks(
     return render_section("difference_doubt", motor=motor)
 
 
-def _steps_of_bad_logs(reviews: Mapping[str, Review], *, are_two_vehicles: bool) -> list[Sentence]:
+def _known_vehicles(difference: VehicleDifference) -> set[str]:
+    """Returns the names of the vehicles of both states, without those that are not known."""
+    names_before, names_after = difference.vehicles
+    return {*names_before, *names_after} - {UNKNOWN}
+
+
+def steps_of_bad_logs(
+    difference: VehicleDifference, reviews: Mapping[str, Review]
+) -> list[Sentence]:
     """Returns the next step of each log's own review in which a light is bad, that of the later log first.
 
     The step of the earlier log is left out if each of its bad lights is good in the later log of the same vehicle, or
-    says there the same of the same motor or axis.
+    says there the same of the same motor or axis. If A and B are two vehicles, B does not show whether A was mended.
 
     Args:
+        difference: comparison of two states, with the names of the vehicles of each.
         reviews: review documents of both logs, by side, "A" and "B".
-        are_two_vehicles: whether A and B are two vehicles, so that B does not show whether A was mended.
+
+    Returns:
+        A list with one sentence, two if both logs have a bad light, or an empty one.
     """
+    if difference.is_of_same_flight:
+        return []
+    are_two_vehicles = len(_known_vehicles(difference)) > 1
     later_side = _later_side(reviews)
     (earlier_side,) = set(STATE_NAMES) - {later_side}
     sides = []

@@ -543,6 +543,8 @@ def _baseline_flights(count: int, are_chosen: bool) -> str:
     """
     if are_chosen:
         return counted(count, "healthy flight")
+    if count == 1:
+        return "the vehicle's one flight before, taken for healthy"
     return f"{count} of the vehicle's first sound flights, taken for healthy"
 
 

@@ -3,7 +3,7 @@
 import asyncio
 import json
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from stat import S_ISREG
 
@@ -20,10 +20,11 @@ from starlette.responses import (
 from mavdem.documents.library import Recordings
 from mavdem.errors import Refusal
 from mavdem.facts.serve import ListingOrder, Permission, RefusalReason, Stage
+from mavdem.fleet.comparability import STATE_NAMES
 from mavdem.fleet.difference import baseline_differences, vehicle_difference
 from mavdem.fleet.flights import group_by_vehicle
 from mavdem.fleet.parameter_changes import changed_parameters, states_without_gains
-from mavdem.fleet.row import FlightRows
+from mavdem.fleet.row import FlightRow, FlightRows
 from mavdem.fleet.workers import PAGES, POLL_SECONDS
 from mavdem.ingest.formats import detect_format
 from mavdem.machine import LOOPBACK
@@ -164,9 +165,22 @@ class Pages:
                 is_live=self._is_live,
                 vehicles=self._library.vehicle_names() if may_read else [],
                 troubles=troubles,
+                flights_to_compare=self._flights_to_compare(result.entries, troubles),
                 **visitor,
             )
         )
+
+    def _flights_to_compare(
+        self, entries: Sequence[LibraryEntry], troubles: Mapping[str, FlightRow]
+    ) -> dict[str, LibraryEntry]:
+        """Returns with which flight each one is best compared that has trouble with its motors, by its id.
+
+        Args:
+            entries: flights of a list.
+            troubles: rows of those with a fault or drift of the motors beside other flights, by their ids.
+        """
+        troubled_entries = [entry for entry in entries if entry.id in troubles]
+        return self._visible_library.flights_to_compare(troubled_entries)
 
     def flight(self, request: HttpRequest) -> Response:
         """Answers with the page of a flight, below the bar of the library with its downloads and settings.
@@ -358,13 +372,15 @@ class Pages:
         # A log may have several vehicles, so that its rows are filtered by the name, too.
         rows = [row for row in self._library.flight_rows(entries) if row.vehicle == name]
         healthy_rows = [row for row in self._library.store.healthy if row.vehicle == name]
+        troubles = self._visible_library.rows_with_trouble(entries)
         html = vehicle_page(
             group_by_vehicle(rows).get(name, []),
             _changes_from_baseline(name, rows, healthy_rows),
             name=name,
             entries=entries,
             baseline=len({row.key for row in healthy_rows}),
-            troubles=self._visible_library.rows_with_trouble(entries),
+            troubles=troubles,
+            flights_to_compare=self._flights_to_compare(entries, troubles),
             **self._visible_library.visitor_values(request),
         )
         return HTMLResponse(html)
@@ -417,6 +433,12 @@ class Pages:
         gains_after = json.loads(entry_after.gains)
         parameters = changed_parameters(gains_before, gains_after)
         given_names = self._library.names.flights
+        rows_with_trouble = self._visible_library.rows_with_trouble([entry_before, entry_after])
+        troubles = {}
+        for side, entry in zip(STATE_NAMES, (entry_before, entry_after), strict=True):
+            trouble = motor_trouble(rows_with_trouble.get(entry.id))
+            if trouble is not None:
+                troubles[side] = trouble
         html = comparison_page(
             names=(
                 given_names.get(entry_before.content_hash, entry_before.name),
@@ -431,6 +453,7 @@ class Pages:
             lacking=states_without_gains(gains_before, gains_after),
             back=PageLink("Flights", "/"),
             flights=(self._series(entry_before), self._series(entry_after)),
+            troubles=troubles,
         )
         return HTMLResponse(
             with_server_script(html, **self._visible_library.visitor_values(request))

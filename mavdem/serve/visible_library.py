@@ -28,6 +28,9 @@ from mavdem.serve.search import search_condition
 MAX_SEARCH_LETTERS = 500
 """Letters of a search that are used; further ones are ignored."""
 
+MAX_EARLIER_FLIGHTS = 20
+"""Flights before one with troubled motors, among which a sound one to compare it with is looked for: a choice."""
+
 
 class SearchResult(NamedTuple):
     """What a search in the library found."""
@@ -125,14 +128,43 @@ class VisibleLibrary:
         Returns:
             The flight; None if none is known.
         """
+        earlier_entries = self._earlier_flights(entry, 1)
+        return earlier_entries[0] if earlier_entries else None
+
+    def _earlier_flights(self, entry: LibraryEntry, limit: int) -> list[LibraryEntry]:
+        """Returns the last flights of the same vehicle before this one, by date, the latest first.
+
+        Args:
+            entry: a flight. One without a date, or of an unnamed vehicle, has none before it.
+            limit: largest number of flights that are returned.
+        """
         if not entry.date or entry.is_vehicle_unnamed:
-            return None
+            return []
         # Copies of the log have the same date, so only an entry with an earlier date is another flight. One without a
         # digest, whose log the library does not keep, need not have a page that can be compared.
         condition = "vehicle = ? and stage = ? and digest != '' and date != '' and date < ?"
         values = [entry.vehicle, Stage.DONE, entry.date]
-        entries = self.library.find(condition, values, 1, order=ListingOrder.FLIGHT).entries
-        return entries[0] if entries else None
+        return self.library.find(condition, values, limit, order=ListingOrder.FLIGHT).entries
+
+    def flights_to_compare(self, entries: Sequence[LibraryEntry]) -> dict[str, LibraryEntry]:
+        """Returns with which flight each flight is best compared that differs from its vehicle's other flights.
+
+        It is the last one before it that does not differ from the others itself.
+
+        Args:
+            entries: flights with a fault or drift of the motors (:meth:`rows_with_trouble`).
+
+        Returns:
+            The other flight by the flight's id; flights without such a one are left out.
+        """
+        flights = {}
+        for entry in entries:
+            earlier_entries = self._earlier_flights(entry, MAX_EARLIER_FLIGHTS)
+            troubles = self.rows_with_trouble(earlier_entries)
+            sound_entries = [other for other in earlier_entries if other.id not in troubles]
+            if sound_entries:
+                flights[entry.id] = sound_entries[0]
+        return flights
 
     def rows_with_trouble(self, entries: Sequence[LibraryEntry]) -> dict[str, FlightRow]:
         """Finds the flights with a fault or drift of the motors, compared with other flights of their vehicle.

@@ -30,6 +30,7 @@ QUAD_X = motor_signatures(geometry())
 UNKNOWN = motor_signatures(geometry(positions=(), spins=()))
 OFFSET = np.array([0.01, -0.02, 0.005])
 LEAN_EFFECT = np.array([[0.9, 0.1], [-0.1, 0.8], [0.3, -0.2]])
+OF_ONE_NAMED_FLIGHT = {"flights": 1, "are_chosen": True}
 ERROR = 0.003
 EFFECT_ERROR = 0.15
 FIRST = datetime(2026, 3, 1, tzinfo=UTC)
@@ -101,7 +102,7 @@ def test_a_weak_motor_is_a_fault_from_four_fifths_of_probability(probability, he
     faults = probability * np.array([0.0, 1.0, 0.0, 0.0])
     unchanged = {"healthy": 1 - probability}
     change = ChangeProbabilities(unchanged, faults, faults, np.zeros((3, 4)), np.zeros(1))
-    assessment = _weak_motor(MadeUpVehicle(1).flight(), change, probability, {})
+    assessment = _weak_motor(MadeUpVehicle(1).flight(), change, probability, OF_ONE_NAMED_FLIGHT)
     assert (assessment.health, assessment.fact.level) == (health, level)
     assert assessment.suspect_motor == 2
 
@@ -111,7 +112,9 @@ def test_a_motor_is_named_from_four_fifths_of_the_probability_of_a_fault(share, 
     fault_probability = 0.9
     faults = fault_probability * np.array([1 - share, share, 0.0, 0.0])
     change = ChangeProbabilities({"healthy": 0.1}, faults, faults, np.zeros((3, 4)), np.zeros(1))
-    assessment = _weak_motor(MadeUpVehicle(1).flight(), change, fault_probability, {})
+    assessment = _weak_motor(
+        MadeUpVehicle(1).flight(), change, fault_probability, OF_ONE_NAMED_FLIGHT
+    )
     assert assessment.suspect_motor == suspect
     assert assessment.fact.subject == ("" if suspect is None else MOTORS[suspect - 1])
 
@@ -223,6 +226,25 @@ def test_one_flight_that_somebody_named_as_healthy_shows_a_fault_but_excludes_no
     assert judged_vehicles(weak(2, 0.25), healthy=1, vehicles=1)[0].suspect_motor == 2
     healths = [one.health for one in judged_vehicles(0.0, healthy=1)]
     assert {*healths} <= {"unknown", "drift"} and healths.count("drift") <= 2
+
+
+def test_of_two_flights_the_later_is_compared_with_the_earlier_and_a_weak_motor_is_watched():
+    healths = []
+    motors = []
+    for seed in range(VEHICLES):
+        vehicle = MadeUpVehicle(seed)
+        sound = vehicle.flights(2)
+        first, second = assess_motor_health(sound)
+        assert first.fact.code is HealthUnknown.HEALTHY_FLIGHTS_FEW
+        assert "there is 1 other of this vehicle, and it takes 2" in str(first.fact)
+        healths.append(second.health)
+        _, later = assess_motor_health([sound[0], vehicle.flight(weak(2, 0.25))])
+        motors.append(later.suspect_motor)
+        assert later.health in ("drift", "unknown")
+    assert {*healths} <= {"unknown", "drift"} and healths.count("drift") <= 2
+    assert {*motors} <= {2, None} and motors.count(2) > VEHICLES / 2
+    assert later.fact.level is Level.WATCH
+    assert "the vehicle's one flight before, taken for healthy" in str(later.fact)
 
 
 def test_it_takes_two_healthy_flights_of_the_same_motors_that_are_not_one():

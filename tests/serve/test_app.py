@@ -269,10 +269,32 @@ def test_two_flights_are_compared_and_a_vehicle_has_its_page_and_baseline(served
     weak = served.add("weak.ulg", "A weak motor.")
     for place in ("/vehicle?name=quad%207", "/"):
         page = served.get(place).text
-        assert page.count('<span class="said bad">Motor 3 lost thrust.</span>') == 1
+        assert page.count('<span class="said bad">Motor 3 lost thrust.') == 1
     headline = '<p class="headline"><strong>Motor 3 lost thrust.</strong></p>'
     assert [headline in served.get(f"/f/{id}").text for id in (a, weak)] == [False, True]
     assert served.get(f"/compare?a={a}&b={served.add('c.ulg', 'damaged')}").status == 200
+
+
+@mark.slow
+def test_a_flight_that_differs_from_the_others_is_compared_with_the_last_sound_one(served):
+    dates = {"first": "19T10", "sound": "20T10", "weak before": "20T11", "weak": "20T12"}
+    ids = {}
+    for name, hour in dates.items():
+        ids[name] = served.add(f"{name}.ulg", f"{name}: good.")
+        served.library.change(ids[name], date=f"2026-11-{hour}:00:00")
+    listed = served.get("/").text
+    address = f"/compare?a={ids['sound']}&amp;b={ids['weak']}"
+    for place in ("/", "/vehicle?name=quad%207"):
+        page = served.get(place).text
+        assert page.count('href="/compare?') == 2
+        assert f'href="{address}" aria-label="Compare weak.ulg with sound.ulg"' in page
+    assert f"/compare?a={ids['sound']}&amp;b={ids['weak before']}" in listed
+    compared = served.get(address.replace("&amp;", "&")).text
+    assert "Motors of B beside other flights: Motor 3 lost thrust." in compared
+    assert "No other figure can be compared." in compared
+    assert "Inspect motor 3" not in compared and "check motors and propellers" in compared
+    other = served.get(f"/compare?a={ids['first']}&b={ids['sound']}").text
+    assert "beside other flights" not in other and "No figure can be compared." in other
 
 
 def test_flights_of_unnamed_vehicles_are_not_compared_until_somebody_says_whose_they_are(served):

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator, Mapping, Sequence
 from math import sqrt
+from types import MappingProxyType
 
 import numpy as np
 
@@ -36,15 +37,20 @@ from mavdem.report.difference import (
     motor_table,
     next_blocks,
     same_sentences,
+    steps_of_bad_logs,
 )
 from mavdem.report.loops import LOOP_FIGURES, TUNED_FIGURES
 from mavdem.report.numbers import counted, rounded
+from mavdem.report.pages.motor_trouble import MotorTrouble
 from mavdem.report.pages.page import Chapter, PageLink, render_document
 from mavdem.report.palette import PREDICTED, TRUTH
 from mavdem.report.templates import render_section, rounded_up
 
 Reviews = Mapping[str, Review]
 """The reviews of both flights, by side: "A" and "B"."""
+
+NO_TROUBLES: Mapping[str, MotorTrouble] = MappingProxyType({})
+"""No side with motors that are known to differ from those of other flights of the vehicle."""
 
 SIDE_COLOURS = {"A": PREDICTED, "B": TRUTH}
 """Colour of each side in charts."""
@@ -83,6 +89,7 @@ def comparison_page(
     lacking: Names = (),
     back: PageLink | None = None,
     flights: tuple[FlightSeries | None, FlightSeries | None] = ({}, {}),
+    troubles: Mapping[str, MotorTrouble] = NO_TROUBLES,
 ) -> str:
     """Renders the page that compares two flights.
 
@@ -95,13 +102,16 @@ def comparison_page(
         back: the page that leads here, if any.
         flights: time series of the flight of each side (``flight_series``): empty of a fleet, None where they were not
             stored with the flight.
+        troubles: trouble with the motors that a flight shows beside all other flights of its vehicle, by side, "A" or
+            "B"; none where only these two flights are known.
     """
     reviews_by_side = dict(zip(SIDE_COLOURS, reviews, strict=True))
     legend = {
         side: _legend_name(side, name, review)
         for (side, review), name in zip(reviews_by_side.items(), names, strict=True)
     }
-    headline = headline_of_comparison(reviews_by_side, difference, parameters)
+    health_reasons = {side: trouble.reason for side, trouble in troubles.items()}
+    headline = headline_of_comparison(reviews_by_side, difference, parameters, health_reasons)
     steps_of_axes = {}
     for axis in AXES:
         charts = tuple(_step_charts(reviews_by_side, legend, axis))
@@ -149,9 +159,29 @@ def comparison_page(
             side: value_at(review, "headline.sentence") for side, review in reviews_by_side.items()
         }
         summary += headline_blocks(headlines, headline)
-    summary += next_blocks(difference, reviews_by_side)
+    summary += _next_steps(difference, reviews_by_side, troubles)
     subtitle = f"{legend['A']} and {legend['B']} over each other."
     return render_document(" and ".join(names), subtitle, summary, chapters, back)
+
+
+def _next_steps(
+    difference: VehicleDifference, reviews_by_side: Reviews, troubles: Mapping[str, MotorTrouble]
+) -> Blocks:
+    """Returns the next steps after a comparison: of bad logs, or else of troubled motors, or else of the comparison.
+
+    Args:
+        difference: differences between the vehicles.
+        reviews_by_side: review documents of both logs, by side.
+        troubles: trouble with the motors beside other flights of the vehicle, by side.
+    """
+    steps_of_troubles: Blocks = []
+    for trouble in troubles.values():
+        for step in trouble.next_step:
+            if step not in steps_of_troubles:
+                steps_of_troubles.append(step)
+    return steps_of_bad_logs(difference, reviews_by_side) or [
+        *(steps_of_troubles or next_blocks(difference, reviews_by_side))
+    ]
 
 
 def _change_chapter(difference: VehicleDifference) -> Chapter:
