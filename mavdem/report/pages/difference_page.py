@@ -174,14 +174,14 @@ def _next_steps(
         reviews_by_side: review documents of both logs, by side.
         troubles: trouble with the motors beside other flights of the vehicle, by side.
     """
-    steps_of_troubles: Blocks = []
+    steps: Blocks = [*steps_of_bad_logs(difference, reviews_by_side)]
+    if steps:
+        return steps
     for trouble in troubles.values():
         for step in trouble.next_step:
-            if step not in steps_of_troubles:
-                steps_of_troubles.append(step)
-    return steps_of_bad_logs(difference, reviews_by_side) or [
-        *(steps_of_troubles or next_blocks(difference, reviews_by_side))
-    ]
+            if step not in steps:
+                steps.append(step)
+    return steps or [*next_blocks(difference, reviews_by_side)]
 
 
 def _change_chapter(difference: VehicleDifference) -> Chapter:
