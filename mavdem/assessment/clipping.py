@@ -5,9 +5,10 @@ from collections.abc import Iterator
 from mavdem.assessment.flights import RECOVERY_SECONDS, merge_close_intervals
 from mavdem.dataset.intervals import Intervals, in_intervals
 from mavdem.dataset.signals import Signals
+from mavdem.dataset.time_series import series_of_boot
 from mavdem.facts import Fact
 from mavdem.facts.ending import MotionEvent
-from mavdem.vibration.vibration_message import reported_vibration
+from mavdem.vibration.vibration_message import most_clips, reported_clips
 
 
 def clipping_events(signals: Signals, boot: int, flights: Intervals) -> Iterator[Fact]:
@@ -21,13 +22,11 @@ def clipping_events(signals: Signals, boot: int, flights: Intervals) -> Iterator
         boot: number of the boot; a boot lasts from one start of the autopilot to the next.
         flights: start and end of each flight, s since boot.
     """
-    vibration = reported_vibration(signals)
-    if vibration is None:
+    clips = series_of_boot(reported_clips(signals), boot)
+    if clips is None:
         return
-    time = vibration.levels.time
-    is_of_boot = vibration.levels.boot == boot
-    has_clipped = is_of_boot & vibration.clips.any(axis=1) & in_intervals(time, flights)
-    clip_times = [(clip_time, clip_time) for clip_time in time[has_clipped].tolist()]
+    has_clipped = clips.values.any(axis=1) & in_intervals(clips.time, flights)
+    clip_times = [(clip_time, clip_time) for clip_time in clips.time[has_clipped].tolist()]
     for start, end in merge_close_intervals(clip_times, RECOVERY_SECONDS):
-        count = vibration.most_clips(is_of_boot & in_intervals(time, [(start, end)]))
+        count = most_clips(clips.within((start, end)).values)
         yield Fact(MotionEvent.CLIPPED, time=start, end_time=end, count=count, boot=boot)

@@ -20,7 +20,11 @@ from mavdem.facts import Fact
 from mavdem.facts.ending import MotionEvent
 from mavdem.facts.witnesses import SensorFact
 from mavdem.physical_constants import GRAVITY
-from mavdem.vibration.vibration_message import reported_vibration
+from mavdem.vibration.vibration_message import (
+    most_clips,
+    reported_clips,
+    reported_vibration,
+)
 from mavdem.witnesses.accelerometer import AccelerometerRecord
 from mavdem.witnesses.boot_sensors import MAX_FALL_SPEED, BootSensors
 from mavdem.witnesses.height import MIN_CONTRADICTION_SECONDS
@@ -275,6 +279,13 @@ def _vibration_fact(sensors: BootSensors, interval: TimeInterval) -> Fact | None
         A fact with the number of clips or the largest vibration, m/s²; None if there was neither, or vibration was not
         recorded.
     """
+    clips = series_of_boot(reported_clips(sensors.signals), sensors.boot)
+    if clips is None:
+        return None
+    count = most_clips(clips.within(interval).values)
+    if count:
+        start, end = interval
+        return supporting_fact(SensorFact.CLIPPED, time=start, end_time=end, count=count)
     vibration = reported_vibration(sensors.signals)
     if vibration is None:
         return None
@@ -282,10 +293,6 @@ def _vibration_fact(sensors: BootSensors, interval: TimeInterval) -> Fact | None
     is_in_interval = (levels.boot == sensors.boot) & in_intervals(levels.time, [interval])
     if not is_in_interval.any():
         return None
-    count = vibration.most_clips(is_in_interval)
-    if count:
-        start, end = interval
-        return supporting_fact(SensorFact.CLIPPED, time=start, end_time=end, count=count)
     largest_levels = levels.values[is_in_interval].max(axis=1)
     largest_level = float(largest_levels.max())
     if largest_level <= vibration_limits(sensors.signals.telemetry).bad:

@@ -122,20 +122,27 @@ class Telemetry(ImmutableResult):
 
 
 def firmware_version(telemetry: Telemetry) -> tuple[int, int] | None:
-    """Returns major and minor version of the firmware, by its name; None if the name has none.
+    """Returns major and minor version of the firmware, by its name or the message AUTOPILOT_VERSION; None without both.
 
     PX4 writes a lower-case v ("PX4 v1.15.0-beta"), ArduPilot an upper-case one ("ArduCopter V4.4.4"). Only the letter
     of this autopilot is searched: other parts of the name, such as the board, may have a number after the other letter.
 
     Args:
-        telemetry: autopilot and firmware of the vehicle.
+        telemetry: autopilot, firmware and messages of the vehicle.
 
     Returns:
         (major, minor), or None.
     """
     letter = "v" if telemetry.autopilot == "PX4" else "V"
     version = re.search(letter + r"(\d+)\.(\d+)", telemetry.firmware)
-    return None if version is None else (int(version[1]), int(version[2]))
+    if version is not None:
+        return int(version[1]), int(version[2])
+    numbers = telemetry.messages.get("AUTOPILOT_VERSION", {}).get("flight_sw_version", ())
+    # One byte each for the major, minor and patch number and the maturity; 0 if the version is not known.
+    if not len(numbers) or not numbers[-1]:
+        return None
+    major, minor, *_ = int(numbers[-1]).to_bytes(4, "big")
+    return major, minor
 
 
 MAX_USUAL_STEP_RATIO = 3.0

@@ -9,10 +9,15 @@ from mavdem.arrays import Array, Flags
 from mavdem.containers import Names
 from mavdem.dataset.signals import Signals
 from mavdem.dataset.time_series import TimeSeries, clean_series, float_columns
+from mavdem.ingest.telemetry import Telemetry, firmware_version
 from mavdem.physical_constants import GRAVITY
 
 LEVEL_FIELDS = ("vibration_x", "vibration_y", "vibration_z")
 """Fields with the vibration of the first IMU along each body axis, m/s²."""
+
+FIRST_ACCELERATION_VERSION = (1, 13)
+"""First version of PX4 whose level is that of the acceleration, m/s². Before, it was that of the increments of the
+velocity from one sample of the IMU to the next, m/s, whose limits are not known."""
 
 CLIPPING_FIELDS = ("clipping_0", "clipping_1", "clipping_2")
 """Fields that count since boot how often the accelerometer of each IMU was out of its range."""
@@ -39,7 +44,26 @@ class ReportedVibration:
         Args:
             samples: the samples to count (N,).
         """
-        return int(self.clips[samples].sum(axis=0).max())
+        return most_clips(self.clips[samples])
+
+
+def most_clips(clips: Array) -> int:
+    """Returns the number of clips of the IMU that clipped most.
+
+    Args:
+        clips: number of times that each IMU was out of its range since the sample before (N, 3).
+    """
+    return int(clips.sum(axis=0).max())
+
+
+def measures_acceleration(telemetry: Telemetry) -> bool:
+    """Returns whether the reported levels are accelerations, m/s²; older PX4 reports increments of the velocity.
+
+    Args:
+        telemetry: autopilot, firmware and messages of the vehicle. A firmware of unknown version counts as a new one.
+    """
+    version = firmware_version(telemetry)
+    return telemetry.autopilot != "PX4" or version is None or version >= FIRST_ACCELERATION_VERSION
 
 
 def reported_vibration(signals: Signals) -> ReportedVibration | None:
@@ -52,7 +76,41 @@ def reported_vibration(signals: Signals) -> ReportedVibration | None:
         signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.
 
     Returns:
-        Vibration and clipping; ``None`` if they were not recorded, or all levels are 0.
+        Vibration and clipping; ``None`` if they were not recorded, all levels are 0, or levels are no accelerations.
+    """
+    samples = _levels_and_clips(signals)
+    if samples is None or not measures_acceleration(signals.telemetry):
+        return None
+    # The last columns are the clips of each IMU, those before are levels.
+    levels, clips = np.split(samples.values, [-len(CLIPPING_FIELDS)], axis=1)
+    axes = ("",) if signals.telemetry.autopilot == "PX4" else tuple("xyz")
+    return ReportedVibration(axes, replace(samples, values=levels), clips)
+
+
+def reported_clips(signals: Signals) -> TimeSeries | None:
+    """Returns how often the accelerometers clipped, of every firmware.
+
+    Args:
+        signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.
+
+    Returns:
+        The number of times that each IMU was out of its range since the sample before (N, 3); ``None`` if it was not
+        recorded, or all levels of vibration are 0.
+    """
+    samples = _levels_and_clips(signals)
+    if samples is None:
+        return None
+    return replace(samples, values=samples.values[:, -len(CLIPPING_FIELDS) :])
+
+
+def _levels_and_clips(signals: Signals) -> TimeSeries | None:
+    """Returns the columns of VIBRATION: k levels of all IMUs, then the clips of each IMU since the sample before.
+
+    Args:
+        signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.
+
+    Returns:
+        Samples (N, k + 3); ``None`` if they were not recorded, or all levels are 0.
     """
     is_px4 = signals.telemetry.autopilot == "PX4"
     level_fields = LEVEL_FIELDS[-1:] if is_px4 else LEVEL_FIELDS
@@ -73,5 +131,4 @@ def reported_vibration(signals: Signals) -> ReportedVibration | None:
     undamaged_counts = scipy.ndimage.median_filter(counts, size=(3, 1), mode="mirror")
     # Counts begin at 0 in each boot; the negative difference there is clipped to 0.
     clips = np.clip(np.diff(undamaged_counts, axis=0, prepend=undamaged_counts[:1]), 0, None)
-    axes = ("",) if is_px4 else tuple("xyz")
-    return ReportedVibration(axes, replace(samples, values=levels), clips)
+    return replace(samples, values=np.column_stack([levels, clips]))

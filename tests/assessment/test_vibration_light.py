@@ -7,6 +7,7 @@ from hover import Hover, changed, columns, evidence_of
 from partial_records import partial_record
 from pytest import approx, mark
 
+from mavdem.assessment.clipping import clipping_events
 from mavdem.assessment.evidence import Evidence
 from mavdem.assessment.lights.vibration import (
     ARDUPILOT_LEVELS,
@@ -23,7 +24,7 @@ from mavdem.vibration.vibration_message import CLIPPING_FIELDS, LEVEL_FIELDS, re
 HOVER = Hover()
 
 
-def light(levels, clips=0, autopilot="ARDUPILOTMEGA"):
+def shaken_signals(levels, clips=0, autopilot="ARDUPILOTMEGA", firmware=""):
     """Of these levels in flight, and ten times as much once landed; clips of the second IMU and half of the third."""
     telemetry = HOVER.telemetry(10.0, 10.0, autopilot=autopilot)
     time = HOVER.stamps(5.0)[100:]
@@ -34,7 +35,12 @@ def light(levels, clips=0, autopilot="ARDUPILOTMEGA"):
     fields |= {"vibration_z": shaken[:, 0]} if autopilot == "PX4" else {}
     fields |= {"levels": shaken} if len(levels) != 3 else {}
     made = changed(telemetry, "VIBRATION", **columns(time, **fields))
-    return vibration_light(partial_record(Evidence, signals=Signals(made, inputs="motors")))
+    return Signals(replace(made, firmware=firmware), inputs="motors")
+
+
+def light(*arguments, **keywords):
+    """Of the signals of ``shaken_signals``."""
+    return vibration_light(partial_record(Evidence, signals=shaken_signals(*arguments, **keywords)))
 
 
 @mark.parametrize("autopilot, limits", [("ARDUPILOTMEGA", ARDUPILOT_LEVELS), ("PX4", PX4_LEVELS)])
@@ -101,6 +107,27 @@ def test_without_the_message_it_is_not_known():
     assert (found.code, found.level) == (VibrationLight.VIBRATION_UNKNOWN, "unknown")
     # Nor where zeros stand for it.
     assert light([0, 0, 0]).code is VibrationLight.VIBRATION_UNKNOWN
+
+
+@mark.parametrize("firmware, is_known", [("PX4 v1.12.3", False), ("PX4 v1.13.0", True), ("", True)])
+def test_increments_of_the_velocity_are_no_vibration(firmware, is_known):
+    found = light([0.05], autopilot="PX4", firmware=firmware)
+    assert (found.code is VibrationLight.VIBRATION_MEASURED) is is_known
+    assert ("increments of the velocity" in found.sentence) is not is_known
+
+
+def test_the_version_is_also_that_of_the_message():
+    telemetry = shaken_signals([0.05], autopilot="PX4").telemetry
+    version = columns([1.0], flight_sw_version=np.array([0x010B03FF], dtype=np.uint32))
+    of_1_11 = changed(telemetry, "AUTOPILOT_VERSION", **version)
+    assert reported_vibration(Signals(of_1_11, inputs="motors")) is None
+    assert reported_vibration(Signals(telemetry, inputs="motors")) is not None
+
+
+def test_clips_count_whatever_the_level_is_of():
+    signals = shaken_signals([0.05], clips=3, autopilot="PX4", firmware="PX4 v1.11.3")
+    (clipped,) = clipping_events(signals, 0, [(0.0, 100.0)])
+    assert clipped.figures["count"] == 3
 
 
 def test_clips_are_those_of_the_imu_that_clipped_most():

@@ -7,7 +7,7 @@ from mavdem.dataset.segments import in_segments
 from mavdem.facts import Fact
 from mavdem.facts.vibration import VibrationLight
 from mavdem.ingest.telemetry import Telemetry
-from mavdem.vibration.vibration_message import reported_vibration
+from mavdem.vibration.vibration_message import measures_acceleration, reported_vibration
 
 ARDUPILOT_LEVELS = Limits(15.0, 30.0)
 """Mean vibration, m/s², of ArduPilot's message VIBE.
@@ -52,6 +52,8 @@ def vibration_light(evidence: Evidence) -> Fact:
     signals = evidence.signals
     telemetry = signals.telemetry
     unknown_vibration = Fact(VibrationLight.VIBRATION_UNKNOWN, recorder=telemetry.translated_from)
+    if not measures_acceleration(telemetry):
+        return unknown_vibration.replace(is_of_velocity=True)
     vibration = reported_vibration(signals)
     if vibration is None:
         return unknown_vibration
