@@ -137,11 +137,12 @@ def firmware_version(telemetry: Telemetry) -> tuple[int, int] | None:
     version = re.search(letter + r"(\d+)\.(\d+)", telemetry.firmware)
     if version is not None:
         return int(version[1]), int(version[2])
-    numbers = telemetry.messages.get("AUTOPILOT_VERSION", {}).get("flight_sw_version", ())
+    columns = telemetry.messages.get("AUTOPILOT_VERSION", {})
+    number = int(columns["flight_sw_version"][-1]) if "flight_sw_version" in columns else 0
     # One byte each for the major, minor and patch number and the maturity; 0 if the version is not known.
-    if not len(numbers) or not numbers[-1]:
+    if not number:
         return None
-    major, minor, *_ = int(numbers[-1]).to_bytes(4, "big")
+    major, minor, _, _ = number.to_bytes(4, "big")
     return major, minor
 
 
