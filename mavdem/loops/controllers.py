@@ -216,8 +216,8 @@ class Controller(ImmutableResult):
         Raises:
             NotLearnable: a value is impossible.
         """
-        new_parameters = {**self.parameters, **parameters}
-        return controller_from_parameters(new_parameters, self.axis, self.motor_weights)
+        new_parameters = {**self.parameters, **_control_parameters(parameters)}
+        return _controller_of(new_parameters, self.axis, self.motor_weights)
 
     def outputs_per_demand(self, outputs: Sequence[float]) -> Numbers:
         """Returns the change of each motor's output per unit of demand about the axis.
@@ -320,12 +320,33 @@ def controller_from_parameters(
     Raises:
         NotLearnable: a parameter is missing or impossible, or the firmware or the mixer is not known.
     """
-    control_parameters = {
-        name: float(value)
-        for name, value in parameters.items()
-        if CONTROL_PARAMETERS.match(name) and isfinite(value)
-    }
     weights = tuple(map(float, motor_weights))
+    return _controller_of(_control_parameters(parameters), axis, weights)
+
+
+def _control_parameters(parameters: Parameters) -> dict[str, float]:
+    """Returns the parameters with finite values whose names match ``CONTROL_PARAMETERS``."""
+    control_parameters = {}
+    for name, value in parameters.items():
+        if CONTROL_PARAMETERS.match(name) and isfinite(value):
+            control_parameters[name] = float(value)
+    return control_parameters
+
+
+def _controller_of(control_parameters: Parameters, axis: str, weights: Numbers) -> Controller:
+    """Builds the controller of one axis from parameters that all match ``CONTROL_PARAMETERS``.
+
+    Args:
+        control_parameters: finite values by the autopilot's name.
+        axis: "roll", "pitch" or "yaw".
+        weights: weights of the motors' thrusts, as :func:`controller_from_parameters` takes them.
+
+    Returns:
+        The controller.
+
+    Raises:
+        NotLearnable: a parameter is missing or impossible, or the firmware or the mixer is not known.
+    """
     if any(name.startswith(("ATC_RAT_", "RATE_RLL_")) for name in control_parameters):
         fields = ardupilot_controller(control_parameters, axis, weights)
     elif any(name.startswith("MC_") for name in control_parameters):

@@ -11,7 +11,7 @@ ArduPilot's manual tuning, QuickTune and AutoTune (https://ardupilot.org/copter/
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from enum import IntEnum
 from functools import cached_property
@@ -259,8 +259,7 @@ class GainSearch:
             noise too much.
         """
         designs = []
-        closest_gains: Parameters = {}
-        closest_score = -inf
+        gains_without_margins = []
         for ratio in self._derivative_ratios():
             # The factors are descending: once the margins are kept, a smaller P would only be slower.
             for number, factor in enumerate(FACTORS):
@@ -269,15 +268,12 @@ class GainSearch:
                 if demand_deviation(controller, self.gyro_noise) > self.max_demand_noise:
                     continue
                 loop = self.models.with_controller(controller)
-                score = self.margin_score(loop.rate)
-                if score > closest_score:
-                    closest_gains, closest_score = gains, score
-                has_margins = score >= 1
-                if has_margins:
+                if self.has_margins(loop.rate):
                     designs.append(self._rate_design_of(loop, ratio, FACTORS[number:]))
                     break
+                gains_without_margins.append(gains)
         if not designs:
-            return closest_gains
+            return self._closest_rate_gains(self.models, gains_without_margins)
         highest_bandwidth = max(design.bandwidth for design in designs)
         fast_designs = [
             design for design in designs if design.bandwidth >= NEARLY_AS_FAST * highest_bandwidth
@@ -315,16 +311,29 @@ class GainSearch:
         Returns:
             The gains with the largest such factor; if none has the margins, those that come closest.
         """
-        closest_gains = self._rate_gains(design.factors[0], design.derivative_ratio)
-        closest_score = -inf
+        gains_without_margins = []
         for factor in design.factors:
             gains = self._rate_gains(factor, design.derivative_ratio)
-            score = self.margin_score(self.all_models.with_parameters(gains).rate)
-            if score > closest_score:
-                closest_gains, closest_score = gains, score
-            if score >= 1:
-                break
-        return closest_gains
+            if self.has_margins(self.all_models.with_parameters(gains).rate):
+                return gains
+            gains_without_margins.append(gains)
+        return self._closest_rate_gains(self.all_models, gains_without_margins)
+
+    def _closest_rate_gains(self, models: Loop, candidates: Sequence[Parameters]) -> Parameters:
+        """Returns the gains of the rate controller whose margins come closest to the target.
+
+        Args:
+            models: the loops with the plant models that judge the gains.
+            candidates: gains by the autopilot's name.
+
+        Returns:
+            The first candidate with the highest :meth:`margin_score`; empty without candidates.
+        """
+        return max(
+            candidates,
+            key=lambda gains: self.margin_score(models.with_parameters(gains).rate),
+            default={},
+        )
 
     def angle_design(
         self, rate_gains: Parameters | None = None, largest: float = inf
@@ -342,20 +351,32 @@ class GainSearch:
         logged_gain = self.logged_gains["angle_gain"]
         limit = min(self.highest_angle_gain, largest)
         loop = self.models.with_parameters(rate_gains or {})
-        best_gain = logged_gain
-        best_score = -inf
-        previous_gain = inf
+        gains_without_margins: list[float] = []
         for factor in FACTORS:
             gain = round_gain(min(factor * logged_gain, limit))
-            if gain == previous_gain:
+            if gain in gains_without_margins:
                 continue
-            previous_gain = gain
-            score = self._attitude_score(loop.with_parameters({name: gain}))
-            if score >= 1:
+            if self.has_margins(_attitude_loops_alone(loop.with_parameters({name: gain}))):
                 return {name: gain}
-            if score > best_score:
-                best_gain, best_score = gain, score
-        return {name: best_gain}
+            gains_without_margins.append(gain)
+        closest_gain = max(
+            gains_without_margins,
+            key=lambda gain: self._attitude_score(loop.with_parameters({name: gain})),
+        )
+        return {name: closest_gain}
+
+    def has_margins(self, open_loop: OpenLoop) -> bool:
+        """Returns whether all but ``SEARCH_MISS_SHARE`` of the models have their margins: a :meth:`margin_score` of 1.
+
+        Ms is judged first: it takes a tenth of the time of all margins, and most gains of a search exceed its target.
+
+        Args:
+            open_loop: rate or attitude loop of all models, at each effectiveness.
+        """
+        ms_scores = scores_of_models(self.target.ms / open_loop.max_sensitivity)
+        if np.quantile(ms_scores, SEARCH_MISS_SHARE) < 1:
+            return False
+        return self.margin_score(open_loop) >= 1
 
     def margin_score(self, open_loop: OpenLoop) -> float:
         """Scores the margins of many plant models by a low quantile, so that a few bad models do not decide.
@@ -373,18 +394,8 @@ class GainSearch:
         return float(np.quantile(scores.clip(MIN_SCORE), SEARCH_MISS_SHARE))
 
     def _attitude_score(self, models: Loop) -> float:
-        """Scores the attitude loops of many plant models by their own responses, whatever the rate loops inside do.
-
-        An attitude loop around an unstable rate loop is unstable with any gain of its own, so that its margins would
-        not tell a gain that is too high from one that is not. The rate loops have scores of their own.
-
-        Args:
-            models: rate and attitude loop of all models, at each effectiveness.
-
-        Returns:
-            The score, as :meth:`margin_score` returns it.
-        """
-        return self.margin_score(replace(models.attitude, is_inner_stable=None))
+        """Scores the attitude loops of all models, at each effectiveness, as :meth:`margin_score` does."""
+        return self.margin_score(_attitude_loops_alone(models))
 
     def _derivative_ratios(self) -> list[float]:
         """Returns the ratios of D to P to try, s.
@@ -646,6 +657,18 @@ def bandwidth_of_estimate(open_loop: OpenLoop) -> float:
     """Returns the bandwidth of a loop by the estimated plant, Hz; the highest frequency if it is above all of them."""
     bandwidth = open_loop.bandwidth
     return float(open_loop.frequency[-1]) if isnan(bandwidth) else bandwidth
+
+
+def _attitude_loops_alone(models: Loop) -> OpenLoop:
+    """Returns the attitude loops of many plant models, which count as stable by their own responses alone.
+
+    An attitude loop around an unstable rate loop is unstable with any gain of its own, so that its margins would not
+    tell a gain that is too high from one that is not. The rate loops are judged by themselves.
+
+    Args:
+        models: rate and attitude loop of all models, at each effectiveness.
+    """
+    return replace(models.attitude, is_inner_stable=None)
 
 
 def _change(value: float, logged: float) -> float:

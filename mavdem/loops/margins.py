@@ -165,6 +165,11 @@ class OpenLoop(Margins):
         return self.closed_loop_response[ESTIMATE]
 
     @cached_property
+    def max_sensitivity(self) -> Array:
+        """Maximum sensitivity Ms of each loop (N,), the largest |S|, as it is among the ``figures``."""
+        return freeze(1 / np.abs(1 + self.response).min(axis=1))
+
+    @cached_property
     def figures(self) -> Mapping[str, Array]:
         """Values (N,) of each figure of :class:`Margins`, by its name.
 
@@ -195,7 +200,7 @@ class OpenLoop(Margins):
             ),
             "gain_margin": DECIBELS_PER_NEPER * _infinite_if_nan(log_gain_margin),
             "delay_margin": _infinite_if_nan(gain_crossings.minimum_by_row(delay_margin)),
-            "ms": 1 / np.abs(1 + self.response).min(axis=1),
+            "ms": self.max_sensitivity,
             "bandwidth": np.exp(log_bandwidth),
             "rejection": np.abs(self.disturbance).max(axis=1),
         }
