@@ -267,13 +267,13 @@ class Evidence:
         return np.concatenate(values_by_flight) if values_by_flight else np.zeros(0)
 
     def averages_in_flight(self, series: TimeSeries | None) -> Array:
-        """Returns the moving averages over 2 s of a scalar series in flight.
+        """Returns the moving average of a signal over 2 s at each of its samples in flight.
 
         Args:
-            series: (N,) samples; None if it was not recorded.
+            series: (N,) samples of the signal; None if it was not recorded.
 
         Returns:
-            One average for each sample in flight, in the unit of the series; the flights follow each other.
+            (n,) averages, in the unit of the signal, one flight after the other; empty without samples in flight.
         """
         averages = [time_series.moving_average(flight) for flight in self.in_flight(series)]
         return np.concatenate([np.zeros(0), *averages])

@@ -248,26 +248,29 @@ def _commands_around(signals: Signals, boot: int, interval: TimeInterval) -> _Lo
 
 
 def _motors_off_fact(commands: _LossCommands) -> Fact | None:
-    """Returns the fact that all motors were switched off before the vehicle was lost, with the time; None if not.
+    """Returns the fact that all motors were switched off before the vehicle was lost; None if they were not.
 
-    A motor is off below ``OFF_RATIO`` of its usual command. The time is when all are off at one sample first, which may
-    be before the attitude leaves its setpoint: a vehicle without power is level for a while.
+    A motor is off if its command is below ``OFF_RATIO`` of its usual one. The fact has the time from which on all
+    motors are off. It may be before the attitude leaves its setpoint, since a vehicle without power is level for a
+    while.
 
     Args:
         commands: commands of the motors while the vehicle was lost, just before, and as usual in the flight.
     """
-    off_commands = OFF_RATIO * commands.usual
+    lowest_running_commands = OFF_RATIO * commands.usual
     # Each motor must have been off on average: a manoeuvre may stop one for a moment.
-    if not (commands.during.mean(axis=0) < off_commands).all():
+    if not (commands.during.mean(axis=0) < lowest_running_commands).all():
         return None
-    off_times = commands.time[(commands.during < off_commands).all(axis=1)]
-    time = off_times[0] if len(off_times) else commands.time[0]
-    is_earlier = commands.recorded.time < time
-    is_any_on = (commands.recorded.values[is_earlier] >= off_commands).any(axis=1)
-    rows_with_power = np.flatnonzero(is_any_on)
+    are_all_off = (commands.during < lowest_running_commands).all(axis=1)
+    off_times = commands.time[are_all_off]
+    off_time = off_times[0] if len(off_times) else commands.time[0]
+    # The motors may have been off before the time of the loss too: since the sample after the last one with power.
+    is_earlier = commands.recorded.time < off_time
+    has_power = (commands.recorded.values[is_earlier] >= lowest_running_commands).any(axis=1)
+    rows_with_power = np.flatnonzero(has_power)
     if len(rows_with_power):
-        time = commands.recorded.time[rows_with_power[-1] + 1]
-    return Fact(FailedFirst.ALL_OFF_FIRST, time=float(time))
+        off_time = commands.recorded.time[rows_with_power[-1] + 1]
+    return Fact(FailedFirst.ALL_OFF_FIRST, time=float(off_time))
 
 
 def _thrust_limit_fact(commands: _LossCommands, loss_context: LossContext) -> Fact | None:
@@ -452,37 +455,38 @@ def _frozen_output(signals: Signals, commands: _LossCommands) -> Fact | None:
     if motor is None:
         return None
     name = motors.geometry.names[motor]
-    settings = changed_functions(signals, [name])
+    settings = reassigned_outputs(signals, [name])
     return Fact(FailedFirst.OUTPUT_FROZE_FIRST, subject=name, settings=settings)
 
 
-def changed_functions(signals: Signals, names: Sequence[str]) -> list[str]:
-    """Returns the parameters that assign outputs to given motors and were changed during the log.
+def reassigned_outputs(signals: Signals, names: Sequence[str]) -> list[str]:
+    """Returns ArduPilot's parameters that assign outputs to given motors, as far as they were changed during the log.
 
-    The parameter SERVOn_FUNCTION assigns output n to a motor. If it is changed in flight, the output no longer drives
-    its motor, so that the change itself may be the failure.
+    The parameter SERVOn_FUNCTION says what output n drives. If it is changed in flight, the output no longer drives its
+    motor, so that the change itself may be the failure.
 
     Args:
-        signals: signals of the vehicle, whose ``initial_parameters`` are those that were changed.
+        signals: logged time series of the vehicle, with its parameters and the outputs of its motors.
         names: names of the motors.
 
     Returns:
-        The names of the changed parameters.
+        The names of the changed parameters, in the order of the motors.
     """
     assert signals.motors is not None
     geometry = signals.motors.geometry
     channel_by_motor = dict(zip(geometry.names, geometry.channels, strict=True))
+    # The initial values are kept of those parameters alone that were changed.
     changed_parameters = signals.telemetry.initial_parameters
-    changed_functions = []
+    reassignments = []
     for name in names:
         parameter = f"SERVO{channel_by_motor[name]}_FUNCTION"
         if parameter in changed_parameters:
-            changed_functions.append(parameter)
-    return changed_functions
+            reassignments.append(parameter)
+    return reassignments
 
 
 def weak_motor(
-    motors: MotorOutputs, change: Array, fall_direction: complex | None
+    motors: MotorOutputs, command_changes: Array, fall_direction: complex | None
 ) -> WeakMotor | None:
     """Finds the motor that lost thrust: the vehicle fell to its side, and the controller tried to lift that side.
 
@@ -491,7 +495,7 @@ def weak_motor(
 
     Args:
         motors: outputs and geometry of k motors.
-        change: (k,) change of the commands, as fractions of the motors' range.
+        command_changes: (k,) change of the commands from the usual ones, as fractions of the motors' range.
         fall_direction: lean with which the vehicle fell, rad: forward and, as imaginary part, to the right; None if it
             fell upright.
 
@@ -505,19 +509,19 @@ def weak_motor(
         return None
     # Half the angle between neighbouring motors is π over their number.
     max_angle = ALIGNMENT_FRACTION * pi / len(positions)
-    lift_direction = change @ positions
+    lift_direction = command_changes @ positions
     if fall_direction is None:
         fall_direction = lift_direction
     # The angle of a quotient of complex numbers is the angle between their directions: (k,) from each motor.
     lift_angles = abs(np.angle(lift_direction / positions))
     fall_angles = abs(np.angle(fall_direction / positions))
     is_aligned = (lift_angles < max_angle) & (fall_angles < max_angle)
-    motor = int(np.argmax(change))
+    motor = int(np.argmax(command_changes))
     is_only_one = np.count_nonzero(is_aligned) == 1
     if not (is_aligned[motor] and is_only_one):
         return None
     angles_from_motor = abs(np.angle(positions / positions[motor]))
     opposite = int(np.argmax(angles_from_motor))
-    if change[opposite] < 0 and angles_from_motor[opposite] > pi - max_angle:
+    if command_changes[opposite] < 0 and angles_from_motor[opposite] > pi - max_angle:
         return WeakMotor(motor, opposite)
     return None

@@ -13,8 +13,8 @@ from mavdem.assessment.attitude_losses import LOST_ANGLE
 from mavdem.assessment.commanded_overturn import commanded_overturn
 from mavdem.assessment.failure_by_commands import (
     LossContext,
-    changed_functions,
     failure_by_commands,
+    reassigned_outputs,
 )
 from mavdem.assessment.flights import loss_onset
 from mavdem.assessment.lowered_throttle import lowered_throttle
@@ -88,7 +88,7 @@ def first_failure(
             time=motors_off[0].time,
             subject=names[0] if len(names) == 1 else "",
             names=names,
-            settings=changed_functions(signals, names),
+            settings=reassigned_outputs(signals, names),
         )
     standing_motor = _standing_motor(events, boot, onset)
     if standing_motor is not None:

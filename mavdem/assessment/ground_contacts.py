@@ -290,12 +290,12 @@ class _Contact:
         start = time - MAX_SETPOINT_DELAY
         interval = (start, time + 2 * MAX_SETPOINT_DELAY)
         facts: list[Fact] = []
-        for sensor_fact in (
-            self.sensors.knock_fact(interval),
-            self.sensors.rotation_fact(interval),
-        ):
-            if sensor_fact is not None:
-                facts.append(sensor_fact)
+        knock = self.sensors.knock_fact(interval)
+        if knock is not None:
+            facts.append(knock)
+        rotation = self.sensors.rotation_fact(interval)
+        if rotation is not None:
+            facts.append(rotation)
         facts += self._descent_facts(time)
         if rest is not None:
             facts += rest.pose_facts

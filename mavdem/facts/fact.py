@@ -1,4 +1,4 @@
-"""Fact: a coded finding, a small frozen record with code, level, time, subject, and figures with units.
+"""Fact: a coded finding about a flight, a small frozen record with code, level, time, subject and figures.
 
 Facts are made where they are found, on any floor. They know no words: ``report.sentences`` has a sentence and a remedy
 for each code. Code compares codes and levels, never text.
@@ -18,6 +18,7 @@ from typing import Any, NamedTuple
 
 
 def _table(name: str) -> Mapping[str, str]:
+    """Reads a table of this package, such as ``units.toml``: texts by name."""
     return MappingProxyType(tomllib.loads((files("mavdem.facts") / name).read_text("utf-8")))
 
 
@@ -46,7 +47,7 @@ Figure = Any
 
 
 class Words(NamedTuple):
-    """What people read of a fact: a ``sentence``, and the ``remedy``, which is empty if there is none."""
+    """The text of a fact: its ``sentence``, and the ``remedy``, what to do about it, empty if there is none."""
 
     sentence: str
     remedy: str = ""
@@ -54,13 +55,13 @@ class Words(NamedTuple):
 
 @dataclass(frozen=True, init=False)
 class Fact:
-    """Something found in a flight: a code with figures, from which its sentence is made in one place.
+    """Something that was found out about a flight: a code with figures, from which a sentence is made.
 
     Attributes:
         code: identifies what it states.
         level: how much it matters.
-        time: when it was so, or when that began, s on the boot clock; None for a fact of no time.
-        end_time: when it ended, s on the boot clock; None for a moment, or where it is still so.
+        time: when it was so, or when that began, s on the boot clock; None for a fact that has no time.
+        end_time: when it ended, s on the boot clock; None for a moment, or if it had not ended when the record did.
         subject: what it is about: "motor 2", "roll rate loop", "GPS"; empty if that is the flight as a whole.
     """
 
@@ -86,16 +87,18 @@ class Fact:
         Raises:
             ValueError: a figure has no unit in ``units.toml``.
         """
-        if unknown := figures.keys() - UNITS.keys():
-            raise ValueError(f"figures without a unit in facts/units.toml: {sorted(unknown)}")
-        own_figures = tuple((name, plain(value)) for name, value in figures.items())
+        names_without_unit = sorted(figures.keys() - UNITS.keys())
+        if names_without_unit:
+            raise ValueError(f"figures without a unit in facts/units.toml: {names_without_unit}")
+        plain_figures = tuple((name, plain(value)) for name, value in figures.items())
+        # The dataclass is frozen, so that its fields are set by ``object.__setattr__``.
         for name, value in {
             "code": code,
             "level": level or Level(LEVELS.get(code, Level.UNKNOWN)),
             "time": plain(time),
             "end_time": plain(end_time),
             "subject": subject,
-            "_figures": own_figures,
+            "_figures": plain_figures,
         }.items():
             object.__setattr__(self, name, value)
 
@@ -125,7 +128,7 @@ class Fact:
         return Fact(self.code, level or self.level, **values | changes)
 
     def with_code(self, code: Code) -> Fact:
-        """Returns a fact of another ``code``, at the usual level of that, with the same time, subject and figures."""
+        """Returns a fact with another ``code`` and the usual level of that code; time, subject and figures stay."""
         return Fact(
             code,
             time=self.time,
@@ -136,40 +139,40 @@ class Fact:
 
     @property
     def start_time(self) -> float:
-        """Time at which it began, s on the boot clock; 0 for a fact of no time. Events always have one."""
+        """Time at which it began, s on the boot clock; 0 for a fact without a time. Events always have one."""
         return 0.0 if self.time is None else self.time
 
     @property
     def latest_time(self) -> float:
-        """Latest time at which it was so, s on the boot clock; infinite without an ``end_time``."""
+        """Time at which it ended, s on the boot clock; infinite without an ``end_time``."""
         return inf if self.end_time is None else self.end_time
 
     @property
     def is_good(self) -> bool:
-        """Whether it is good."""
+        """Whether its level is "good"."""
         return self.level is Level.GOOD
 
     @property
     def is_bad(self) -> bool:
-        """Whether it is bad."""
+        """Whether its level is "bad"."""
         return self.level is Level.BAD
 
     @property
     def warns(self) -> bool:
-        """Whether it is bad, or to be watched."""
+        """Whether its level is "watch" or "bad"."""
         return self.level in (Level.WATCH, Level.BAD)
 
     @property
     def grounded(self) -> Fact:
-        """The fact, and all facts within it, without advice to fly: of a vehicle that must not."""
+        """The fact for a vehicle that must not fly: no remedy, also of the facts in its figures, advises to fly."""
         grounded_figures = {name: _grounded(figure) for name, figure in self.figures.items()}
         return self.replace(**grounded_figures | {"is_grounded": True})
 
     @property
     def without_measurements(self) -> Hashable:
-        """Its content but for measured numbers, by which a reporter decides whether it has reported the fact already.
+        """Its content without measured numbers, as a key: facts with equal keys report the same.
 
-        Live sessions find the same facts again every second, with other numbers, which are no news.
+        Live sessions find the same facts again every second, with other numbers, which are not reported again.
         """
         return _without_measurements(self)
 
@@ -226,6 +229,7 @@ def plain(value: Any) -> Figure:
 
 
 def _grounded(figure: Figure) -> Figure:
+    """Returns a figure of a fact in which all facts advise no flight (``Fact.grounded``)."""
     if isinstance(figure, tuple):
         return tuple(map(_grounded, figure))
     return figure.grounded if isinstance(figure, Fact) else figure

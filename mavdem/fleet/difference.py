@@ -85,7 +85,7 @@ class VehicleDifference(NamedTuple):
 
     @property
     def is_of_same_flight(self) -> bool:
-        """Whether both states are the same flights: their number, conditions and all quantities are equal, exactly."""
+        """Whether a state is compared with itself: number of flights, conditions and all quantities are equal."""
         if self.flights.before != self.flights.after:
             return False
         conditions_before, conditions_after = self.conditions

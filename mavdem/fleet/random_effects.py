@@ -296,8 +296,8 @@ def with_outcomes(
 
     Args:
         changes: the differences with their p-values.
-        axes_with_other_gains: axes whose rate loops have other gains or filters in the second state.
-        axes_with_other_attitude_gains: axes whose attitude loops have another gain, that of attitude alone.
+        axes_with_other_gains: axes on which gains or filters of the rate loop differ between the states.
+        axes_with_other_attitude_gains: axes on which the gain from attitude error to rate setpoint differs.
 
     Returns:
         The changes with their outcomes, in the order of kinds, motors and axes.
@@ -335,21 +335,22 @@ def follows_from_gains(
     axes_with_other_gains: Collection[str],
     axes_with_other_attitude_gains: Collection[str] = (),
 ) -> bool:
-    """Returns whether a quantity describes a control loop that is known to have other gains or filters in one state.
+    """Returns whether a quantity is expected to differ between two states, because gains of its loop were changed.
 
-    Such a quantity, for example a phase margin, is expected to differ between the states. An attitude loop contains the
-    rate loop of its axis, and so depends on the gains of both.
+    This is so for the figures of a control loop, for example a phase margin. The attitude loop contains the rate loop
+    of its axis, so that its figures depend on the gains of both.
 
     Args:
         quantity: kind of the quantity, such as a margin, with its axis or motor.
-        axes_with_other_gains: axes whose rate loops have other gains or filters.
-        axes_with_other_attitude_gains: axes whose attitude loops have another gain, that of attitude alone.
+        axes_with_other_gains: axes on which gains or filters of the rate loop were changed.
+        axes_with_other_attitude_gains: axes on which the gain from attitude error to rate setpoint was changed.
     """
     if quantity.kind not in LOOP_KINDS:
         return False
-    is_of_attitude = quantity.kind in ATTITUDE_LOOP_KINDS
-    is_attitude_changed = is_of_attitude and quantity.axis in axes_with_other_attitude_gains
-    return is_attitude_changed or quantity.axis in axes_with_other_gains
+    if quantity.axis in axes_with_other_gains:
+        return True
+    is_of_attitude_loop = quantity.kind in ATTITUDE_LOOP_KINDS
+    return is_of_attitude_loop and quantity.axis in axes_with_other_attitude_gains
 
 
 def significance_of_single_change(changes: Sequence[QuantityChange], kind: str) -> float:

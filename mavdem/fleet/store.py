@@ -185,15 +185,15 @@ class Store:
             order by key"""
         return tuple(key for (key,) in self.db.execute(query, _query_values(source, limits)))
 
-    def earlier_reading_holds(self, source: LogSource, outcome: JobOutcome) -> bool:
-        """Returns whether the rows of a log's last reading stay valid after an attempt that did not get its content.
+    def is_last_reading_valid(self, source: LogSource, outcome: JobOutcome) -> bool:
+        """Returns whether the rows that were read from a log last are still valid after another attempt to read it.
 
-        A source that cannot be reached now may still have the same content. If the attempt failed otherwise before the
-        content was known, the last reading is valid unless the version of the source has changed.
+        They are not if the attempt got the content, or if the log was never read. Otherwise they are valid if the log
+        cannot be reached now, since it may still have the same content, or if its version has not changed.
 
         Args:
-            source: the log, with its version, empty if that is not known.
-            outcome: outcome of the present attempt; with the key of the content if it got that.
+            source: the log, with its version, such as the time of its last change; empty if that is not known.
+            outcome: outcome of the attempt, with the hash of the content as ``key`` if it got that.
         """
         if outcome.key:
             return False

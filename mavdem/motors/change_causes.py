@@ -185,27 +185,32 @@ def cause_probabilities(evidence: CauseEvidence, selection: Flags) -> CauseProba
     odds are relative to those of a weak motor.
 
     Args:
-        evidence: Logarithms of the Bayes factors of all causes, by window (assumption when the change began).
-        selection: (w,) the windows that count, in which the change may have begun.
+        evidence: Logarithms of the Bayes factors of all causes by window; each window is an assumption when the change
+            began.
+        selection: (w,) whether the change may have begun in a window.
 
     Returns:
         The probabilities. What they lack to 1 is the probability of a change in yaw alone, or in all axes.
     """
+    # The Bayes factor of a weak motor is the mean over the hypotheses which motor it is.
     hypothesis_count = len(evidence.motor_log_factors)
     motor_log_factors = log_sum(evidence.motor_log_factors_by_window) - log(hypothesis_count)
-    # (4, w): the logarithms of prior odds times Bayes factor, for a load, a motor, a change in all axes, and in yaw.
-    log_factors_by_window = np.array(
-        [
-            evidence.load_log_factors + log(LOADS_PER_MOTOR),
-            motor_log_factors,
-            evidence.all_axes_log_factors + log(OTHERS_PER_MOTOR),
-            evidence.yaw_log_factors + log(OTHERS_PER_MOTOR),
-        ]
+    # (w,) each: the logarithm of prior odds times Bayes factor, by window.
+    log_odds_by_window = {
+        "load": evidence.load_log_factors + log(LOADS_PER_MOTOR),
+        "motor": motor_log_factors,
+        "all axes": evidence.all_axes_log_factors + log(OTHERS_PER_MOTOR),
+        "yaw": evidence.yaw_log_factors + log(OTHERS_PER_MOTOR),
+    }
+    # All windows are equally probable, so that their odds are added.
+    log_odds = {
+        cause: log_sum(by_window[selection]) for cause, by_window in log_odds_by_window.items()
+    }
+    log_sum_of_causes = log_sum(list(log_odds.values()))
+    return CauseProbabilities(
+        load=float(np.exp(log_odds["load"] - log_sum_of_causes)),
+        motor=float(np.exp(log_odds["motor"] - log_sum_of_causes)),
     )
-    # (4,): all windows are equally probable, so that their factors are added.
-    log_factors = log_sum(log_factors_by_window[:, selection].T)
-    probabilities = np.exp(log_factors - log_sum(log_factors))
-    return CauseProbabilities(load=float(probabilities[0]), motor=float(probabilities[1]))
 
 
 def _log_factors_of_load(changes: WindowChanges, no_change: Array, lean: Array) -> Array:

@@ -52,7 +52,7 @@ IMU_MASK_PARAMETERS = ("EK3_IMU_MASK", "EK2_IMU_MASK")
 
 
 class ForcePeak(NamedTuple):
-    """The largest specific force in a time."""
+    """The largest specific force in an interval of time."""
 
     time: float
     """When it was measured, s since boot."""
@@ -140,7 +140,7 @@ class AccelerometerRecord:
 
 @cached_per_vehicle()
 def accelerometer_records(signals: Signals, boot: int) -> tuple[AccelerometerRecord, ...]:
-    """Measures every accelerometer of a boot: its rate, its peaks, and gravity at rest.
+    """Returns what every accelerometer measured in one boot: its samples, their rate, and gravity at rest.
 
     Args:
         signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.
@@ -149,14 +149,14 @@ def accelerometer_records(signals: Signals, boot: int) -> tuple[AccelerometerRec
     Returns:
         The accelerometers in the order of their IMUs; empty if none was recorded.
     """
-    forces = dict(further_specific_forces(signals))
-    first = specific_force(signals)
-    if first is not None:
-        # PX4 logs all IMUs by number, and also the one that it selects at each time.
-        number = SELECTED_IMU if 1 in forces else 1
-        forces[number] = first
+    force_by_imu = dict(further_specific_forces(signals))
+    main_force = specific_force(signals)
+    if main_force is not None:
+        # ArduPilot logs the first IMU so. PX4 logs all IMUs by number, and here the one that it selects at each time.
+        is_px4_selection = 1 in force_by_imu
+        force_by_imu[SELECTED_IMU if is_px4_selection else 1] = main_force
     records = []
-    for number, force in sorted(forces.items()):
+    for number, force in sorted(force_by_imu.items()):
         is_used = _is_used(signals.telemetry.parameters, number)
         record = _measured_accelerometer(signals, boot, number, is_used, force)
         if record is not None:

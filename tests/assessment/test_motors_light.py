@@ -9,9 +9,9 @@ from numpy.random import default_rng
 from pytest import approx, mark
 
 from mavdem.assessment.assess import alarms_before_loss
-from mavdem.assessment.axis.analysis import motor_alarms
 from mavdem.assessment.lights import motors
 from mavdem.assessment.lights.motors import motors_light
+from mavdem.assessment.motor_alarms import motor_alarms
 from mavdem.dataset.signals import Signals
 from mavdem.facts import Fact, Level
 from mavdem.facts.ending import MotionEvent

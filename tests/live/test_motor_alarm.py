@@ -15,7 +15,7 @@ from partial_records import partial_record
 from pytest import approx, fixture, mark
 from rich.console import Console
 
-from mavdem.assessment.axis.analysis import _gradual_losses, motor_alarms
+from mavdem.assessment.motor_alarms import _gradual_losses, motor_alarms
 from mavdem.cli.live_status import StatusLines
 from mavdem.dataset.motor_outputs import MotorOutputs
 from mavdem.dataset.signals import Signals

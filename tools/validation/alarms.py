@@ -39,7 +39,7 @@ from flights import (
 from numpy.random import default_rng
 
 import mavdem.live.clock
-from mavdem.assessment.axis.analysis import motor_alarms
+from mavdem.assessment.motor_alarms import motor_alarms
 from mavdem.dataset.phases import settled_intervals
 from mavdem.dataset.signals import Signals
 from mavdem.dem import Settings

@@ -5,11 +5,8 @@ model was trained on, and graded by the findings. A model of the slow motion is 
 baselines.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import replace
-from math import inf
-
-import numpy as np
 
 from mavdem.assessment.axis.figures import (
     ALL_AXES,
@@ -24,21 +21,13 @@ from mavdem.assessment.axis.options import Options, ShowStep, show_nothing
 from mavdem.assessment.axis.training import train_and_test
 from mavdem.assessment.condition import measure_condition
 from mavdem.assessment.identity import identify_vehicle
+from mavdem.assessment.motor_alarms import motor_alarms
 from mavdem.assessment.tier import log_tier
 from mavdem.dataset.axes import AXES, TILT_AXES
 from mavdem.dataset.flights import usable_segments
-from mavdem.dataset.intervals import Intervals, TimeInterval, in_intervals, intersection
 from mavdem.dataset.learnability import learnability_of
-from mavdem.dataset.motor_outputs import MotorOutputs
-from mavdem.dataset.phases import (
-    TRANSIENT_SECONDS,
-    free_flight_intervals,
-    settled_intervals,
-)
 from mavdem.dataset.segment_learnability import Learnability
 from mavdem.dataset.signals import MIN_SLOW_MOTION_RATE, Signals, rate_between_outages
-from mavdem.dataset.steady_flight import lean_at, tracked_headings
-from mavdem.dataset.time_series import TimeSeries
 from mavdem.dem import Learned
 from mavdem.errors import NotLearnable
 from mavdem.experiments.truth import compare_with_truth, read_truth_of_flight
@@ -48,14 +37,8 @@ from mavdem.facts.assessment import Caveat, NoModel
 from mavdem.flight import Flights
 from mavdem.immutable import ReadOnlyDict
 from mavdem.ingest import Log
-from mavdem.ingest.motors import POSSIBLE_MULTIROTORS
-from mavdem.motors.balance import run_around
 from mavdem.motors.balance_blocks import MIN_SAMPLE_RATE
-from mavdem.motors.gradual_loss import gradual_loss
-from mavdem.motors.lean_check import is_beyond_lean
-from mavdem.motors.loss_detection import MotorLossDetector
-from mavdem.motors.motor_changes import MotorAlarm, is_much_larger, lasting_changes
-from mavdem.motors.signatures import motor_signatures
+from mavdem.motors.motor_changes import MotorAlarm
 from mavdem.motors.trim_pattern import trim_of_signals
 from mavdem.plant import Physical
 from mavdem.plant.wind_torque import estimate_wind_torque
@@ -374,152 +357,3 @@ def _with_other_axes(
                 )
             show_share(len(estimates_by_axis) / len(AXES))
     return replace(analysis, axes=ReadOnlyDict(estimates_by_axis))
-
-
-def motor_alarms(signals: Signals) -> tuple[MotorAlarm, ...]:
-    """Returns the alarms on motors that a live session would have raised, boot by boot.
-
-    The samples of settled flight are passed one by one to the detector that live sessions use. A live session detects
-    the end of the climb-out half a second late, and a landing only after it, so that its times differ by the same
-    amount. Flight in which no motor changed suddenly is also searched as a whole for a motor that lost thrust slowly.
-    Shifts of the trims that name no motor are left out if the lean against the wind explains them, which takes all of
-    the flight.
-
-    Args:
-        signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.
-
-    Returns:
-        The alarms; none if the motors were not recorded, or at less than 6 Hz, or if the vehicle is no multirotor.
-    """
-    motors = signals.motors
-    if motors is None or signals.telemetry.vehicle not in POSSIBLE_MULTIROTORS:
-        return ()
-    alarms = []
-    for boot in np.unique(motors.boot).tolist():
-        detector = MotorLossDetector(motors.geometry, boot)
-        commands = motors.range_fractions(boot)
-        headings = tracked_headings(signals, boot, commands.time)
-        settled_flight_times = settled_intervals(signals, boot)
-        is_settled = in_intervals(commands.time, settled_flight_times)
-        settled_samples = zip(
-            commands.time[is_settled].tolist(),
-            commands.values[is_settled],
-            headings[is_settled].tolist(),
-            lean_at(signals, boot, commands.time[is_settled]),
-            strict=True,
-        )
-        for time, command, heading, lean in settled_samples:
-            detector.update(time, command, heading, lean)
-        changes = _without_shifts_by_wind(signals, motors, lasting_changes(detector.alarms))
-        # Headings are NaN while the attitude does not follow its setpoint. Then the balance of
-        # the motors does not show which of them lost thrust.
-        commands_with_heading = commands.select(np.isfinite(headings))
-        alarms += changes + _lasting_losses(signals, motors, commands_with_heading, boot, changes)
-    return tuple(alarms)
-
-
-def _without_shifts_by_wind(
-    signals: Signals, motors: MotorOutputs, changes: Sequence[MotorAlarm]
-) -> list[MotorAlarm]:
-    """Removes changes of the motors' balance that the lean against the wind may explain.
-
-    Only changes that no single motor explains are removed. Each is judged by the steady flight around it, from the
-    change before it to the one after.
-
-    Args:
-        signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.
-        motors: outputs and geometry of its motors.
-        changes: all changes of the motors' balance in one boot, in the order of time.
-
-    Returns:
-        The other changes, in the same order.
-    """
-    signatures = motor_signatures(motors.geometry)
-    onset_times = [change.onset_time for change in changes]
-    remaining = []
-    for change in changes:
-        if change.motor is None:
-            earlier_times = [time for time in onset_times if time < change.onset_time]
-            later_times = [time for time in onset_times if time > change.onset_time]
-            interval = (max(earlier_times, default=-inf), min(later_times, default=inf))
-            steady_run = run_around(signals, motors, change.boot, change.onset_time, interval)
-            if steady_run is None or not is_beyond_lean(steady_run, signatures, change.onset_time):
-                continue
-        remaining.append(change)
-    return remaining
-
-
-def _lasting_losses(
-    signals: Signals,
-    motors: MotorOutputs,
-    commands: TimeSeries,
-    boot: int,
-    changes: Sequence[MotorAlarm],
-) -> list[MotorAlarm]:
-    """Finds the motors that lost thrust slowly, or from the descent on.
-
-    Each interval of settled flight is searched. If nothing is found, the flight that it belongs to is searched too,
-    until shortly before the touch-down: a vehicle that sinks since a motor lost thrust is not in settled flight.
-
-    Args:
-        signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.
-        motors: outputs and geometry of the k motors.
-        commands: (N, k) their outputs while the attitude follows its setpoint, as fractions of the range.
-        boot: number of the boot; a boot lasts from one start of the autopilot to the next.
-        changes: changes in this boot that the detector of sudden losses reported.
-
-    Returns:
-        At most one alarm for each interval of settled flight, then one for each other flight.
-    """
-    settled_flight_times = settled_intervals(signals, boot)
-    losses = _gradual_losses(signals, motors, commands, boot, settled_flight_times, changes)
-    for flight in free_flight_intervals(signals, boot):
-        start, end = flight
-        settled_in_flight = intersection(settled_flight_times, [flight])
-        has_loss = any(start <= loss.onset_time <= end for loss in losses)
-        if settled_in_flight and not has_loss and not _sudden_changes(changes, flight):
-            settled_start, _ = settled_in_flight[0]
-            with_descent = (settled_start, end - TRANSIENT_SECONDS)
-            losses += _gradual_losses(signals, motors, commands, boot, [with_descent], changes)
-    return losses
-
-
-def _gradual_losses(
-    signals: Signals,
-    motors: MotorOutputs,
-    commands: TimeSeries,
-    boot: int,
-    intervals: Intervals,
-    changes: Sequence[MotorAlarm],
-) -> list[MotorAlarm]:
-    """Finds the motors that lost thrust slowly within intervals of flight.
-
-    Where a motor changed suddenly, a slow loss counts only if the sudden one was a part of it.
-
-    Args:
-        signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.
-        motors: outputs and geometry of the k motors.
-        commands: (N, k) their outputs while the attitude follows its setpoint, as fractions of the range.
-        boot: number of the boot; a boot lasts from one start of the autopilot to the next.
-        intervals: intervals of flight, s since boot.
-        changes: changes in this boot that the detector of sudden losses reported.
-
-    Returns:
-        At most one alarm for each interval, in the order of the intervals.
-    """
-    losses = []
-    for interval in intervals:
-        in_interval = commands.select(in_intervals(commands.time, [interval]))
-        lean = lean_at(signals, boot, in_interval.time)
-        loss = gradual_loss(in_interval.time, in_interval.values, lean, motors.geometry, boot)
-        if loss is not None and is_much_larger(loss, _sudden_changes(changes, interval)):
-            losses.append(loss)
-    return losses
-
-
-def _sudden_changes(changes: Sequence[MotorAlarm], interval: TimeInterval) -> list[MotorAlarm]:
-    """Returns the changes that name a motor and were found in an interval, s since boot."""
-    start, end = interval
-    return [
-        change for change in changes if change.motor is not None and start <= change.time <= end
-    ]

@@ -18,6 +18,7 @@ class LimitedMotors(NamedTuple):
     """Motors that are at their upper limit in the hover: one that stands out, or several that are similar."""
 
     names: Names
+    """Names of the motors."""
     share: float
     """Fraction of the time at the limit, of the motor with the most."""
     equally_loaded: Names
@@ -29,10 +30,10 @@ class LimitedMotors(NamedTuple):
         return self.names[0] if len(self.names) == 1 and not self.equally_loaded else ""
 
     def fact(self, code: Code) -> Fact:
-        """Returns a fact of these motors, with all fields as figures.
+        """Returns a fact (a coded finding) about these motors, with their names, their time at the limit, and others.
 
         Args:
-            code: code that says what the fact states, by which its sentence is found.
+            code: code that says what the fact states, from which its sentence is made.
         """
         return Fact(
             code,

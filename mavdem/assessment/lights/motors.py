@@ -117,7 +117,7 @@ def _limited_motors_of_flight(evidence: Evidence, hover: HoverFigures | None) ->
         figures = hover
     else:
         segments = evidence.flight_segments(motors.boot)
-        figures = _output_statistics(motors, segments)
+        figures = _figures_of_whole_flight(motors, segments)
     if figures is None:
         return None
     motors_at_limit = limited_motors(figures)
@@ -129,18 +129,18 @@ def _limited_motors_of_flight(evidence: Evidence, hover: HoverFigures | None) ->
     return motors_at_limit.fact(MotorsLight.MOTOR_LIMITED).replace(is_settled=has_long_hover)
 
 
-def _output_statistics(motors: MotorOutputs, segments: Segments) -> HoverFigures | None:
-    """Returns the statistics of the motor outputs over all of a flight, of the kind that a hover has.
+def _figures_of_whole_flight(motors: MotorOutputs, segments: Segments) -> HoverFigures | None:
+    """Computes the trim, the headroom and the time at the limits of each motor over all of a flight.
 
-    They are the trim, the headroom and the time at the limits of each motor.
+    These are the figures that are usually computed of a hover. They are needed of a flight that has none.
 
     Args:
         motors: outputs of the motors over time.
         segments: all segments of flight, whether settled or not.
 
     Returns:
-        The statistics; None if the flight was shorter than ``MIN_STEADY_SECONDS``, if it has no sample of the outputs,
-        or if the motors were off at all samples.
+        The figures; None if the flight was shorter than ``MIN_STEADY_SECONDS``, if no output was recorded in it, or if
+        the motors were off throughout.
     """
     seconds = total_duration(segments)
     outputs = motors.outputs[in_segments(motors, *segments)]
@@ -149,6 +149,7 @@ def _output_statistics(motors: MotorOutputs, segments: Segments) -> HoverFigures
     try:
         return hover_figures(motors.geometry.names, motors.scale, seconds, outputs, lean={})
     except NotLearnable:
+        # The motors were off throughout.
         return None
 
 

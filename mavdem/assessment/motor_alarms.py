@@ -1,0 +1,195 @@
+"""Lasting changes of the motors in the flights of a log: the alarms that a live session would have raised, and more."""
+
+from collections.abc import Sequence
+from math import inf
+
+import numpy as np
+
+from mavdem.arrays import Array
+from mavdem.dataset.intervals import Intervals, TimeInterval, in_intervals, intersection
+from mavdem.dataset.motor_outputs import MotorOutputs
+from mavdem.dataset.phases import (
+    TRANSIENT_SECONDS,
+    free_flight_intervals,
+    settled_intervals,
+)
+from mavdem.dataset.signals import Signals
+from mavdem.dataset.steady_flight import lean_at, tracked_headings
+from mavdem.dataset.time_series import TimeSeries
+from mavdem.ingest.motors import POSSIBLE_MULTIROTORS
+from mavdem.motors.balance import run_around
+from mavdem.motors.gradual_loss import gradual_loss
+from mavdem.motors.lean_check import is_beyond_lean
+from mavdem.motors.loss_detection import MotorLossDetector
+from mavdem.motors.motor_changes import MotorAlarm, is_much_larger, lasting_changes
+from mavdem.motors.signatures import motor_signatures
+
+
+def motor_alarms(signals: Signals) -> tuple[MotorAlarm, ...]:
+    """Returns the changes of the motors that a live session would have reported, and slow losses of thrust.
+
+    Settled flight is searched sample by sample for sudden changes, as in flight. Then all of it is searched at once for
+    motors that lost thrust slowly, which takes the whole flight.
+
+    Args:
+        signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.
+
+    Returns:
+        The changes, boot by boot; none if the motors were not recorded, or at less than 6 Hz, or if the vehicle is no
+        multirotor.
+    """
+    motors = signals.motors
+    if motors is None or signals.telemetry.vehicle not in POSSIBLE_MULTIROTORS:
+        return ()
+    alarms = []
+    for boot in np.unique(motors.boot).tolist():
+        commands = motors.range_fractions(boot)
+        headings = tracked_headings(signals, boot, commands.time)
+        sudden_changes = _sudden_changes_of_boot(signals, motors, boot, commands, headings)
+        # Headings are NaN while the attitude does not follow its setpoint. Then the balance of the motors does not show
+        # which of them lost thrust.
+        tracked_commands = commands.select(np.isfinite(headings))
+        slow_losses = _lasting_losses(signals, motors, tracked_commands, boot, sudden_changes)
+        alarms += sudden_changes + slow_losses
+    return tuple(alarms)
+
+
+def _sudden_changes_of_boot(
+    signals: Signals, motors: MotorOutputs, boot: int, commands: TimeSeries, headings: Array
+) -> list[MotorAlarm]:
+    """Returns the lasting changes of one boot that the detector of live sessions finds in its settled flight.
+
+    A live session detects the end of the climb-out half a second late, and a landing only after it, so that its times
+    differ by as much. Shifts of the trims that name no motor are left out if the lean against the wind explains them.
+
+    Args:
+        signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.
+        motors: outputs and geometry of the k motors.
+        boot: number of the boot; a boot lasts from one start of the autopilot to the next.
+        commands: (N, k) outputs in this boot, as fractions of the range.
+        headings: (N,) heading, rad; NaN while the attitude does not follow its setpoint.
+
+    Returns:
+        The changes, in the order of time.
+    """
+    is_settled = in_intervals(commands.time, settled_intervals(signals, boot))
+    settled_samples = zip(
+        commands.time[is_settled].tolist(),
+        commands.values[is_settled],
+        headings[is_settled].tolist(),
+        lean_at(signals, boot, commands.time[is_settled]),
+        strict=True,
+    )
+    detector = MotorLossDetector(motors.geometry, boot)
+    for time, command, heading, lean in settled_samples:
+        detector.update(time, command, heading, lean)
+    return _without_shifts_by_wind(signals, motors, lasting_changes(detector.alarms))
+
+
+def _without_shifts_by_wind(
+    signals: Signals, motors: MotorOutputs, changes: Sequence[MotorAlarm]
+) -> list[MotorAlarm]:
+    """Removes the changes of the motors' balance that the lean against the wind may explain.
+
+    Only changes that name no motor are removed. Each is judged by the steady flight around it, from the
+    change before it to the one after.
+
+    Args:
+        signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.
+        motors: outputs and geometry of its motors.
+        changes: all changes of the motors' balance in one boot, in the order of time.
+
+    Returns:
+        The other changes, in the same order.
+    """
+    signatures = motor_signatures(motors.geometry)
+    onset_times = [change.onset_time for change in changes]
+    remaining = []
+    for change in changes:
+        if change.motor is None:
+            earlier_times = [time for time in onset_times if time < change.onset_time]
+            later_times = [time for time in onset_times if time > change.onset_time]
+            interval = (max(earlier_times, default=-inf), min(later_times, default=inf))
+            steady_run = run_around(signals, motors, change.boot, change.onset_time, interval)
+            if steady_run is None or not is_beyond_lean(steady_run, signatures, change.onset_time):
+                continue
+        remaining.append(change)
+    return remaining
+
+
+def _lasting_losses(
+    signals: Signals,
+    motors: MotorOutputs,
+    commands: TimeSeries,
+    boot: int,
+    changes: Sequence[MotorAlarm],
+) -> list[MotorAlarm]:
+    """Finds the motors that lost thrust slowly, or from the descent on.
+
+    Each interval of settled flight is searched. If nothing is found, the flight that it belongs to is searched too,
+    until shortly before the touch-down: a vehicle that sinks since a motor lost thrust is not in settled flight.
+
+    Args:
+        signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.
+        motors: outputs and geometry of the k motors.
+        commands: (N, k) their outputs while the attitude follows its setpoint, as fractions of the range.
+        boot: number of the boot; a boot lasts from one start of the autopilot to the next.
+        changes: changes in this boot that the detector of sudden losses reported.
+
+    Returns:
+        At most one alarm for each interval of settled flight, then one for each other flight.
+    """
+    settled_flight_times = settled_intervals(signals, boot)
+    losses = _gradual_losses(signals, motors, commands, boot, settled_flight_times, changes)
+    for flight in free_flight_intervals(signals, boot):
+        start, end = flight
+        settled_in_flight = intersection(settled_flight_times, [flight])
+        has_loss = any(start <= loss.onset_time <= end for loss in losses)
+        if settled_in_flight and not has_loss and not _changes_of_motors(changes, flight):
+            settled_start, _ = settled_in_flight[0]
+            flight_with_descent = (settled_start, end - TRANSIENT_SECONDS)
+            losses += _gradual_losses(
+                signals, motors, commands, boot, [flight_with_descent], changes
+            )
+    return losses
+
+
+def _gradual_losses(
+    signals: Signals,
+    motors: MotorOutputs,
+    commands: TimeSeries,
+    boot: int,
+    intervals: Intervals,
+    changes: Sequence[MotorAlarm],
+) -> list[MotorAlarm]:
+    """Finds the motors that lost thrust slowly within intervals of flight.
+
+    Where a motor changed suddenly, a slow loss counts only if the sudden one was a part of it.
+
+    Args:
+        signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.
+        motors: outputs and geometry of the k motors.
+        commands: (N, k) their outputs while the attitude follows its setpoint, as fractions of the range.
+        boot: number of the boot; a boot lasts from one start of the autopilot to the next.
+        intervals: intervals of flight, s since boot.
+        changes: changes in this boot that the detector of sudden losses reported.
+
+    Returns:
+        At most one alarm for each interval, in the order of the intervals.
+    """
+    losses = []
+    for interval in intervals:
+        in_interval = commands.select(in_intervals(commands.time, [interval]))
+        lean = lean_at(signals, boot, in_interval.time)
+        loss = gradual_loss(in_interval.time, in_interval.values, lean, motors.geometry, boot)
+        if loss is not None and is_much_larger(loss, _changes_of_motors(changes, interval)):
+            losses.append(loss)
+    return losses
+
+
+def _changes_of_motors(changes: Sequence[MotorAlarm], interval: TimeInterval) -> list[MotorAlarm]:
+    """Returns the changes that name a motor and were found in an interval, s since boot."""
+    start, end = interval
+    return [
+        change for change in changes if change.motor is not None and start <= change.time <= end
+    ]
