@@ -104,6 +104,19 @@ def test_where_one_motor_alone_lacks_headroom_the_remedy_is_about_that_motor():
     assert "its propeller" not in all_alike.remedy
 
 
+@mark.parametrize("headroom_of_third, is_named", [(0.05, True), (0.08, False)])
+def test_a_motor_that_differs_as_the_others_do_is_not_to_be_checked_alone(
+    headroom_of_third, is_named
+):
+    """Gusts move the motors of a sound vehicle unlike, so that one of them comes first below the limit."""
+    flight = evidence()
+    hover = replace(flight.condition.hover, headroom=(0.11, 0.14, headroom_of_third, 0.12))
+    flight = replace(flight, condition=replace(flight.condition, hover=hover))
+    light = motors_light(flight)
+    assert light.code is MotorsLight.HEADROOM_LITTLE
+    assert ("motor 3, its propeller and the nut first" in light.remedy) is is_named
+
+
 def test_an_uneven_trim_does_not_hide_a_small_headroom():
     found = motors_light(evidence(lambda time: np.array([[420], [420], [180], [180]])))
     assert (found.code, found.level) == (TrimFact.TRIM_OF_YAW, "watch")

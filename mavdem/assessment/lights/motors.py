@@ -10,6 +10,7 @@ from mavdem.assessment.failure_by_commands import SPENT_THRUST_SHARE
 from mavdem.assessment.flights import total_duration
 from mavdem.assessment.limits import worst_fact
 from mavdem.assessment.motor_speeds import REPORTS_OF_MOTOR
+from mavdem.containers import Numbers
 from mavdem.dataset.motor_outputs import MotorOutputs, motor_outputs_or_reason
 from mavdem.dataset.quality import STOP_MARGIN, samples_at_limits
 from mavdem.dataset.segments import Segments, in_segments, settled_segments
@@ -32,6 +33,9 @@ MAX_HOVER_COMMAND = 0.8
 
 MIN_HEADROOM = 0.1
 """Fraction of the motors' range to be left for gusts at the 99th percentile of the output; less is to be watched."""
+
+MIN_HEADROOM_RATIO = 2.0
+"""Ratio of every other motor's headroom to that of one motor from which this motor stands out: a choice."""
 
 MIN_MOST_FRACTION = 0.5
 """Fraction of the flight at the limit above which a motor is there for most of the flight, whatever the vehicle did."""
@@ -322,6 +326,19 @@ def _duration(event: Fact) -> float:
     return event.latest_time - event.time
 
 
+def _only_one_lacks(headrooms: Numbers) -> bool:
+    """Returns whether one motor alone lacks headroom: it or its propeller may be the reason, not the load.
+
+    Every other motor has ``MIN_HEADROOM`` and at least ``MIN_HEADROOM_RATIO`` times as much: gusts and manoeuvres make
+    the motors of a sound vehicle differ too.
+
+    Args:
+        headrooms: fraction of each motor's range above the 99th percentile of its output.
+    """
+    lowest, *others = sorted(headrooms)
+    return bool(others) and others[0] >= max(MIN_HEADROOM, MIN_HEADROOM_RATIO * lowest)
+
+
 def _trim_or_headroom(evidence: Evidence, hover: HoverFigures) -> Fact:
     """Returns the pattern of the trim, or that the headroom is small.
 
@@ -353,8 +370,6 @@ def _trim_or_headroom(evidence: Evidence, hover: HoverFigures) -> Fact:
             imbalance_percent = hover.imbalance[hover.motors.index(names[0])]
             if imbalance_percent / 100 > FAULT_RISE:
                 excess = imbalance_percent / 100
-        # All motors carry the load: where only one lacks headroom, that motor or its propeller may be the reason.
-        motors_with_little = sum(each < MIN_HEADROOM for each in hover.headroom)
         light = Fact(
             MotorsLight.HEADROOM_LITTLE,
             names=names,
@@ -362,7 +377,7 @@ def _trim_or_headroom(evidence: Evidence, hover: HoverFigures) -> Fact:
             trim=highest_trim,
             excess=excess,
         )
-        return light.replace(is_only_motor=True) if motors_with_little == 1 else light
+        return light.replace(is_only_motor=True) if _only_one_lacks(hover.headroom) else light
     if is_headroom_small:
         # The trim may be the reason for the small headroom, but the pilot must know of both.
         return trim.replace(headroom=headroom)
