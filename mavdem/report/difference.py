@@ -495,7 +495,7 @@ def _motor_warnings(review: Review) -> dict[int, JsonValues]:
 
 
 def _motor_cell(review: Review, fact: JsonValues | None) -> str:
-    """Returns what a flight shows of one motor, in few words, with the level and the whole sentence behind it.
+    """Returns what a flight shows of one motor, in few words, with the level.
 
     Args:
         review: review document of the log; empty of a fleet.
@@ -515,7 +515,7 @@ def _motor_cell(review: Review, fact: JsonValues | None) -> str:
         sentence=fact["sentence"].removeprefix(f"{capitalize_first(fact['subject'])} "),
     )
     text = without_full_stop(shortened(words.text, MAX_MOTOR_CHARACTERS))
-    return Rated(text, Level(fact["level"]), fact["sentence"])
+    return Rated(text, Level(fact["level"]))
 
 
 def _are_equal(first_light: JsonValues, second_light: JsonValues) -> bool:

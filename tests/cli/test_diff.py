@@ -140,6 +140,8 @@ def test_a_margin_that_fell_is_named_with_the_gain_that_was_raised_and_flights_b
     flights = tuple(flight_series(Signals(log)) for log in logs)
     page = comparison_page(("a.bin", "b.bin"), reviews, difference, parameters, flights=flights)
     assert "time since take-off (s)" in page and "Mean motor output (%)" in page
+    places = [page.index(f"Motor {motor} output (%)") for motor in (1, 2, 3, 4)]
+    assert places == sorted(places) and places[0] > page.index('id="what-changed"')
     headlines = re.findall(r'<p class="headline"><strong>([^<]*)', page)
     assert headlines[0] == "Margins: good in A, bad in B. Roll oscillates."
     (row,) = re.findall(r'<tr><td class="words">margins</td>.*?</tr>', page)

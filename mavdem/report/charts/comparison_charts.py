@@ -1,6 +1,6 @@
 """Charts of the longest flights of two logs, drawn over each other from take-off on."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from math import degrees
 from typing import NamedTuple
 
@@ -23,7 +23,25 @@ MEAN_MOTOR_OUTPUT = "Mean motor output (%)"
 BATTERY_VOLTAGE = "Battery voltage (V)"
 VIBRATION = "Vibration of the worst axis (m/s²)"
 
-FLIGHT_SERIES_TITLES = (ROLL, PITCH, HEIGHT, MEAN_MOTOR_OUTPUT, BATTERY_VOLTAGE, VIBRATION)
+MAX_MOTORS = 12
+"""Motors that charts have names for: those of the largest frames."""
+
+MOTOR_OUTPUTS = tuple(f"Motor {number} output (%)" for number in range(1, MAX_MOTORS + 1))
+"""Titles of the charts with the output of each motor."""
+
+MEAN_SECONDS = 0.5
+"""Time over which the output of a motor is averaged in a chart: longer than attitude control takes, and shorter than a
+manoeuvre. A choice."""
+
+FLIGHT_SERIES_TITLES = (
+    ROLL,
+    PITCH,
+    HEIGHT,
+    MEAN_MOTOR_OUTPUT,
+    BATTERY_VOLTAGE,
+    *MOTOR_OUTPUTS,
+    VIBRATION,
+)
 """Titles of the charts of two flights over each other, in the order of a page."""
 
 PERCENT = 100.0
@@ -74,8 +92,9 @@ def flight_series(signals: Signals) -> FlightSeries:
         signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.
 
     Returns:
-        Roll and pitch, °; height, m; mean motor output, %; voltage of the first battery, V; and vibration of the worst
-        axis, m/s². Each is an array (2, N) of times since take-off, s, and values. Empty if the vehicle never flew.
+        Roll and pitch, °; height, m; mean output of all motors, and of each motor the means over ``MEAN_SECONDS``, %
+        of the range; voltage of the first battery, V; and vibration of the worst axis, m/s². Each is an array (2, N) of
+        times since take-off, s, and values. Empty if the vehicle never flew.
     """
     flight = longest_flight(signals)
     if flight is None:
@@ -87,8 +106,27 @@ def flight_series(signals: Signals) -> FlightSeries:
         in_flight = series.select(is_flown & (series.boot == flight.boot))
         # A line needs two points.
         if len(in_flight.time) > 1:
-            flown[title] = np.array([in_flight.time - take_off, in_flight.values])
+            samples = np.array([in_flight.time - take_off, in_flight.values])
+            flown[title] = _block_means(samples) if title in MOTOR_OUTPUTS else samples
     return flown
+
+
+def _block_means(samples: Array) -> Array:
+    """Returns the means of a time series over blocks of ``MEAN_SECONDS``, at the mean times of their samples.
+
+    Attitude control moves the output of a motor fast and widely, which would hide how hard the motor works, and the
+    line of the other flight.
+
+    Args:
+        samples: (2, N) times, s, and values.
+
+    Returns:
+        (2, M) times and values of the blocks that have samples.
+    """
+    block_numbers = np.floor(samples[0] / MEAN_SECONDS).astype(int)
+    _, blocks = np.unique(block_numbers, return_inverse=True)
+    counts = np.bincount(blocks)
+    return np.array([np.bincount(blocks, values) / counts for values in samples])
 
 
 def _recorded_series(signals: Signals) -> dict[str, TimeSeries]:
@@ -104,6 +142,11 @@ def _recorded_series(signals: Signals) -> dict[str, TimeSeries]:
         recorded_series[title] = _scaled(attitude.angle_series, degrees(1))
     if signals.collective is not None:
         recorded_series[MEAN_MOTOR_OUTPUT] = _scaled(signals.collective, PERCENT)
+    motors = signals.motors
+    if motors is not None:
+        outputs = PERCENT * motors.scale.fraction(motors.outputs)
+        for title, output in zip(MOTOR_OUTPUTS, outputs.T, strict=False):
+            recorded_series[title] = TimeSeries(motors.time, motors.boot, output)
     for battery in signals.batteries[:1]:
         recorded_series[BATTERY_VOLTAGE] = battery.voltage
     vibration = reported_vibration(signals)
@@ -123,7 +166,7 @@ def flight_series_charts(
 ) -> Iterator[Chart]:
     """Yields a chart of each quantity in the flights of both sides, over the time since take-off.
 
-    A quantity that no flight has is left out.
+    A quantity that no flight has is left out. The outputs of all motors have one scale, so that they can be compared.
 
     Args:
         series: what is drawn of each side's flight, by side: for each quantity times and values, (2, N).
@@ -135,6 +178,7 @@ def flight_series_charts(
     for flown in series.values():
         last_times += [times[-1] for times, _ in flown.values()]
     time_axis = TIME_AFTER_TAKE_OFF._replace(limits=(0.0, max(last_times, default=0.0)))
+    motor_limits = _motor_limits(series.values())
     for title in FLIGHT_SERIES_TITLES:
         lines = []
         for side, flown in series.items():
@@ -142,8 +186,17 @@ def flight_series_charts(
                 times, values = flown[title]
                 lines.append(Line(names[side], colours[side], times, values))
         if lines:
-            axis = Axis(title[0].lower() + title[1:])
+            limits = motor_limits if title in MOTOR_OUTPUTS else None
+            axis = Axis(title[0].lower() + title[1:], limits=limits)
             yield Chart(title, time_axis, axis, tuple(lines), group="flights")
+
+
+def _motor_limits(flights: Iterable[FlightSeries]) -> tuple[float, float] | None:
+    """Returns the lowest and the highest output of any motor in any of the flights, %; None if no output is known."""
+    outputs = [flown[title][1] for flown in flights for title in MOTOR_OUTPUTS if title in flown]
+    if not outputs:
+        return None
+    return float(min(map(np.min, outputs))), float(max(map(np.max, outputs)))
 
 
 def thinned_series(series: FlightSeries, max_points: int) -> FlightSeries:

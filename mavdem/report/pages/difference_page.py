@@ -21,7 +21,10 @@ from mavdem.report.blocks import Blocks, Table, headline_sentence
 from mavdem.report.charts.change_plan import change_plan, drawn_changes
 from mavdem.report.charts.chart import Axis, Chart, Group, Line, LineStyle, step_chart
 from mavdem.report.charts.comparison_charts import (
+    MAX_MOTORS,
     MEAN_MOTOR_OUTPUT,
+    MEAN_SECONDS,
+    MOTOR_OUTPUTS,
     VIBRATION,
     FlightSeries,
     flight_series_charts,
@@ -68,11 +71,14 @@ Over the median motor's, with the part that lean makes, which the light of the m
 much flights of one vehicle differ, too, half of the change's variance each."""
 """What stands below the chart of trims."""
 
+MOTORS_CAPTION = f"Means over {MEAN_SECONDS:g} s, all on one scale."
+"""What stands below the charts of the motors' outputs."""
+
+MOTORS_IN_ROW = 2
+"""Charts of motors' outputs side by side: four motors fill two rows."""
+
 OVERVIEW_SERIES = (VIBRATION, MEAN_MOTOR_OUTPUT)
 """Time series in the row of pictures at the top: what rotors and load change in flights that are flown alike."""
-
-MAX_MOTORS = 12
-"""Motors that the axis of a chart has names for: those of the largest frames."""
 
 MARGIN_FIGURES = {"rate": (*LOOP_FIGURES,), "attitude": TUNED_FIGURES}
 """Figures in the table of margins, by the loop."""
@@ -122,16 +128,23 @@ def comparison_page(
         for name, value_before, value_after in parameters
     ]
     series_charts = list(_series_charts(flights, legend))
+    warned_motors = motor_table(reviews_by_side, difference)
+    motors = Chapter(
+        "Motors",
+        warned_motors,
+        [
+            *_motor_groups(series_charts),
+            *_chart_group(_trim_chart(reviews_by_side, legend, difference), TRIMS_CAPTION),
+        ],
+    )
+    are_motors_first = bool(warned_motors or troubles)
     chapters = [
         Chapter("Both flights", (), _overview_groups(reviews_by_side, legend, series_charts)),
+        *([motors] if are_motors_first else []),
         _change_chapter(difference),
         Chapter("Lights of both", light_blocks(reviews_by_side)),
         Chapter("Step response", (), [Group.of_axes(steps_of_axes)] if steps_of_axes else []),
-        Chapter(
-            "Motors",
-            motor_table(reviews_by_side, difference),
-            _chart_group(_trim_chart(reviews_by_side, legend, difference), TRIMS_CAPTION),
-        ),
+        *([] if are_motors_first else [motors]),
         _series_chapter(flights, series_charts),
         _table_chapter("Margins", "90 % interval", _margin_rows(reviews_by_side))._replace(
             folded=True
@@ -153,7 +166,6 @@ def comparison_page(
     summary: Blocks = []
     for sentence in headline:
         summary.append(headline_sentence(f"{sentence.lead} {sentence.text}".strip()))
-    summary += bound_sentences(difference)
     if not difference.is_of_same_flight:
         headlines = {
             side: value_at(review, "headline.sentence") for side, review in reviews_by_side.items()
@@ -194,7 +206,8 @@ def _change_chapter(difference: VehicleDifference) -> Chapter:
     groups = [] if plan is None else [Group.side_by_side([plan], CHANGES_CAPTION)]
     drawn = drawn_changes(difference)
     not_drawn = [change for change in difference.changes if change not in drawn]
-    return Chapter("What changed", same_sentences(not_drawn), groups)
+    sentences = [*bound_sentences(difference), *same_sentences(not_drawn)]
+    return Chapter("What changed", sentences, groups)
 
 
 def _series_charts(
@@ -231,10 +244,26 @@ def _overview_groups(
     return [Group.side_by_side(charts)] if charts else []
 
 
+def _motor_groups(series_charts: Sequence[Chart]) -> list[Group]:
+    """Returns the outputs of the motors in both flights, ``MOTORS_IN_ROW`` side by side.
+
+    Args:
+        series_charts: charts of the time series of both flights.
+    """
+    charts = [chart for chart in series_charts if chart.title in MOTOR_OUTPUTS]
+    groups = []
+    for first in range(0, len(charts), MOTORS_IN_ROW):
+        is_last_row = first + MOTORS_IN_ROW >= len(charts)
+        caption = MOTORS_CAPTION if is_last_row else ""
+        row = Group.side_by_side(charts[first : first + MOTORS_IN_ROW], caption)
+        groups.append(row._replace(is_flat=True))
+    return groups
+
+
 def _series_chapter(
     flights: tuple[FlightSeries | None, FlightSeries | None], series_charts: Sequence[Chart]
 ) -> Chapter:
-    """Returns the folded chapter with the time series that the row of pictures at the top does not have.
+    """Returns the folded chapter with the time series that stand neither in the row at the top nor with the motors.
 
     Args:
         flights: time series of the flight of each side, A and B; None where they were not stored with the flight, which
@@ -244,8 +273,9 @@ def _series_chapter(
     series = dict(zip(SIDE_COLOURS, flights, strict=True))
     sides_without_series = [side for side, flown in series.items() if flown is None]
     remarks = render_section("difference_series", lacking=sides_without_series)
+    shown_titles = (*OVERVIEW_SERIES, *MOTOR_OUTPUTS)
     groups = [
-        Group.side_by_side([chart]) for chart in series_charts if chart.title not in OVERVIEW_SERIES
+        Group.side_by_side([chart]) for chart in series_charts if chart.title not in shown_titles
     ]
     return Chapter("More time series", remarks, groups, folded=True)
 

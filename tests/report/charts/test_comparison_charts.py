@@ -5,12 +5,15 @@ from dataclasses import replace
 import numpy as np
 from hover import Hover, only
 from numpy.testing import assert_allclose
-from pytest import mark
+from pytest import approx, mark
 
 from mavdem.dataset.signals import Signals
 from mavdem.report.charts.chart import Group, Line, over_time
 from mavdem.report.charts.comparison_charts import (
     FLIGHT_SERIES_TITLES,
+    MEAN_MOTOR_OUTPUT,
+    MEAN_SECONDS,
+    MOTOR_OUTPUTS,
     VIBRATION,
     flight_series,
     flight_series_charts,
@@ -51,6 +54,25 @@ def test_stored_series_are_drawn_as_those_of_the_log(tmp_path):
         line_a, line_b = chart.lines
         assert_allclose(line_a.y, line_b.y, rtol=1e-6)
     assert charts[-1].title == VIBRATION and charts[-1].lines[0].y.max() > 9.0
+
+
+def test_outputs_of_motors_are_means_over_half_a_second_on_one_scale():
+    signals = Signals(FLOWN)
+    motors = signals.motors
+    series = flight_series(signals)
+    titles = [title for title in MOTOR_OUTPUTS if title in series]
+    assert len(titles) == len(motors.geometry.names) == 4
+    airborne = series[MEAN_MOTOR_OUTPUT]
+    for title in titles:
+        times, means = series[title]
+        assert np.all(np.diff(times) > 0)
+        assert len(times) == approx(np.ptp(airborne[0]) / MEAN_SECONDS, abs=2)
+    mean_of_motors = np.mean([series[title][1].mean() for title in titles])
+    assert mean_of_motors == approx(airborne[1].mean(), abs=1.0)
+    charts = flight_series_charts({"A": series}, {"A": "a"}, {"A": "blue"})
+    limits = {chart.y.limits for chart in charts if chart.title in titles}
+    values = [series[title][1] for title in titles]
+    assert limits == {(np.min(values), np.max(values))}
 
 
 def test_a_flight_without_stored_series_or_with_damaged_ones_has_none(tmp_path):

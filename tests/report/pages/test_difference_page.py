@@ -217,11 +217,12 @@ def test_motors_are_compared_one_by_one_where_one_is_weak(difference):
     cells = [row[:3] for row in table.rows]
     assert cells[0] == ["motor 1", "no warning", "not known"]
     assert cells[2] == ["motor 3", "lost 19 to 42 % at 47 s", "not known"]
-    assert table.rows[2][1].reason == "Motor 3 is weak."
+    assert table.rows[2][1].level == "bad"
     assert table.rows[1][3].startswith("+10 % ±")
     assert motor_table({"A": {}, "B": {}}, difference) == []
     page = comparison_page(("a.bin", "b.bin"), (reviews["A"], {}), difference)
-    chapter = page[page.index('id="motors"') :]
+    # What a motor lost comes before what has changed.
+    chapter = page[page.index('id="motors"') : page.index('id="what-changed"')]
     assert "lost 19 to 42 % at 47 s" in chapter[: chapter.index("</section>")]
 
 
