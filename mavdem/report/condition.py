@@ -197,39 +197,12 @@ def wind_blocks(evidence: WindEvidence, tables: Sequence[Table] = ()) -> Blocks:
         autopilot_wind=_autopilot_wind(evidence, wind),
         is_blurred_by_drag=is_blurred_by_drag,
         drag_model_setting=evidence.drag_model_setting,
-        turned_wind=_turned_wind(wind),
+        turned_wind=wind.turn,
     )
     sentences = [
         Sentence(str(reason), f"{quantity.capitalize()}:") for quantity, reason in reasons.items()
     ]
     return [*estimate, *tables, *sentences]
-
-
-def _turned_wind(wind: WindVelocity) -> dict[str, float] | None:
-    """Returns how the wind turned in a flight, if it turned so far that its mean vector misleads.
-
-    Where the direction changes, the length of the mean wind vector is less than the mean of the speeds. If it is less
-    than the speed of every minute, no wind of that speed ever blew, and a report must say so.
-
-    Args:
-        wind: estimated wind of a flight.
-
-    Returns:
-        "start_direction" and "end_direction" of its first and last minute, degrees, and "speed", the mean of the speeds
-        of the minutes, m/s; None if the wind did not turn so far, or direction or speed are not identifiable.
-    """
-    minutes = wind.identified_figures.minutes
-    if not wind.direction_identifiable or len(minutes) < 2:
-        return None
-    speeds = [minute["speed"] for minute in minutes]
-    # Both are shown with one decimal place.
-    if round(wind.speed, 1) >= round(min(speeds), 1):
-        return None
-    return {
-        "start_direction": minutes[0]["direction"],
-        "end_direction": minutes[-1]["direction"],
-        "speed": float(np.mean(speeds)),
-    }
 
 
 def _autopilot_wind(evidence: WindEvidence, wind: WindVelocity) -> dict[str, float] | None:

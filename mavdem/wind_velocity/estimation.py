@@ -96,6 +96,17 @@ COURSE_FIELDS = ("time", "velocity", "band", "minutes", "profile")
 """Fields of ``WindVelocity`` with courses, which are empty if the speed is not identifiable."""
 
 
+class WindTurn(NamedTuple):
+    """How the wind turned in a flight."""
+
+    start_direction: float
+    """Direction that the wind of the first minute came from, degrees clockwise from north."""
+    end_direction: float
+    """Direction that the wind of the last minute came from, degrees."""
+    speed: float
+    """Mean of the speeds of the minutes, m/s."""
+
+
 @dataclass(frozen=True, eq=False, repr=False)
 class WindVelocity(ImmutableResult):
     """The horizontal wind of one flight over T time steps, with its mean, gusts and intervals.
@@ -190,6 +201,23 @@ class WindVelocity(ImmutableResult):
         if not len(self.time):
             return nan
         return float(self._means_over_gusts.min())
+
+    @property
+    def turn(self) -> WindTurn | None:
+        """How the wind turned, if it turned so far that its mean vector misleads; None if it did not.
+
+        Where the direction changes, the length of the mean wind vector is less than the mean of the speeds. If it is
+        less than the speed of every minute, no wind of that speed ever blew, and a report must say so. None also if
+        direction or speed are not identifiable.
+        """
+        minutes = self.identified_figures.minutes
+        if not self.direction_identifiable or len(minutes) < 2:
+            return None
+        speeds = [minute["speed"] for minute in minutes]
+        # Both are shown with one decimal place.
+        if round(self.speed, 1) >= round(min(speeds), 1):
+            return None
+        return WindTurn(minutes[0]["direction"], minutes[-1]["direction"], float(np.mean(speeds)))
 
     @property
     def _gust_steps(self) -> int:

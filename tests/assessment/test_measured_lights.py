@@ -434,6 +434,30 @@ def test_wind_that_takes_half_of_the_most_lean_leaves_too_little():
             assert fact.level == level
 
 
+@mark.parametrize("direction_of_last, has_turned", [(310.0, True), (210.0, False)])
+def test_the_light_of_a_wind_that_turned_names_the_speed_that_blew(direction_of_last, has_turned):
+    speeds = (5.9, 5.3) if has_turned else (5.9, 3.0)
+    minutes = tuple(
+        {"speed": speed, "direction": direction}
+        for speed, direction in zip(speeds, (200.0, direction_of_last), strict=True)
+    )
+    wind = partial_record(
+        WindVelocity,
+        speed=4.0,
+        speed_interval=(3.6, 4.5),
+        direction=262.0,
+        direction_interval=4.0,
+        status={"speed": Status.REPORTED, "direction": Status.REPORTED},
+        reasons={},
+        drag=Drag.from_parameters(),
+        minutes=minutes,
+    )
+    known = replace(evidence(HOVER.telemetry()), wind=WindEvidence(wind, None, None))
+    light = wind_light(known, Fact(EstimatorLight.FILTER_AGREED, Level.GOOD))
+    turn = "of a wind that turned from SSW (200°) ↑ to NW (310°) ↘ at 5.6 m/s"
+    assert (turn in light.sentence) is has_turned
+
+
 @mark.parametrize(
     "interval, level", [((4.6, 6.5), "good"), ((0.5, 3.3), "good"), ((3.4, 9.9), "unknown")]
 )
@@ -448,6 +472,7 @@ def test_a_wind_is_good_if_its_interval_is_no_wider_than_one_beaufort_number(int
         "status": {"speed": Status.BIASED, "direction": Status.REPORTED},
         "reasons": {"speed": doubt},
         "drag": Drag.from_parameters(),
+        "minutes": (),
     }
     wind = partial_record(WindVelocity, **figures)
     known = evidence(HOVER.telemetry())

@@ -40,7 +40,8 @@ def wind_light(evidence: Evidence, estimator: Fact) -> Fact:
         has these figures: ``speed`` and its interval ``low`` to ``high`` (m/s); ``direction``, None if that is not
         identified; ``share`` of the largest lean, 0 if that is not known; ``is_rough``, whether the speed is known only
         roughly; ``by_usual_drag``, whether the drag is that of typical multirotors; and ``reason``, the bad estimator
-        or why the speed is known only roughly.
+        or why the speed is known only roughly. If the wind turned so far that its mean misleads, it also has
+        ``turned_from`` and ``turned_to``, degrees, and ``turning_speed``, the mean of the speeds, m/s.
     """
     if evidence.other_vehicle is not None:
         return evidence.other_vehicle
@@ -81,6 +82,12 @@ def wind_light(evidence: Evidence, estimator: Fact) -> Fact:
         by_usual_drag=wind.drag.source is DragSource.POPULATION,
         reason=reason,
     )
+    if wind.turn is not None:
+        fact = fact.replace(
+            turned_from=wind.turn.start_direction,
+            turned_to=wind.turn.end_direction,
+            turning_speed=wind.turn.speed,
+        )
     velocity_message = _velocity_message_of_spare_core(evidence.signals.telemetry)
     return fact if velocity_message is None else fact.replace(name=velocity_message)
 
