@@ -199,7 +199,7 @@ class StatusLines:
 
         On a terminal, lines are updated in place: one on the vehicle, one with the headline so far and the next step, a
         table of the lights with their levels and figures, and one on learning, problems, and what is not watched. The
-        headline and problems are red while an alarm lasts. Elsewhere, as in a file, only what is new is printed.
+        headline and problems have the colour of the worst alarm. Elsewhere, as in a file, only what is new is printed.
 
         Args:
             session: The live session: its link, the vehicle and the model that it learns.
@@ -218,7 +218,7 @@ class StatusLines:
         Args:
             status: State of the live session, as it is just before an alarm is printed.
         """
-        if status.active_alarms != self._shown_alarms:
+        if status.alarms != self._shown_alarms:
             self.update_in_place(status)
 
     def update_in_place(self, status: SessionStatus) -> None:
@@ -229,10 +229,11 @@ class StatusLines:
         """
         if self.terminal_text is None:
             return
-        self._shown_alarms = status.active_alarms
+        self._shown_alarms = status.alarms
         texts = _status_texts(status, has_table=True)
-        alarm_style = _style(*status.active_alarms)
-        parts: list[RenderableType] = [texts.vehicle, Text(texts.judgement, alarm_style)]
+        alarm_style = _style(*status.alarms)
+        headline_style = _style(*status.alarms, status.overall_judgement.headline)
+        parts: list[RenderableType] = [texts.vehicle, Text(texts.judgement, headline_style)]
         if status.vehicle is not None:
             parts.append(_table_of_lights(light_rows(status), min(STDERR.width, MAX_COLUMNS)))
         last_line = Text(texts.learning)
@@ -287,7 +288,7 @@ class StatusLines:
         state = PrintedState(
             status.vehicle,
             status.no_model_reason is not None,
-            any(fact.is_bad for fact in status.active_alarms),
+            any(fact.is_bad for fact in status.alarms),
             status.delay_fact is not None,
         )
         now = monotonic()
@@ -413,7 +414,7 @@ def _judgement_text(judgement: Judgement, *, has_table: bool) -> str:
 
 
 def print_fact(fact: Fact, moment: str = "") -> None:
-    """Prints a fact on standard error, in red if it is bad; where that is no terminal, it is one line.
+    """Prints a fact on standard error, in the colour of its level if it warns; where that is no terminal, in one line.
 
     Args:
         fact: A coded finding, of which the sentence and the remedy are printed.
@@ -444,7 +445,8 @@ def line_with_time(text: str, moment: str = "") -> str:
 
 
 def _style(*facts: Fact) -> str:
-    """Returns the style of a text about facts, in Rich's words: red if one of them is bad."""
-    if any(fact.is_bad for fact in facts):
-        return "bold red"
+    """Returns the style of a text about facts, in Rich's words: that of the worst level if one of them warns."""
+    for level in (Level.BAD, Level.WATCH):
+        if any(fact.level is level for fact in facts):
+            return LEVEL_STYLES[level]
     return ""

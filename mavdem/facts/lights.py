@@ -23,4 +23,5 @@ class Unjudged(Code):
 
     NOT_JUDGED = "not_judged"
     JUDGED_LATER = "judged_later"
+    KNOWN_BEFORE = "known_before"
     MULTIROTORS_ONLY = "multirotors_only"

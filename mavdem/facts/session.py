@@ -45,6 +45,7 @@ class LinkFact(Code):
     FILE_IS_NO_LINK = "file_is_no_link"
     FOLDER_IS_NO_LINK = "folder_is_no_link"
     CONNECTION_LOST = "connection_lost"
+    LOST_IN_FLIGHT = "lost_in_flight"
     LINK_OPEN_AGAIN = "link_open_again"
     TWO_ADDRESSES = "two_addresses"
     STREAM_FILE_EXISTS = "stream_file_exists"

@@ -462,13 +462,15 @@ class LiveSession:
     def _report_no_model_reason(self, status: SessionStatus) -> None:
         """Reports why no model is learned, or that one is being learned again, if that has changed.
 
+        In flight, a lost link is such a reason, which is reported again when it has become bad.
+
         The same reason with other figures, such as rates that vary, is not reported again. While a vehicle is out of
         control in the air, nothing about learning is reported.
 
         Args:
             status: the present status, with the reason.
         """
-        reason = status.no_model_reason
+        reason = status.link_loss or status.no_model_reason
         if status.is_flying and reason is not None and reason.code in NO_ROWS_CODES:
             self._no_rows_reason = reason
         former_reason = self._reported_reason

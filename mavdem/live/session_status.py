@@ -25,11 +25,12 @@ from mavdem.facts.ending import Ending, MotionEvent
 from mavdem.facts.events import ReportedEvent
 from mavdem.facts.lights import Light, Unjudged
 from mavdem.facts.power import PowerLight
-from mavdem.facts.session import LinkFact, RowsFact, SessionFact, VehicleFact
+from mavdem.facts.session import LinkFact, MissingMessages, RowsFact, SessionFact, VehicleFact
 from mavdem.facts.vibration import VibrationLight
 from mavdem.facts.watch import WatchFact
 from mavdem.immutable import ImmutableResult
 from mavdem.live.history import REPORTED_HORIZON
+from mavdem.live.link_loss import lights_before_silence, link_loss_fact
 from mavdem.live.live_lights import fastest_rates, lights_before_model
 from mavdem.live.takeoff_place import Displacement
 from mavdem.live.vehicle_state import VehicleState
@@ -131,6 +132,12 @@ class SessionStatus(ImmutableResult):
 
     message_age: float | None = None
     """Time since the last message of the followed vehicle, s; None before any."""
+
+    motion_age: float | None = None
+    """Time since its last attitude or motor outputs, s; None before any."""
+
+    last_reception: float | None = None
+    """UNIX time of its last message, s; None before any."""
 
     is_over: bool = False
     """Whether the session has ended, so that the status is about the whole flight."""
@@ -254,9 +261,53 @@ class SessionStatus(ImmutableResult):
         if self.loss is not None and not states_loss:
             lights = lights_with_event(judgement.lights, self.loss)
             judgement = _judgement_with_headline(self.loss, lights)
-        if self.is_over or not self.is_flying:
+        if not self.is_flying:
             return judgement
-        return self._judgement_in_flight(judgement)
+        if not self.is_over:
+            return self._judgement_in_flight(judgement)
+        if self.link_loss is not None and not judgement.headline.is_bad:
+            return _judgement_with_headline(self.link_loss, judgement.lights)
+        return judgement
+
+    @property
+    def link_loss(self) -> Fact | None:
+        """That a flying vehicle is silent, with what was known of it last; None while its messages and motion come.
+
+        A vehicle whose loss is known is not missed: it has met the ground, or is about to.
+        """
+        reason = self.no_model_reason
+        if reason is None or reason.code not in SILENT_LINK or not self.is_flying or self.loss:
+            return None
+        is_motion = reason.subject == MissingMessages.MOTION
+        return link_loss_fact(
+            reason,
+            self.motion_age if is_motion else self.message_age,
+            self.last_reception,
+            self.displacement_from_takeoff,
+            None if self.state is None else self.state.voltage,
+            cause=self._warning_before_silence,
+            is_over=self.is_over,
+        )
+
+    @property
+    def alarms(self) -> Facts:
+        """What is bad now, or lasts from before: the active alarms, and a link that was lost in flight for long."""
+        if self.link_loss is not None and self.link_loss.is_bad:
+            return (self.link_loss, *self.active_alarms)
+        return self.active_alarms
+
+    @property
+    def _warning_before_silence(self) -> Fact | None:
+        """What was found before messages stopped, and may be why: an alarm, or a battery that is low; None for neither.
+
+        An empty battery explains a silence better than a radio does.
+        """
+        judgement = self._judgement_with_all_lights
+        headline = self._most_urgent_headline(judgement.headline)
+        if headline.is_bad or headline in self.active_alarms:
+            return headline
+        power = judgement.lights[Light.POWER]
+        return power if power.warns else None
 
     @property
     def further_alarms(self) -> Facts:
@@ -377,20 +428,21 @@ class SessionStatus(ImmutableResult):
     def _judgement_in_flight(self, judgement: Judgement) -> Judgement:
         """Returns a judgement whose headline and next step are for a vehicle in flight, where alarms come first.
 
-        If no messages of the vehicle arrive, the reason for that is the headline, unless an alarm is active. If the
-        light of the power (judgement of the battery) warns, it is the headline instead, since an empty battery explains
-        the silence better than a radio does.
+        If no messages of the vehicle arrive, that is the headline, with the alarm before it, and no light is good.
 
         Args:
             judgement: judgement of the flight so far, with the next step after its landing.
         """
         headline = self._most_urgent_headline(judgement.headline)
         is_urgent = headline.is_bad or headline in self.active_alarms
-        if self.no_model_reason is not None and not self._is_received and not is_urgent:
+        if self.no_model_reason is not None and not self._is_received:
             # Whether the vehicle still flies, and how, is not known.
-            power = judgement.lights[Light.POWER]
-            headline = power if power.warns else self.no_model_reason
-            next_step = Fact(NextStep.DO_AS_ADVISED, reason=self.no_model_reason)
+            judgement = replace(judgement, lights=self._lights_in_silence(judgement.lights))
+            next_step = Fact(NextStep.DO_AS_ADVISED, reason=self.link_loss or self.no_model_reason)
+            if is_urgent:
+                next_step = Fact(NextStep.LAND_NOW, reason=headline)
+            if self.link_loss is not None or not is_urgent:
+                headline = self.link_loss or self.no_model_reason
             return replace(judgement, headline=headline, next_step=next_step)
         if headline.code is HeadlineCode.NOTHING_WRONG:
             # Of a vehicle in flight the pilot asks first whether there is an alarm.
@@ -399,6 +451,17 @@ class SessionStatus(ImmutableResult):
         if is_urgent:
             return replace(judgement, next_step=Fact(NextStep.LAND_NOW, reason=headline))
         return replace(judgement, next_step=self._next_step_in_flight(judgement))
+
+    def _lights_in_silence(self, lights: NamedFacts) -> dict[str, Fact]:
+        """Returns the lights of a flying vehicle whose messages, or those of its motion, do not come.
+
+        Args:
+            lights: the lights at the last message, by the name of the part.
+        """
+        reason = self.no_model_reason
+        if reason is not None and reason.subject == MissingMessages.MOTION:
+            return lights_before_silence(lights, self.motion_age, MissingMessages.MOTION)
+        return lights_before_silence(lights, self.message_age, MissingMessages.MESSAGES)
 
     def _most_urgent_headline(self, headline: Fact) -> Fact:
         """Returns the headline to show in flight: an active alarm, if that is more urgent than the given headline.
@@ -556,10 +619,12 @@ class SessionStatus(ImmutableResult):
 
 
 def _cause_of_alarm(fact: Fact) -> Fact:
-    """Returns what an alarm is about, such as the loss of thrust of a motor; any other fact as it is."""
+    """Returns what an alarm is about, also one before a lost link, such as a weak motor; any other fact as it is."""
     if fact.code is SessionFact.ALARM:
-        cause: Fact = fact.figures["reason"]
-        return cause
+        reason: Fact = fact.figures["reason"]
+        return reason
+    if fact.code is LinkFact.LOST_IN_FLIGHT and fact.figures["cause"] is not None:
+        return _cause_of_alarm(fact.figures["cause"])
     return fact
 
 

@@ -85,6 +85,14 @@ class SilenceMonitor:
         """
         return max(now - self.message_time, 0.0) if self._has_received else None
 
+    def motion_age(self, now: float) -> float | None:
+        """Returns the time since the last attitude or motor outputs of the followed vehicle, s; None before any.
+
+        Args:
+            now: present time, s of the monotonic clock.
+        """
+        return max(now - self.motion_time, 0.0) if self._sample_count else None
+
     def note_samples(self, sample_count: int) -> float:
         """Records whether the latest messages contained samples of the motion, which is attitude and motor outputs.
 

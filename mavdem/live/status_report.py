@@ -72,6 +72,7 @@ class StatusReport:
             rates = dict.fromkeys(rates, 0.0)
             watch_facts = tuple(not_watched(fact, silence, self.stream.now) for fact in watch_facts)
         delay = self.backlog.delay
+        message_age = self._message_age()
         status = replace(
             status,
             findings=self.judging.findings,
@@ -82,7 +83,9 @@ class StatusReport:
             latency=self.latencies.latency,
             no_model_reason=no_model_reason,
             state=self.stream.vehicle_state(),
-            message_age=self._message_age(),
+            message_age=message_age,
+            motion_age=self.silence.motion_age(clock.monotonic()),
+            last_reception=None if message_age is None else clock.unix_time() - message_age,
             rates=rates,
             watch_facts=watch_facts,
             analysis_delay=delay if delay >= BEHIND_DELAY else 0.0,

@@ -2,12 +2,12 @@
 
 from collections.abc import Mapping, Sequence
 from math import isfinite, sqrt
-from time import localtime, strftime
 from typing import NamedTuple
 
 from mavdem.assessment.judgement import Judgement
 from mavdem.facts import Fact, Level
 from mavdem.facts.event import Event
+from mavdem.facts.lights import Unjudged
 from mavdem.facts.session import SessionFact, TimeUse
 from mavdem.fleet.names import GivenNames
 from mavdem.live.history import REPORTED_HORIZON, HorizonErrors, LiveHistory
@@ -15,7 +15,13 @@ from mavdem.live.session_status import SessionStatus
 from mavdem.motors.motor_changes import FALSE_ALARMS
 from mavdem.report.blocks import Blocks, Sentence, Table
 from mavdem.report.numbers import display_unit, name_with_unit
-from mavdem.report.templates import as_clause, capitalize_first, headline, render_section
+from mavdem.report.templates import (
+    as_clause,
+    capitalize_first,
+    headline,
+    render_section,
+    time_of_day,
+)
 
 
 def watched_quantities_text(watch_facts: Sequence[Fact], stated_reason: Fact | None = None) -> str:
@@ -72,7 +78,8 @@ class LightRow(NamedTuple):
 def light_rows(status: SessionStatus) -> list[LightRow]:
     """Returns the rows of the table of lights of a live flight, one for each part of the vehicle that is judged.
 
-    The light of the log, which judges the rates of the messages, is left out unless it warns.
+    The light of the log, which judges the rates of the messages, is left out unless it warns. Once the link is lost,
+    the figure of a light that was good is how long ago that was.
 
     Args:
         status: state of the session.
@@ -80,7 +87,12 @@ def light_rows(status: SessionStatus) -> list[LightRow]:
     lights = status.overall_judgement.lights
     rows = []
     for sentence in render_section("live_lights", status=status, lights=lights):
-        rows.append(LightRow(sentence.lead, lights[sentence.lead].level, sentence.text))
+        light = lights[sentence.lead]
+        figure = sentence.text
+        if light.code is Unjudged.KNOWN_BEFORE:
+            [age] = render_section("live_light_before", duration=light.figures["duration"])
+            figure = age.text
+        rows.append(LightRow(sentence.lead, light.level, figure))
     return rows
 
 
@@ -119,11 +131,11 @@ def moment_text(event: Event) -> str:
     Args:
         event: the event, as the session reports it.
     """
-    time_of_day = strftime("%H:%M:%S", localtime(event.reception))
+    moment = time_of_day(event.reception)
     if not isfinite(event.clock):
-        return time_of_day
+        return moment
     boot = f"boot {event.boot + 1}, " if event.boot else ""
-    return f"{time_of_day} · {boot}{event.clock:.1f} s"
+    return f"{moment} · {boot}{event.clock:.1f} s"
 
 
 def live_report(

@@ -23,6 +23,7 @@ from importlib.resources import files
 from math import ceil, degrees, inf, isfinite, tau
 from operator import attrgetter
 from shlex import quote
+from time import localtime, strftime
 from typing import Any, NamedTuple
 
 from jinja2 import Environment, FunctionLoader, StrictUndefined, Template
@@ -347,6 +348,7 @@ def _environment() -> Environment:
         "further_clauses": _further_clauses,
         "capitalize_first": capitalize_first,
         "step_in_flight": _step_in_flight,
+        "time_of_day": time_of_day,
         "land_now": _land_now,
         "compass_text": compass_text,
         "compass_words": compass_words,
@@ -614,6 +616,11 @@ def _further_clauses(facts: Iterable[Fact]) -> str:
 def _step_in_flight(fact: Fact) -> str:
     """Returns the step to take at once in flight after a fact; empty if its table has none, so that it is to land."""
     return _render(fact, "step_in_flight")
+
+
+def time_of_day(seconds: float) -> str:
+    """Formats a UNIX time, s, as the time of day where this computer is: "12:31:05"."""
+    return strftime("%H:%M:%S", localtime(seconds))
 
 
 def _land_now(alarm: Fact) -> str:

@@ -30,7 +30,13 @@ from mavdem.live.vehicle_selection import Component
 from mavdem.report.pages.page import PageLink
 from mavdem.report.templates import Medium, sentences_for
 from mavdem.serve.library import Library
-from mavdem.serve.live_pages import NEWS_SECONDS, PAGE_SECONDS, SessionPage, session_page
+from mavdem.serve.live_pages import (
+    AGE_SECONDS,
+    NEWS_SECONDS,
+    PAGE_SECONDS,
+    SessionPage,
+    session_page,
+)
 
 MAX_SILENT_PAGES = 12
 """Pages in a row during which nothing is received, a minute in all, after which the session of a vehicle is over."""
@@ -125,6 +131,8 @@ class LinkMonitor:
         self._page = SessionPage("", clock.monotonic())
         # Whether the session has reported something that its page does not show yet.
         self._has_news = False
+        # Whether that page says how long ago the vehicle fell silent in flight.
+        self._is_link_lost = False
         # When ``_update_page`` was called last, s of the monotonic clock.
         self._update_time = -inf
         # The page of the session before, which is shown until another vehicle is received; empty for none.
@@ -356,7 +364,7 @@ class LinkMonitor:
         """
         if clock.monotonic() - self._update_time >= PAGE_SECONDS:
             self._update_page(session)
-        elif self._has_news:
+        elif self._has_news or (self._is_link_lost and self._page.age >= AGE_SECONDS):
             self._render_page(session)
 
     def _update_page(self, session: LiveSession) -> None:
@@ -398,6 +406,7 @@ class LinkMonitor:
         """
         self._has_news = False
         status = session.status
+        self._is_link_lost = status.link_loss is not None
         if self._finished_page and not _awaits_vehicle(status):
             self._finished_page = ""
         links = [] if self._latest_flight is None else [self._latest_flight]
@@ -436,8 +445,12 @@ def _finished_page(session: LiveSession, names: GivenNames, saved_flight: PageLi
     status_at_last_message = session.stream.status()
     # The reason why no model was being learned then; if one was, that the flight is over.
     reason = status_at_last_message.no_model_reason or Fact(SessionFact.FLIGHT_OVER, reason=None)
+    status = session.status
+    if status.link_loss is not None:
+        # Nobody saw it land: that, and where it was last, is what matters.
+        reason = status.no_model_reason
     status = replace(
-        session.status,
+        status,
         is_over=True,
         no_model_reason=reason,
         rates=status_at_last_message.rates,

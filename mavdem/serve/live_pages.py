@@ -28,6 +28,9 @@ PAGE_SECONDS = 5.0
 NEWS_SECONDS = 0.2
 """Seconds between two looks whether a session has reported something that its page does not show: a choice."""
 
+AGE_SECONDS = 1.0
+"""Seconds between two pages of a session that says how long ago its vehicle fell silent in flight."""
+
 MAX_FIRST_PAGE_WAIT = 20.0
 """Seconds for which a browser waits for the first page of a session, at most.
 

@@ -1,5 +1,6 @@
 """Lights and next step of a live session: each light has its own reason, and the step fits the moment."""
 
+import re
 from dataclasses import replace
 
 from pytest import fixture, mark
@@ -8,6 +9,7 @@ from mavdem.assessment.judgement import Judgement, unjudged
 from mavdem.dataset.segment_learnability import slow_streams
 from mavdem.facts import Fact, Level
 from mavdem.facts.assessment import Headline, NextStep
+from mavdem.facts.ending import Ending
 from mavdem.facts.lights import Light, Unjudged
 from mavdem.facts.loops import LoopAction
 from mavdem.facts.motors import MotorsLight, MotorWatchFact, TrimFact
@@ -16,6 +18,7 @@ from mavdem.facts.session import LinkFact, MissingMessages, RowsFact, SessionFac
 from mavdem.facts.vibration import VibrationLight
 from mavdem.facts.watch import WatchedQuantity, WatchFact
 from mavdem.live.session_status import SessionStatus
+from mavdem.live.takeoff_place import Displacement
 from mavdem.live.vehicle_state import VehicleState
 from mavdem.report.live import light_rows, vehicle_text
 
@@ -129,8 +132,76 @@ def test_nobody_is_told_to_fly_on_by_alarms_that_come_late(slow):
 def test_in_flight_a_silent_link_is_what_to_look_after(slow, silence):
     judged = slow.overall_judgement
     silent = replace(slow, no_model_reason=silence, model_judgement=judged).overall_judgement
-    assert silent.headline == silence
-    assert silent.next_step.figures["reason"] == silence
+    assert silent.headline.code is LinkFact.LOST_IN_FLIGHT
+    assert silent.headline.figures["reason"] == silence
+    assert silent.next_step.figures["reason"] == silent.headline
+
+
+@fixture
+def silent():
+    """The status of a vehicle that was sound in flight, 4 s after its last message."""
+    sound = {
+        Light.MOTORS: Fact(MotorWatchFact.NO_LOSS_FOUND, Level.GOOD, clock=63.0),
+        Light.POWER: Fact(PowerLight.BATTERY_HELD, Level.GOOD),
+    }
+    return SessionStatus(
+        "1:1",
+        no_model_reason=Fact(
+            RowsFact.NOTHING_RECEIVED, subject=MissingMessages.MESSAGES, duration=3.0
+        ),
+        is_flying=True,
+        state=VehicleState("Loiter", is_armed=True, voltage=15.84),
+        displacement=Displacement(distance=34.0, height=12.0),
+        message_age=4.2,
+        motion_age=4.2,
+        worst_lights=sound,
+    )
+
+
+def test_a_link_lost_in_flight_says_for_how_long_where_the_vehicle_was_and_what_to_do(silent):
+    judgement = silent.overall_judgement
+    assert judgement.headline.level is Level.WATCH
+    assert str(judgement.headline) == (
+        "Link lost 4 s ago, in flight: last 12 m above the take-off, 34 m from it, battery 15.8 V."
+    )
+    assert str(judgement.next_step).startswith(
+        "Watch the vehicle itself: no alarm comes now. Check"
+    )
+    long = replace(silent, message_age=12.0)
+    assert long.overall_judgement.headline.is_bad
+    assert str(long.overall_judgement.next_step).startswith("Land by sight: no alarm comes now.")
+    assert long.alarms == (long.link_loss,) and silent.alarms == () == long.further_alarms
+    over = replace(long, is_over=True, last_reception=1e9).overall_judgement.headline
+    assert re.match(r"Link lost at \d\d:\d\d:\d\d, in flight", str(over))
+    landed = replace(long, is_flying=False)
+    assert landed.link_loss is None and landed.overall_judgement.lights[Light.MOTORS].is_good
+
+
+def test_no_light_is_good_while_a_flying_vehicle_is_silent(silent):
+    lights = silent.overall_judgement.lights
+    assert not any(light.is_good for light in lights.values())
+    assert str(lights[Light.MOTORS]).startswith("Not known for 4 s; before that good: no motor ")
+    [motors, *_] = light_rows(silent)
+    assert motors.level is Level.UNKNOWN and motors.figure == "good 4 s ago"
+    # Messages of the battery still come where only those of the motion do not.
+    motion = Fact(RowsFact.NOTHING_RECEIVED, subject=MissingMessages.MOTION, duration=3.0)
+    still = replace(silent, no_model_reason=motion, message_age=0.1).overall_judgement
+    assert still.lights[Light.POWER].is_good and not still.lights[Light.MOTORS].is_good
+    assert str(still.headline).startswith("No attitude and no motor outputs for 4 s, in flight: ")
+
+
+def test_an_alarm_before_a_lost_link_is_in_its_headline_and_decides_what_to_do(silent):
+    weak = Fact(
+        MotorWatchFact.MOTOR_LOST_THRUST, Level.BAD, subject="motor 1", loss=(0.09, 0.26), clock=9.0
+    )
+    alarmed = replace(silent, active_alarms=(weak,), worst_lights={Light.MOTORS: weak})
+    judgement = alarmed.overall_judgement
+    assert judgement.headline.is_bad and judgement.headline.figures["cause"] == weak
+    assert judgement.next_step == Fact(NextStep.LAND_NOW, reason=weak)
+    assert judgement.lights[Light.MOTORS] == weak and alarmed.further_alarms == ()
+    # A vehicle that is lost is not missed.
+    crashed = Fact(Ending.CRASHED, time=50.0, height=0.0, speed=5.0, cause=None, mode="", word=None)
+    assert replace(alarmed, loss=crashed).overall_judgement.headline == crashed
 
 
 def test_once_the_session_is_over_a_silent_link_is_not_what_the_flight_showed(slow):

@@ -321,14 +321,14 @@ def test_a_supply_that_falls_before_a_vehicle_vanishes_is_an_alarm_and_the_headl
     assert alarm.is_bad and alarm.code in {ReportedEvent.BOARD_VOLTAGE_LOW, PowerLight.SUPPLY_LOW}
     silence = Fact(RowsFact.NOTHING_RECEIVED, subject=MissingMessages.MESSAGES, duration=3.0)
     vanished = replace(status, no_model_reason=silence).overall_judgement
-    assert vanished.headline == vanished.lights[Light.POWER]
+    assert vanished.headline.figures["cause"] == vanished.lights[Light.POWER]
     assert vanished.next_step.code is NextStep.LAND_NOW
     # So does a supply that is to be watched only.
     low = Fact(PowerLight.SUPPLY_LOW, voltage=4.6, voltage_usual=5.0, voltage_limit=4.65)
     watched = replace(
         status, active_alarms=(), worst_lights={Light.POWER: low}, no_model_reason=silence
     )
-    assert watched.overall_judgement.headline == low
+    assert watched.overall_judgement.headline.figures["cause"] == low
     assert "radio" in str(watched.overall_judgement.next_step)
 
 
@@ -631,13 +631,16 @@ def test_the_headline_counts_lights_that_need_no_model():
         Fact(VehicleFact.TWO_VEHICLES_LIVE, subject="1:1"),
     ],
 )
-def test_a_lost_link_heads_the_status_unless_a_light_is_bad(obstacle):
+def test_a_lost_link_heads_the_status_with_a_light_that_is_bad(obstacle):
     lights = {Light.MOTORS: Fact(MotorsLight.MOTORS_EVEN, Level.GOOD)}
     status = SessionStatus(no_model_reason=obstacle, worst_lights=lights, is_flying=True)
-    assert status.overall_judgement.headline == obstacle
+    headline = status.overall_judgement.headline
+    assert obstacle in (headline, headline.figures.get("reason"))
+    assert not status.overall_judgement.lights[Light.MOTORS].is_good
     bad = Fact(MotorsLight.MOTORS_AT_LIMIT, Level.BAD)
     status = replace(status, worst_lights={Light.MOTORS: bad})
-    assert status.overall_judgement.headline == bad
+    headline = status.overall_judgement.headline
+    assert bad in (headline, headline.figures.get("cause"))
 
 
 def test_a_line_of_a_log_says_what_is_new(capsys):

@@ -115,6 +115,33 @@ def test_a_session_is_over_when_a_vehicle_that_was_heard_is_silent_for_a_minute(
     assert seconds == 60
 
 
+def test_the_page_counts_the_seconds_since_a_vehicle_fell_silent_in_flight(idle, monkeypatch):
+    live, _ = idle
+    monkeypatch.setattr(live_pages, "live_page", lambda *args, **_: str(args[3].link_loss))
+    silence = Fact(RowsFact.NOTHING_RECEIVED, subject="messages", duration=3.0)
+    session = Mock(status=SessionStatus("1:1", silence, is_flying=True, message_age=4.0))
+    session.intake.recording.frame_count = session.stream.followed_vehicle.frame_count = 0
+    live._watch_session(session)
+    session.status = replace(session.status, message_age=5.0)
+    live._watch_session(session)
+    assert live.page.html == "Link lost 4 s ago, in flight."
+    live._page = replace(live.page, made_time=live.page.made_time - 1.0)
+    live._watch_session(session)
+    assert live.page.html == "Link lost 5 s ago, in flight."
+
+
+def test_the_page_of_a_flight_whose_end_nobody_saw_says_when_the_link_was_lost(idle, monkeypatch):
+    monkeypatch.setattr(
+        live_pages, "live_page", lambda *args, **_: str(args[3].overall_judgement.headline)
+    )
+    session = Mock()
+    session.stream.status.return_value = SessionStatus("1:1", is_flying=True)
+    silence = Fact(RowsFact.NOTHING_RECEIVED, subject="messages", duration=3.0)
+    session.status = SessionStatus("1:1", silence, is_flying=True, last_reception=1e9)
+    page = link_monitor._finished_page(session, NO_NAMES, PageLink("a.tlog", "/f/abc"))
+    assert page.startswith("Link lost at ") and page.endswith(", in flight.")
+
+
 def test_the_page_has_an_alarm_at_once_and_other_changes_every_five_seconds(idle, monkeypatch):
     live, _ = idle
     pages = (f"page {number}" for number in count())

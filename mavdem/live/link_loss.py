@@ -1,0 +1,80 @@
+"""A link that is lost in flight: how long ago, where the vehicle was last, and which lights are no longer known.
+
+A light is the judgement of one part of the vehicle, such as its motors: a fact with a level.
+"""
+
+from mavdem.facts import Fact, Level, NamedFacts
+from mavdem.facts.lights import Light, Unjudged
+from mavdem.facts.session import LinkFact, MissingMessages
+from mavdem.live.takeoff_place import Displacement
+
+LONG_LOSS_SECONDS = 10.0
+"""Time without messages of a flying vehicle from which on that is bad, s: by then its autopilot counts the link as lost
+too and may act (PX4 after 10 s, COM_DL_LOSS_T; ArduPilot after 5 s, FS_GCS_TIMEOUT)."""
+
+LIGHTS_OF_MOTION = (Light.MOTORS, Light.TRACKING, Light.MARGINS, Light.WIND, Light.LOG)
+"""Lights that are judged by attitude and motor outputs. The others have messages of their own, which may still come."""
+
+
+def link_loss_fact(
+    reason: Fact,
+    age: float | None,
+    reception: float | None,
+    displacement: Displacement | None,
+    voltage: float | None,
+    *,
+    cause: Fact | None,
+    is_over: bool,
+) -> Fact:
+    """Returns the fact that no messages of a flying vehicle come, or none of its motion, with what was known last.
+
+    Args:
+        reason: the silence of the link: which messages do not come.
+        age: time since the last of them, s; None where that is not known.
+        reception: UNIX time of the last message, s; None where that is not known.
+        displacement: where the vehicle was then, from its take-off; None where that is not known.
+        voltage: voltage of its battery then, V; None where that is not known.
+        cause: what was found before and may explain the silence, such as an alarm; None for nothing.
+        is_over: whether the session has ended, so that the age grows no more.
+
+    Returns:
+        The fact. It is bad after ``LONG_LOSS_SECONDS``, and at once where the cause is bad.
+    """
+    is_long = age is not None and age >= LONG_LOSS_SECONDS
+    is_bad = is_long or (cause is not None and cause.is_bad)
+    return Fact(
+        LinkFact.LOST_IN_FLIGHT,
+        Level.BAD if is_bad else Level.WATCH,
+        subject=reason.subject or MissingMessages.MESSAGES,
+        duration=age,
+        reception=reception,
+        distance=None if displacement is None else displacement.distance,
+        height=None if displacement is None else displacement.height,
+        voltage=voltage,
+        cause=cause,
+        reason=reason,
+        is_over=is_over,
+    )
+
+
+def lights_before_silence(
+    lights: NamedFacts, age: float | None, missing: MissingMessages
+) -> dict[str, Fact]:
+    """Returns the lights of a vehicle that is silent: those that were good are not known now.
+
+    Args:
+        lights: the lights at the last message, by the name of the part.
+        age: time since then, s; None where that is not known.
+        missing: which messages do not come. Without those of the motion, only ``LIGHTS_OF_MOTION`` are not known.
+
+    Returns:
+        The lights by the same names. Those that warn stay, since what was found is not undone.
+    """
+    present_lights = {}
+    for name, light in lights.items():
+        is_judged_by_missing = missing is MissingMessages.MESSAGES or name in LIGHTS_OF_MOTION
+        if light.is_good and is_judged_by_missing:
+            present_lights[name] = Fact(Unjudged.KNOWN_BEFORE, duration=age, reason=light)
+        else:
+            present_lights[name] = light
+    return present_lights
