@@ -443,10 +443,10 @@ def _finished_page(session: LiveSession, names: GivenNames, saved_flight: PageLi
         saved_flight: link to the page of its flight in the library.
     """
     status_at_last_message = session.stream.status()
+    status = session.status
     # The reason why no model was being learned then; if one was, that the flight is over.
     reason = status_at_last_message.no_model_reason or Fact(SessionFact.FLIGHT_OVER, reason=None)
-    status = session.status
-    if status.link_loss is not None:
+    if status.link_loss is not None and status.no_model_reason is not None:
         # Nobody saw it land: that, and where it was last, is what matters.
         reason = status.no_model_reason
     status = replace(
