@@ -302,8 +302,8 @@ def _thrust_limit_fact(commands: _LossCommands, loss_context: LossContext) -> Fa
     spent_time = _start_of_spent_thrust(commands.recorded, commands.time[0], highest_command)
     # The thrust may be spent only from the first sample of the loss on: then that sample alone is averaged.
     spent_interval = (spent_time, max(judged_end, spent_time))
-    is_spent = in_intervals(commands.recorded.time, [spent_interval])
-    share = commands.recorded.values[is_spent].mean() / highest_command
+    is_in_spent_interval = in_intervals(commands.recorded.time, [spent_interval])
+    share = commands.recorded.values[is_in_spent_interval].mean() / highest_command
     return Fact(FailedFirst.THRUST_SPENT_FIRST, time=spent_time, share=share)
 
 

@@ -144,7 +144,7 @@ def _worst_event(bad_events: Sequence[Fact]) -> Fact:
     return worst_event
 
 
-def with_weak_motor(event: Fact, motors: Fact) -> Fact:
+def with_weak_motor(event: Fact, motors_light: Fact) -> Fact:
     """Adds to the event of a lost flight a motor that was found weak before the loss.
 
     The motor need not be the cause: the motion may not show what failed first, or something else may have failed.
@@ -152,17 +152,17 @@ def with_weak_motor(event: Fact, motors: Fact) -> Fact:
     Args:
         event: the event in the headline. Its figure ``cause`` is what failed first, and ``word`` is what the autopilot
             reported of a motor; each may name a motor.
-        motors: the fact of the light "motors", which judges the flight until it was lost. If it is about one motor,
-            this is its subject, such as "motor 2 (rear left)".
+        motors_light: the fact of the light "motors", which judges the flight until it was lost. If it is about one
+            motor, this is its subject, such as "motor 2 (rear left)".
 
     Returns:
-        The event, with ``motors`` as its figure ``weak_motor``. It is unchanged if it is no loss of a flight, no single
-        motor was found weak, or the event names this motor already.
+        The event, with ``motors_light`` as its figure ``weak_motor``. It is unchanged if it is no loss of a flight, no
+        single motor was found weak, or the event names this motor already.
     """
     is_loss = event.code in Ending
     # The light may show the loss itself, if that names a motor.
-    is_about_weak_motor = motors.code not in Ending and bool(motors.subject)
-    is_weak = motors.is_bad or motors.code in TRIMS_OF_WEAK_MOTOR
+    is_about_weak_motor = motors_light.code not in Ending and bool(motors_light.subject)
+    is_weak = motors_light.is_bad or motors_light.code in TRIMS_OF_WEAK_MOTOR
     if not (is_loss and is_about_weak_motor and is_weak):
         return event
     for fact in (event, event.figures.get("cause"), event.figures.get("word")):
@@ -170,9 +170,9 @@ def with_weak_motor(event: Fact, motors: Fact) -> Fact:
             continue
         names = (fact.subject, *fact.figures.get("names", ()))
         # The autopilot names a motor without its place.
-        if motors.subject in names or name_without_place(motors.subject) in names:
+        if motors_light.subject in names or name_without_place(motors_light.subject) in names:
             return event
-    return event.replace(weak_motor=motors)
+    return event.replace(weak_motor=motors_light)
 
 
 def _reason_on_ground(evidence: Evidence) -> Fact:

@@ -144,42 +144,46 @@ def disagreement(
     changes = difference.values[is_in_flight] - initial
     first_time = take_off if isfinite(take_off) else float(difference.time[0])
     weather_change = WEATHER_RATE * (times - first_time)
-    intervals_apart = true_intervals(times, abs(changes) >= MAX_AGREEMENT + weather_change)
+    disagreements = true_intervals(times, abs(changes) >= MAX_AGREEMENT + weather_change)
     if not is_known:
-        far_apart = true_intervals(times, abs(changes) >= MIN_DISAGREEMENT + weather_change)
-        lasting_intervals = [interval for interval in far_apart if _lasts(interval, times)]
-        intervals_apart = [
-            interval for interval in intervals_apart if intersection([interval], lasting_intervals)
+        large_disagreements = true_intervals(
+            times, abs(changes) >= MIN_DISAGREEMENT + weather_change
+        )
+        lasting_intervals = [
+            interval for interval in large_disagreements if _lasts(interval, times)
         ]
-    if not intervals_apart:
+        disagreements = [
+            interval for interval in disagreements if intersection([interval], lasting_intervals)
+        ]
+    if not disagreements:
         return None
-    start, end = intervals_apart[-1]
-    is_apart = in_intervals(times, [(start, end)])
-    changes_apart = changes[is_apart]
+    start, end = disagreements[-1]
+    do_disagree = in_intervals(times, [(start, end)])
+    changes_of_latest = changes[do_disagree]
     return Fact(
         MotionEvent.HEIGHTS_DISAGREE,
-        time=_drift_start(times, changes, is_apart),
+        time=_drift_start(times, changes, do_disagree),
         end_time=None if end == inf else end,
-        height=float(changes_apart[abs(changes_apart).argmax()]),
+        height=float(changes_of_latest[abs(changes_of_latest).argmax()]),
         boot=int(difference.boot[0]),
     )
 
 
-def _drift_start(times: Array, changes: Array, is_apart: Flags) -> float:
+def _drift_start(times: Array, changes: Array, do_disagree: Flags) -> float:
     """Returns when the difference of both heights began to grow, s: it is dated by its growth, as of a steady drift.
 
     Args:
         times: (N,) times of the differences, s.
         changes: (N,) change of the difference since the take-off, m.
-        is_apart: (N,) whether the heights disagree, from ``MAX_AGREEMENT`` on; at least one is true.
+        do_disagree: (N,) whether the heights disagree, from ``MAX_AGREEMENT`` on; at least one is true.
 
     Returns:
         The time at which the line through the differences ``MAX_AGREEMENT`` and ``MIN_DISAGREEMENT`` begins, but none
         before the difference last had the other sign, or the first sample.
     """
-    first_row = int(np.argmax(is_apart))
+    first_row = int(np.argmax(do_disagree))
     start = float(times[first_row])
-    is_far = is_apart & (abs(changes) >= MIN_DISAGREEMENT)
+    is_far = do_disagree & (abs(changes) >= MIN_DISAGREEMENT)
     growth_seconds = float(times[np.argmax(is_far)]) - start if is_far.any() else 0.0
     is_before = times < start
     has_other_sign = is_before & (np.sign(changes) != np.sign(changes[first_row]))

@@ -116,19 +116,19 @@ def _judged_light(
     return light.judge(evidence, *needed_lights)
 
 
-def loop_decisions(evidence: Evidence, motors: Fact) -> DecisionsByAxis:
+def loop_decisions(evidence: Evidence, motors_light: Fact) -> DecisionsByAxis:
     """Returns the decision on the loops of each axis.
 
     Args:
         evidence: signals, events and measurements of the vehicle.
-        motors: the fact of the light on motors: bad motors must be repaired before the vehicle is tuned.
+        motors_light: the fact of the light on motors: bad motors must be repaired before the vehicle is tuned.
 
     Returns:
         Decisions by axis; empty for a vehicle that did not fly or is not a multirotor.
     """
     if evidence.not_flown is not None or evidence.other_vehicle is not None:
         return {}
-    repairs = repairs_before_tuning(evidence, motors)
+    repairs = repairs_before_tuning(evidence, motors_light)
     decisions = dict[str, LoopDecision]()
     for margins in evidence.margins:
         observations = LoopObservations(
@@ -144,19 +144,19 @@ def loop_decisions(evidence: Evidence, motors: Fact) -> DecisionsByAxis:
     return decisions
 
 
-def repairs_before_tuning(evidence: Evidence, motors: Fact) -> Facts:
+def repairs_before_tuning(evidence: Evidence, motors_light: Fact) -> Facts:
     """Returns why a vehicle must be repaired before it is tuned: why it must not fly or, if it may, its bad motors.
 
     Args:
         evidence: signals, events and measurements of the vehicle.
-        motors: the fact that the status light "motors" shows.
+        motors_light: the fact that the status light "motors" shows.
 
     Returns:
         The reasons; empty if no repair is needed.
     """
     if evidence.reasons_not_to_fly:
         return evidence.reasons_not_to_fly
-    return (motors,) if motors.is_bad else ()
+    return (motors_light,) if motors_light.is_bad else ()
 
 
 def with_action_on_loops(light: Fact, decisions: DecisionsByAxis) -> Fact:

@@ -1,4 +1,4 @@
-"""Lasting changes of the motors in the flights of a log: the alarms that a live session would have raised, and more."""
+"""Lasting changes of the motors in the flights of a log: those that a live session finds, and slow losses of thrust."""
 
 from collections.abc import Sequence
 from math import inf
@@ -91,8 +91,8 @@ def _without_shifts_by_wind(
 ) -> list[MotorAlarm]:
     """Removes the changes of the motors' balance that the lean against the wind may explain.
 
-    Only changes that name no motor are removed. Each is judged by the steady flight around it, from the
-    change before it to the one after.
+    Only changes that name no motor are removed. Each is judged by the steady flight around it, from the change before
+    it to the one after.
 
     Args:
         signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.
@@ -106,14 +106,18 @@ def _without_shifts_by_wind(
     onset_times = [change.onset_time for change in changes]
     remaining = []
     for change in changes:
-        if change.motor is None:
-            earlier_times = [time for time in onset_times if time < change.onset_time]
-            later_times = [time for time in onset_times if time > change.onset_time]
-            interval = (max(earlier_times, default=-inf), min(later_times, default=inf))
-            steady_run = run_around(signals, motors, change.boot, change.onset_time, interval)
-            if steady_run is None or not is_beyond_lean(steady_run, signatures, change.onset_time):
-                continue
-        remaining.append(change)
+        names_motor = change.motor is not None
+        if names_motor:
+            remaining.append(change)
+            continue
+        onset = change.onset_time
+        interval_between_changes = (
+            max((time for time in onset_times if time < onset), default=-inf),
+            min((time for time in onset_times if time > onset), default=inf),
+        )
+        steady_run = run_around(signals, motors, change.boot, onset, interval_between_changes)
+        if steady_run is not None and is_beyond_lean(steady_run, signatures, onset):
+            remaining.append(change)
     return remaining
 
 

@@ -254,7 +254,7 @@ def _reaction_of_command(command: TimeSeries, interval: TimeInterval) -> Facts:
 
 
 def command_change(
-    time: Array, commands: Array, interval: TimeInterval, later_quantile: float
+    time: Array, commands: Array, interval: TimeInterval, quantile_during: float
 ) -> CommandChange | None:
     """Compares the commands of a motor in an interval with those before.
 
@@ -262,7 +262,7 @@ def command_change(
         time: time of the commands (N,), s since boot.
         commands: commands of the motor (N,), as fractions of its range.
         interval: start and end of a loss of the motor, s since boot.
-        later_quantile: quantile by which the commands in the interval are summarised, 0 to 1; 0.5 is their median.
+        quantile_during: quantile by which the commands in the interval are summarised, 0 to 1; 0.5 is their median.
 
     Returns:
         The commands before and in the interval; None without a sample in either (:func:`samples_around`).
@@ -271,7 +271,7 @@ def command_change(
     if not len(commands_before) or not len(commands_during):
         return None
     return CommandChange(
-        float(np.median(commands_before)), float(np.quantile(commands_during, later_quantile))
+        float(np.median(commands_before)), float(np.quantile(commands_during, quantile_during))
     )
 
 
@@ -483,5 +483,5 @@ def _command_fell(motors: MotorOutputs, boot: int, motor: int, interval: TimeInt
         interval: start and end of the loss, s since boot.
     """
     commands = motors.motor_fractions(boot, motor)
-    change = command_change(commands.time, commands.values, interval, later_quantile=0.5)
+    change = command_change(commands.time, commands.values, interval, quantile_during=0.5)
     return change is not None and change.later < (1 - MIN_SPEED_CHANGE) * change.before

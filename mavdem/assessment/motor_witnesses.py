@@ -103,12 +103,12 @@ def _rise_of_command(signals: Signals, loss: Fact, interval: TimeInterval) -> Fa
         return (above_others,)
     commands = motors.range_fractions(loss.figures["boot"])
     motor = motors.geometry.names.index(loss.subject)
-    change = command_change(commands.time, commands.values[:, motor], interval, later_quantile=0.5)
+    change = command_change(commands.time, commands.values[:, motor], interval, quantile_during=0.5)
     if change is None or change.rise < MIN_MEDIAN_RISE:
         return ()
     # What the others did shows that the vehicle was not only heavier, or climbed.
     mean_of_others = np.delete(commands.values, motor, axis=1).mean(axis=1)
-    others = command_change(commands.time, mean_of_others, interval, later_quantile=0.5)
+    others = command_change(commands.time, mean_of_others, interval, quantile_during=0.5)
     fact = rise_fact(change, interval)
     if others is not None:
         fact = fact.replace(others_share_before=others.before, others_share=others.later)

@@ -24,25 +24,36 @@ def choose_next_step(headline: Fact, lights: NamedFacts, model_step: Fact | None
     if headline.code is not Headline.NOTHING_WRONG:
         return _step_against_faults(headline, lights)
     is_other_vehicle = False
-    is_without_advice = False
+    stays_unknown = False
     for name in (Light.LOG, *VEHICLE_LIGHTS):
-        # This light is unknown because the vehicle is no multirotor: no other log of it would change that.
-        if lights[name].code is Unjudged.MULTIROTORS_ONLY:
+        light = lights[name]
+        if light.code is Unjudged.MULTIROTORS_ONLY:
+            # No other log of a vehicle that is no multirotor would make this light known.
             is_other_vehicle = True
-        elif not lights[name].is_good:
-            advice = lights[name]
-            if advice.code is Unjudged.NOT_JUDGED and advice.figures["reason"] is not None:
-                # What makes a judgement possible is advised by the reason why there is none.
-                advice = advice.figures["reason"]
-                if not advice.remedy:
-                    is_without_advice = True
-                    continue
-            return Fact(NextStep.DO_AS_ADVISED, reason=advice)
-    if is_other_vehicle:
-        return Fact(NextStep.KEEP_LOG)
-    if is_without_advice and model_step is None:
+        elif not light.is_good:
+            advice = _advice_of_light(light)
+            if advice is not None:
+                return Fact(NextStep.DO_AS_ADVISED, reason=advice)
+            stays_unknown = True
+    if is_other_vehicle or (stays_unknown and model_step is None):
         return Fact(NextStep.KEEP_LOG)
     return model_step or Fact(NextStep.KEEP_MODEL)
+
+
+def _advice_of_light(light: Fact) -> Fact | None:
+    """Returns the fact whose remedy helps against a status light that is not good.
+
+    Args:
+        light: the fact of the light, which is unknown or to be watched.
+
+    Returns:
+        The light itself or, if it was not judged for a reason, that reason; None if the reason has no remedy.
+    """
+    is_unjudged = light.code is Unjudged.NOT_JUDGED and light.figures["reason"] is not None
+    if not is_unjudged:
+        return light
+    reason: Fact = light.figures["reason"]
+    return reason if reason.remedy else None
 
 
 def _step_against_faults(headline: Fact, lights: NamedFacts) -> Fact:

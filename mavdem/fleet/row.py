@@ -429,7 +429,7 @@ class FlightRow:
         return FlightRow(file=file, status=str(status), status_code=status.code, **columns)
 
     @staticmethod
-    def of(report: Mapping[str, Any], **columns: Any) -> FlightRow:
+    def from_report(report: Mapping[str, Any], **columns: Any) -> FlightRow:
         """Returns the row of a flight, with the columns that follow from its report and further ones.
 
         Args:

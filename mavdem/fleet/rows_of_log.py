@@ -125,7 +125,7 @@ def rows_of_assessment(assessment: Assessment, file: str) -> FlightRows:
     for axis, analysis in assessment.analyses.items():
         report = analysis.report_values | judgement
         columns_of_axis = _loop_columns(assessment, axis) | _mean_columns(analysis)
-        rows.append(FlightRow.of(report, axis=axis, **columns, **columns_of_axis))
+        rows.append(FlightRow.from_report(report, axis=axis, **columns, **columns_of_axis))
     return rows
 
 
@@ -174,7 +174,7 @@ def _row_without_flight(
     """
     assert assessment.analysis is not None
     reason = assessment.analysis.reason or assessment.headline
-    return FlightRow.of(
+    return FlightRow.from_report(
         assessment.analysis.report_values | judgement,
         status=reason.sentence_and_remedy,
         status_code=reason.code,

@@ -18,7 +18,6 @@ from contextlib import ExitStack, chdir, contextmanager
 from dataclasses import dataclass, field, replace
 from functools import partial
 from importlib import import_module, metadata
-from itertools import islice
 from multiprocessing.process import BaseProcess
 from pathlib import Path
 from threading import Event
@@ -411,14 +410,17 @@ def read_in_parallel(
             # thread when it wakes.
             completed_futures = wait(busy_readers, POLL_SECONDS, FIRST_COMPLETED).done
             # One outcome is taken at a time. Others that are completed too make the next wait return at once.
-            for future in islice(completed_futures, 1):
-                read_function = busy_readers.pop(future)
-                outcome = future.result()
-                if outcome is not None:
-                    yield outcome
-                # The reader takes the next log, if there is one: the loop runs once or not at all.
-                for job in islice(jobs, 1):
-                    busy_readers[executor.submit(read_function, job)] = read_function
+            future = next(iter(completed_futures), None)
+            if future is None:
+                continue
+            read_function = busy_readers.pop(future)
+            outcome = future.result()
+            if outcome is not None:
+                yield outcome
+            # The reader takes the next log, if there is one.
+            next_job = next(jobs, None)
+            if next_job is not None:
+                busy_readers[executor.submit(read_function, next_job)] = read_function
     finally:
         # This also runs if the caller takes no more outcomes. A termination signal waits until all threads have ended.
         cancel()

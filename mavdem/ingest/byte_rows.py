@@ -45,8 +45,8 @@ def rows_of(data: Bytes, start: Offsets, width: int) -> Bytes:
     pieces = np.empty(len(start), windows.dtype)
     # As many pieces as lie in ``RESIDENT_BYTES`` of the file on average.
     pieces_at_once = max(len(start) * RESIDENT_BYTES // len(data), 1)
-    for first in range(0, len(start), pieces_at_once):
-        block = slice(first, first + pieces_at_once)
+    for block_start in range(0, len(start), pieces_at_once):
+        block = slice(block_start, block_start + pieces_at_once)
         pieces[block] = windows[start[block]]
         release_pages(data)
     return pieces.view(np.uint8).reshape(len(start), width)

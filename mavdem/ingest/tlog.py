@@ -119,8 +119,8 @@ def _frames_of_log(source: str, data: Bytes) -> tuple[Frames, int]:
     bytes_outside_frames = len(data) - int(frames.size.sum(dtype=np.int64))
     # Up to 8 of the bytes before each frame are its stamp.
     stamp_bytes = 0
-    for first in range(0, len(frames), STAMPS_AT_ONCE):
-        bytes_before = _bytes_before(frames, slice(first, first + STAMPS_AT_ONCE))
+    for block_start in range(0, len(frames), STAMPS_AT_ONCE):
+        bytes_before = _bytes_before(frames, slice(block_start, block_start + STAMPS_AT_ONCE))
         stamp_bytes += int(np.minimum(bytes_before, STAMP_BYTES).sum(dtype=np.int64))
     skipped_bytes = bytes_outside_frames - stamp_bytes
     matching_count = np.count_nonzero(frames.checksum == CHECKSUM_MATCHES)

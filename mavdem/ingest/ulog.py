@@ -276,14 +276,26 @@ def _cleaned_topics(logged_topics: Sequence[LoggedTopic], start: float) -> tuple
         outlier_count += int(np.count_nonzero(is_outlier))
         if is_outlier.any():
             fields = selected_rows(fields, ~is_outlier)
-        if np.any(fields["timestamp"][1:] < fields["timestamp"][:-1]):
-            fields = selected_rows(fields, np.argsort(fields["timestamp"], kind="stable"))
-        time = fields["timestamp"] / MICROSECONDS
-        # Its time is moved to the start of the log, but not beyond the second message; ∞ if there is no second one.
-        second_time = time[1:2].min(initial=np.inf)
-        time[0] = np.clip(start, time[0], second_time)
-        topics.setdefault(name, {})[instance] = fields | {"time": time}
+        topics.setdefault(name, {})[instance] = _with_ascending_time(fields, start)
     return topics, outlier_count
+
+
+def _with_ascending_time(fields: Columns, start: float) -> Columns:
+    """Sorts the messages of a topic by their stamps, and adds their ``time``, s since boot.
+
+    Args:
+        fields: Columns (N,) of the topic by name, at least one message, with ``timestamp``, µs.
+        start: Start of the logging, s since boot. The time of the first message, which may be long past, is moved to
+            it, but not beyond the second message.
+    """
+    stamps = fields["timestamp"]
+    if np.any(stamps[1:] < stamps[:-1]):
+        fields = selected_rows(fields, np.argsort(stamps, kind="stable"))
+    time = fields["timestamp"] / MICROSECONDS
+    # This is ∞ if there is no second message.
+    second_time = time[1:2].min(initial=np.inf)
+    time[0] = np.clip(start, time[0], second_time)
+    return {**fields, "time": time}
 
 
 def _span_without_long_silence(tables: Iterable[Columns]) -> tuple[int, int]:
@@ -328,7 +340,7 @@ def _file_repairs(other_records: OtherRecords, loss: RecordLoss, outlier_count: 
     damage = repair_facts(
         Repair.ULOG_DAMAGED,
         count=loss.lost_bytes,
-        places=loss.places,
+        places=loss.damaged_places,
         duration=loss.lost_seconds,
     )
     wrong_stamps = repair_facts(

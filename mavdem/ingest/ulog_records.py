@@ -64,12 +64,12 @@ MAX_UNKNOWN_RECORDS = 20
 class RecordLoss(NamedTuple):
     """What could not be read of a damaged file."""
 
-    places: int = 0
-    """Number of damaged places."""
+    damaged_places: int = 0
+    """Number of places in the file that are damaged."""
     lost_bytes: int = 0
     """Number of bytes that were left out there."""
     lost_seconds: float = 0.0
-    """Sum of the times, s, between the last record before each place and the first one after it."""
+    """Sum of the times, s, between the last record before each damaged place and the first one after it."""
 
 
 class FileFlags(NamedTuple):
@@ -501,16 +501,16 @@ class _RecordScan:
                 stamps.append(int.from_bytes(stamp_bytes, "little"))
         return stamps
 
-    def _add_loss(self, places: int, lost_bytes: int, lost_seconds: float) -> None:
+    def _add_loss(self, damaged_places: int, lost_bytes: int, lost_seconds: float) -> None:
         """Adds a damaged place, or a record without a definition, to ``loss``, the sum of what the file has lost.
 
         Args:
-            places: Number of damaged places: 1, or 0 for a sound record whose definition was lost by earlier damage.
-            lost_bytes: Number of bytes that are left out.
-            lost_seconds: Time between the records before and after the damaged place, s.
+            damaged_places: Number of damaged places: 1, or 0 for a sound record whose definition was lost by earlier
+            damage. lost_bytes: Number of bytes that are left out. lost_seconds: Time between the records before and
+            after the damaged place, s.
         """
         self.loss = RecordLoss(
-            self.loss.places + places,
+            self.loss.damaged_places + damaged_places,
             self.loss.lost_bytes + lost_bytes,
             self.loss.lost_seconds + lost_seconds,
         )

@@ -11,10 +11,12 @@ and the shift is beyond the lean if the step c is significant in roll or pitch.
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 import scipy
 
-from mavdem.arrays import Flags
+from mavdem.arrays import Array, Flags
 from mavdem.dataset.axes import AXES, TILT_AXES
 from mavdem.motors.balance import SteadyRun, block_means, variance_inflation
 from mavdem.motors.motor_changes import MAX_ONSET_ERROR
@@ -43,29 +45,58 @@ def is_beyond_lean(run: SteadyRun, signatures: MotorSignatures, onset_time: floa
     """
     blocks_before = block_means(_selected(run, run.time < onset_time - MAX_ONSET_ERROR), signatures)
     blocks_after = block_means(_selected(run, run.time > onset_time + MAX_ONSET_ERROR), signatures)
+    if not blocks_before or not blocks_after:
+        return False
     blocks = np.array(blocks_before + blocks_after)
+    is_after = np.arange(len(blocks)) >= len(blocks_before)
+    step = _fitted_step(blocks, is_after)
+    if step is None:
+        return False
+    # Two axes are tested, each on both sides.
+    limit = scipy.special.stdtrit(step.freedom, 1 - FALSE_FRACTION / (2 * len(TILT_AXES)))
+    # Constant commands have no error, so that the step is not divided by it.
+    is_significant = abs(step.size) > limit * step.error
+    tilt_columns = [AXES.index(axis) for axis in TILT_AXES]
+    return bool(is_significant[tilt_columns].any())
+
+
+class _FittedStep(NamedTuple):
+    """The step of the balance that is left when the effect of the lean is taken away."""
+
+    size: Array
+    """(3,) step about roll, pitch and yaw: c in the equation at the head of this file."""
+    error: Array
+    """(3,) its standard error."""
+    freedom: int
+    """Degrees of freedom of the error."""
+
+
+def _fitted_step(blocks: Array, is_after: Flags) -> _FittedStep | None:
+    """Fits the equation at the head of this file by least squares.
+
+    Args:
+        blocks: (N, 5) balance about roll, pitch and yaw, and lean in roll and pitch, rad, of N blocks.
+        is_after: (N,) whether each block is after the shift.
+
+    Returns:
+        The step; None if the lean of a block is not known, or the blocks do not determine the step and its error.
+    """
     coefficients = 2 + len(TILT_AXES)
     freedom = len(blocks) - coefficients
-    if not blocks_before or not blocks_after or freedom < MIN_FREEDOM:
-        return False
+    if freedom < MIN_FREEDOM or not np.isfinite(blocks).all():
+        return None
     balance, lean = np.split(blocks, [len(AXES)], axis=1)
-    is_after = np.arange(len(blocks)) >= len(blocks_before)
     design = np.column_stack([np.ones(len(blocks)), is_after, lean - lean.mean(axis=0)])
-    if not np.isfinite(blocks).all() or np.linalg.matrix_rank(design) < coefficients:
-        return False
+    if np.linalg.matrix_rank(design) < coefficients:
+        return None
     inverse = np.linalg.inv(design.T @ design)
     fit = inverse @ design.T @ balance
     residuals = balance - design @ fit
-    inflation = np.array([variance_inflation(column) for column in residuals.T])
     block_variance = (residuals**2).sum(axis=0) / freedom
-    step_row = 1
-    step_error = np.sqrt(block_variance * inflation * inverse[step_row, step_row])
-    tilt_columns = [AXES.index(axis) for axis in TILT_AXES]
-    # Two axes are tested, each on both sides.
-    limit = scipy.special.stdtrit(freedom, 1 - FALSE_FRACTION / (2 * len(TILT_AXES)))
-    # Constant commands have no error, so that the step is not divided by it.
-    is_significant = abs(fit[step_row]) > limit * step_error
-    return bool(is_significant[tilt_columns].any())
+    inflation = np.array([variance_inflation(column) for column in residuals.T])
+    # The step is the coefficient of the second column of the design.
+    step_error = np.sqrt(block_variance * inflation * inverse[1, 1])
+    return _FittedStep(fit[1], step_error, freedom)
 
 
 def _selected(run: SteadyRun, selection: Flags) -> SteadyRun:

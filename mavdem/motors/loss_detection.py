@@ -277,9 +277,10 @@ class MotorLossDetector:
         time = self._blocks.times[-1]
         if loss is None or not loss.is_decidable(time):
             return
-        first = int(np.searchsorted(self._blocks.times, loss.detection, side="right"))
-        balances = self._blocks.balances[first:]
-        log_odds = loss.log_odds_of_return(self._blocks.times[first:], balances)
+        # Only blocks after the detection show whether the balance returned.
+        first_block = int(np.searchsorted(self._blocks.times, loss.detection, side="right"))
+        balances = self._blocks.balances[first_block:]
+        log_odds = loss.log_odds_of_return(self._blocks.times[first_block:], balances)
         if log_odds >= STRONG_EVIDENCE_NATS:
             self._unconfirmed_loss = None
             self.weak_motors.pop(loss.motor)

@@ -97,13 +97,13 @@ def trim_pattern(balance: BalanceFigures | None, geometry: MotorGeometry) -> Fac
     deviations = allocation @ level_balance
     half_widths = half_width(allocation**2 @ variance)
     # What each deviation is at least, within its interval.
-    sure_deviations = abs(deviations) - half_widths
-    is_uneven = bool(sure_deviations.max() > FAULT_RISE)
-    worst_motor = int(np.argmax(sure_deviations if is_uneven else abs(deviations)))
-    sure_rises = deviations - half_widths
-    if sure_rises.max() > FAULT_RISE:
+    least_deviations = abs(deviations) - half_widths
+    is_uneven = bool(least_deviations.max() > FAULT_RISE)
+    worst_motor = int(np.argmax(least_deviations if is_uneven else abs(deviations)))
+    least_rises = deviations - half_widths
+    if least_rises.max() > FAULT_RISE:
         # Opposite motors of a hexarotor deviate alike: a weak one works harder, and its opposite less.
-        worst_motor = int(np.argmax(sure_rises))
+        worst_motor = int(np.argmax(least_rises))
     figures: JsonValues = {
         "shift": level_balance,
         "worst": geometry.names[worst_motor],
@@ -167,8 +167,8 @@ def _leading_motor(deviations: Array, half_widths: Array) -> int | None:
     other_deviations = np.delete(deviations, motor)
     is_alone = len(deviations) == QUADROTOR_MOTORS and bool((other_deviations < 0).all())
     is_fault_probable = deviations[motor] > FAULT_RISE
-    is_sure = deviations[motor] - half_widths[motor] > FAULT_RISE / 2
-    return motor if is_alone and is_fault_probable and is_sure else None
+    is_certain = deviations[motor] - half_widths[motor] > FAULT_RISE / 2
+    return motor if is_alone and is_fault_probable and is_certain else None
 
 
 def _uneven_trim(

@@ -316,8 +316,8 @@ def speed_status(speed: float, low: float, high: float) -> Status:
     if high <= BIASED_SPEED_RATIO * max(low, MIN_RATIO_SPEED):
         return Status.BIASED
     # Still air has no ratio. It is reported as below the upper end.
-    may_be_still = not lower_speed_bound(low, high)
-    if may_be_still and high <= LIGHT_BREEZE:
+    may_be_calm = not lower_speed_bound(low, high)
+    if may_be_calm and high <= LIGHT_BREEZE:
         return Status.BIASED
     return Status.NOT_IDENTIFIABLE
 
@@ -398,12 +398,12 @@ def estimate_wind(
     lowest_speed = lower_speed_bound(whole_flight.low, whole_flight.high)
     advice = None
     if status["speed"] is not Status.REPORTED or status["direction"] is not Status.REPORTED:
-        has_unsure_direction = lowest_speed > 0 and status["direction"] is not Status.REPORTED
+        has_uncertain_direction = lowest_speed > 0 and status["direction"] is not Status.REPORTED
         direction_error = np.radians(whole_flight.direction_half_width)
         errors = WindErrors(
             whole_flight.speed,
             speed_error=(whole_flight.high - lowest_speed) / 2,
-            direction_error=direction_error if has_unsure_direction else None,
+            direction_error=direction_error if has_uncertain_direction else None,
             noise_sd=whole_flight.noise_sd,
             drag_sd=drag_sd,
         )

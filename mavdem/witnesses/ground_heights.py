@@ -152,9 +152,9 @@ def satellite_position(signals: Signals) -> TimeSeries | None:
         columns = signals.telemetry.messages.get(message, {})
         if not all(field in columns for field in ("fix_type", "lat", "lon", "alt")):
             continue
-        degrees, is_place = global_positions(columns)
+        degrees, is_valid_position = global_positions(columns)
         altitude = float_column(columns, "alt") / MILLIMETRES_PER_METRE
-        has_fix = has_fix_by_row(columns) & is_place
+        has_fix = has_fix_by_row(columns) & is_valid_position
         if has_fix.any() and np.ptp(altitude[has_fix]) > 0:
             return clean_series(columns, np.column_stack([degrees, altitude]), has_fix)
     return None

@@ -148,13 +148,9 @@ class SensorTrust:
         """
         is_usable = self.is_barometer_usable
         is_sound = self.is_climb_estimate_sound
-        # None if the log does not show whether they agree.
-        agrees: bool | None
-        if is_usable:
-            agrees = is_sound
-        else:
-            # A barometer that is not usable, or not known to be, cannot be compared with the estimate.
-            agrees = is_usable
+        # A barometer that is not usable, or not known to be, cannot be compared with the estimate. None if the log does
+        # not show whether they agree.
+        agrees = is_sound if is_usable else is_usable
         if agrees and self.height_drift is not None:
             # The estimated climb mostly rests on the barometer, and does not show that it drifts. If it only differs
             # from satellites, either of them may have drifted.

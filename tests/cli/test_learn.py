@@ -215,7 +215,7 @@ def test_every_place_says_the_same_of_a_flight(tmp_path, monkeypatch, capsys):
     report = (
         found.analysis.report_values | found.judgement_values | {"headline_fact": found.headline}
     )
-    row = FlightRow.of(report, file=log)
+    row = FlightRow.from_report(report, file=log)
     assert row.overrides == ("motors",) and row.headline == str(found.headline)
     assert row.light_motors == "bad"
     # A session's page is made of the same record.

@@ -83,11 +83,11 @@ def test_a_row_has_an_effect_and_a_wind_torque_only_where_they_are_known():
         "physical": {"effect": (0.3,), "status": {"effect": "biased"}},
         "wind": {"sd": 0.8, "mean": 0.1, "mean_band": 0.2},
     }
-    assert FlightRow.of(report, axis="roll", file="f").wind_torque_sd == 0.8
+    assert FlightRow.from_report(report, axis="roll", file="f").wind_torque_sd == 0.8
     unresolved = report | {"wind": report["wind"] | {"reason": "It is not resolved."}}
     physical = {"effect": (0.3,), "status": {"effect": "not identifiable"}}
     for unknown, effect in ((unresolved, (0.3,)), (report | {"physical": physical}, None)):
-        row = FlightRow.of(unknown, axis="roll", file="f")
+        row = FlightRow.from_report(unknown, axis="roll", file="f")
         assert row.effect == effect
         assert (row.wind_torque_sd, row.wind_torque_mean, row.wind_torque_interval) == (
             None,

@@ -129,7 +129,7 @@ def test_attitudes_must_contradict_each_other_for_a_second_at_400_hz_too(seconds
     for clock in np.arange(100.0, 100.0 + seconds, 0.0025):
         for counter, roll in enumerate((0.0, 0.3)):
             comparison.add(counter, attitude([roll, 0.0, 0.0], clock))
-    assert comparison.has_found_two == are_two
+    assert comparison.has_found_two_vehicles == are_two
 
 
 def test_attitudes_of_one_vehicle_that_tumbles_do_not_contradict_each_other():
@@ -142,7 +142,7 @@ def test_attitudes_of_one_vehicle_that_tumbles_do_not_contradict_each_other():
         )
         angles = rotation.as_euler("ZYX")[::-1]
         comparison.add(row // 4 % 2, attitude(angles.tolist(), clock, rates))
-    assert not comparison.has_found_two
+    assert not comparison.has_found_two_vehicles
 
 
 def attitude(angles, clock, rates=(0.0, 0.0, 0.0)):

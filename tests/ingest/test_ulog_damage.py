@@ -65,7 +65,7 @@ def test_a_flipped_bit_in_a_length_loses_that_record_alone(bit):
     damaged[bit // 8] ^= 1 << bit % 8
     records = sound_records(log(*UNMARKED[:row], bytes(damaged), *UNMARKED[row + 1 :]))
     assert kept_bytes(records) == records_of(*UNMARKED[:row], *UNMARKED[row + 1 :])
-    assert records.loss.places == 1 and records.loss.lost_bytes == len(damaged)
+    assert records.loss.damaged_places == 1 and records.loss.lost_bytes == len(damaged)
     assert records.loss.lost_seconds == approx(0.01, abs=0.011)
 
 
@@ -151,7 +151,7 @@ def test_a_hole_without_marks_of_synchronisation_costs_few_records(kind):
         assert lost_bytes < 64 + 200
         assert kept_bytes(records).endswith(content[start + 300 :])
         # Nothing shows it where whole records are missing, or no more than values of one record were overwritten.
-        if not records.loss.places:
+        if not records.loss.damaged_places:
             assert kind == "removed" or is_within_record(start)
 
 

@@ -128,7 +128,7 @@ def _limited_motors_of_flight(evidence: Evidence, hover: HoverFigures | None) ->
     if motors_at_limit is None:
         return None
     is_long_enough = has_long_hover or motors_at_limit.share > MIN_MOST_FRACTION
-    if not is_long_enough or _is_limited_together(motors, segments, figures):
+    if not is_long_enough or _are_limited_by_hard_climb(motors, segments, figures):
         return None
     return motors_at_limit.fact(MotorsLight.MOTOR_LIMITED).replace(is_settled=has_long_hover)
 
@@ -174,11 +174,13 @@ def _has_full_throttle(evidence: Evidence) -> bool:
     return False
 
 
-def _is_limited_together(motors: MotorOutputs, segments: Segments, figures: HoverFigures) -> bool:
-    """Returns whether limits of motors show a hard climb and no weak motor: all gave nearly full throttle then.
+def _are_limited_by_hard_climb(
+    motors: MotorOutputs, segments: Segments, figures: HoverFigures
+) -> bool:
+    """Returns whether motors were at their limits only because the vehicle climbed hard, so that none of them is weak.
 
-    A vehicle that hovers well below full throttle, with all motors near their limit for a moment, only climbed hard. If
-    its mean command is near full throttle too, it always lacks thrust: then the result is False.
+    In a hard climb all motors together are near their limits, though the vehicle hovers well below full throttle. If
+    its mean command is near full throttle too, it always lacks thrust, and the result is False.
 
     Args:
         motors: outputs of the motors.

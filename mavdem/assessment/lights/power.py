@@ -315,22 +315,22 @@ def _battery_charges(evidence: Evidence, batteries: Sequence[Battery]) -> Iterat
         charge_fractions = percent[was_charged & (percent >= 0)] / 100
         lowest_fraction = charge_fractions.min(initial=1.0)
         levels = px4_levels
-        is_spent = False
+        is_empty = False
         if telemetry.autopilot == "ARDUPILOTMEGA":
-            is_spent = lowest_fraction <= 0
+            is_empty = lowest_fraction <= 0
             levels = ardupilot_charge_levels(telemetry.parameters, battery.number)
-        if lowest_fraction >= max(levels.watch, levels.bad) and not is_spent:
+        if lowest_fraction >= max(levels.watch, levels.bad) and not is_empty:
             continue
         is_critical = lowest_fraction < levels.bad
         charged_cell_voltage = None
-        if is_spent and not is_critical:
+        if is_empty and not is_critical:
             charged_cell_voltage = _charged_cell_voltage(evidence, battery)
-        is_bad = is_critical or (is_spent and charged_cell_voltage is None)
+        is_bad = is_critical or (is_empty and charged_cell_voltage is None)
         share_limit = levels.bad if is_critical else levels.watch
         optional_figures = {}
         if charged_cell_voltage is not None:
             optional_figures["cell_voltage"] = charged_cell_voltage
-        fraction_before_fall = _fraction_before_sudden_fall(evidence, battery) if is_spent else None
+        fraction_before_fall = _fraction_before_sudden_fall(evidence, battery) if is_empty else None
         if fraction_before_fall is not None:
             optional_figures["share_before"] = fraction_before_fall
         yield Fact(

@@ -137,7 +137,7 @@ def on_boot_clock(
         elif name in UNSTAMPED_MESSAGES and len(table.position):
             # The row of the stamped message after each.
             rows = np.searchsorted(positions, table.position)
-            tables[name] = _placed_by_neighbours(name, table, rows, time, boot)
+            tables[name] = _with_times_of_neighbours(name, table, rows, time, boot)
     count = np.count_nonzero(is_impossible)
     impossible_stamps = repair_facts(
         Repair.LOGGED_MESSAGES_LEFT_OUT, count=count, flaw=Flaw.IMPOSSIBLE_STAMP
@@ -161,7 +161,7 @@ def _boots_of_rows(boot: Rows, rows: NDArray[np.signedinteger]) -> Rows:
     return boot[rows]
 
 
-def _placed_by_neighbours(
+def _with_times_of_neighbours(
     name: str,
     table: MessageTable,
     next_rows: NDArray[np.signedinteger],

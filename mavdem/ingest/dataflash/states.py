@@ -277,14 +277,14 @@ def _landed_states(changes: _StateChanges, boot_stamps: BootStamps) -> Columns:
         state = np.append(before[0], after)[passed_changes]
         contradicts_next = after[:-1] != before[1:]
         # Before the first change the state is sure, and after the last one it is not.
-        is_unsure = np.concatenate([[False], contradicts_next, [True]])[passed_changes]
+        is_uncertain = np.concatenate([[False], contradicts_next, [True]])[passed_changes]
         next_change_time = np.append(change_time, np.inf)[passed_changes]
         state_before_next = np.append(before, UNDEFINED_LANDED_STATE)[passed_changes]
         is_next_soon = next_change_time <= time + CONTRADICTION_SECONDS
-        unsure_state = np.where(is_next_soon, state_before_next, UNDEFINED_LANDED_STATE)
+        uncertain_state = np.where(is_next_soon, state_before_next, UNDEFINED_LANDED_STATE)
         # At the time of a change itself the state after it is certain.
         is_change = np.isin(time, change_time)
-        states.append(np.where(is_unsure & ~is_change, unsure_state, state))
+        states.append(np.where(is_uncertain & ~is_change, uncertain_state, state))
         times.append(time)
         boots.append(np.full(len(time), boot))
     return {

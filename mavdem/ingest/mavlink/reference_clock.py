@@ -162,21 +162,22 @@ def _reboot_rows(time: Times) -> Rows:
     highest_far_ahead = _highest_ahead(time, late_stamps)
     reboot_rows = []
     highest_of_boot = -np.inf
+    # For each stamp, the highest of the ``MIN_RESET_STAMPS`` from it on, and of those of ``MAX_LATE_SECONDS``.
     stamps = zip(time.tolist(), highest_ahead.tolist(), highest_far_ahead.tolist(), strict=True)
-    for row, (stamp, highest_next, highest_later) in enumerate(stamps):
+    for row, (stamp, highest_near, highest_far) in enumerate(stamps):
         is_near_zero = stamp <= MAX_RESTART_TIME
-        has_fallen_far = highest_next < highest_of_boot - MAX_LATE_SECONDS
+        has_fallen_far = highest_near < highest_of_boot - MAX_LATE_SECONDS
         if is_near_zero and has_fallen_far:
             has_restarted = True
         elif is_near_zero:
-            has_fallen = highest_next < highest_of_boot - MIN_RESET_STEP
-            stays_below = highest_later < highest_of_boot - MIN_RESET_STEP
+            has_fallen = highest_near < highest_of_boot - MIN_RESET_STEP
+            stays_below = highest_far < highest_of_boot - MIN_RESET_STEP
             following_stamps = time[row : row + late_stamps]
             has_restarted = stays_below or (
                 has_fallen and rises_steadily(following_stamps, highest_of_boot, median_step)
             )
         elif has_fallen_far:
-            has_restarted = highest_later < highest_of_boot - MIN_RESET_STEP
+            has_restarted = highest_far < highest_of_boot - MIN_RESET_STEP
         else:
             has_restarted = False
         if has_restarted:

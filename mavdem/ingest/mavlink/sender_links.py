@@ -131,14 +131,14 @@ class SenderLinks:
     @property
     def has_found_two_vehicles(self) -> bool:
         """Whether two vehicles were recognised at any time."""
-        return self.vehicles.has_found_two or self._attitudes.has_found_two
+        return self.vehicles.has_found_two_vehicles or self._attitudes.has_found_two_vehicles
 
     @property
     def are_two_vehicles(self) -> bool:
         """Whether there are two vehicles at present."""
-        if self.vehicles.are_two:
+        if self.vehicles.are_two_vehicles:
             return True
-        return self._counters.are_two and self._attitudes.are_two
+        return self._counters.are_two_counters and self._attitudes.are_two_vehicles
 
     @property
     def has_two_counters(self) -> bool:
@@ -330,8 +330,8 @@ class SenderLinks:
         if self.has_slower_link:
             self._count_missing_between_readings(sequence, reading)
             return
-        are_counters_apart = self._has_two_counters and self._counters.are_apart
-        if not are_counters_apart:
+        are_counters_far_apart = self._has_two_counters and self._counters.are_far_apart
+        if not are_counters_far_apart:
             self.missing += missing_messages(self._latest_sequence, sequence)
         elif number_before_on_counter is not None:
             self.missing += missing_messages(number_before_on_counter, sequence)
@@ -382,9 +382,9 @@ class SenderLinks:
         ``missing`` is therefore set back to its value before the first of these switches.
         """
         self._missing_at_switches.append(self.missing)
-        has_two_counters = self._counters.are_two
+        has_two_counters = self._counters.are_two_counters
         is_newly_recognised = has_two_counters and not self._has_two_counters
-        if is_newly_recognised and self._counters.are_apart:
+        if is_newly_recognised and self._counters.are_far_apart:
             missing_before_switches = self._missing_at_switches[0]
             self.missing = min(self.missing, missing_before_switches)
         self._has_two_counters = has_two_counters

@@ -120,10 +120,10 @@ def _sequence_steps(sequence: Bytes) -> _SequenceSteps:
         Number of irregular steps, and number of missing frames.
     """
     irregular = missing = 0
-    for first in range(0, len(sequence), ROWS_AT_ONCE):
+    for block_start in range(0, len(sequence), ROWS_AT_ONCE):
         # One number more than ``ROWS_AT_ONCE``, for the step to the next block. The numbers are signed, since their
         # differences may be negative.
-        numbers = sequence[first : first + ROWS_AT_ONCE + 1].astype(np.int16)
+        numbers = sequence[block_start : block_start + ROWS_AT_ONCE + 1].astype(np.int16)
         steps = np.diff(numbers) & (SEQUENCE_NUMBERS - 1)
         irregular += int(np.count_nonzero((steps == 0) | (steps > MAX_LATE_STEPS)))
         missing += int(missing_messages(numbers[:-1], numbers[1:]).sum())
@@ -144,11 +144,11 @@ def _indices_with_boot_clock(all_frames: Frames, rows: Rows) -> NDArray[np.int32
         Indices (m,) into ``rows``, ascending.
     """
     index_blocks = [np.zeros(0, dtype=np.int32)]
-    for first in range(0, len(rows), ROWS_AT_ONCE):
-        block_rows = rows[first : first + ROWS_AT_ONCE]
+    for block_start in range(0, len(rows), ROWS_AT_ONCE):
+        block_rows = rows[block_start : block_start + ROWS_AT_ONCE]
         is_readable = all_frames.checksum[block_rows] == CHECKSUM_MATCHES
         has_clock = _has_boot_clock(all_frames.message_id[block_rows]) & is_readable
-        index_blocks.append((np.flatnonzero(has_clock) + first).astype(np.int32))
+        index_blocks.append((np.flatnonzero(has_clock) + block_start).astype(np.int32))
     return np.concatenate(index_blocks)
 
 
@@ -267,9 +267,9 @@ def _is_first_frame_repeated(data: Bytes, all_frames: Frames, rows: Rows) -> boo
     message_id = all_frames.message_id[first_row]
     sequence = all_frames.sequence[first_row]
     first_content = frame_content(data, all_frames, first_row)
-    for first in range(0, len(rows), ROWS_AT_ONCE):
+    for block_start in range(0, len(rows), ROWS_AT_ONCE):
         # Few frames have the same message and sequence number; only of these the bytes are compared.
-        block_rows = rows[first : first + ROWS_AT_ONCE]
+        block_rows = rows[block_start : block_start + ROWS_AT_ONCE]
         is_similar = all_frames.message_id[block_rows] == message_id
         is_similar &= all_frames.sequence[block_rows] == sequence
         for row in block_rows[is_similar].tolist():
@@ -296,12 +296,12 @@ def _frame_hashes(data: Bytes, all_frames: Frames, rows: Rows) -> NDArray[np.uin
         Hashes (n,).
     """
     hashes = np.empty(len(rows), dtype=np.uint32)
-    for first in range(0, len(rows), ROWS_AT_ONCE):
-        frames = all_frames[rows[first : first + ROWS_AT_ONCE]]
+    for block_start in range(0, len(rows), ROWS_AT_ONCE):
+        frames = all_frames[rows[block_start : block_start + ROWS_AT_ONCE]]
         last_bytes = rows_of(data, frames.end - LAST_BYTES, LAST_BYTES).view("<u4")[:, 0]
         # The product wraps at 32 bits.
         mixed_sequence = frames.sequence.astype(np.uint32) * MIXING_FACTOR
-        hashes[first : first + ROWS_AT_ONCE] = mixed_sequence ^ last_bytes
+        hashes[block_start : block_start + ROWS_AT_ONCE] = mixed_sequence ^ last_bytes
     return hashes
 
 
@@ -328,9 +328,9 @@ def _has_copies(data: Bytes, all_frames: Frames, rows: Rows, hashes: NDArray[np.
     if not len(repeated_hashes):
         return False
     earlier_contents = set[bytes]()
-    for first in range(0, len(rows), ROWS_AT_ONCE):
-        block_rows = rows[first : first + ROWS_AT_ONCE]
-        block_hashes = hashes[first : first + ROWS_AT_ONCE]
+    for block_start in range(0, len(rows), ROWS_AT_ONCE):
+        block_rows = rows[block_start : block_start + ROWS_AT_ONCE]
+        block_hashes = hashes[block_start : block_start + ROWS_AT_ONCE]
         # Binary search for each hash among the repeated ones, which are sorted.
         nearest_index = np.searchsorted(repeated_hashes, block_hashes)
         is_repeated = repeated_hashes.take(nearest_index, mode="clip") == block_hashes

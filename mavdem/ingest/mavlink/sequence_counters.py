@@ -112,7 +112,7 @@ class SequenceCounters:
         self._frame_counts_at_switches = deque[int](maxlen=MIN_COUNTER_SWITCHES)
 
     @property
-    def are_two(self) -> bool:
+    def are_two_counters(self) -> bool:
         """Whether the frames alternate between two counters: ``MIN_COUNTER_SWITCHES`` times in ``COUNTED_FRAMES``."""
         if len(self._frame_counts_at_switches) < MIN_COUNTER_SWITCHES:
             return False
@@ -120,7 +120,7 @@ class SequenceCounters:
         return frames_since_first_switch <= COUNTED_FRAMES
 
     @property
-    def are_apart(self) -> bool:
+    def are_far_apart(self) -> bool:
         """Whether the latest numbers of the two counters are further apart than ``MAX_COUNTER_STEP``, either way.
 
         Frames of a single counter that overtake each other are closer, and may look like two counters. Distances are
@@ -194,12 +194,12 @@ class AttitudeComparison:
     """Compares the attitudes in frames of two sequence counters, and decides whether they contradict each other.
 
     Attributes:
-        has_found_two: whether they were of two vehicles at any time.
+        has_found_two_vehicles: whether they were of two vehicles at any time.
     """
 
     def __init__(self) -> None:
         """Starts with no attitudes."""
-        self.has_found_two = False
+        self.has_found_two_vehicles = False
         # Each counter has the latest attitude in each interval of ``MAX_COMPARED_SECONDS``, the oldest interval first.
         self._attitudes: list[OrderedDict[int, AttitudeReading]] = [OrderedDict(), OrderedDict()]
         # Whether the attitudes contradicted each other in each of the latest comparisons.
@@ -208,7 +208,7 @@ class AttitudeComparison:
         self._compared_clock = -inf
 
     @property
-    def are_two(self) -> bool:
+    def are_two_vehicles(self) -> bool:
         """Whether the latest attitudes are of two vehicles."""
         return sum(self._contradictions) >= MIN_CONTRADICTIONS
 
@@ -243,7 +243,7 @@ class AttitudeComparison:
         if nearest is not None:
             self._compared_clock = reading.clock
             self._contradictions.append(attitudes_contradict(nearest, reading))
-            self.has_found_two |= self.are_two
+            self.has_found_two_vehicles |= self.are_two_vehicles
 
 
 def attitudes_contradict(first: AttitudeReading, second: AttitudeReading) -> bool:

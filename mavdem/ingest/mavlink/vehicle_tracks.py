@@ -182,12 +182,12 @@ class VehicleTracks:
     does not return to the former clock, heading or position.
 
     Attributes:
-        has_found_two: whether two vehicles were recognised at any time.
+        has_found_two_vehicles: whether two vehicles were recognised at any time.
     """
 
     def __init__(self) -> None:
         """Starts with no readings."""
-        self.has_found_two = False
+        self.has_found_two_vehicles = False
         # The latest readings with a heading and with a position, of any vehicle.
         self._latest_heading: Reading | None = None
         self._latest_position: Reading | None = None
@@ -204,7 +204,7 @@ class VehicleTracks:
         self._count_at_recognition = -RECOGNITION_READINGS
 
     @property
-    def are_two(self) -> bool:
+    def are_two_vehicles(self) -> bool:
         """Whether there are two at present: they were recognised within the latest ``RECOGNITION_READINGS``."""
         count = self._reading_counts[Contradiction.CLOCK]
         return count - self._count_at_recognition < RECOGNITION_READINGS
@@ -324,7 +324,7 @@ class VehicleTracks:
         counts_at_switches.append(reading_count)
         readings_since_first = reading_count - counts_at_switches[0]
         if len(counts_at_switches) == limit.switches and readings_since_first <= limit.readings:
-            self.has_found_two = True
+            self.has_found_two_vehicles = True
             self._count_at_recognition = self._reading_counts[Contradiction.CLOCK]
 
 
