@@ -34,6 +34,13 @@ CAUSES_BY_OUTPUT = (
 )
 """Causes of a loss in which a motor stopped."""
 
+CAUSES_BY_ALL_MOTORS = (
+    FailedFirst.ALL_OFF_FIRST,
+    FailedFirst.FAILSAFE_FIRST,
+    FailedFirst.LANDING_ASSUMED_FIRST,
+)
+"""Causes of a loss that the mean command of all motors shows: they idled."""
+
 LOSSES_OF_THRUST = (MotorWatchFact.MOTOR_LOST_THRUST, MotorWatchFact.MOTOR_SATURATED)
 """Facts that a motor lost thrust, whether the flight went on or not."""
 
@@ -98,9 +105,9 @@ def with_evidence_of_cause(
 ) -> Fact | None:
     """Adds to the cause of a loss what shows it; the sensor facts of the loss itself show only what followed.
 
-    Of a motor this is what all motors were commanded (:func:`failure_commands`). If the cause is an event of its own,
-    such as a motor that stood still by its speed controller, or a height estimate that diverged, it is the evidence for
-    that event.
+    Of a motor this is what it and the others were commanded (:func:`failure_commands`), and of all motors their mean
+    command. If the cause is an event of its own, such as a motor that stood still by its speed controller, or a height
+    estimate that diverged, it is the evidence for that event.
 
     Args:
         signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.
@@ -116,12 +123,13 @@ def with_evidence_of_cause(
     evidence = (
         *_evidence_of_causing_event(ending, cause, events),
         *_change_of_commands(signals, ending),
+        *_change_of_mean_command(signals, ending),
     )
     return ending.replace(cause=cause.replace(witnesses=evidence)) if evidence else ending
 
 
 def _interval_at_failure(failure: Fact) -> TimeInterval | None:
-    """Returns the interval whose commands show the failure of a motor, s since boot; None if no motor failed.
+    """Returns the interval whose commands show what failed, s since boot; None if no motor did.
 
     Args:
         failure: how the flight was lost, or that a motor lost thrust.
@@ -133,7 +141,7 @@ def _interval_at_failure(failure: Fact) -> TimeInterval | None:
     onset = loss_onset(failure)
     if cause is None or onset is None:
         return None
-    if cause.code not in (*CAUSES_BY_WEAK_MOTOR, *CAUSES_BY_OUTPUT):
+    if cause.code not in (*CAUSES_BY_WEAK_MOTOR, *CAUSES_BY_OUTPUT, *CAUSES_BY_ALL_MOTORS):
         return None
     # An output that froze has no time of its own: it stood still when the attitude left its setpoint.
     start = onset if cause.time is None else cause.time
@@ -160,7 +168,8 @@ def _usual_commands(signals: Signals, commands: TimeSeries, failure: Fact) -> Ti
     interval = _interval_at_failure(failure)
     start = failure.start_time if interval is None else interval[0]
     for take_off, landing in flights_in_boot(signals, failure.figures["boot"]):
-        if take_off <= start <= landing:
+        # An autopilot that stops the motors in the air ends the flight by that.
+        if take_off <= start <= landing + RECOVERY_SECONDS:
             before = commands.within((take_off, start - 2 * RECOVERY_SECONDS))
             return (
                 before if len(before.time) else commands.within((take_off, start - LASTING_SECONDS))
@@ -211,6 +220,35 @@ def _change_of_commands(signals: Signals, ending: Fact) -> Facts:
         others_share_before=change.others(change.usual),
         others_share=others_share,
         is_at_limit=bool(is_at_limit),
+    )
+    return (fact,)
+
+
+def _change_of_mean_command(signals: Signals, ending: Fact) -> Facts:
+    """Returns the fact how the mean command of all motors fell when they idled.
+
+    Args:
+        signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.
+        ending: event with which the flight was lost, with its cause.
+
+    Returns:
+        One fact; empty if another cause was found, or there is no sample in flight before it or at it.
+    """
+    cause = ending.figures["cause"]
+    interval = _interval_at_failure(ending)
+    if signals.motors is None or interval is None or cause.code not in CAUSES_BY_ALL_MOTORS:
+        return ()
+    commands = signals.motors.range_fractions(ending.figures["boot"])
+    before = _usual_commands(signals, commands, ending).values
+    at_failure = commands.within(interval).values
+    if not len(before) or not len(at_failure):
+        return ()
+    fact = supporting_fact(
+        SensorFact.COMMANDS_CHANGED,
+        time=interval[0],
+        share_before=float(np.median(before.mean(axis=1))),
+        share=float(np.median(at_failure.mean(axis=1))),
+        is_at_limit=False,
     )
     return (fact,)
 

@@ -320,7 +320,7 @@
     const chart = new uPlot(options, columns, figure.querySelector(".plot"));
     chart.data_ = data;
     addLegend(figure, data, chart);
-    followTouch(chart);
+    followTouch(chart, group);
     if (group) {
       if (strip) group.modes = data.spans;
       group.charts.push(chart);
@@ -395,7 +395,7 @@
       data.lines.forEach((line, i) => data.values[i].textContent = isNear ? digits(line.y[idx] == null ? null : Number(line.y[idx].toPrecision(4))) : "");
       return;
     }
-    const { heat, rows, ends, range } = data.lines[0], hovered = inside && chart.over.matches(":hover");
+    const { heat, rows, ends, range } = data.lines[0], hovered = inside && (chart.touched || chart.over.matches(":hover"));
     data.at.textContent = inside ? onAxis(x, data.x) : "";
     if (!hovered) return;
     const [first, last] = data.columns, y = chart.posToVal(top, "y"), bytes = data.bytes ??= Uint8Array.from(atob(heat), c => c.charCodeAt(0)), count = bytes.length / rows;
@@ -409,14 +409,53 @@
     for (const chart of group.charts) chart.setCursor({ left: chart.valToPos(x, "x"), top: 1 }, true, false);
   };
 
-  // A finger that moves to the sides over a chart moves its cursor; up and down it scrolls the page.
-  const followTouch = chart => {
-    chart.over.style.touchAction = "pan-y";
-    for (const kind of ["pointerdown", "pointermove"]) chart.over.addEventListener(kind, event => {
+  // Fingers on a chart. One moves the cursor of its group; two zoom and shift the group, so that the place under each
+  // stays under it; a double tap shows the whole again. Up and down the page scrolls, which ends what a finger does.
+  const DOUBLE_TAP_MS = 350, TAP_PIXELS = 20, LEAST_SPAN = 0.1;
+  const followTouch = (chart, group) => {
+    const { over } = chart, fingers = new Map();
+    let held = null, moved = false, lastTap = null;
+    over.style.touchAction = "pan-y";
+    const placeOf = event => ({ left: event.clientX - over.getBoundingClientRect().left, top: event.clientY - over.getBoundingClientRect().top });
+    const moveCursor = ({ left, top }) => {
+      chart.touched = true; // a finger hovers over nothing
+      const x = chart.posToVal(Math.max(0, Math.min(left, over.clientWidth)), "x");
+      if (group) setCursor(group, x);
+      if (!group || chart.data_.picture) chart.setCursor({ left, top }, true, false);
+    };
+    const pinch = () => {
+      const [one, other] = [...fingers.values()].map(({ left }) => left), distance = other - one;
+      const apart = Math.abs(distance) < TAP_PIXELS ? TAP_PIXELS * (Math.sign(distance) || 1) : distance;
+      const [first, last] = group.whole, slope = (held[1] - held[0]) / apart;
+      const span = Math.max(LEAST_SPAN, Math.min(slope * over.clientWidth, last - first));
+      const min = Math.max(first, Math.min(held[0] - slope * one, last - span));
+      if (slope > 0) zoom(group, min, min + span);
+    };
+    over.addEventListener("pointerdown", event => {
       if (event.pointerType !== "touch") return;
-      const { left, top } = chart.over.getBoundingClientRect();
-      chart.setCursor({ left: event.clientX - left, top: event.clientY - top }, true);
+      fingers.set(event.pointerId, placeOf(event));
+      moved = fingers.size > 1;
+      if (fingers.size === 1) moveCursor(placeOf(event));
+      held = fingers.size === 2 ? [...fingers.values()].map(({ left }) => chart.posToVal(left, "x")) : null;
     });
+    over.addEventListener("pointermove", event => {
+      const start = fingers.get(event.pointerId), place = placeOf(event);
+      if (!start) return;
+      if (Math.hypot(place.left - start.left, place.top - start.top) > 2) moved = true;
+      fingers.set(event.pointerId, place);
+      if (fingers.size === 1) moveCursor(place); else if (held && group) pinch();
+    });
+    for (const kind of ["pointerup", "pointercancel"]) over.addEventListener(kind, event => {
+      if (!fingers.delete(event.pointerId)) return;
+      held = null;
+      if (kind === "pointercancel" || moved || fingers.size) return;
+      const tap = { time: event.timeStamp, ...placeOf(event) };
+      const isDouble = lastTap && tap.time - lastTap.time < DOUBLE_TAP_MS && Math.hypot(tap.left - lastTap.left, tap.top - lastTap.top) < TAP_PIXELS;
+      lastTap = isDouble ? null : tap;
+      if (isDouble && group) zoom(group, ...group.whole);
+    });
+    // A browser makes a tap a mouse's click too, which would move one chart's cursor away from the others'.
+    over.addEventListener("touchend", event => event.cancelable && event.preventDefault(), { passive: false });
   };
 
   const charts = new Map(), figures = [...document.querySelectorAll("figure.chart")];

@@ -3,7 +3,7 @@
 from collections.abc import Iterable
 from typing import TYPE_CHECKING
 
-from mavdem.facts import Fact, Facts
+from mavdem.facts import Fact, Facts, NamedFacts
 from mavdem.facts.ending import Ending
 from mavdem.facts.margins import MarginsLight
 from mavdem.report.blocks import Sentence
@@ -61,6 +61,30 @@ def cause_sentences(fact: Fact) -> list[Sentence]:
     return [] if fact.code in Ending else evidence_sentences(fact)
 
 
+def headline_evidence(fact: Fact, lights: NamedFacts) -> list[Sentence]:
+    """Returns the sentence with the evidence for a headline: that for its cause or, if that has none, for the event.
+
+    What followed a known cause stands in the list of events. An event that only the autopilot reports, such as an empty
+    battery, has what its light measured as evidence, if that warns too.
+
+    Args:
+        fact: the headline.
+        lights: the judgement of each part of the vehicle, a fact with a level, by name.
+
+    Returns:
+        A list with one sentence; empty if nothing shows the headline but itself.
+    """
+    # Imported here, since pages without a headline need nothing of it.
+    from mavdem.assessment.event_lights import light_of_event
+
+    light = light_of_event(fact)
+    measured = None if light is None else lights.get(light)
+    sentences = cause_sentences(fact) or evidence_sentences(fact)
+    if sentences or measured is None or not measured.warns or measured.code is fact.code:
+        return sentences
+    return [Sentence(measured.sentence, "Why:")]
+
+
 def _witnesses_of_cause(fact: Fact) -> Facts:
     """Returns the facts of sensors that confirm the cause of an event; empty without a cause or such facts."""
     cause = fact.figures.get("cause")
@@ -103,4 +127,9 @@ def margin_sentences(fact: Fact, loops: "LoopsByAxis", margins: Iterable[Fact]) 
 
 def evidence_text(fact: Fact) -> str:
     """Returns the evidence for an event as text with its lead, for a table; empty if the event was not checked."""
-    return " ".join(f"{sentence.lead} {sentence.text}" for sentence in evidence_sentences(fact))
+    return text_with_leads(evidence_sentences(fact))
+
+
+def text_with_leads(sentences: Iterable[Sentence]) -> str:
+    """Returns sentences with their leads as one text; empty without any."""
+    return " ".join(f"{sentence.lead} {sentence.text}" for sentence in sentences)

@@ -618,6 +618,15 @@ def test_of_a_motor_without_output_the_evidence_is_that_its_command_fell():
     )
 
 
+def test_motors_that_idled_together_show_it_in_their_mean_command():
+    telemetry = driven(falling(leaning(flight(), ASIDE, 120.0, 100.0)), ALL, 1100.0)
+    ending, (fall,) = evidence_of_cause(telemetry)
+    assert ending.figures["cause"].code is FailedFirst.ALL_OFF_FIRST
+    assert fall.figures["share"] < 0.5 * fall.figures["share_before"]
+    assert fall.time == approx(FAILS, abs=0.15)
+    assert str(fall).startswith("The mean command of all motors fell from its usual ")
+
+
 def test_a_height_that_diverged_brings_its_own_evidence():
     witness = Fact(SensorFact.GRAVITY_WRONG, time=2.0, acceleration=7.8, part="at rest")
     divergence = Fact(MotionEvent.HEIGHT_DIVERGED, time=2.0, boot=0, witnesses=(witness,))

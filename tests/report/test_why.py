@@ -6,11 +6,13 @@ from mavdem.facts import Fact, Level
 from mavdem.facts.ending import Ending, FailedFirst, MotionEvent
 from mavdem.facts.events import ReportedEvent
 from mavdem.facts.margins import MarginsLight
+from mavdem.facts.power import PowerLight
 from mavdem.facts.witnesses import SensorFact
 from mavdem.report.why import (
     cause_sentences,
     evidence_sentences,
     evidence_text,
+    headline_evidence,
     margin_sentences,
 )
 from mavdem.witnesses.sensor_facts import (
@@ -62,6 +64,15 @@ def test_what_shows_the_cause_comes_before_what_followed_and_alone_on_the_termin
     # What followed a loss is no evidence for a cause that is not known.
     assert not cause_sentences(lost.replace(cause=None))
     assert cause_sentences(hit(SANK, KNOCKED)) == evidence_sentences(hit(SANK, KNOCKED))
+
+
+def test_a_report_of_the_autopilot_alone_has_what_its_light_measured_as_evidence():
+    spent = Fact(ReportedEvent.BATTERY_SPENT, time=5.0, subject="battery 2")
+    low = Fact(PowerLight.SUPPLY_LOW, Level.BAD, voltage=4.4, voltage_limit=4.5)
+    (why,) = headline_evidence(spent, {"power": low})
+    assert (why.lead, why.text) == ("Why:", low.sentence)
+    assert not headline_evidence(spent, {"power": spent})
+    assert not headline_evidence(spent, {"power": low.replace(Level.GOOD)})
 
 
 def test_what_stands_askew_is_not_called_upright():

@@ -86,7 +86,12 @@ from mavdem.report.templates import (
 )
 from mavdem.report.trust import trust_table
 from mavdem.report.truth import truth_blocks
-from mavdem.report.why import evidence_sentences, evidence_text, margin_sentences
+from mavdem.report.why import (
+    evidence_text,
+    headline_evidence,
+    margin_sentences,
+    text_with_leads,
+)
 from mavdem.witnesses import SensorTrust
 
 if TYPE_CHECKING:
@@ -170,11 +175,12 @@ def log_page(
         changes = gain_changes(name, vehicle, advice, assessment.next_step)
     with sentences_for(Medium(has_terminal=False, has_gain_table=changes is not None)):
         timeline = assessment_timeline(assessment, has_all_flights=True)
+        evidence = headline_evidence(assessment.headline, assessment.lights)
         events = _numbered_events(
             assessment.events,
             timeline,
             str(assessment.next_step),
-            evidence_text(assessment.headline),
+            text_with_leads(evidence),
         )
         if timeline is not None:
             timeline = timeline._replace(event_labels=_labels_in_charts(events, timeline))
@@ -200,7 +206,7 @@ def log_page(
         # The witnesses of the headline and the next step follow it; the lights stand in a grid below them.
         summary = [
             sentences.headline,
-            *evidence_sentences(assessment.headline),
+            *evidence,
             *_margin_sentences(assessment),
             sentences.next_step,
         ]

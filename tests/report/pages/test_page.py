@@ -29,7 +29,8 @@ from mavdem.ingest import read_log
 from mavdem.live.history import LiveHistory
 from mavdem.live.session_status import SessionStatus
 from mavdem.report.blocks import headline_sentence
-from mavdem.report.charts.timeline import assessment_timeline, live_timeline
+from mavdem.report.charts.chart import Line, over_time
+from mavdem.report.charts.timeline import Timeline, assessment_timeline, live_timeline
 from mavdem.report.pages.flight_page import (
     flight_page,
     live_page,
@@ -186,6 +187,68 @@ def test_dragging_over_one_plot_zooms_all_and_a_button_shows_the_whole_flight(
     assert_allclose(zoomed, 15.0, atol=0.5)
     assert_allclose(wider, 30.0, atol=1.0)
     assert_allclose(whole, 60.0, atol=0.5)
+
+
+TOUCHED = """(() => {
+const {charts} = document.documentElement.charts.groups.flight, {x} = charts[0].scales;
+const cursors = charts.map(({cursor, posToVal}) => cursor.left < 0 ? null : posToVal(cursor.left, "x"));
+return {span: [x.min, x.max], cursors, scrolled: scrollY};
+})()"""
+"""What a finger changes: the shown span of time, the time under each plot's cursor, and how far the page scrolled."""
+
+
+@mark.slow
+def test_fingers_on_a_plot_move_all_cursors_zoom_and_scroll(flight, tmp_path, browser):
+    (tmp_path / "page.html").write_text(flight)
+    with browser.tab() as tab:
+        tab.size(390)
+        tab.command("Emulation.setTouchEmulationEnabled", enabled=True, maxTouchPoints=2)
+        tab.open((tmp_path / "page.html").as_uri())
+        tab.until("document.documentElement.charts.groups.flight?.charts.length > 3")
+        tab.run("document.querySelector('#flight .charts').scrollIntoView()")
+        left, top, width = tab.run("""(() => {
+            const plot = document.querySelectorAll("#flight .u-over")[1].getBoundingClientRect();
+            return [plot.left, plot.top + plot.height / 2, plot.width];
+        })()""")
+
+        def touch(kind, *places, above=0.0):
+            """Fingers do something at these fractions of the plot's width."""
+            points = []
+            for number, place in enumerate(places):
+                points.append({"id": number, "x": left + width * place, "y": top - above})
+            tab.command("Input.dispatchTouchEvent", type=kind, touchPoints=points)
+
+        first = tab.run(TOUCHED)
+        touch("touchStart", 0.3)
+        touch("touchMove", 0.4)
+        touch("touchMove", 0.5)
+        touch("touchEnd")
+        dragged = tab.run(TOUCHED)
+        touch("touchStart", 0.4)
+        touch("touchStart", 0.4, 0.6)
+        touch("touchMove", 0.3, 0.7)
+        touch("touchMove", 0.2, 0.8)
+        touch("touchEnd")
+        pinched = tab.run(TOUCHED)
+        for _ in range(2):
+            touch("touchStart", 0.2)
+            touch("touchEnd")
+        tapped = tab.run(TOUCHED)
+        touch("touchStart", 0.5)
+        for step in range(10):
+            touch("touchMove", 0.5, above=20.0 * step)
+        touch("touchEnd")
+        tab.until(f"scrollY > {first['scrolled'] + 50}")
+        scrolled = tab.run(TOUCHED)
+    # One finger: the same time under the cursors of all plots, the same span, no scrolling.
+    middle = sum(first["span"]) / 2
+    assert_allclose(dragged["cursors"], middle, atol=0.3)
+    assert (dragged["span"], dragged["scrolled"]) == (first["span"], first["scrolled"])
+    # Two fingers that part: a third of the time, around the same place.
+    low, high = pinched["span"]
+    assert high - low == approx((first["span"][1] - first["span"][0]) / 3, rel=0.1)
+    assert low < middle < high
+    assert tapped["span"] == first["span"] == scrolled["span"]
 
 
 USED = """(async () => {
@@ -502,3 +565,30 @@ def test_a_section_shows_its_sentence_and_opens_where_it_is_to_be_watched():
     assert "In flight IMU 20 to 25 °C." in temperatures and "rating" not in temperatures
     assert recording.startswith(" open>") and '"rating watch"' in recording
     assert "longest gap in flight 1.5 s, from 15.0 s." in recording
+
+
+@mark.slow
+def test_a_phone_shows_what_happened_before_plots_and_closes_further_plots(tmp_path, browser):
+    time = np.linspace(0.0, 10.0, 50)
+    charts = [
+        over_time(f"Battery {n}", "V", [Line("voltage", "#1f7ad6", time, time)]) for n in range(6)
+    ]
+    head = Head(
+        Level.GOOD,
+        {},
+        [PageEvent(Event(2.0, Fact(MotionEvent.FELL, time=2.0, speed=6.0)))],
+        timeline=Timeline(tuple(charts), (0.0, 10.0)),
+    )
+    (tmp_path / "page.html").write_text(render_document("x", "", [], head=head))
+    parts = """["#result", "#flight .events", "#flight figure.chart"].map(
+        name => document.querySelector(name).getBoundingClientRect().top)"""
+    is_open = "document.querySelector('#flight .more').open"
+    with browser.tab() as tab:
+        tab.size(390)
+        tab.open((tmp_path / "page.html").as_uri())
+        tab.until("document.documentElement.charts.groups.flight")
+        tops, is_open_on_phone = tab.run(f"[{parts}, {is_open}]")
+        tab.size(1280)
+        tab.until(is_open)
+    assert tops == sorted(tops)
+    assert not is_open_on_phone
