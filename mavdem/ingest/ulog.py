@@ -119,7 +119,7 @@ def read_ulog(path: PathName) -> Log:
         source_names=translation.topic_names,
         firmware=_firmware_name(information),
         dropouts=len(other_records.dropout_durations),
-        board=str(information.get("sys_uuid", "")).lower(),
+        board=_board_number(information),
         hardware=str(information.get("ver_hw", "")),
     )
     frames = parsed_records.data_records + len(other_records.texts)
@@ -355,6 +355,16 @@ def _file_repairs(other_records: OtherRecords, loss: RecordLoss, outlier_count: 
         longest_gap=durations.max(initial=0),
     )
     return damage + wrong_stamps + interruptions
+
+
+def _board_number(information: Mapping[str, object]) -> str:
+    """Returns the serial number of the board, hexadecimal; empty without one, or if zeros made it anonymous.
+
+    Args:
+        information: Values that the log has about the system.
+    """
+    number = str(information.get("sys_uuid", "")).lower()
+    return number if number.strip("0") else ""
 
 
 def _firmware_name(information: Mapping[str, object]) -> str:

@@ -1,6 +1,6 @@
 """Position: whether the estimator reports that it has one, and whether GPS had a fix."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -35,7 +35,8 @@ A relative position, of optical flow, counts for vehicles that never have an abs
 def position_validity(signals: Signals) -> TimeSeries | None:
     """Determines at which times the estimator reports a horizontal position.
 
-    It is the validity flag of PX4's vehicle_local_position, or the flags of the estimator status.
+    It is the validity flag of PX4's vehicle_local_position, or the flags of the estimator status. An ArduPilot that
+    never sets these flags has no position while it assumes a standstill.
 
     Args:
         signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.
@@ -55,6 +56,9 @@ def position_validity(signals: Signals) -> TimeSeries | None:
             # A flag that is never set is not filled in by this estimator.
             if has_position.any():
                 return TimeSeries(flags.time, flags.boot, has_position.astype(float))
+    standstill = assumed_standstill(signals)
+    if standstill is not None and standstill.values.any():
+        return replace(standstill, values=1.0 - standstill.values)
     return None
 
 

@@ -114,6 +114,17 @@ def test_an_estimator_that_stays_at_its_origin_gives_no_distance():
     assert total_distance(flown_flights(Signals(telemetry))) is None
 
 
+def test_an_estimator_that_assumes_a_standstill_gives_no_distance():
+    """It integrates accelerations, so that its position moves."""
+    telemetry = flying_north()
+    time = telemetry.messages["LOCAL_POSITION_NED"]["time"]
+    velocity_and_height = 1 | 4 | 32
+    for standstill, is_known in ((128, False), (0, True)):
+        status = columns(time, flags=velocity_and_height | standstill)
+        flights = flown_flights(Signals(changed(telemetry, "EKF_STATUS_REPORT", **status)))
+        assert (total_distance(flights) is not None) is is_known
+
+
 def test_a_short_time_just_off_the_ground_is_a_hop_and_no_flight():
     time = HOVER.stamps(10.0)
     beat = HOVER.stamps(2.0)

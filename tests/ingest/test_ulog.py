@@ -328,6 +328,14 @@ def test_defaults_are_those_of_the_airframe_where_the_log_has_any(tmp_path):
     assert vehicle.changed_defaults == {"GAIN": 0.125}
 
 
+@mark.parametrize("number, board", [("00060000AB", "00060000ab"), ("0000000000", "")])
+def test_a_serial_number_of_zeros_names_no_board(tmp_path, number, board):
+    """As in logs that were made anonymous: they would all be of one vehicle."""
+    key = f"char[{len(number)}] sys_uuid".encode()
+    information = message("I", bytes([len(key)]) + key + number.encode())
+    assert vehicle_in(tmp_path, *flight(TIMES[:9]), parameters=information).board == board
+
+
 def test_damaged_levels_of_texts_and_stamps_of_another_type_are_left_out(tmp_path):
     texts = [message("L", struct.pack("<BQ", level, 21_000_000) + b"odd") for level in (3, 51, 255)]
     topic = b"vehicle_torque_setpoint:"
