@@ -410,7 +410,12 @@ def _print_fleet(
     print_blocks(fleet_blocks(pages.summaries, names=pages.names))
     labels_without_baseline = []
     for vehicle, (latest_row, _) in differences.items():
-        label = vehicle_label(vehicle, latest_row.frame or "", pages.names)
+        label = vehicle_label(
+            vehicle,
+            latest_row.frame or "",
+            pages.names,
+            is_shared=not latest_row.has_own_name,
+        )
         if vehicle in blocks_by_vehicle:
             print_blocks([headline_sentence(f"{label}:"), *blocks_by_vehicle[vehicle]])
         else:

@@ -39,3 +39,8 @@ def system_id_name(autopilot: str, system: int) -> str:
         system: MAVLink system id.
     """
     return f"{autopilot}-{system}".lower()
+
+
+def autopilot_of_system_id_name(name: str) -> str:
+    """Returns the autopilot in a name that :func:`system_id_name` has made, as MAV_AUTOPILOT without its prefix."""
+    return name.rpartition("-")[0].upper()

@@ -15,6 +15,7 @@ from mavdem.facts.lights import Light
 from mavdem.facts.motors import motor_number
 from mavdem.fleet.comparability import STATE_NAMES
 from mavdem.fleet.difference import VehicleDifference
+from mavdem.fleet.names import NO_NAMES
 from mavdem.fleet.parameter_changes import ParameterChange, axes_of_parameter
 from mavdem.fleet.quantities import (
     ATTITUDE_GAIN_MARGIN,
@@ -42,6 +43,7 @@ from mavdem.fleet.report_columns import value_at
 from mavdem.fleet.row import UNKNOWN, FlightRow
 from mavdem.ingest.vocabulary import RATE_PID_GAINS
 from mavdem.report.blocks import Blocks, Rated, Sentence, Table, caution, shortened
+from mavdem.report.fleet import vehicle_type
 from mavdem.report.numbers import counted, listed, plus_minus, rounded, without_remark
 from mavdem.report.templates import capitalize_first, render_section, without_full_stop
 
@@ -1080,12 +1082,17 @@ def _identity_cautions(difference: VehicleDifference) -> Blocks:
         return [*render_section("difference_unnamed")]
     sentences = render_section(
         "difference_vehicles",
-        before=names_before,
-        after=names_after,
+        before=_shown_names(names_before, difference.shared),
+        after=_shown_names(names_after, difference.shared),
         are_two_vehicles=_are_two_vehicles(difference),
         shared_names=difference.shared,
     )
     return [caution(sentence.text) for sentence in sentences]
+
+
+def _shown_names(names: Names, shared_names: Collection[str]) -> list[str]:
+    """Returns names of vehicles as they are shown: of one by a system id that it is unnamed, as on other pages."""
+    return [vehicle_type(name, "", NO_NAMES, is_shared=name in shared_names) for name in names]
 
 
 def _are_two_vehicles(difference: VehicleDifference) -> bool:

@@ -6,6 +6,7 @@ from typing import NamedTuple
 from mavdem.facts import Level
 from mavdem.facts.lights import Light
 from mavdem.facts.motors import MotorHealth
+from mavdem.facts.vehicle import autopilot_of_system_id_name
 from mavdem.fleet.flights import (
     HEALTHS,
     AxisRows,
@@ -41,6 +42,9 @@ SERIAL_END_LENGTH = 6
 It has the place of the processor on its wafer, which ArduPilot writes first and PX4 last, and the lot of the wafer,
 which such boards share.
 """
+
+AUTOPILOT_NAMES = {"ARDUPILOTMEGA": "ArduPilot", "PX4": "PX4"}
+"""Names of autopilots by their MAV_AUTOPILOT."""
 
 NOT_USED = "not used"
 """What is shown in the place of the health of a log without a flight."""
@@ -118,31 +122,47 @@ def short_name(name: str) -> str:
     return f"{name[:SERIAL_START_LENGTH]}…{name[-SERIAL_END_LENGTH:]}"
 
 
-def vehicle_type(name: str, frame: str, names: GivenNames) -> str:
+def unnamed_vehicle(autopilot: str, frame: str) -> str:
+    """Returns what a vehicle is called that nothing identifies, such as "unnamed PX4 quadrotor".
+
+    Args:
+        autopilot: MAV_AUTOPILOT without its prefix; empty where it is not known.
+        frame: kind of its frame, such as "QUADROTOR"; empty where it is not known.
+    """
+    frame_words = frame.replace("_", " ").lower() or "vehicle"
+    autopilot_name = AUTOPILOT_NAMES.get(autopilot, "")
+    return " ".join(word for word in ("unnamed", autopilot_name, frame_words) if word)
+
+
+def vehicle_type(name: str, frame: str, names: GivenNames, *, is_shared: bool = False) -> str:
     """Returns what a vehicle is called at the beginning of its line: its name or, where that is a serial, its type.
 
     Args:
         name: what its logs call it.
         frame: kind of its frame, such as "QUADROTOR"; empty where it is not known.
         names: names that were given to vehicles.
+        is_shared: whether its logs have a system id only, which several vehicles may have.
     """
     if name in names.vehicles:
         return names.vehicle(name)
+    if is_shared and name != UNKNOWN:
+        return unnamed_vehicle(autopilot_of_system_id_name(name), frame)
     if not is_serial(name):
         return name
     return frame.replace("_", " ").capitalize() or "Vehicle"
 
 
-def vehicle_label(name: str, frame: str, names: GivenNames) -> str:
+def vehicle_label(name: str, frame: str, names: GivenNames, *, is_shared: bool = False) -> str:
     """Returns what a vehicle is called in a sentence: its name, or its type and both ends of its serial number.
 
     Args:
         name: what its logs call it.
         frame: kind of its frame, such as "QUADROTOR"; empty where it is not known.
         names: names that were given to vehicles.
+        is_shared: whether its logs have a system id only, which several vehicles may have.
     """
-    label = vehicle_type(name, frame, names)
-    if name in names.vehicles or not is_serial(name):
+    label = vehicle_type(name, frame, names, is_shared=is_shared)
+    if is_shared or name in names.vehicles or not is_serial(name):
         return label
     return f"{label} {short_name(name)}"
 

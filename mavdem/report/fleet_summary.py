@@ -1,7 +1,7 @@
 """The summary of many flights: vehicles that need a look, flights, logs that were not used, and their counts."""
 
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from datetime import datetime
 from pathlib import PurePath
 from typing import NamedTuple
@@ -75,15 +75,17 @@ def fleet_blocks(
             named_count += 1
             if summary.vehicle.health == UNKNOWN:
                 unjudged_count += 1
-    latest_bad = [
-        f"{name}: {as_clause(vehicles[name].texts.latest_flight)}"
-        for name in sorted(several)
-        if vehicles[name].last.badge_level is Level.BAD
-    ]
+    latest_bad = []
+    for name in sorted(several):
+        last_flight = vehicles[name].last
+        if last_flight.badge_level is Level.BAD:
+            label = vehicle_label(name, last_flight.frame, names, is_shared=True)
+            latest_bad.append(f"{label}: {as_clause(vehicles[name].texts.latest_flight)}")
     bad_count = _count_bad_unnamed_flights(summaries, vehicles_of_headline)
+    shared_names = {summary.name for summary in summaries if summary.has_shared_name}
     blocks = render_section(
         "fleet",
-        health=_health_summary(vehicles_of_headline, names),
+        health=_health_summary(vehicles_of_headline, names, shared_names),
         vehicles=named_count,
         # Otherwise some of the vehicles in the headline are flights under a shared name.
         are_all_named=named_count == len(vehicles_of_headline),
@@ -192,12 +194,15 @@ class HealthSummary(NamedTuple):
     """Number of vehicles whose motors are healthy."""
 
 
-def _health_summary(vehicles: Mapping[str, VehicleFlights], names: GivenNames) -> HealthSummary:
+def _health_summary(
+    vehicles: Mapping[str, VehicleFlights], names: GivenNames, shared_names: Collection[str]
+) -> HealthSummary:
     """Returns which vehicles need a look, which have recovered, and how many are healthy, for the fleet's headline.
 
     Args:
         vehicles: summary of each vehicle, by its name in the logs.
         names: names that were given to vehicles.
+        shared_names: those of the names in the logs that are system ids, which several vehicles may have.
     """
     urgent = []
     watched_count = 0
@@ -206,7 +211,8 @@ def _health_summary(vehicles: Mapping[str, VehicleFlights], names: GivenNames) -
     # The most urgent vehicle is named first.
     for name in sorted(vehicles, key=lambda name: (vehicles[name].urgency, name)):
         vehicle = vehicles[name]
-        label = vehicle_label(name, vehicle.last.frame, names)
+        is_shared = name in shared_names
+        label = vehicle_label(name, vehicle.last.frame, names, is_shared=is_shared)
         if vehicle.urgency.rank < MAX_URGENT_RANK:
             urgent.append(f"{label} ({as_clause(vehicle.texts.latest_flight)})")
         elif vehicle.last.badge_level is Level.WATCH:

@@ -10,8 +10,9 @@ from mavdem.facts import Level
 from mavdem.facts.lights import Light
 from mavdem.facts.motors import MotorHealth
 from mavdem.fleet.flights import AxisRows, log_row, worst_health
-from mavdem.fleet.names import content_hash
-from mavdem.report.fleet import TROUBLED_HEALTHS, badge, light_level
+from mavdem.fleet.names import NO_NAMES, content_hash
+from mavdem.fleet.row import SYSTEM_ID_BASIS
+from mavdem.report.fleet import TROUBLED_HEALTHS, badge, light_level, vehicle_type
 from mavdem.report.numbers import listed, rounded
 from mavdem.report.templates import rounded_up
 from mavdem.wind_velocity.beaufort import is_speed_known
@@ -39,6 +40,9 @@ class FlightLine(NamedTuple):
     file: str
     """Path or URL of its log."""
 
+    vehicle: str
+    """What its log calls the vehicle."""
+
     cells: list[str]
     """The cells, one for each of the ``COLUMNS``."""
 
@@ -57,7 +61,12 @@ def flight_line(flight: AxisRows) -> FlightLine:
     link = "" if first_row.page is None else quote(first_row.page, safe="/")
     cells = [column.cell(flight) for column in COLUMNS.values()]
     return FlightLine(
-        unix_time, content=content_hash(first_row.key), link=link, file=first_row.file, cells=cells
+        unix_time,
+        content=content_hash(first_row.key),
+        link=link,
+        file=first_row.file,
+        vehicle=first_row.vehicle,
+        cells=cells,
     )
 
 
@@ -84,8 +93,11 @@ def _file_name(flight: AxisRows) -> str:
 
 
 def _vehicle(flight: AxisRows) -> str:
-    """Returns the name of a flight's vehicle."""
-    return log_row(flight).vehicle
+    """Returns the name of a flight's vehicle; of one by a system id what it is, as "unnamed PX4 quadrotor"."""
+    row = log_row(flight)
+    if row.vehicle_basis != SYSTEM_ID_BASIS:
+        return row.vehicle
+    return vehicle_type(row.vehicle, row.frame or "", NO_NAMES, is_shared=True)
 
 
 def _date(flight: AxisRows) -> str:

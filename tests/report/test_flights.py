@@ -9,7 +9,7 @@ from pytest import mark
 
 from mavdem.fleet.difference import baseline_differences, vehicle_difference
 from mavdem.fleet.flights import group_into_flights
-from mavdem.fleet.names import GivenNames
+from mavdem.fleet.names import NO_NAMES, GivenNames
 from mavdem.fleet.parameter_changes import ParameterChange
 from mavdem.report import fleet_summary
 from mavdem.report.blocks import plain_text
@@ -21,6 +21,7 @@ from mavdem.report.difference import (
 )
 from mavdem.report.fleet import vehicle_health, vehicle_texts
 from mavdem.report.flight_lines import COLUMNS, flight_line
+from mavdem.report.pages.fleet_page import _named_cells
 from mavdem.report.vehicle_summary import vehicle_summaries
 
 
@@ -151,14 +152,28 @@ def test_flights_by_a_system_id_are_no_vehicle_until_they_are_judged_as_one():
     # A bad flight under such a name is counted once, as a flight.
     fell = replace(rows[1], headline="It fell.", headline_level="bad")
     text = plain_text(fleet_blocks([rows[0], fell, flight_row("quad", 0)]))
-    assert text.startswith("1 bad flight whose vehicle is not known needs a look: px4-1: it fell.")
+    assert text.startswith("1 bad flight whose vehicle is not known needs a look: unnamed PX4")
+    assert ": unnamed PX4 quadrotor: it fell." in text
     both = [replace(row, headline="It fell.", headline_level="bad") for row in rows]
     text = plain_text(fleet_blocks(both))
-    assert text.startswith("2 bad flights whose vehicle is not known need a look: among them px4-")
+    assert text.startswith("2 bad flights whose vehicle is not known need a look: among them unna")
     judged = [replace(row, health="fault") for row in rows]
     text = plain_text(fleet_blocks([*judged, flight_row("quad", 0)]))
-    assert "1 needs a look: px4-1 (fault)" in text and "2 flights whose logs" in text
+    assert (
+        "1 needs a look: unnamed PX4 quadrotor (fault)" in text and "2 flights whose logs" in text
+    )
     assert "3 flights of 1 vehicle and of unknown ones" in text
+    assert [COLUMNS["vehicle"].cell([row]) for row in (rows[0], flight_row("quad", 0))] == [
+        "unnamed PX4 quadrotor",
+        "quad",
+    ]
+    line = flight_line(rows)
+    named = GivenNames(vehicles={"px4-1": "Red quad"})
+    assert [_named_cells(line, names)[1] for names in (NO_NAMES, named)] == [
+        "unnamed PX4 quadrotor",
+        "Red quad",
+    ]
+    assert "px4-1" not in text
     assert "these may be several" in vehicle_texts([[row] for row in judged]).all_flights
 
 

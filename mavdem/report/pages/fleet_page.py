@@ -182,7 +182,8 @@ def _named_cells(line: FlightLine, names: GivenNames) -> list[str]:
     """Returns the cells of a flight's line, with the names that the flight and its vehicle were given."""
     cells = dict(zip(COLUMNS, line.cells, strict=True))
     cells["flight"] = names.flights.get(line.content) or cells["flight"]
-    cells["vehicle"] = names.vehicle(cells["vehicle"])
+    if line.vehicle in names.vehicles:
+        cells["vehicle"] = names.vehicle(line.vehicle)
     return [*cells.values()]
 
 
@@ -311,12 +312,14 @@ def _vehicle_sections(
         vehicle = vehicles[name]
         latest_line = latest_lines[name]
         needs_look = vehicle.urgency.rank < MAX_URGENT_RANK
+        is_shared = name in shared_names
+        label = vehicle_type(name, vehicle.last.frame, names, is_shared=is_shared)
         sections.append(
             VehicleSection(
                 name=name,
-                label=vehicle_type(name, vehicle.last.frame, names),
-                serial=_text_beside_label(name, names, is_shared=name in shared_names),
-                searched=names.vehicle(name),
+                label=label,
+                serial=_text_beside_label(name, names, is_shared=is_shared),
+                searched=label if is_shared else names.vehicle(name),
                 last=vehicle.last,
                 link=latest_line.link if latest_line is not None else "",
                 other_lights=_other_lights(vehicle.last),

@@ -30,7 +30,13 @@ from mavdem.report.blocks import Block
 from mavdem.report.charts.chart import MAX_POINTS_OF_SMALL_PAGE, Group
 from mavdem.report.charts.timeline import history_timeline
 from mavdem.report.charts.vehicle_charts import vehicle_group
-from mavdem.report.fleet import HEALTH_LEVELS, motors_level, vehicle_label, vehicle_texts
+from mavdem.report.fleet import (
+    HEALTH_LEVELS,
+    motors_level,
+    unnamed_vehicle,
+    vehicle_label,
+    vehicle_texts,
+)
 from mavdem.report.flight_lines import wind_speed_text
 from mavdem.report.pages.environment import environment, render_page
 from mavdem.report.pages.motor_trouble import MotorTrouble, with_motor_trouble
@@ -47,9 +53,6 @@ MAX_FLIGHTS_OF_LOG = 12
 
 MAX_VEHICLE_LINKS = 5
 """Vehicles that the bar at the top has as links; more are in a list that is unfolded, which has room for all."""
-
-AUTOPILOT_NAMES = {"ARDUPILOTMEGA": "ArduPilot", "PX4": "PX4"}
-"""Names of autopilots by their MAV_AUTOPILOT."""
 
 METRES_PER_KILOMETRE = 1000
 """Metres of a kilometre."""
@@ -163,9 +166,7 @@ class _FlightOfVehicle(Protocol):
 
 def _unnamed_vehicle(flight: _FlightOfVehicle) -> str:
     """Returns what the vehicle of a flight is called that nothing identifies, such as "unnamed PX4 quadrotor"."""
-    frame = flight.frame.replace("_", " ").lower() or "vehicle"
-    autopilot = AUTOPILOT_NAMES.get(flight.autopilot, "")
-    return " ".join(word for word in ("unnamed", autopilot, frame) if word)
+    return unnamed_vehicle(flight.autopilot, flight.frame)
 
 
 def _utc_text(seconds: float) -> str:

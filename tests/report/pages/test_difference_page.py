@@ -14,6 +14,7 @@ from mavdem.report.charts.change_plan import change_plan
 from mavdem.report.charts.chart import Axis, Chart, Line
 from mavdem.report.difference import (
     bound_sentences,
+    difference_blocks,
     headline_of_comparison,
     light_blocks,
     motor_table,
@@ -103,6 +104,16 @@ def test_that_they_are_two_vehicles_comes_first():
     assert page.index("are two vehicles") < page.index("No compared figure differs")
     # The style of the lights of a flight's page is not that of a table of two.
     assert 'id="lights"' not in page
+
+
+def test_vehicles_without_a_name_are_called_so():
+    px4, ardupilot = (
+        flight_row(name, 0, vehicle_basis="system id") for name in ("px4-1", "ardupilotmega-1")
+    )
+    first, *_ = headline_of_comparison({}, vehicle_difference([px4], [ardupilot]))
+    assert "two vehicles: unnamed PX4 vehicle and unnamed ArduPilot vehicle." in first.text
+    blocks = difference_blocks(vehicle_difference([px4], [flight_row("px4-1", 1)]))
+    assert blocks[0].text.startswith("The logs name no vehicle, only a MAVLink system id (px4-1),")
 
 
 def test_still_air_comes_from_nowhere():
