@@ -252,6 +252,8 @@ class Viewer(Document):
 
     address: str
     """of its page"""
+    data_address: str
+    """from which a viewer loads the recording, such as rerun+http://127.0.0.1:9876/proxy"""
 
 
 ANSWERS = (

@@ -47,6 +47,7 @@ from mavdem.serve.requests import (
 )
 from mavdem.serve.search import UNFINISHED_SQL, SqlCondition
 from mavdem.serve.uploads import MAX_FILES, UploadForm, receive_form, require_log_file
+from mavdem.serve.viewers import RecordingViewer
 from mavdem.serve.visible_library import VisibleLibrary
 
 MAX_UPLOADS = 32
@@ -98,7 +99,7 @@ class Api:
         self,
         visible: VisibleLibrary,
         log_added: Callable[[], None],
-        open_recording: Callable[[Path], str] | None,
+        viewer: RecordingViewer | None,
         fields: FieldStore,
     ) -> None:
         """Takes what the endpoints work on.
@@ -106,14 +107,14 @@ class Api:
         Args:
             visible: the library, with the access rights.
             log_added: function that is called after logs were added to the library, or recordings were requested.
-            open_recording: opens a recording in a viewer and returns its address; None if that is not possible.
+            viewer: shows recordings in a viewer on this machine; None if that is not possible.
             fields: the columns of the logs whose fields are plotted.
         """
         self._visible_library = visible
         self._library = visible.library
         self._rights = visible.rights
         self._log_added = log_added
-        self._open_recording = open_recording
+        self._viewer = viewer
         self._fields = fields
         self._uploads = 0
         self._progress_streams = 0
@@ -351,7 +352,7 @@ class Api:
         return self._library.results_folder(entry) / REPORT_FILE if entry.digest else None
 
     def open_viewer(self, request: HttpRequest) -> Response:
-        """Opens the recording of a flight in a viewer on this machine, and answers with the viewer's address.
+        """Opens the recording of a flight in a viewer on this machine, and answers with the address of its page.
 
         A recording that does not exist yet is made first; until it is complete, each call answers with its progress.
 
@@ -359,19 +360,21 @@ class Api:
             request: the request, with the id of the flight in its path.
 
         Returns:
-            JSON with the address of the viewer, or with the progress of the recording.
+            JSON with the addresses of the viewer, or with the progress of the recording.
 
         Raises:
             Refusal: the sender may not start programs here, there is no such flight, or it has no recording.
         """
         self._rights.require(request, Permission.WRITE)
         entry = self._visible_library.entry(request, request.path_params["id"])
-        if self._open_recording is None or RECORDING_FILE not in entry.file_names:
+        if self._viewer is None or RECORDING_FILE not in entry.file_names:
             raise Refusal(reason_without_file(entry, RECORDING_FILE))
         recording = self._library.results_folder(entry) / RECORDING_FILE
         if not recording.is_file():
             return self.make_recordings(request)
-        return _json(Viewer(address=self._open_recording(recording)))
+        data_address = self._viewer.open(recording)
+        page_address = f"{str(request.base_url).rstrip('/')}/f/{entry.id}/viewer"
+        return _json(Viewer(address=page_address, data_address=data_address))
 
     async def set_baseline(self, request: HttpRequest) -> Response:
         """Sets the healthy flights with which others are compared, and answers with the same document."""

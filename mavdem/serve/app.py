@@ -18,8 +18,10 @@ from mavdem.serve.library import Library
 from mavdem.serve.link_monitor import LinkMonitor
 from mavdem.serve.live_pages import LivePages
 from mavdem.serve.pages import Pages
+from mavdem.serve.rerun_viewer import ViewerFiles
 from mavdem.serve.rights import Rights
 from mavdem.serve.sign_in import SignIn
+from mavdem.serve.viewers import RecordingViewer
 from mavdem.serve.visible_library import VisibleLibrary
 
 
@@ -45,7 +47,7 @@ class Server:
         rights: Rights,
         reading: BackgroundReading,
         sample_log: Path | None = None,
-        open_recording: Callable[[Path], str] | None = None,
+        viewer: RecordingViewer | None = None,
         monitor: LinkMonitor | None = None,
         fields: FieldStore | None = None,
     ) -> None:
@@ -56,8 +58,7 @@ class Server:
             rights: who may read, upload and change its flights.
             reading: threads that read the uploaded logs.
             sample_log: a log that visitors may try the server with.
-            open_recording: opens a recording in a viewer on this machine and returns its address; None if that is not
-                possible.
+            viewer: shows recordings in a viewer on this machine; None if that is not possible.
             monitor: monitor of a live link; None without one.
             fields: the columns of the logs whose fields are plotted; None for those of a process of its own.
         """
@@ -69,16 +70,19 @@ class Server:
             self._visible_library,
             reading.notify,
             sample_log,
-            open_recording,
+            has_viewer=viewer is not None,
             is_live=monitor is not None,
         )
         self._live_pages = LivePages(rights, monitor)
         self._sign_in = SignIn(rights)
+        self._viewer_files = ViewerFiles(
+            rights, lambda: None if viewer is None else viewer.program_port
+        )
         self._fields = fields or FieldStore()
         # The pages of flights have the scripts of the version that wrote them, which may be an earlier one.
         scripts = library.known_scripts(script_hashes())
         self._guard = Guard(rights, scripts, self._visible_library.visitor_values)
-        self._api = Api(self._visible_library, reading.notify, open_recording, self._fields)
+        self._api = Api(self._visible_library, reading.notify, viewer, self._fields)
 
     @cached_property
     def app(self) -> Starlette:
@@ -104,6 +108,8 @@ class Server:
             "POST /enter": sign_in.sign_in,
             "POST /leave": sign_in.sign_out,
             "GET /static/serve.js": pages.script,
+            "GET /static/rerun.js": self._viewer_files.script,
+            "GET /rerun/{name}": self._viewer_files.program_file,
             "GET /static/sample": pages.sample_log,
             "POST /upload": api.upload,
             "POST /{key}/upload": api.upload,

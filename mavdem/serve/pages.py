@@ -27,7 +27,6 @@ from mavdem.fleet.parameter_changes import changed_parameters, states_without_ga
 from mavdem.fleet.row import FlightRow, FlightRows
 from mavdem.fleet.workers import PAGES, POLL_SECONDS
 from mavdem.ingest.formats import detect_format
-from mavdem.machine import LOOPBACK
 from mavdem.report.blocks import Blocks
 from mavdem.report.charts.comparison_charts import FlightSeries
 from mavdem.report.difference import baseline_blocks
@@ -42,8 +41,10 @@ from mavdem.report.pages.library_page import (
 from mavdem.report.pages.motor_trouble import motor_trouble
 from mavdem.report.pages.page import PageLink
 from mavdem.results import PAGE_FILE, RECORDING_FILE, RECORDINGS
+from mavdem.serve.guard import POLICY_HEADER
 from mavdem.serve.index import LibraryEntry
 from mavdem.serve.recordings import RecordingRequests, reason_without_file
+from mavdem.serve.rerun_viewer import viewer_policy
 from mavdem.serve.search import search_problems, unknown_terms
 from mavdem.serve.stored_series import read_series
 from mavdem.serve.uploads import MAX_FILES
@@ -61,10 +62,6 @@ MAX_WAITING_DOWNLOADS = 100
 
 RECORDING_RETRY_SECONDS = 2
 """Seconds after which a recording that is being made may be requested again."""
-
-
-VIEWER_POLICY = f"frame-src http://{LOOPBACK}:*"
-"""What the page with Rerun's viewer may do besides others: show it in a frame, from a port of this machine."""
 
 
 def recordings_answer(recordings: Recordings) -> Response:
@@ -110,7 +107,8 @@ class Pages:
         visible: VisibleLibrary,
         recordings_wanted: Callable[[], None],
         sample_log: Path | None,
-        open_recording: Callable[[Path], str] | None,
+        *,
+        has_viewer: bool,
         is_live: bool,
     ) -> None:
         """Takes what the pages show.
@@ -119,7 +117,7 @@ class Pages:
             visible: the library, with the access rights.
             recordings_wanted: function that is called after recordings were requested.
             sample_log: a log that visitors may try the server with; None for no offer.
-            open_recording: opens a recording in a viewer on this machine; None if that is not possible.
+            has_viewer: whether recordings can be opened in a viewer on this machine.
             is_live: whether a live session has a page.
         """
         self._visible_library = visible
@@ -128,7 +126,7 @@ class Pages:
         self._recordings_wanted = recordings_wanted
         self._waiting_downloads = 0
         self._sample_log = sample_log
-        self._open_recording = open_recording
+        self._has_viewer = has_viewer
         self._is_live = is_live
 
     def list_flights(self, request: HttpRequest) -> Response:
@@ -212,7 +210,7 @@ class Pages:
             trouble = motor_trouble(row)
             values["previous"] = self._visible_library.previous_flight(entry)
         has_recording = RECORDING_FILE in entry.file_names
-        can_open = self._open_recording is not None and has_recording and values["may_read"]
+        can_open = self._has_viewer and has_recording and values["may_read"]
         with refuse_missing_file():
             html = path.read_text("utf-8")
         files = entry.file_names if is_stored else []
@@ -230,7 +228,7 @@ class Pages:
         )
 
     def viewer(self, request: HttpRequest) -> Response:
-        """Answers with the page that shows the recording of a flight in Rerun's viewer, in a frame.
+        """Answers with the page that shows the recording of a flight in Rerun's viewer.
 
         The page itself does not contain the recording. While it is visible, its script requests every half minute that
         the server keeps the viewer running, or starts it again. A server that cannot open recordings has no such page.
@@ -239,7 +237,7 @@ class Pages:
             request: the request, with the id of the flight in its path.
 
         Returns:
-            The page "viewer", whose security policy permits the frame.
+            The page "viewer", whose security policy permits the viewer's program.
 
         Raises:
             Refusal: the visitor may not read, there is no such flight, it has no recording, or the server has no
@@ -247,13 +245,18 @@ class Pages:
         """
         self._rights.require(request, Permission.READ)
         entry = self._visible_library.entry(request, request.path_params["id"])
-        has_viewer = self._open_recording is not None
-        if not has_viewer or RECORDING_FILE not in entry.file_names:
+        if not self._has_viewer or RECORDING_FILE not in entry.file_names:
             raise Refusal(reason_without_file(entry, RECORDING_FILE))
         visitor = self._visible_library.visitor_values(request)
         return HTMLResponse(
-            render_server_page("viewer", flight=entry, **visitor),
-            headers={"Content-Security-Policy": VIEWER_POLICY},
+            render_server_page(
+                "viewer",
+                flight=entry,
+                name=visitor["given"].flights.get(entry.content_hash) or entry.name,
+                back=PageLink("Flight", f"/f/{entry.id}"),
+                **visitor,
+            ),
+            headers={POLICY_HEADER: viewer_policy()},
         )
 
     def _page_path(self, entry: LibraryEntry, vehicle: str) -> Path:

@@ -107,7 +107,7 @@ def serve(
         rights,
         reading_threads,
         options.sample_log,
-        viewer.open if can_open_recordings else None,
+        viewer if can_open_recordings else None,
         monitor,
         FieldStore(options.limits),
     )

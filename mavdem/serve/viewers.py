@@ -60,7 +60,7 @@ class RecordingViewer:
             recording: path of the recording.
 
         Returns:
-            The address of its page.
+            The address from which a viewer loads the recording.
 
         Raises:
             Refusal: the viewer cannot be started.
@@ -79,7 +79,7 @@ class RecordingViewer:
                 ).start()
             self._opened = time.monotonic()
             self._last_visit = self._opened
-            return server.page
+            return server.url
 
     def _end_unused_viewer(self, server: WebServer) -> None:
         """Runs in a thread for each viewer: ends the viewer when nobody uses it any more.
@@ -104,6 +104,12 @@ class RecordingViewer:
                 if is_tab_closed or is_idle:
                     self.close()
                     return
+
+    @property
+    def program_port(self) -> int | None:
+        """Port of this machine at which the running viewer has its program; None while none runs."""
+        server = self._server
+        return None if server is None else server.page_port
 
     def close(self) -> None:
         """Ends the viewer if one runs."""

@@ -289,7 +289,9 @@ class WebServer(Viewer):
     """A server that shows the flight in browsers of this machine, until it is closed.
 
     Attributes:
-        page: the address for browsers.
+        page: the address of Rerun's own page for browsers.
+        port: port at which it receives recordings, and sends them to browsers.
+        page_port: port at which it has that page, and the program of the viewer.
         process: the server's.
     """
 
@@ -305,6 +307,8 @@ class WebServer(Viewer):
             OSError: a port is taken.
         """
         super().__init__(f"rerun+http://{LOOPBACK}:{port}/proxy")
+        self.port = port
+        self.page_port = page_port
         for number in (port, page_port):
             try:
                 socket.create_server((LOOPBACK, number)).close()

@@ -32,6 +32,7 @@ from mavdem.facts.serve import RefusalReason, Sharing, Stage, StartFailure
 from mavdem.facts.sources import SourceFact
 from mavdem.report.pages.library_page import interface_words
 from mavdem.serve import api, listening, uploads
+from mavdem.serve.guard import POLICY_HEADER
 from mavdem.serve.rights import Rights, rights_for_host
 from mavdem.serve.stored_files import refuse_full_disk
 from mavdem.serve.viewers import RecordingViewer
@@ -639,18 +640,19 @@ def test_the_first_visit_explains_itself_and_offers_a_sample(tmp_path):
 
 
 def test_a_recording_opens_in_a_viewer(tmp_path):
-    with serving(tmp_path, open_recording=lambda path: f"http://viewer/{path.name}") as server:
+    data = "rerun+http://127.0.0.1:9876/proxy"
+    with serving(tmp_path, viewer=Mock(**{"open.return_value": data})) as server:
         id = server.add("a.ulg", "One.")
         assert server.ask("POST", f"/api/flights/{id}/viewer", {}).status == 404
         id = server.add("b.ulg", "With a model.")
         assert server.ask("POST", f"/api/flights/{id}/viewer", {}).json["stage"] == "done"
         assert server.ask("POST", f"/api/flights/{id}/viewer", {}).json == {
-            "address": "http://viewer/flight.rrd"
+            "address": f"{server.address}/f/{id}/viewer",
+            "data_address": data,
         }
         assert 'id="rerun"' in server.get(f"/f/{id}").text
         page = server.get(f"/f/{id}/viewer")
-        policy = page.headers["Content-Security-Policy"]
-        assert 'id="viewer"' in page.text and policy.endswith("frame-src http://127.0.0.1:*")
+        assert 'id="viewer"' in page.text and "http://127.0.0.1:*" in page.headers[POLICY_HEADER]
 
 
 def test_a_viewer_that_cannot_be_started_is_refused(tmp_path, monkeypatch):
@@ -658,7 +660,7 @@ def test_a_viewer_that_cannot_be_started_is_refused(tmp_path, monkeypatch):
         raise OSError("port 9876 is taken")
 
     monkeypatch.setattr("mavdem.view.WebServer", taken)
-    with serving(tmp_path, open_recording=RecordingViewer().open) as server:
+    with serving(tmp_path, viewer=RecordingViewer()) as server:
         id = server.add("a.ulg", "With a model.")
         server.get(f"/f/{id}/flight.rrd")
         refused = server.ask("POST", f"/api/flights/{id}/viewer", {})
@@ -672,7 +674,7 @@ def running_viewer(monkeypatch, process_id=0):
     with socket.create_server(("127.0.0.1", 0)) as listener:
         port = listener.getsockname()[1]
         monkeypatch.setattr("mavdem.serve.viewers.free_port", lambda: port)
-        viewer = Mock(page="http://viewer")
+        viewer = Mock(url="rerun+http://viewer/proxy")
         viewer.process.poll.return_value = None
         viewer.process.pid = process_id
         monkeypatch.setattr("mavdem.view.WebServer", start := Mock(return_value=viewer))
@@ -682,9 +684,10 @@ def running_viewer(monkeypatch, process_id=0):
 
 
 def test_a_viewer_that_answers_is_shown_until_another_recording_is_asked_for(monkeypatch):
+    viewer_address = "rerun+http://viewer/proxy"
     with running_viewer(monkeypatch) as (_, viewers, start):
         for name, count in (("a.rrd", 1), ("a.rrd", 1), ("b.rrd", 2)):
-            assert viewers.open(Path(name)) == "http://viewer" and start.call_count == count
+            assert viewers.open(Path(name)) == viewer_address and start.call_count == count
 
 
 def test_a_viewer_ends_when_its_tab_is_gone(monkeypatch):

@@ -1,5 +1,7 @@
 """The server's pages in Chromium: drop, progress, search, compare, share, delete, by keyboard, on a telephone, dark."""
 
+from unittest.mock import Mock
+
 from browsing import FITS, HOSTILE
 from pytest import mark
 from serving import TOKEN, log, serving
@@ -167,13 +169,15 @@ COUNT_REQUESTS = """(async () => {
 
 def test_a_page_that_waits_for_the_viewer_asks_once_a_second(tmp_path, browser):
     with (
-        serving(tmp_path / "served", is_eager=False, open_recording=lambda path: "") as server,
+        serving(
+            tmp_path / "served", is_eager=False, viewer=Mock(**{"open.return_value": ""})
+        ) as server,
         browser.tab() as page,
     ):
         id = server.add("a.ulg", "With a model.")
         server.work.run()
         page.open(f"{server.address}/f/{id}/viewer")
-        page.until("document.getElementById('viewer_problem').textContent")
+        page.until("document.getElementById('viewer_status').textContent")
         page.command("Emulation.setFocusEmulationEnabled", enabled=True)
         page.until("document.hasFocus()")
         assert 1 <= page.run(COUNT_REQUESTS) <= 2

@@ -81,6 +81,12 @@ def script() -> bytes:
 
 
 @cache
+def viewer_script() -> bytes:
+    """Returns the script of the page with Rerun's viewer, ``rerun.js``."""
+    return (files("mavdem.report") / "serve" / "rerun.js").read_bytes()
+
+
+@cache
 def script_hashes() -> Names:
     """Returns the SHA-256 hashes of the chart scripts, in the form in which a content security policy lists them."""
     hashes = []

@@ -276,8 +276,8 @@
     event.preventDefault();
     try { await makeRecordings(); location = link.href; } catch (error) { showRecordingProblem(error); }
   });
-  // The page around Rerun's viewer: while somebody looks at it, the viewer stays open; one that has ended is started again.
-  const viewerFrame = $("viewer"), VIEWER_SECONDS = 30;
+  // The page with Rerun's viewer: while somebody looks at it, the viewer stays open; one that has ended is started again.
+  const viewerCanvas = $("viewer"), VIEWER_SECONDS = 30;
   // One request and one timer at a time, however often the page gets the focus.
   let viewerTimer = 0, isAskingForViewer = false;
   const keepViewerOpen = async () => {
@@ -285,14 +285,16 @@
     isAskingForViewer = true;
     clearTimeout(viewerTimer);
     try {
-      const viewer = await callApi("POST", `/api/flights/${viewerFrame.dataset.id}/viewer`);
-      if (viewer.address && viewerFrame.getAttribute("src") !== viewer.address) viewerFrame.src = viewer.address;
-      $("viewer_problem").textContent = viewer.address ? "" : `${viewer.words} …`;
-      if (!viewer.address) viewerTimer = setTimeout(keepViewerOpen, 1000);
-    } catch (error) { $("viewer_problem").textContent = error.message; }
+      const viewer = await callApi("POST", `/api/flights/${viewerCanvas.dataset.id}/viewer`);
+      if (viewer.data_address) showInRerun(viewer.data_address);
+      else {
+        $("viewer_status").textContent = `${viewer.words} …`;
+        viewerTimer = setTimeout(keepViewerOpen, 1000);
+      }
+    } catch (error) { $("viewer_status").textContent = error.message; }
     isAskingForViewer = false;
   };
-  if (viewerFrame) {
+  if (viewerCanvas?.dataset.id) {
     const keepOpenIfSeen = () => { if (document.visibilityState === "visible" && document.hasFocus()) keepViewerOpen(); };
     keepViewerOpen();
     setInterval(keepOpenIfSeen, 1000 * VIEWER_SECONDS);

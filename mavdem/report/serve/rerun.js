@@ -1,0 +1,67 @@
+"use strict";
+// Runs Rerun's viewer in the page, from the files of the viewer that runs on this machine; nothing comes from elsewhere.
+(() => {
+  // Pixels of width from which the panels of a dashboard stand beside each other and can be read.
+  const MIN_WIDTH = 900, BYTES_PER_MEGABYTE = 1e6, CRASH_CHECK_MILLISECONDS = 1000;
+  const canvas = document.getElementById("viewer"), status = document.getElementById("viewer_status"), narrow = document.getElementById("narrow");
+  const tell = (text, isProblem = false) => {
+    status.textContent = text;
+    status.classList.toggle("bad", isProblem);
+  };
+  const loadScript = address => new Promise((resolve, reject) => {
+    const script = document.createElement("script");
+    script.src = address;
+    script.onload = resolve;
+    script.onerror = () => reject(new Error("mavdem does not answer"));
+    document.head.append(script);
+  });
+  // Returns the response with the program, and says meanwhile how much of it has come.
+  const loadProgram = async address => {
+    const response = await fetch(address);
+    if (!response.ok) throw new Error(await response.text());
+    const megabytes = bytes => Math.round(bytes / BYTES_PER_MEGABYTE), total = megabytes(response.headers.get("Content-Length"));
+    let bytes = 0;
+    const counted = response.body.pipeThrough(new TransformStream({
+      transform(chunk, controller) {
+        bytes += chunk.byteLength;
+        tell(`Loading the dashboard: ${megabytes(bytes)} of ${total} MB`);
+        controller.enqueue(chunk);
+      },
+    }));
+    return new Response(counted, { headers: { "Content-Type": "application/wasm" } });
+  };
+  const start = async address => {
+    tell("Loading the dashboard");
+    await loadScript("/rerun/re_viewer.js");
+    await wasm_bindgen({ module_or_path: await loadProgram("/rerun/re_viewer_bg.wasm") });
+    tell("Starting the dashboard");
+    // As in a notebook, Rerun then sends no statistics of its use. The colours of the lines are for a dark background.
+    const viewer = new wasm_bindgen.WebHandle({ url: [address], hide_welcome_screen: true, enable_history: false, notebook: true, persist: false, theme: "dark" });
+    await viewer.start(canvas);
+    tell("");
+    const timer = setInterval(() => {
+      if (!viewer.has_panicked()) return;
+      clearInterval(timer);
+      canvas.remove();
+      tell(`Rerun's viewer has failed; load this page again. ${viewer.panic_message()}`, true);
+    }, CRASH_CHECK_MILLISECONDS);
+  };
+
+  let shownAddress = "";
+  // Shows what a server of Rerun has at an address such as rerun+http://127.0.0.1:9876/proxy.
+  const showInRerun = address => {
+    if (address === shownAddress) return;
+    // A viewer that has been started again has another address.
+    if (shownAddress) return location.reload();
+    shownAddress = address;
+    const begin = () => start(address).catch(error => tell(`The dashboard cannot be shown: ${error.message ?? error}. It needs a browser of 2023 or newer with WebGL.`, true));
+    if (innerWidth >= MIN_WIDTH) return begin();
+    narrow.hidden = false;
+    document.getElementById("show_anyway").addEventListener("click", () => {
+      narrow.hidden = true;
+      begin();
+    });
+  };
+  window.showInRerun = showInRerun;
+  if (canvas.dataset.address) showInRerun(canvas.dataset.address);
+})();
