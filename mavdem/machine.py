@@ -25,6 +25,20 @@ def free_port() -> int:
         return int(probe.getsockname()[1])
 
 
+def require_free_port(port: int) -> None:
+    """Checks that no program listens at a TCP port of the loopback address; one may begin to before it is used.
+
+    Raises:
+        OSError: a program does, or the port may not be used.
+    """
+    try:
+        socket.create_server((LOOPBACK, port)).close()
+    except OSError as error:
+        raise OSError(
+            f"port {port} of {LOOPBACK} is taken: end the program that uses it, perhaps another view"
+        ) from error
+
+
 def return_freed_memory() -> None:
     """Returns memory that Python has freed to the operating system, if the C library is glibc.
 

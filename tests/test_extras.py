@@ -3,17 +3,23 @@
 import json
 import os
 import re
+import socket
 import subprocess
 import sys
 import tomllib
+from contextlib import closing
 from pathlib import Path
+from unittest.mock import Mock
 
+from command_line import free_port
 from pytest import mark, raises
 from recorded_flights import short_flight
 
+from mavdem.cli import live_dashboard
 from mavdem.cli.commands import main
 from mavdem.cli.live_dashboard import Dashboard
 from mavdem.cli.open import load
+from mavdem.errors import Unreadable
 from mavdem.extras import EXTRAS, MissingExtra, PackageFact, require_extra
 from mavdem.facts import Fact
 from mavdem.log_formats import FORMAT_SIGNATURES, Format
@@ -53,7 +59,7 @@ def test_every_file_that_is_no_python_is_installed():
     [
         ("fly", "hover_blower", "--rrd", "flight.rrd"),
         ("learn", "flight.tlog", "--rrd"),
-        ("live", "udpin:127.0.0.1:0", "--serve"),
+        ("live", "udpin:127.0.0.1:0", "--connect", "rerun+http://127.0.0.1:9876/proxy"),
         ("open", str(LOG)),
     ],
 )
@@ -72,6 +78,51 @@ def test_without_rerun_a_dashboard_that_is_asked_for_is_refused(words, here, mon
     assert dashboard.advice.endswith(INSTALL)
     assert dashboard.open(None) is None and dashboard.view is None
     dashboard.close()
+
+
+def without_modules(monkeypatch, *names):
+    """Makes modules look as if they were not installed."""
+    monkeypatch.setattr("mavdem.extras.find_spec", lambda name: None if name in names else name)
+
+
+def test_without_rerun_browsers_get_the_page_of_a_live_session_alone(monkeypatch):
+    without_modules(monkeypatch, "rerun")
+    monkeypatch.setattr(live_dashboard, "PAGE_PORT", free_port())
+    dashboard = Dashboard("udpin:127.0.0.1:0", "roll", None, serve=True, connect=None)
+    with closing(dashboard):
+        address = f"http://127.0.0.1:{live_dashboard.PAGE_PORT}"
+        assert dashboard.advice.startswith(f"Open {address} in a browser of this machine.")
+        assert dashboard.advice.endswith(INSTALL) and dashboard.view is None
+
+
+def test_without_the_server_browsers_get_the_page_of_rerun_alone(monkeypatch):
+    without_modules(monkeypatch, "starlette")
+    page = "http://127.0.0.1:9090?url=flight"
+    viewer = Mock(page=page, period=1.0, is_retried=True)
+    viewer.name = "viewer"
+    monkeypatch.setattr("mavdem.view.WebServer", Mock(return_value=viewer))
+    dashboard = Dashboard("udpin:127.0.0.1:0", "roll", None, serve=True, connect=None)
+    with closing(dashboard):
+        assert page in dashboard.advice and "requests fonts" in dashboard.advice
+        assert dashboard.advice.endswith("pip install 'mavdem[serve]'.")
+        assert dashboard.view is not None
+    viewer.close.assert_called_once_with()
+
+
+def test_without_both_there_is_nothing_for_browsers(monkeypatch):
+    without_modules(monkeypatch, "rerun", "starlette")
+    with raises(MissingExtra, match=r"needs starlette: pip install 'mavdem\[serve\]'"):
+        Dashboard("udpin:127.0.0.1:0", "roll", None, serve=True, connect=None)
+
+
+def test_what_was_started_for_browsers_ends_where_the_page_cannot_be_served(monkeypatch):
+    viewer = Mock()
+    monkeypatch.setattr("mavdem.view.WebServer", Mock(return_value=viewer))
+    with socket.create_server(("127.0.0.1", 0)) as other:
+        monkeypatch.setattr(live_dashboard, "PAGE_PORT", other.getsockname()[1])
+        with raises(Unreadable, match="is taken"):
+            Dashboard("udpin:127.0.0.1:0", "roll", None, serve=True, connect=None)
+    viewer.close.assert_called_once_with()
 
 
 @mark.parametrize(

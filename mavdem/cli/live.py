@@ -163,7 +163,7 @@ class FollowedFlight:
 @click.option(
     "--serve",
     is_flag=True,
-    help="Show it in a browser on this machine; Rerun's usage statistics are off.",
+    help="Show it in browsers on this machine, which load nothing from elsewhere.",
 )
 @click.option(
     "--connect",
@@ -351,7 +351,7 @@ def _follow_vehicle(
         status_lines = StatusLines()
 
         def report_status(status: SessionStatus) -> None:
-            dashboard.report(status)
+            dashboard.report(session, status)
             status_lines.show_new_alarms(status)
 
         session = LiveSession(
@@ -422,7 +422,7 @@ def _follow_vehicle(
             session.report_gain_advice(is_at_end=True)
         status = _with_final_judgement(status, session)
         _print_headline_and_next_step(status.overall_judgement)
-        dashboard.report(status)
+        dashboard.report(session, status)
         resources.close()
         if dashboard.is_recording_empty:
             print_to_stderr(f"There was nothing to show, so {paths.rrd} was not written.")

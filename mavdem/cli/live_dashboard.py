@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -14,11 +15,16 @@ from mavdem.extras import missing_extra_fact, require_extra
 from mavdem.facts.session import SessionFact
 from mavdem.live import RowFormat, SessionStatus
 from mavdem.live.history import horizon_steps
-from mavdem.machine import has_screen
+from mavdem.live.session import LiveSession
+from mavdem.machine import free_port, has_screen
 
 if TYPE_CHECKING:
+    from mavdem.serve.live_server import LiveServer
     from mavdem.view.live_view import LiveView
-    from mavdem.view.sinks import RecordingFile
+    from mavdem.view.sinks import RecordingFile, WebServer
+
+PAGE_PORT = 9090
+"""Port of this machine at which browsers find the session; that of Rerun's own page, too."""
 
 NO_SCREEN_ADVICE = (
     "There is no screen here: use --rrd FILE to record, or --serve for browsers of this machine."
@@ -30,12 +36,12 @@ class Dashboard:
     """Shows a live flight in a viewer, in browsers, and in an .rrd file.
 
     It shows nothing if Rerun is not installed, and where there is neither a screen nor a recording or browser to show
-    it in.
+    it in. Browsers get the page of the session, which needs no Rerun.
 
     Attributes:
         view: What shows the flight; None if nothing does.
         file: The recording that is written; None if none is.
-        advice: Sentence on how to open the dashboard, or why there is none; empty if it opens by itself.
+        advice: Sentences on how to open the dashboard, or why there is none; empty if it opens by itself.
     """
 
     def __init__(
@@ -53,7 +59,7 @@ class Dashboard:
         Raises:
             Unreadable: A port is taken, or a file cannot be written.
             click.BadParameter: ``connect`` is no URL.
-            MissingExtra: The dashboard is requested, and Rerun is not installed.
+            MissingExtra: What is requested needs a package that is not installed.
         """
         self.view: LiveView | None = None
         self.file: RecordingFile | None = None
@@ -61,30 +67,66 @@ class Dashboard:
         self._link = link
         self._axis = axis
         self._reported_problems: set[str] = set()
-        missing_extra = missing_extra_fact("view", "The dashboard")
-        if missing_extra is not None:
-            self.advice = str(missing_extra)
-            if rrd is not None or serve or connect is not None:
+        self._server: LiveServer | None = None
+        missing_view = missing_extra_fact("view", "The dashboard")
+        missing_server = missing_extra_fact("serve", "The page of a live session")
+        needs_view = rrd is not None or connect is not None
+        if serve and missing_view is not None and missing_server is not None:
+            require_extra("serve", "The page of a live session")
+        if missing_view is not None:
+            if needs_view:
                 require_extra("view", "The dashboard")
-            return
-        if not (rrd or serve or connect or has_screen()):
+            self.advice = str(missing_view)
+        elif not (rrd or serve or connect or has_screen()):
             self.advice = NO_SCREEN_ADVICE
-            return
+        with ExitStack() as resources:
+            web_server = None
+            try:
+                if serve and missing_view is None:
+                    web_server = _started_web_server(has_own_page=missing_server is not None)
+                    resources.callback(web_server.close)
+                if serve and missing_server is None:
+                    self._server = _started_live_server(link, web_server)
+                    resources.callback(self._server.close)
+                if missing_view is None and not self.advice:
+                    self._open_view(rrd, connect, web_server)
+            except ValueError as error:
+                raise click.BadParameter(f"{error}.", param_hint="--connect") from error
+            except OSError as error:
+                raise Unreadable(SessionFact.DASHBOARD_NOT_OPENED, reason=error) from None
+            # What was started goes on until ``close``.
+            resources.pop_all()
+        if self._server is not None:
+            self.advice = f"Open {self._server.address} in a browser of this machine."
+            if missing_view is not None:
+                self.advice += f" {missing_view}"
+        elif web_server is not None:
+            self.advice = (
+                f"Open {web_server.page} in a browser. It is Rerun's own page, which requests fonts from Google and "
+                f"reports its use to Rerun. {missing_server}"
+            )
+
+    def _open_view(
+        self, rrd: Path | None, connect: str | None, web_server: WebServer | None
+    ) -> None:
+        """Opens what Rerun shows or records: a file, viewers, and the data for browsers.
+
+        Args:
+            rrd: Recording to write; None for none.
+            connect: URL of a Rerun viewer; None for none.
+            web_server: Server of Rerun that has the data for browsers; None for none.
+
+        Raises:
+            ValueError: ``connect`` is no URL.
+        """
         # Rerun takes a second to import, and 60 MB of memory.
         from mavdem.view.live_view import LiveView
-        from mavdem.view.sinks import RecordingFile, WebServer, requested_sinks
+        from mavdem.view.sinks import RecordingFile, requested_sinks
 
-        try:
-            sinks = requested_sinks(rrd, serve, connect)
-        except ValueError as error:
-            raise click.BadParameter(f"{error}.", param_hint="--connect") from error
-        except OSError as error:
-            raise Unreadable(SessionFact.DASHBOARD_NOT_OPENED, reason=error) from None
+        sinks = requested_sinks(rrd, connect, web_server)
         self.view = LiveView(sinks)
         for sink in sinks:
-            if isinstance(sink, WebServer):
-                self.advice = f"Open {sink.page} in a browser."
-            elif isinstance(sink, RecordingFile):
+            if isinstance(sink, RecordingFile):
                 self.file = sink
 
     @property
@@ -131,12 +173,15 @@ class Dashboard:
         self.view.change(channels)
         return self.view
 
-    def report(self, status: SessionStatus) -> None:
+    def report(self, session: LiveSession, status: SessionStatus) -> None:
         """Shows the status of the session, and prints each new problem of the view once on standard error.
 
         Args:
-            status: State of the session.
+            session: The session, with the history of its flight.
+            status: Its state now, or at its end.
         """
+        if self._server is not None:
+            self._server.report(session, status)
         if self.view is None:
             return
         self.view.status(status)
@@ -145,6 +190,40 @@ class Dashboard:
             self._reported_problems.add(problem)
 
     def close(self) -> None:
-        """Ends the view, and completes the recording."""
+        """Ends the server and the view, and completes the recording."""
+        if self._server is not None:
+            self._server.close()
         if self.view is not None:
             self.view.close()
+
+
+def _started_web_server(*, has_own_page: bool) -> WebServer:
+    """Starts the process of Rerun that has the data of the dashboard, and the program of the viewer, for browsers.
+
+    Args:
+        has_own_page: Whether browsers are given Rerun's own page, whose address is then the same in each session.
+
+    Raises:
+        OSError: A port is taken.
+    """
+    from mavdem.view import WebServer
+
+    if has_own_page:
+        return WebServer(page_port=PAGE_PORT)
+    return WebServer(free_port(), free_port())
+
+
+def _started_live_server(link: str, web_server: WebServer | None) -> LiveServer:
+    """Starts the server of the page of the session.
+
+    Args:
+        link: Connection string of the link.
+        web_server: Process of Rerun that has the data of the dashboard; None without a dashboard.
+
+    Raises:
+        OSError: Its port is taken.
+    """
+    # The web framework takes a second to import.
+    from mavdem.serve.live_server import LiveServer
+
+    return LiveServer(link, PAGE_PORT, web_server)

@@ -249,8 +249,8 @@ class VisibleLibrary:
 
         Returns:
             Values by the names in the templates: whether the visitor may read all flights; the key for changes; whether
-            the server has a token, by which visitors sign in; its address, and that for uploads; the names that were
-            "given" to vehicles; and the kind of each vehicle's frame.
+            the server has a token, by which visitors sign in, and a library; its address, and that for uploads; the
+            names that were "given" to vehicles; and the kind of each vehicle's frame.
         """
         may_read = self.rights.allows(request, Permission.READ)
         address = str(request.base_url).rstrip("/")
@@ -263,6 +263,7 @@ class VisibleLibrary:
             "may_read": may_read,
             "key": self.rights.derived_key(Permission.WRITE) if may_read else "",
             "has_token": bool(self.rights.token),
+            "has_library": True,
             "address": address,
             "upload": upload_address,
             "given": self.library.names,

@@ -19,7 +19,7 @@ from urllib.parse import quote
 import rerun as rr
 
 from mavdem.files import PathName, atomic_writes
-from mavdem.machine import LOOPBACK, free_port, has_screen
+from mavdem.machine import LOOPBACK, free_port, has_screen, require_free_port
 from mavdem.processes import kill_with_children
 
 CLOSING_SECONDS = 3.0
@@ -310,15 +310,13 @@ class WebServer(Viewer):
         self.port = port
         self.page_port = page_port
         for number in (port, page_port):
-            try:
-                socket.create_server((LOOPBACK, number)).close()
-            except OSError as error:
-                raise OSError(
-                    f"port {number} of {LOOPBACK} is taken: end the program that uses it, perhaps another view"
-                ) from error
-        # Rerun's page reports its use to Rerun, unless it is in a notebook:
-        # https://github.com/rerun-io/rerun/pull/3166.
-        self.page = f"http://{LOOPBACK}:{page_port}?url={quote(self.url, safe='')}&notebook=1"
+            require_free_port(number)
+        # This page requests fonts from Google, and reports its use to Rerun, even with the option of notebooks, which
+        # was made against that (https://github.com/rerun-io/rerun/pull/3166). Its colours follow the system's, and
+        # those of the lines are for a dark background.
+        self.page = (
+            f"http://{LOOPBACK}:{page_port}?url={quote(self.url, safe='')}&notebook=1&theme=dark"
+        )
         options = ["--server-memory-limit", SERVER_MEMORY, "--serve-web"]
         options += ["--port", str(port), "--web-viewer-port", str(page_port)]
         if recording:
@@ -333,7 +331,7 @@ class WebServer(Viewer):
 
 
 def requested_sinks(
-    rrd: PathName | None = None, serve: bool = False, connect: str | None = None
+    rrd: PathName | None = None, connect: str | None = None, web_server: WebServer | None = None
 ) -> list[Sink]:
     """Returns the sinks that a user has requested; without a request, a viewer in a new window if there is a screen.
 
@@ -341,14 +339,13 @@ def requested_sinks(
 
     Args:
         rrd: a file to record in.
-        serve: whether to show the flight in browsers of this machine.
         connect: address of a viewer or server, which may start later.
+        web_server: server that shows the flight in browsers of this machine.
 
     Returns:
         The sinks; empty if there is nowhere to show the flight.
 
     Raises:
-        OSError: a port is taken.
         ValueError: ``connect`` is not the address of a viewer.
     """
     sinks: list[Sink] = []
@@ -356,8 +353,8 @@ def requested_sinks(
         sinks.append(RecordingFile(rrd))
     if connect is not None:
         sinks.append(Viewer(connect))
-    if serve:
-        sinks.append(WebServer())
+    if web_server is not None:
+        sinks.append(web_server)
     if not sinks and has_screen():
         sinks.append(open_window())
     return sinks

@@ -54,10 +54,10 @@ def test_a_view_that_is_served_already_is_said_in_a_sentence(capsys):
     with socket.socket() as other:
         other.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         with contextlib.suppress(OSError):  # whoever has it will do
-            other.bind(("127.0.0.1", 9876))
+            other.bind(("127.0.0.1", 9090))
             other.listen()
         said = refused(capsys, 2, "live", f"udpin:127.0.0.1:{free_port()}", "--serve")
-    assert "port 9876 of 127.0.0.1 is taken" in said and said.endswith("view.\n")
+    assert "port 9090 of 127.0.0.1 is taken" in said and said.endswith("view.\n")
 
 
 @mark.slow

@@ -48,6 +48,9 @@ class PageLink(NamedTuple):
     address: str
     """Address of the page, relative to the one with the link."""
 
+    needs_wide_screen: bool = False
+    """Whether the other page is of no use on a telephone, which then has no link to it."""
+
 
 class Section(NamedTuple):
     """A part of a chapter that shows its title, its level and one sentence, and the rest when it is opened."""

@@ -35,8 +35,9 @@
     await loadScript("/rerun/re_viewer.js");
     await wasm_bindgen({ module_or_path: await loadProgram("/rerun/re_viewer_bg.wasm") });
     tell("Starting the dashboard");
-    // As in a notebook, Rerun then sends no statistics of its use. The colours of the lines are for a dark background.
-    const viewer = new wasm_bindgen.WebHandle({ url: [address], hide_welcome_screen: true, enable_history: false, notebook: true, persist: false, theme: "dark" });
+    // Rerun tries to send statistics of its use, which the policy of this page forbids. The colours of the lines are for a
+    // dark background.
+    const viewer = new wasm_bindgen.WebHandle({ url: [address], hide_welcome_screen: true, enable_history: false, persist: false, theme: "dark" });
     await viewer.start(canvas);
     tell("");
     const timer = setInterval(() => {

@@ -1,0 +1,168 @@
+"""The server of ``mavdem live --serve``: the page of a live session, and its dashboard in Rerun's viewer."""
+
+import threading
+from collections.abc import Mapping
+from http import HTTPStatus
+from typing import TYPE_CHECKING, Any
+
+import uvicorn
+from starlette.applications import Starlette
+from starlette.requests import Request as HttpRequest
+from starlette.responses import HTMLResponse, RedirectResponse, Response
+
+from mavdem.containers import JsonValues
+from mavdem.errors import Refusal
+from mavdem.facts.serve import RefusalReason
+from mavdem.fleet.names import NO_NAMES
+from mavdem.live import clock
+from mavdem.live.session import LiveSession
+from mavdem.live.session_status import SessionStatus
+from mavdem.machine import LOOPBACK, require_free_port
+from mavdem.report.live import live_title
+from mavdem.report.pages.library_page import render_server_page, script, script_hashes
+from mavdem.report.pages.page import PageLink
+from mavdem.serve.guard import POLICY_HEADER, Guard
+from mavdem.serve.listening import MAX_SHUTDOWN_SECONDS, listening_socket, server_config, server_url
+from mavdem.serve.live_pages import PAGE_SECONDS, LivePages, SessionPage, session_page
+from mavdem.serve.rerun_viewer import ViewerFiles, viewer_policy
+from mavdem.serve.rights import Rights
+
+if TYPE_CHECKING:
+    from mavdem.view import WebServer
+
+LIVE_PATH = "/live"
+"""Path of the page of the session."""
+
+DASHBOARD_PATH = "/dashboard"
+"""Path of the page with the dashboard."""
+
+DASHBOARD_LINK = PageLink("Dashboard in Rerun", DASHBOARD_PATH, needs_wide_screen=True)
+"""Link to the dashboard on the page of the session."""
+
+
+class LiveServer:
+    """Serves browsers of this machine the page of a live session, and its dashboard in Rerun's viewer if there is one.
+
+    Attributes:
+        address: URL of the server, which leads to the page of the session.
+    """
+
+    def __init__(self, link: str, port: int, viewer: "WebServer | None") -> None:
+        """Starts the server in a thread.
+
+        Args:
+            link: connection string of the link, which is the title until a vehicle is followed.
+            port: port of this machine to listen on; 0 for a free one.
+            viewer: process of Rerun that has the data of the dashboard; None without a dashboard.
+
+        Raises:
+            OSError: the port is taken.
+        """
+        require_free_port(port)
+        self._link = link
+        self._viewer = viewer
+        self._status: SessionStatus | None = None
+        self._event_count = 0
+        # The newest page of the session, as the endpoints read it.
+        self.page = SessionPage("", clock.monotonic())
+        listener = listening_socket(LOOPBACK, port)
+        self.address = server_url(LOOPBACK, listener)
+        self._server = uvicorn.Server(server_config(self._app()))
+        # uvicorn leaves the signals alone where it does not run in the main thread: the session ends by them.
+        self._thread = threading.Thread(
+            target=self._server.run, kwargs={"sockets": [listener]}, daemon=True
+        )
+        self._thread.start()
+
+    def report(self, session: LiveSession, status: SessionStatus) -> None:
+        """Renders the page of the session again if it is old or lacks an event; called about once a second.
+
+        Args:
+            session: the session, with the history of its flight.
+            status: its state now.
+        """
+        self._status = status
+        event_count = len(session.history.events)
+        is_old = self.page.age >= PAGE_SECONDS or not self.page.html
+        if not is_old and event_count == self._event_count and not status.is_over:
+            return
+        self._event_count = event_count
+        links = [] if self._viewer is None else [DASHBOARD_LINK]
+        html = session_page(session, status, links=links)
+        self.page = SessionPage(html, clock.monotonic())
+
+    def close(self) -> None:
+        """Ends the server; answers that are being sent get ``MAX_SHUTDOWN_SECONDS``."""
+        self._server.should_exit = True
+        self._thread.join(2 * MAX_SHUTDOWN_SECONDS)
+
+    def _app(self) -> Starlette:
+        """Returns the ASGI application: the addresses of the server, and what answers each of them."""
+        # Requests for other names than those of this machine are refused.
+        rights = Rights()
+        guard = Guard(rights, script_hashes(), _visitor_values)
+        pages = LivePages(rights, self)
+        viewer = self._viewer
+        files = ViewerFiles(rights, lambda: None if viewer is None else viewer.page_port)
+        endpoints: Mapping[str, Any] = {
+            "GET /": _to_live_page,
+            f"GET {LIVE_PATH}": pages.live_session,
+            f"GET {LIVE_PATH}/update": pages.live_session_update,
+            f"GET {DASHBOARD_PATH}": self._dashboard,
+            "GET /static/serve.js": _script,
+            "GET /static/rerun.js": files.script,
+            "GET /rerun/{name}": files.program_file,
+        }
+        return Starlette(
+            routes=guard.routes(endpoints),
+            exception_handlers={Exception: guard.answer_to_defect},
+        )
+
+    def _dashboard(self, request: HttpRequest) -> Response:
+        """Answers with the page that shows the session in Rerun's viewer; its title names the vehicle.
+
+        Args:
+            request: the request.
+
+        Raises:
+            Refusal: there is no dashboard, since Rerun is not installed.
+        """
+        viewer = self._viewer
+        if viewer is None:
+            raise Refusal(RefusalReason.NO_SUCH_FILE, name=DASHBOARD_PATH)
+        status = self._status
+        name = self._link if status is None else live_title(status, self._link, NO_NAMES)
+        html = render_server_page(
+            "viewer",
+            name=name,
+            back=PageLink("Live page", LIVE_PATH),
+            data_address=viewer.url,
+            **_visitor_values(request),
+        )
+        return HTMLResponse(html, headers={POLICY_HEADER: viewer_policy(viewer.port)})
+
+
+def _visitor_values(request: HttpRequest) -> JsonValues:
+    """Returns the values that the templates of all pages need: everybody on this machine may read, and nothing else.
+
+    Args:
+        request: the request, which makes no difference.
+    """
+    return {
+        "may_read": True,
+        "key": "",
+        "has_token": False,
+        "has_library": False,
+        "given": NO_NAMES,
+        "frames": {},
+    }
+
+
+def _to_live_page(request: HttpRequest) -> Response:
+    """Answers the address that is printed with the way to the page of the session."""
+    return RedirectResponse(LIVE_PATH, HTTPStatus.SEE_OTHER)
+
+
+def _script(request: HttpRequest) -> Response:
+    """Answers with the script of the pages that say why something is refused."""
+    return Response(script(), media_type="text/javascript")

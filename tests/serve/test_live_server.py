@@ -1,0 +1,214 @@
+"""The server of a live session: its page, and the dashboard in Rerun's viewer, which asks nothing of other machines."""
+
+import re
+import socket
+import threading
+from contextlib import contextmanager
+from http.client import HTTPConnection
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from unittest.mock import Mock
+
+from patience import until
+from pytest import fixture, mark
+
+from mavdem.facts import Fact
+from mavdem.facts.event import Event
+from mavdem.facts.session import TimeUse, VehicleFact
+from mavdem.live import clock
+from mavdem.live.history import LiveHistory
+from mavdem.live.session_status import SessionStatus
+from mavdem.serve.guard import POLICY_HEADER
+from mavdem.serve.live_pages import PAGE_SECONDS, SessionPage
+from mavdem.serve.live_server import LiveServer
+
+LINK = "udpin:127.0.0.1:14550"
+VIEWER_SCRIPT = b"""
+let wasm_bindgen = async ({ module_or_path }) => {
+  window.program_bytes = (await module_or_path.arrayBuffer()).byteLength;
+};
+wasm_bindgen.WebHandle = class {
+  constructor(options) { window.viewer_options = options; }
+  async start(canvas) { window.report = fetch("https://tel.rerun.io/").catch(() => "forbidden"); }
+  has_panicked() { return false; }
+};
+"""
+"""Stands in for the script of Rerun's viewer; like that, it tries to report its use."""
+PROGRAM_BYTES = 3_000_000
+PROGRAM = {"re_viewer.js": VIEWER_SCRIPT, "re_viewer_bg.wasm": bytes(PROGRAM_BYTES)}
+
+
+class ProgramRequest(BaseHTTPRequestHandler):
+    """A request to what stands in for the process of Rerun's viewer; as there, the length has a header of its own."""
+
+    def do_GET(self):
+        content = PROGRAM[self.path.strip("/")]
+        self.send_response(200)
+        self.send_header("rerun-final-length", str(len(content)))
+        self.end_headers()
+        self.wfile.write(content)
+
+    def log_message(self, *_):
+        pass
+
+
+@fixture
+def viewer():
+    """What stands in for the process of Rerun's viewer."""
+    process = ThreadingHTTPServer(("127.0.0.1", 0), ProgramRequest)
+    threading.Thread(target=process.serve_forever, daemon=True).start()
+    yield Mock(url="rerun+http://127.0.0.1:9/proxy", port=9, page_port=process.server_port)
+    process.shutdown()
+    process.server_close()
+
+
+@contextmanager
+def live_server(viewer=None):
+    """A running server, at any free port."""
+    with socket.create_server(("127.0.0.1", 0)) as probe:
+        port = probe.getsockname()[1]
+    server = LiveServer(LINK, port, viewer)
+    try:
+        yield server
+    finally:
+        server.close()
+
+
+def flying_session():
+    """A session whose vehicle flies, without anything learned."""
+    session = Mock(history=LiveHistory())
+    session.link.name = LINK
+    session.stream.axis = "roll"
+    session.time_account.return_value = dict.fromkeys(TimeUse, 0.0)
+    return session
+
+
+STATUS = SessionStatus("1:1", is_flying=True, message_age=0.0)
+
+
+def answer(server, path, host=None):
+    """The answer of a server: status, headers and text; other pages are not followed."""
+    connection = HTTPConnection("127.0.0.1", int(server.address.rpartition(":")[2]))
+    connection.request("GET", path, headers={} if host is None else {"Host": host})
+    response = connection.getresponse()
+    return response.status, response.headers, response.read()
+
+
+def test_the_address_leads_to_a_page_that_is_made_again_when_it_is_old_or_lacks_an_event():
+    session = flying_session()
+    with live_server() as server:
+        assert answer(server, "/")[1]["Location"] == "/live"
+        server.report(session, STATUS)
+        first_page = server.page
+        assert answer(server, "/live")[2].decode() == first_page.html
+        server.report(session, STATUS)
+        assert server.page is first_page
+        reboot = Fact(VehicleFact.VEHICLE_REBOOTED, time=4.0, clock=4.0)
+        session.history.events.append(Event(4.0, reboot, reception=0.0))
+        server.report(session, STATUS)
+        second_page = server.page
+        assert second_page.html != first_page.html
+        server.page = SessionPage(second_page.html, clock.monotonic() - PAGE_SECONDS)
+        server.report(session, STATUS)
+        assert server.page.age < PAGE_SECONDS
+
+
+def test_only_this_machine_is_answered_and_the_port_is_free_at_the_end():
+    with live_server() as server:
+        port = int(server.address.rpartition(":")[2])
+        assert server.address == f"http://127.0.0.1:{port}"
+        assert answer(server, "/live", host="example.org")[0] == 403
+    socket.create_server(("127.0.0.1", port)).close()
+    assert not server._thread.is_alive()
+
+
+def test_without_rerun_there_is_the_page_alone():
+    with live_server() as server:
+        server.report(flying_session(), STATUS)
+        assert "/dashboard" not in server.page.html
+        status, _, text = answer(server, "/dashboard")
+        assert status == 404 and b"Flights" not in text and b"openapi" not in text
+        assert answer(server, "/rerun/re_viewer.js")[0] == 404
+
+
+def test_the_dashboard_names_the_vehicle_and_may_ask_nothing_of_other_machines(viewer):
+    with live_server(viewer) as server:
+        _, _, text = answer(server, "/dashboard")
+        assert f"<title>{LINK} in Rerun</title>" in text.decode()
+        server.report(flying_session(), STATUS)
+        assert '<a href="/dashboard" class="wide">' in server.page.html
+        _, headers, text = answer(server, "/dashboard")
+        page = text.decode()
+    title = re.search("<h1>(.*?)</h1>", server.page.html)[1]
+    assert f"<title>{title} in Rerun</title>" in page and title != LINK
+    assert not re.search(r"https?://(?!127\.0\.0\.1)", page)
+    policy = dict(part.strip().split(" ", 1) for part in headers[POLICY_HEADER].split(";"))
+    assert policy["default-src"] == "'none'"
+    assert policy["connect-src"] == "'self' http://127.0.0.1:9"
+    assert policy["script-src"] == "'self' 'wasm-unsafe-eval'"
+
+
+def test_the_program_of_the_viewer_is_passed_on_as_its_process_sends_it(viewer):
+    with live_server(viewer) as server:
+        for name, content in PROGRAM.items():
+            status, headers, text = answer(server, f"/rerun/{name}")
+            assert status == 200 and text == content
+            assert headers["Content-Length"] == str(len(content))
+        assert headers["Content-Type"] == "application/wasm"
+        assert answer(server, "/rerun/..%2Flive")[0] == 404
+        with socket.create_server(("127.0.0.1", 0)) as gone:
+            viewer.page_port = gone.getsockname()[1]
+        assert answer(server, "/rerun/re_viewer.js")[0] == 503
+
+
+@mark.slow
+def test_rerun_has_the_program_by_these_names():
+    from mavdem.machine import free_port
+    from mavdem.view import WebServer
+
+    viewer = WebServer(free_port(), free_port())
+    try:
+        with live_server(viewer) as server:
+            until(lambda: answer(server, "/rerun/re_viewer.js")[0] == 200)
+            _, headers, program = answer(server, "/rerun/re_viewer_bg.wasm")
+        assert program.startswith(b"\0asm") and headers["Content-Length"] == str(len(program))
+    finally:
+        viewer.close()
+
+
+@mark.slow
+def test_a_browser_runs_the_viewer_on_a_wide_screen_and_cannot_report_its_use(viewer, browser):
+    with live_server(viewer) as server, browser.tab() as tab:
+        tab.size(1280)
+        tab.open(f"{server.address}/dashboard")
+        tab.until("window.report")
+        assert tab.run("report") == "forbidden" and tab.run("program_bytes") == PROGRAM_BYTES
+        assert tab.run("viewer_options.url") == [viewer.url]
+        assert tab.run("viewer_options.theme") == "dark"
+        tab.until("!document.getElementById('viewer_status').textContent")
+
+
+@mark.slow
+def test_a_telephone_gets_the_page_and_loads_the_viewer_only_when_told_to(viewer, browser):
+    with live_server(viewer) as server, browser.tab() as tab:
+        server.report(flying_session(), STATUS)
+        tab.size(390)
+        tab.open(f"{server.address}/live")
+        assert tab.run("getComputedStyle(document.querySelector('nav a')).display") == "none"
+        tab.open(f"{server.address}/dashboard")
+        tab.until("!document.getElementById('narrow').hidden")
+        assert tab.run("document.querySelectorAll('#narrow a[href=\"/live\"]').length") == 1
+        assert not tab.run("!!window.viewer_options")
+        tab.run("document.getElementById('show_anyway').click()")
+        tab.until("window.viewer_options")
+        assert tab.run("document.getElementById('narrow').hidden")
+
+
+@mark.slow
+def test_a_viewer_that_cannot_start_says_why(viewer, browser):
+    viewer.page_port = None
+    with live_server(viewer) as server, browser.tab() as tab:
+        tab.size(1280)
+        tab.open(f"{server.address}/dashboard")
+        tab.until("document.getElementById('viewer_status').classList.contains('bad')")
+        told = tab.run("document.getElementById('viewer_status').textContent")
+        assert told.startswith("The dashboard cannot be shown: mavdem does not answer.")
