@@ -42,7 +42,7 @@ from mavdem.files import AnyPath
 from mavdem.immutable import ReadOnlyDict, freeze
 from mavdem.ingest import Log, read_log
 from mavdem.loops.axis_loops import Loop
-from mavdem.motors.motor_changes import MotorAlarm, thrust_losses
+from mavdem.motors.motor_changes import MotorChange, thrust_losses
 from mavdem.wind_velocity.from_log import WindEvidence, wind_evidence
 
 
@@ -246,7 +246,7 @@ def _no_results() -> None:
 
 
 def _results_by_axis(
-    log: Log, signals: Signals, alarms: Sequence[MotorAlarm], start: float
+    log: Log, signals: Signals, alarms: Sequence[MotorChange], start: float
 ) -> dict[str, AxisResults]:
     """Returns estimates and loops of pitch and yaw, by axis.
 
@@ -369,7 +369,7 @@ def _motor_changes(analysis: LogAnalysis, ending: Fact | None) -> list[Fact]:
     return [*thrust_losses(alarms), *other_changes]
 
 
-def alarms_before_loss(alarms: Sequence[MotorAlarm], ending: Fact | None) -> list[MotorAlarm]:
+def alarms_before_loss(alarms: Sequence[MotorChange], ending: Fact | None) -> list[MotorChange]:
     """Returns the alarms before control was lost: after that the balance of the motors shows nothing."""
     loss_time = None if ending is None else loss_onset(ending)
     if loss_time is None:

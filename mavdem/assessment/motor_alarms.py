@@ -21,11 +21,11 @@ from mavdem.motors.balance import run_around
 from mavdem.motors.gradual_loss import gradual_loss
 from mavdem.motors.lean_check import is_beyond_lean
 from mavdem.motors.loss_detection import MotorLossDetector
-from mavdem.motors.motor_changes import MotorAlarm, is_much_larger, lasting_changes
+from mavdem.motors.motor_changes import MotorChange, is_much_larger, lasting_changes
 from mavdem.motors.signatures import motor_signatures
 
 
-def motor_alarms(signals: Signals) -> tuple[MotorAlarm, ...]:
+def motor_alarms(signals: Signals) -> tuple[MotorChange, ...]:
     """Returns the changes of the motors that a live session would have reported, and slow losses of thrust.
 
     Settled flight is searched sample by sample for sudden changes, as in flight. Then all of it is searched at once for
@@ -56,7 +56,7 @@ def motor_alarms(signals: Signals) -> tuple[MotorAlarm, ...]:
 
 def _sudden_changes_of_boot(
     signals: Signals, motors: MotorOutputs, boot: int, commands: TimeSeries, headings: Array
-) -> list[MotorAlarm]:
+) -> list[MotorChange]:
     """Returns the lasting changes of one boot that the detector of live sessions finds in its settled flight.
 
     A live session detects the end of the climb-out half a second late, and a landing only after it, so that its times
@@ -87,8 +87,8 @@ def _sudden_changes_of_boot(
 
 
 def _without_shifts_by_wind(
-    signals: Signals, motors: MotorOutputs, changes: Sequence[MotorAlarm]
-) -> list[MotorAlarm]:
+    signals: Signals, motors: MotorOutputs, changes: Sequence[MotorChange]
+) -> list[MotorChange]:
     """Removes the changes of the motors' balance that the lean against the wind may explain.
 
     Only changes that name no motor are removed. Each is judged by the steady flight around it, from the change before
@@ -126,8 +126,8 @@ def _lasting_losses(
     motors: MotorOutputs,
     commands: TimeSeries,
     boot: int,
-    changes: Sequence[MotorAlarm],
-) -> list[MotorAlarm]:
+    changes: Sequence[MotorChange],
+) -> list[MotorChange]:
     """Finds the motors that lost thrust slowly, or from the descent on.
 
     Each interval of settled flight is searched. If nothing is found, the flight that it belongs to is searched too,
@@ -164,8 +164,8 @@ def _gradual_losses(
     commands: TimeSeries,
     boot: int,
     intervals: Intervals,
-    changes: Sequence[MotorAlarm],
-) -> list[MotorAlarm]:
+    changes: Sequence[MotorChange],
+) -> list[MotorChange]:
     """Finds the motors that lost thrust slowly within intervals of flight.
 
     Where a motor changed suddenly, a slow loss counts only if the sudden one was a part of it.
@@ -191,7 +191,7 @@ def _gradual_losses(
     return losses
 
 
-def _changes_of_motors(changes: Sequence[MotorAlarm], interval: TimeInterval) -> list[MotorAlarm]:
+def _changes_of_motors(changes: Sequence[MotorChange], interval: TimeInterval) -> list[MotorChange]:
     """Returns the changes that name a motor and were found in an interval, s since boot."""
     start, end = interval
     return [

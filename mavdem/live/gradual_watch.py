@@ -16,7 +16,7 @@ from mavdem.motors.balance_blocks import UNKNOWN_LEAN, BlockAverager, CommandBlo
 from mavdem.motors.gradual_loss import MAX_BLOCKS, MIN_BEFORE_SECONDS, gradual_loss
 from mavdem.motors.loss_confirmation import HALF_CHANGE, MAX_CONFIRMATION_SECONDS
 from mavdem.motors.loss_detection import MAX_GAP
-from mavdem.motors.motor_changes import MIN_LOSS_SECONDS, MotorAlarm
+from mavdem.motors.motor_changes import MIN_LOSS_SECONDS, MotorChange
 
 SEARCH_PERIOD = 1.0
 """Time between two searches, s: a choice; one takes some milliseconds."""
@@ -42,7 +42,7 @@ class GradualLossWatch:
             geometry: positions and spins of the k motors.
             boot: number of the boot.
         """
-        self.loss: MotorAlarm | None = None
+        self.loss: MotorChange | None = None
         self._geometry = geometry
         self._boot = boot
         self._averager = BlockAverager()
@@ -102,7 +102,7 @@ class GradualLossWatch:
             if command - self._sound_command < HALF_CHANGE * rise:
                 self.loss = None
 
-    def _update_loss(self, loss: MotorAlarm, block_ends: Array, block_commands: Array) -> None:
+    def _update_loss(self, loss: MotorChange, block_ends: Array, block_commands: Array) -> None:
         """Updates the known loss and the commands of its motor by the loss that the latest search has found.
 
         The search sees only the latest two minutes. If the motor was weak in all of them, the search finds the growth
@@ -126,7 +126,7 @@ class GradualLossWatch:
         self._weak_command = self._relative_command(loss, block_commands, is_recent)
 
     def _relative_command(
-        self, loss: MotorAlarm, block_commands: Array, is_selected: Flags
+        self, loss: MotorChange, block_commands: Array, is_selected: Flags
     ) -> float:
         """Returns the mean command of the weak motor in some blocks, relative to the mean command of all motors.
 

@@ -16,7 +16,7 @@ from mavdem.live.learning import FlightLearning
 from mavdem.live.model_judgement import JudgedModel, judge_model
 from mavdem.live.rows import RowFormat
 from mavdem.live.stream import LiveStream
-from mavdem.motors.motor_changes import MotorAlarm
+from mavdem.motors.motor_changes import MotorChange
 
 JUDGING_PERIOD = 10.0
 """Time between the beginnings of two judgements, s: a choice of computing time."""
@@ -118,7 +118,7 @@ class ModelJudging:
         self,
         model: Learned | None,
         row_format: RowFormat | None,
-        alarms: Sequence[MotorAlarm],
+        alarms: Sequence[MotorChange],
         *,
         has_rate_setpoint: bool,
     ) -> Learned | None:

@@ -33,7 +33,7 @@ from mavdem.live.rows import RowFormat
 from mavdem.loops.axis_loops import Loop
 from mavdem.loops.limit_cycles import detect_limit_cycle
 from mavdem.motors.hover import hover_figures
-from mavdem.motors.motor_changes import MotorAlarm, thrust_losses
+from mavdem.motors.motor_changes import MotorChange, thrust_losses
 
 
 class JudgedModel(NamedTuple):
@@ -49,11 +49,11 @@ class JudgedModel(NamedTuple):
 def judge_model(
     learned: Learned,
     row_format: RowFormat,
-    alarms: Sequence[MotorAlarm],
+    alarms: Sequence[MotorChange],
     recording_name: str | None,
     *,
     has_rate_setpoint: bool,
-    alarms_of_flight: Sequence[MotorAlarm] | None = None,
+    alarms_of_flight: Sequence[MotorChange] | None = None,
 ) -> JudgedModel:
     """Judges a model learned in flight, and the vehicle by the longest segment of the model's samples.
 

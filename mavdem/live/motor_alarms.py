@@ -12,7 +12,7 @@ from mavdem.live.gradual_watch import GradualLossWatch
 from mavdem.live.recent_messages import MAX_EVENTS
 from mavdem.motors.balance_blocks import UNKNOWN_LEAN
 from mavdem.motors.loss_detection import MAX_GAP, REFERENCE_SECONDS, MotorLossDetector
-from mavdem.motors.motor_changes import MIN_REPORTED_GROWTH, MotorAlarm, is_much_larger
+from mavdem.motors.motor_changes import MIN_REPORTED_GROWTH, MotorChange, is_much_larger
 
 
 class MotorAlarms:
@@ -30,7 +30,7 @@ class MotorAlarms:
 
     def __init__(self) -> None:
         """Begins without a sample."""
-        self.latest: deque[MotorAlarm] = deque(maxlen=MAX_EVENTS)
+        self.latest: deque[MotorChange] = deque(maxlen=MAX_EVENTS)
         self.active: Facts = ()
         self.has_landed = False
         self.change_time = nan
@@ -40,7 +40,7 @@ class MotorAlarms:
         self._tested_motors: object = None
         # The search for a slow loss in the same samples, and the loss that it has found, as it was reported.
         self._gradual_watch: GradualLossWatch | None = None
-        self._reported_loss: MotorAlarm | None = None
+        self._reported_loss: MotorChange | None = None
         # Whether a motor is weak by a sudden loss, and no slow one was reported.
         self._is_suddenly_weak = False
         # Why the test cannot find anything, as of the latest sample.
@@ -91,7 +91,7 @@ class MotorAlarms:
         return None
 
     @property
-    def of_latest_flight(self) -> tuple[MotorAlarm, ...]:
+    def of_latest_flight(self) -> tuple[MotorChange, ...]:
         """Those of the latest changes that belong to the latest flight, which may go on after a reboot in the air."""
         if self._flight_boot is None:
             return ()
@@ -179,7 +179,7 @@ class MotorAlarms:
             self.active = ()
             self.has_landed = False
 
-    def _activate(self, change: MotorAlarm) -> None:
+    def _activate(self, change: MotorChange) -> None:
         """Makes the losses of all motors that are weak now the active alarms, after a change of one of them.
 
         Args:
@@ -195,7 +195,7 @@ class MotorAlarms:
         shown_changes = list(weak_motors.values()) or [change]
         self.active = tuple(shown_change.event for shown_change in shown_changes)
 
-    def _is_part_of_gradual_loss(self, change: MotorAlarm) -> bool:
+    def _is_part_of_gradual_loss(self, change: MotorChange) -> bool:
         """Returns whether a change that the sequential test has found is the latest part of a known slow loss."""
         loss = self._reported_loss
         return loss is not None and change.is_weak and change.name == loss.name
@@ -233,7 +233,7 @@ class MotorAlarms:
             return self._report_end_of_gradual_loss(time)
         return self._report_gradual_loss(watch.loss)
 
-    def _report_gradual_loss(self, loss: MotorAlarm) -> Facts:
+    def _report_gradual_loss(self, loss: MotorChange) -> Facts:
         """Stores the newest figures of a slow loss, and reports it when it is new or has grown.
 
         Args:
@@ -274,7 +274,7 @@ class MotorAlarms:
         self._activate(recovery)
         return (recovery.event,)
 
-    def _replace_latest(self, loss: MotorAlarm) -> None:
+    def _replace_latest(self, loss: MotorChange) -> None:
         """Replaces the latest change of a motor by its newest figures, with the time at which it was found first."""
         for index in reversed(range(len(self.latest))):
             change = self.latest[index]

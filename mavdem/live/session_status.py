@@ -35,7 +35,7 @@ from mavdem.live.live_lights import fastest_rates, lights_before_model
 from mavdem.live.takeoff_place import Displacement
 from mavdem.live.vehicle_state import VehicleState
 from mavdem.live.wind import WindEstimate
-from mavdem.motors.motor_changes import MotorAlarm, thrust_losses
+from mavdem.motors.motor_changes import MotorChange, thrust_losses
 
 STATUS_PERIOD = 1.0
 """Time between two reports of a status, s: a choice."""
@@ -175,10 +175,10 @@ class SessionStatus(ImmutableResult):
     undecoded_frames: int = 0
     """Number of frames that are damaged or of another dialect."""
 
-    motor_alarms: tuple[MotorAlarm, ...] = ()
+    motor_alarms: tuple[MotorChange, ...] = ()
     """Latest lasting changes of the motors' balance; changes without a named motor are no alarms."""
 
-    motor_alarms_of_flight: tuple[MotorAlarm, ...] | None = None
+    motor_alarms_of_flight: tuple[MotorChange, ...] | None = None
     """Such changes in the present flight, by which its motors are judged; None on the ground.
 
     There the motors are judged by all changes, ``motor_alarms``.

@@ -38,7 +38,7 @@ from mavdem.motors.change_statistics import (
     long_run_variance,
 )
 from mavdem.motors.loss_detection import PRIOR_BLOCK_SD
-from mavdem.motors.motor_changes import MAX_ONSET_ERROR, MIN_LOSS_SECONDS, MotorAlarm
+from mavdem.motors.motor_changes import MAX_ONSET_ERROR, MIN_LOSS_SECONDS, MotorChange
 from mavdem.motors.signatures import motor_signatures
 
 MIN_BEFORE_SECONDS = 4.0
@@ -98,7 +98,7 @@ class Ramp(NamedTuple):
 
 def gradual_loss(
     time: Array, commands: Array, lean: Array, geometry: MotorGeometry, boot: int = 0
-) -> MotorAlarm | None:
+) -> MotorChange | None:
     """Returns the alarm that one motor lost thrust in a run of settled flight, and did not regain it within the run.
 
     Args:
@@ -151,7 +151,7 @@ def gradual_loss(
     estimate = model.estimated_rises(rise_pattern, ramp.before, ramp.before + ramp.change, variance)
     rise = float(estimate.rises[motor])
     half_width = float(estimate.half_widths[motor])
-    return MotorAlarm(
+    return MotorChange(
         time=float(block_times[-1]),
         onset_time=float(block_times[ramp.start]),
         motor=geometry.motors[motor],

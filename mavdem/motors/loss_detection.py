@@ -60,7 +60,7 @@ from mavdem.motors.change_statistics import (
 )
 from mavdem.motors.heading_sectors import is_independent_of_heading
 from mavdem.motors.loss_confirmation import LossConfirmation
-from mavdem.motors.motor_changes import CauseProbabilities, MotorAlarm
+from mavdem.motors.motor_changes import CauseProbabilities, MotorChange
 from mavdem.motors.signatures import motor_signatures
 
 REFERENCE_SECONDS = 8.0
@@ -149,8 +149,8 @@ class MotorLossDetector:
             geometry: Positions and spins of the vehicle's k motors.
             boot: Number of the vehicle's boot, from 0.
         """
-        self.alarms: list[MotorAlarm] = []
-        self.weak_motors: dict[int, MotorAlarm] = {}
+        self.alarms: list[MotorChange] = []
+        self.weak_motors: dict[int, MotorChange] = {}
         self.latest_time = -inf
         self.reference_time: float | None = None
         mixer = motor_signatures(geometry)
@@ -177,7 +177,7 @@ class MotorLossDetector:
         commands: Sequence[float] | Array,
         heading: float = 0.0,
         lean: Sequence[float] | Array = UNKNOWN_LEAN,
-    ) -> list[MotorAlarm]:
+    ) -> list[MotorChange]:
         """Adds a sample of settled flight, and tests for a change whenever a block of samples is complete.
 
         After a gap of ``MAX_GAP``, or if the clock goes back by as much, the test begins anew.
@@ -542,7 +542,7 @@ class MotorLossDetector:
         size: float,
         loss: Numbers = (),
         causes: CauseProbabilities | None = None,
-    ) -> MotorAlarm:
+    ) -> MotorChange:
         """Adds a change to the alarms, as detected with the last block.
 
         Args:
@@ -557,7 +557,7 @@ class MotorLossDetector:
             The change as an alarm.
         """
         geometry = self._geometry
-        alarm = MotorAlarm(
+        alarm = MotorChange(
             time=self._blocks.times[-1],
             onset_time=self._blocks.start_of_last(block_count),
             motor=None if motor is None else geometry.motors[motor],

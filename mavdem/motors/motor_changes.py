@@ -30,7 +30,7 @@ MIN_LOSS_SECONDS = 8.0
 
 
 MAX_ONSET_ERROR = 2.0
-"""Largest error of the time at which a detected loss began, s: ``MotorAlarm.onset_time`` is known to 1 to 2 s."""
+"""Largest error of the time at which a detected loss began, s: ``MotorChange.onset_time`` is known to 1 to 2 s."""
 
 
 MIN_REPORTED_GROWTH = 1.5
@@ -46,8 +46,8 @@ class CauseProbabilities(NamedTuple):
     """Probability that some motor, or its propeller, lost thrust."""
 
 
-class MotorAlarm(NamedTuple):
-    """A lasting change of the motors' balance in flight; it is an alarm if a motor lost thrust."""
+class MotorChange(NamedTuple):
+    """A lasting change of the balance in flight: a motor lost thrust or regained it, or the steady torque changed."""
 
     time: float
     """When it was detected, s on the boot clock."""
@@ -127,7 +127,7 @@ def event_or_alarm(fact: Fact, time: float) -> Fact:
     return fact.replace(time=time if fact.time is None else fact.time, end_time=None)
 
 
-def thrust_losses(changes: Sequence[MotorAlarm]) -> list[Fact]:
+def thrust_losses(changes: Sequence[MotorChange]) -> list[Fact]:
     """Returns the losses of thrust in a flight, the worst first.
 
     Of several losses of a motor before it recovers, only the largest is returned. There are three cases:
@@ -155,7 +155,7 @@ def thrust_losses(changes: Sequence[MotorAlarm]) -> list[Fact]:
     return [loss.replace(names=tuple(bad_motors)) for loss in losses]
 
 
-def is_much_larger(slow_loss: MotorAlarm, sudden_changes: Sequence[MotorAlarm]) -> bool:
+def is_much_larger(slow_loss: MotorChange, sudden_changes: Sequence[MotorChange]) -> bool:
     """Returns whether a slow loss is so much larger than sudden losses of its motor that these were only parts of it.
 
     Args:
@@ -173,21 +173,21 @@ def is_much_larger(slow_loss: MotorAlarm, sudden_changes: Sequence[MotorAlarm]) 
 class _LossesByOutcome(NamedTuple):
     """The losses of thrust in a flight, of each motor the largest before it recovers."""
 
-    lasting: list[MotorAlarm]
+    lasting: list[MotorChange]
     """Losses without a recovery."""
-    ended: list[tuple[MotorAlarm, float]]
+    ended: list[tuple[MotorChange, float]]
     """Losses that ended, and when the motor recovered, s since boot; none that ended within ``MIN_LOSS_SECONDS``."""
 
 
-def _losses_by_outcome(changes: Sequence[MotorAlarm]) -> _LossesByOutcome:
+def _losses_by_outcome(changes: Sequence[MotorChange]) -> _LossesByOutcome:
     """Sorts the losses of thrust in a flight by whether the motor recovered.
 
     Args:
         changes: All changes of the flight, in the order of time.
     """
     # By boot and name of the motor: its largest loss since it last gave its full thrust.
-    lasting_losses: dict[tuple[int, str], MotorAlarm] = {}
-    ended_losses: list[tuple[MotorAlarm, float]] = []
+    lasting_losses: dict[tuple[int, str], MotorChange] = {}
+    ended_losses: list[tuple[MotorChange, float]] = []
     for change in changes:
         motor = (change.boot, change.name)
         if change.is_weak:
@@ -201,7 +201,7 @@ def _losses_by_outcome(changes: Sequence[MotorAlarm]) -> _LossesByOutcome:
     return _LossesByOutcome(list(lasting_losses.values()), ended_losses)
 
 
-def lasting_changes(changes: Sequence[MotorAlarm]) -> list[MotorAlarm]:
+def lasting_changes(changes: Sequence[MotorChange]) -> list[MotorChange]:
     """Returns the changes of a flight without losses of thrust that were too brief to be real.
 
     A motor that seems weak for less than ``MIN_LOSS_SECONDS`` was disturbed by a gust or a correction of the attitude.
@@ -215,8 +215,8 @@ def lasting_changes(changes: Sequence[MotorAlarm]) -> list[MotorAlarm]:
         The remaining changes, in the same order.
     """
     # By boot and name of the motor: its losses since it last gave its full thrust.
-    losses_of_motor: dict[tuple[int, str], list[MotorAlarm]] = {}
-    removed_alarms: list[MotorAlarm] = []
+    losses_of_motor: dict[tuple[int, str], list[MotorChange]] = {}
+    removed_alarms: list[MotorChange] = []
     for change in changes:
         motor = (change.boot, change.name)
         if change.motor is None:
@@ -236,7 +236,7 @@ def lasting_changes(changes: Sequence[MotorAlarm]) -> list[MotorAlarm]:
     return [change for change in changes if change not in removed_alarms]
 
 
-def alarm_figures(changes: Sequence[MotorAlarm]) -> JsonValues:
+def alarm_figures(changes: Sequence[MotorChange]) -> JsonValues:
     """Returns the changes of a flight, sorted by what changed, and the bound on the rate of false alarms.
 
     Args:

@@ -34,7 +34,7 @@ from mavdem.facts.forecasts import ForecastFact
 from mavdem.facts.identifiability import Status
 from mavdem.facts.motors import TrimFact
 from mavdem.loops.limit_cycles import Oscillation
-from mavdem.motors.motor_changes import MotorAlarm
+from mavdem.motors.motor_changes import MotorChange
 from mavdem.report.screen import parameter_reasons
 
 GOOD, LIMITED, NONE = Grade
@@ -162,7 +162,7 @@ def test_the_next_step_is_that_of_the_first_purpose_that_is_not_served(grades, c
 CYCLE = Oscillation(
     axis="roll", frequency=7.1, rate=85.0, at_limit=0.4, growing=False, seconds=12.0
 )
-WEAK = MotorAlarm(70.0, 66.4, 1, "motor 1 (front right)", 0.24, 0.99, loss=(0.17, 0.39))
+WEAK = MotorChange(70.0, 66.4, 1, "motor 1 (front right)", 0.24, 0.99, loss=(0.17, 0.39))
 SATURATED = {"at_upper_limit": (0.0, 0.0, 0.86, 0.0), "trim_share": (0.9, 0.9, 1.3, 0.9)}
 DEVIATION = {"worst": "motor 3 (front left)", "deviation": 0.17, "half": 0.03}
 TWISTED = Fact(

@@ -22,7 +22,7 @@ from mavdem.facts.loops import LoopAction
 from mavdem.facts.motors import MotorsLight, MotorWatchFact, TrimFact
 from mavdem.facts.session import SessionFact
 from mavdem.facts.watch import WatchFact
-from mavdem.motors.motor_changes import MotorAlarm, thrust_losses
+from mavdem.motors.motor_changes import MotorChange, thrust_losses
 
 GROUNDED = Fact(NotLearnableReason.NEVER_ARMED)
 CRASH = prose("Lost control.").replace(Level.BAD)
@@ -50,7 +50,7 @@ def headline(known, ending=None, events=(), airborne=60.0, oscillation=None):
 
 
 def test_a_larger_loss_that_recovered_is_not_hidden_by_a_smaller_that_lasts():
-    large = MotorAlarm(10, 10, 2, "motor 2", 0.5, 1, loss=(0.3, 0.5))
+    large = MotorChange(10, 10, 2, "motor 2", 0.5, 1, loss=(0.3, 0.5))
     small = large._replace(motor=4, name="motor 4", size=0.1)
     found = thrust_losses([large, large._replace(onset_time=30.0, size=0.0), small])
     assert headline(lights(), events=found[::-1]).remedy.startswith(

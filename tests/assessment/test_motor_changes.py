@@ -10,12 +10,12 @@ from simulated import simulated
 from mavdem.assessment.axis.figures import MotorChanges, motor_changes
 from mavdem.facts.identifiability import Status
 from mavdem.facts.model import ParameterDoubt
-from mavdem.motors.motor_changes import MotorAlarm
+from mavdem.motors.motor_changes import MotorChange
 from mavdem.plant.identifiability import PARAMETERS
 
-LOSS = MotorAlarm(13.0, 10.0, 2, "motor 2", 0.3, 0.99, boot=0, loss=(0.2, 0.4))
-RECOVERY = MotorAlarm(17.0, 14.0, 2, "motor 2", 0.0, 0.99, boot=0)
-STEADY_TORQUE = MotorAlarm(13.0, 12.0, None, "", 0.1, 0.97, boot=0)
+LOSS = MotorChange(13.0, 10.0, 2, "motor 2", 0.3, 0.99, boot=0, loss=(0.2, 0.4))
+RECOVERY = MotorChange(17.0, 14.0, 2, "motor 2", 0.0, 0.99, boot=0)
+STEADY_TORQUE = MotorChange(13.0, 12.0, None, "", 0.1, 0.97, boot=0)
 
 
 def flight_of(boot):

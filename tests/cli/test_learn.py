@@ -25,7 +25,7 @@ from mavdem.fleet.row import FlightRow
 from mavdem.ingest import read_log
 from mavdem.live import SessionStatus
 from mavdem.live.history import LiveHistory
-from mavdem.motors.motor_changes import MotorAlarm
+from mavdem.motors.motor_changes import MotorChange
 from mavdem.report.blocks import Sentence, Table
 from mavdem.report.pages.flight_page import flight_page, live_page
 from mavdem.report.templates import headline as words_of
@@ -190,7 +190,7 @@ def test_an_impossible_out_or_a_wrong_truth_file_is_refused_before_the_work(
 @mark.slow
 @mark.usefixtures("logs_read_once")
 def test_every_place_says_the_same_of_a_flight(tmp_path, monkeypatch, capsys):
-    alarm = MotorAlarm(70.0, 66.4, 1, "motor 1 (front right)", 0.24, 0.99, loss=(0.17, 0.39))
+    alarm = MotorChange(70.0, 66.4, 1, "motor 1 (front right)", 0.24, 0.99, loss=(0.17, 0.39))
     monkeypatch.setattr("mavdem.assessment.axis.analysis.motor_alarms", lambda signals: (alarm,))
     log = str(short_flight(tmp_path))
     out = tmp_path / "out"

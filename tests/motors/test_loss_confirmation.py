@@ -10,7 +10,7 @@ from mavdem.facts import Level
 from mavdem.motors.loss_detection import MotorLossDetector
 from mavdem.motors.motor_changes import (
     MIN_LOSS_SECONDS,
-    MotorAlarm,
+    MotorChange,
     lasting_changes,
     thrust_losses,
 )
@@ -70,13 +70,13 @@ def test_a_loss_that_ended_later_is_to_be_watched(seed):
 
 @mark.parametrize("seconds, count", [(MIN_LOSS_SECONDS - 0.5, 0), (MIN_LOSS_SECONDS + 0.5, 1)])
 def test_a_loss_counts_from_eight_seconds_on(seconds, count):
-    loss = MotorAlarm(11.0, 10.0, 2, "motor 2", 0.3, 0.99, loss=(0.2, 0.4))
+    loss = MotorChange(11.0, 10.0, 2, "motor 2", 0.3, 0.99, loss=(0.2, 0.4))
     end = loss._replace(time=30.0, onset_time=10.0 + seconds, size=0.0)
     assert len(thrust_losses([loss, end])) == count
 
 
 def test_a_withdrawn_loss_and_its_recovery_go_as_a_pair():
-    loss = MotorAlarm(11.0, 10.0, 2, "motor 2", 0.3, 0.99, loss=(0.2, 0.4))
+    loss = MotorChange(11.0, 10.0, 2, "motor 2", 0.3, 0.99, loss=(0.2, 0.4))
     torque = loss._replace(time=20.0, onset_time=19.0, motor=None, name="")
     early_end = loss._replace(time=18.0, onset_time=9.5 + MIN_LOSS_SECONDS, size=0.0, loss=())
     late_end = loss._replace(time=30.0, onset_time=28.0, size=0.0, loss=())

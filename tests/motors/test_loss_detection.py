@@ -12,7 +12,7 @@ from mavdem.facts.motors import MotorWatchFact
 from mavdem.ingest.motor_geometry import motor_geometry
 from mavdem.motors.change_statistics import long_run_variance
 from mavdem.motors.loss_detection import HOURS_TO_FALSE_ALARM, MAX_GAP, MotorLossDetector
-from mavdem.motors.motor_changes import MotorAlarm, alarm_figures
+from mavdem.motors.motor_changes import MotorChange, alarm_figures
 from mavdem.motors.signatures import motor_signatures
 
 # Hz, s
@@ -291,9 +291,9 @@ def test_where_nothing_can_be_found_it_says_why():
 
 
 def test_json_keeps_alarms_apart_from_changes_that_name_no_motor():
-    named = MotorAlarm(30.0, 28.5, 2, "motor 2", 0.25, 0.98, loss=(0.2, 0.4))
-    torque = MotorAlarm(40.0, 30.0, None, "", 0.1, 0.97)
-    sound = MotorAlarm(50.0, 49.0, 2, "motor 2", 0.0, 0.99)
+    named = MotorChange(30.0, 28.5, 2, "motor 2", 0.25, 0.98, loss=(0.2, 0.4))
+    torque = MotorChange(40.0, 30.0, None, "", 0.1, 0.97)
+    sound = MotorChange(50.0, 49.0, 2, "motor 2", 0.0, 0.99)
     found = alarm_figures([torque, named, sound])
     assert (found["alarms"], found["recoveries"]) == ([named], [sound])
     assert found["torque_changes"] == [torque]

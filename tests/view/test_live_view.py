@@ -31,7 +31,7 @@ from mavdem.live.display import DisplayRow
 from mavdem.live.session_status import Latency, PredictionBand, UsefulHorizon
 from mavdem.live.stream import LatestPose
 from mavdem.live.wind import WindEstimate
-from mavdem.motors.motor_changes import MotorAlarm
+from mavdem.motors.motor_changes import MotorChange
 from mavdem.plant import Physical
 from mavdem.plant.online_wind_torque import is_torque_resolved
 from mavdem.plant.sampled_plant import GAUSSIAN_KERNEL, WindComponent
@@ -189,7 +189,7 @@ def test_an_alarm_is_an_error_in_the_log_and_marks_its_beginning_in_every_plot(
             view.put(DisplayRow(t, 0.0, 0, y, u, known))
         alarm = prose("Alarm: motor 1 lost some thrust.").replace(Level.BAD)
         view.log(Occurrence(52.9, alarm, 51.25))
-        lost = MotorAlarm(52.9, 52.0, 0, "motor 1", 0.2, 0.99, loss=(0.1, 0.3))
+        lost = MotorChange(52.9, 52.0, 0, "motor 1", 0.2, 0.99, loss=(0.1, 0.3))
         view.log(Occurrence(52.95, lost.event, lost.onset_time))
     marks = {name: line for name, line in drawn(path).items() if name.endswith("alarms")}
     plots = {"axes/roll", "free_energy", "motors", "surprise", "wind"}

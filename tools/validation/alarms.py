@@ -49,7 +49,7 @@ from mavdem.live import LiveStream
 from mavdem.live.history import TORQUE_COLUMNS
 from mavdem.live.link import ReceivedPiece
 from mavdem.live.session import LiveSession
-from mavdem.motors.motor_changes import MotorAlarm
+from mavdem.motors.motor_changes import MotorChange
 from sitl_scenarios.scenario import Scenario
 from sitl_scenarios.simulation import fly
 
@@ -119,7 +119,7 @@ def scenario(kind: str, number: int, rate: float) -> Scenario:
     return scenario_from_values(values, "SERVO_OUTPUT_RAW")
 
 
-def flight_hours_and_alarms(flight: Scenario) -> tuple[float, tuple[MotorAlarm, ...]]:
+def flight_hours_and_alarms(flight: Scenario) -> tuple[float, tuple[MotorChange, ...]]:
     """Simulates a flight, and returns its hours of settled flight and the alarms on motors and loads.
 
     Args:

@@ -38,7 +38,7 @@ from mavdem.flight import Flights
 from mavdem.immutable import ReadOnlyDict
 from mavdem.ingest import Log
 from mavdem.motors.balance_blocks import MIN_SAMPLE_RATE
-from mavdem.motors.motor_changes import MotorAlarm
+from mavdem.motors.motor_changes import MotorChange
 from mavdem.motors.trim_pattern import trim_of_signals
 from mavdem.plant import Physical
 from mavdem.plant.wind_torque import estimate_wind_torque
@@ -180,7 +180,7 @@ def _analysis_without_model(
     Returns:
         The analysis.
     """
-    alarms: tuple[MotorAlarm, ...] = ()
+    alarms: tuple[MotorChange, ...] = ()
     trim = None
     if other_axis is not None:
         condition = other_axis.condition

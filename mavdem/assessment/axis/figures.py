@@ -42,7 +42,7 @@ from mavdem.facts.model import ParameterDoubt
 from mavdem.flight import Flights, boot_number
 from mavdem.ingest import Component
 from mavdem.loops.identification import identify_plant_in_loop
-from mavdem.motors.motor_changes import MAX_ONSET_ERROR, MotorAlarm, alarm_figures
+from mavdem.motors.motor_changes import MAX_ONSET_ERROR, MotorChange, alarm_figures
 from mavdem.plant import NotIdentifiable, Physical, WindTorque, physical
 from mavdem.plant.wind_torque import estimate_wind_torque, resolved_wind_torque
 
@@ -99,7 +99,7 @@ class MotorChanges(NamedTuple):
         return plant._replace(status=statuses, reasons=reasons)
 
 
-def motor_changes(alarms: Sequence[MotorAlarm], flights: Flights) -> MotorChanges:
+def motor_changes(alarms: Sequence[MotorChange], flights: Flights) -> MotorChanges:
     """Finds the samples at which a motor lost or recovered thrust, and those in which a motor was weak.
 
     A loss lasts until the same motor recovers. Its interval is extended at both ends by ``MAX_ONSET_ERROR``, by which
@@ -131,7 +131,7 @@ def motor_changes(alarms: Sequence[MotorAlarm], flights: Flights) -> MotorChange
     return MotorChanges(sorted(set(samples)), np.concatenate(flags))
 
 
-def _weak_motor_intervals(alarms: Sequence[MotorAlarm]) -> list[TimeInterval]:
+def _weak_motor_intervals(alarms: Sequence[MotorChange]) -> list[TimeInterval]:
     """Finds the intervals in which a motor had lost thrust, from its alarms of loss and recovery.
 
     Args:
@@ -178,7 +178,7 @@ class LogAnalysis:
     """Forecasts of windows that no model was trained on."""
     truth: TruthComparison | None = None
     """The estimates compared with the truth of a simulated flight, if its file was given."""
-    alarms: tuple[MotorAlarm, ...] = ()
+    alarms: tuple[MotorChange, ...] = ()
     """Lasting changes of the motors' balance in flight, as a live session would have found them."""
     trim: Fact | None = None
     """How even the motors work; None if their outputs were not recorded."""
@@ -416,7 +416,7 @@ def physical_parameters(signals: Signals, flights: Flights) -> Physical | NotIde
 def estimates_of_axis(
     signals: Signals,
     components: tuple[Component, ...],
-    alarms: Sequence[MotorAlarm],
+    alarms: Sequence[MotorChange],
 ) -> AxisEstimates:
     """Estimates physical parameters and wind torque of the axis of ``signals``, without learning a model.
 

@@ -29,7 +29,7 @@ from mavdem.facts.assessment import (
 from mavdem.facts.forecasts import ForecastFact
 from mavdem.facts.identifiability import Status
 from mavdem.facts.model import ParameterDoubt
-from mavdem.motors.motor_changes import MotorAlarm
+from mavdem.motors.motor_changes import MotorChange
 from mavdem.plant import Physical, WindTorque
 
 MAX_RELATIVE_HALF_WIDTHS = {"effect": 0.15, "damping": 1 / 3, "lag": 1 / 3, "wind": 0.25}
@@ -93,7 +93,7 @@ def model_findings(
     learned: Learned | None = None,
     held_out: HeldOut | None = None,
     condition: Condition | None = None,
-    alarms: Sequence[MotorAlarm] = (),
+    alarms: Sequence[MotorChange] = (),
     consistency: float | None = None,
     trim: Fact | None = None,
 ) -> Findings:

@@ -25,7 +25,7 @@ from mavdem.ingest import Log
 from mavdem.loops.axis_loops import Loop
 from mavdem.loops.identification import identify_plant_in_loop
 from mavdem.loops.loop_construction import loop_from_plant
-from mavdem.motors.motor_changes import MotorAlarm
+from mavdem.motors.motor_changes import MotorChange
 from mavdem.plant import Physical, physical
 
 
@@ -101,7 +101,7 @@ class AxisResults(NamedTuple):
 
 
 def results_of_axis(
-    axis: str, log: Log, signals: Signals, alarms: Sequence[MotorAlarm], start: float
+    axis: str, log: Log, signals: Signals, alarms: Sequence[MotorChange], start: float
 ) -> AxisResults:
     """Estimates physical parameters, wind torque and control loops of one axis without learning a model.
 

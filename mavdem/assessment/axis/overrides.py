@@ -10,7 +10,7 @@ from mavdem.facts import Code, Fact, Facts, Level
 from mavdem.facts.assessment import Override
 from mavdem.loops.limit_cycles import MIN_AT_LIMIT_SHARE, Oscillation
 from mavdem.motors.hover import HoverFigures
-from mavdem.motors.motor_changes import MotorAlarm, thrust_losses
+from mavdem.motors.motor_changes import MotorChange, thrust_losses
 from mavdem.motors.saturation import ALIKE_RATIO, most_limited_motors
 
 
@@ -46,7 +46,7 @@ class LimitedMotors(NamedTuple):
 
 def flight_overrides(
     condition: Condition | None,
-    alarms: Sequence[MotorAlarm],
+    alarms: Sequence[MotorChange],
     consistency: float | None = None,
     trim: Fact | None = None,
 ) -> Facts:
