@@ -1,5 +1,7 @@
 """``mavdem mcp``: review, tune, wind, diff and any field of a log as tools for an assistant."""
 
+import sys
+
 import click
 
 from mavdem.extras import require_extra
@@ -21,6 +23,9 @@ def mcp_command() -> None:
       {"mcpServers": {"mavdem": {"command": "mavdem", "args": ["mcp"]}}}
     """
     require_extra("mcp", "mavdem mcp")
+    from mavdem.cli.assistant_input import character_input
     from mavdem.cli.assistant_tools import make_server
 
+    # The server takes its standard input from here.
+    sys.stdin = character_input(sys.stdin)
     make_server().run()

@@ -1,0 +1,66 @@
+"""What an assistant sends to ``mavdem mcp``, without escapes that stand for no character.
+
+The name of a file may have bytes that are no characters. Python and JavaScript write such a name in JSON with a lone
+surrogate, such as ``\\ud800``, which the library of the protocol refuses to read: it drops the line, and the assistant
+waits for an answer without end. With the character U+FFFD in its place, the answer is that there is no such file.
+"""
+
+import io
+import re
+from typing import BinaryIO, TextIO
+
+JSON_ESCAPE = re.compile(
+    rb"""(?x)
+    \\u[dD][89abAB][0-9a-fA-F]{2} \\u[dD][c-fC-F][0-9a-fA-F]{2}  # a pair of surrogates, which is one character
+    | (?P<lone> \\u[dD][89a-fA-F][0-9a-fA-F]{2})
+    | \\.  # any other escape, such as a backslash
+    """
+)
+"""An escape in a JSON text, of the first of three kinds that fits. An escaped backslash begins no surrogate."""
+
+
+def without_lone_surrogates(text: bytes) -> bytes:
+    """Returns a JSON text with the replacement character instead of surrogates without a partner."""
+    return JSON_ESCAPE.sub(
+        lambda escape: rb"\ufffd" if escape["lone"] else escape[0],
+        text,
+    )
+
+
+class _CharacterInput(io.RawIOBase):
+    """Binary input whose lines are JSON texts, without lone surrogates."""
+
+    def __init__(self, source: BinaryIO) -> None:
+        """Begins to read.
+
+        Args:
+            source: The input, at the beginning of a line.
+        """
+        self._source = source
+        # The part of the last line that was not read yet.
+        self._rest = memoryview(b"")
+
+    def readable(self) -> bool:
+        """Returns that this is an input."""
+        return True
+
+    def readinto(self, buffer: memoryview) -> int:  # type: ignore[override]
+        """Reads as much of one line as there is room for, and waits for the line if it has not come.
+
+        Args:
+            buffer: Room for the bytes.
+
+        Returns:
+            Number of bytes that were read; 0 at the end of the input.
+        """
+        if not self._rest:
+            self._rest = memoryview(without_lone_surrogates(self._source.readline()))
+        count = min(len(buffer), len(self._rest))
+        buffer[:count] = self._rest[:count]
+        self._rest = self._rest[count:]
+        return count
+
+
+def character_input(source: TextIO) -> TextIO:
+    """Returns an input, such as standard input, whose lines are JSON texts, without lone surrogates."""
+    return io.TextIOWrapper(io.BufferedReader(_CharacterInput(source.buffer)), encoding="utf-8")
