@@ -20,12 +20,12 @@ from mavdem.cli.assistant_input import character_input
     ],
 )
 def test_a_surrogate_without_a_partner_is_replaced(sent, read):
-    source = io.TextIOWrapper(io.BytesIO(f"{sent}\n".encode() * 2))
+    source = io.TextIOWrapper(io.BytesIO(f"{sent}\n".encode() * 2), encoding="utf-8")
     lines = character_input(source).readlines()
     assert [json.loads(line)["log"] for line in lines] == [read, read]
 
 
 def test_long_lines_are_read_in_pieces():
     line = json.dumps({"log": "ab\ud800" * 50_000}) + "\n"
-    source = io.TextIOWrapper(io.BytesIO(line.encode()))
+    source = io.TextIOWrapper(io.BytesIO(line.encode()), encoding="utf-8")
     assert json.loads(character_input(source).readline())["log"] == "ab\ufffd" * 50_000
