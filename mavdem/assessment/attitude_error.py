@@ -85,9 +85,9 @@ def attitude_error(signals: Signals, boot: int) -> AttitudeError | None:
     """Computes the error of roll and pitch in a boot.
 
     The error is the distance of an angle from the range of its setpoints in the last ``MAX_SETPOINT_DELAY`` seconds. So
-    a step of the setpoint is no error until the vehicle had time to follow it. If the setpoint was not recorded, the
-    share ``WITHOUT_SETPOINT_SHARE`` of the angle counts as error, and the rest as intended. If body rates are commanded
-    instead of angles, as in Acro mode, every angle counts as intended.
+    a step of the setpoint is not an error until the vehicle had time to follow it. If the setpoint was not recorded,
+    the share ``WITHOUT_SETPOINT_SHARE`` of the angle counts as error, and the rest as intended. If body rates are
+    commanded instead of angles, as in Acro mode, every angle counts as intended.
 
     Args:
         signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.

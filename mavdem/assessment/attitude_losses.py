@@ -367,7 +367,7 @@ class _AttitudeLoss(NamedTuple):
         record_end = float(self.error.time[-1])
         end = min(self.end, record_end)
         for descent in self.sensors.sink_facts((onset, end + RECOVERY_SECONDS)):
-            # That it did not sink contradicts no loss: a vehicle that tips over on the ground does not sink either.
+            # A vehicle that did not sink may be lost all the same: one that tips over on the ground does not sink.
             if descent.code is SensorFact.SANK:
                 facts.append(descent)
         rest = self.sensors.rest_after(onset, end + 2 * RECOVERY_SECONDS)

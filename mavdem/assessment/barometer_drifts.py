@@ -21,7 +21,7 @@ WEATHER_RATE = 0.1 / 60
 """Rate, m/s, at which the weather changes a barometer's height: 1 m in 10 minutes."""
 
 NOISE_RATIO = 4.0
-"""Change of the barometer's height over its scatter at rest from which on it is no noise."""
+"""Change of the barometer's height over its scatter at rest from which on it is not noise."""
 
 MAX_SATELLITE_FRACTION = 0.5
 """Change of the altitude by satellites, as a fraction of the barometer's, up to which it denies that one; a choice.

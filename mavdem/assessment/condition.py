@@ -165,7 +165,8 @@ def _find_oscillation(signals: Signals, settled_segments: Segments) -> Oscillati
         settled_segments: segments of settled flight: armed, off the ground, without climbs.
 
     Returns:
-        The limit cycle, in settled flight if there is one; None if the vehicle does not oscillate, or is no multirotor.
+        The limit cycle, in settled flight if there is one; None if the vehicle does not oscillate, or is not a
+        multirotor.
     """
     attitudes = dict(zip(AXES, signals.attitudes, strict=False))
     if signals.telemetry.vehicle not in POSSIBLE_MULTIROTORS:

@@ -72,7 +72,7 @@ class Evidence:
 
     @property
     def other_vehicle(self) -> Fact | None:
-        """The fact that the vehicle is no multirotor; None if it is one, or may be one.
+        """The fact that the vehicle is not a multirotor; None if it is one, or may be one.
 
         It is the reason why its motors, tracking, margins and wind are not judged. Vibration, power, estimator and log
         are judged of every vehicle.
@@ -84,7 +84,7 @@ class Evidence:
 
     @cached_property
     def has_operated(self) -> bool:
-        """Whether the vehicle flew or, if it is no multirotor, was in operation, as a rover that drives."""
+        """Whether the vehicle flew or, if it is not a multirotor, was in operation, as a rover that drives."""
         if self.other_vehicle is None:
             # Duration of all flight of a multirotor, s.
             return bool(self.learnability.figures.airborne)
@@ -217,7 +217,8 @@ class Evidence:
     def flights(self, boot: int) -> Intervals:
         """Returns the intervals of a boot in free flight until the vehicle was lost.
 
-        Of a vehicle that is no multirotor they are those in which it operates (``flight_states.airborne_intervals``).
+        Of a vehicle that is not a multirotor they are those in which it operates
+        (``flight_states.airborne_intervals``).
 
         Args:
             boot: number of the boot; a boot lasts from one start of the autopilot to the next.

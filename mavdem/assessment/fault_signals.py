@@ -154,7 +154,7 @@ def _lost_fix(signals: Signals) -> Iterator[FaultSignal]:
 def _low_board_voltage(telemetry: Telemetry) -> FaultSignal:
     """Returns the signal that the supply voltage of the board is below its limit.
 
-    Voltages that are too low to be possible, such as 0 V, mean that it was not measured, and are no fault.
+    Voltages that are too low to be possible, such as 0 V, mean that it was not measured, and are not a fault.
 
     Args:
         telemetry: messages of the vehicle.

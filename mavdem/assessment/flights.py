@@ -31,7 +31,7 @@ def settled_flight(signals: Signals) -> Segments:
         signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.
 
     Returns:
-        Segments in the order of boot and time; none for a vehicle that is no multirotor.
+        Segments in the order of boot and time; none for a vehicle that is not a multirotor.
     """
     if signals.telemetry.vehicle not in POSSIBLE_MULTIROTORS:
         return ()
@@ -71,7 +71,7 @@ def total_duration(segments: Segments) -> float:
 def flights_in_boot(signals: Signals, boot: int) -> Intervals:
     """Returns the intervals of a boot in which the vehicle is off the ground.
 
-    A pause of less than ``RECOVERY_SECONDS`` is no landing: a land detector may be mistaken in the air.
+    A pause of less than ``RECOVERY_SECONDS`` is not a landing: a land detector may be mistaken in the air.
 
     Args:
         signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.

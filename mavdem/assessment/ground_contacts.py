@@ -174,8 +174,8 @@ class _Contact:
            flight; otherwise some seconds after the loss of attitude.
         2. The moment of the contact is sought in the ``SEARCH_SECONDS`` before that end
            (:meth:`ContactSearch.contact_time`).
-        3. At least ``MIN_SUPPORT`` independent sensor facts must show that it was no landing. If no accelerometer could
-           show a knock, a sudden stop of the estimated descent is enough.
+        3. At least ``MIN_SUPPORT`` independent sensor facts must show that it was not a landing. If no accelerometer
+           could show a knock, a sudden stop of the estimated descent is enough.
         """
         rest = self._rest_after_flight()
         record_end = float(self.error.time[-1])
@@ -190,7 +190,7 @@ class _Contact:
         has_support = support_count(sensor_facts) >= MIN_SUPPORT
         if not has_support and not self._estimate_shows_impact(time):
             return None
-        # That the vehicle rested, or that the log ended, was a condition of the search already. So this fact does not
+        # The search required already that the vehicle rested, or that the log ended. So this fact does not
         # count towards ``MIN_SUPPORT``, and is only listed with the others.
         end_fact = self._fact_about_end(time, rest, record_end)
         if end_fact is not None:
@@ -277,7 +277,7 @@ class _Contact:
         return record_end - end_of_control < RECOVERY_SECONDS
 
     def _sensor_facts(self, time: float, rest: Rest | None) -> Facts:
-        """Collects what sensors and reports show for or against a contact that was no landing.
+        """Collects what sensors and reports show for or against a contact that was not a landing.
 
         Args:
             time: time when the vehicle touched the ground, s since boot.

@@ -176,7 +176,7 @@ def with_weak_motor(event: Fact, motors_light: Fact) -> Fact:
 
 
 def _reason_on_ground(evidence: Evidence) -> Fact:
-    """Returns the fact that says why a log has no flight or, of a vehicle that is no multirotor, no operation."""
+    """Returns the fact that says why a log has no flight or, of a vehicle that is not a multirotor, no operation."""
     if evidence.other_vehicle is not None:
         armed_signal = evidence.signals.armed
         if armed_signal is not None and not armed_signal.values.any():

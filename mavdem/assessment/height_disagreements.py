@@ -44,8 +44,8 @@ SECONDS_AFTER_TAKE_OFF = 5.0
 def height_disagreements(sensors: BootSensors, flight_interval: TimeInterval) -> Iterator[Fact]:
     """Yields an event if the height by the barometer and that by satellites disagree in a flight.
 
-    If the heights at rest show that the barometer is right, the altitude by satellites wandered: that is no fault, so
-    that the level of the event is good.
+    If the heights at rest show that the barometer is right, the altitude by satellites wandered: that is not a fault,
+    so that the level of the event is good.
 
     Args:
         sensors: sensors of the vehicle in one boot, which lasts from one start of the autopilot to the next.

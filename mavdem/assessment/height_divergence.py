@@ -126,7 +126,7 @@ def _divergence(sensors: BootSensors, interval: TimeInterval) -> Fact | None:
             cause.replace(time=window_start, end_time=end) if is_error_in_flight else cause
         )
     full_throttle = _full_throttle(sensors, interval)
-    # If a vehicle sinks at full throttle, it lacks thrust, and the throttle is no evidence for a diverged estimate.
+    # If a vehicle sinks at full throttle, it lacks thrust, and the throttle is not evidence for a diverged estimate.
     if full_throttle is not None and is_rising:
         sensor_facts.append(full_throttle)
     event = Fact(
@@ -210,7 +210,7 @@ def _accelerometer_error(sensors: BootSensors, interval: TimeInterval) -> Fact |
     if force_at_rest is not None and is_wrong_at_rest:
         rest_explains_flight = flight_error is None
         if flight_error is not None and is_wrong_in_flight:
-            # The share is negative if the errors have opposite signs: the one at rest then explains nothing.
+            # The ratio is negative if the errors have opposite signs: the one at rest then explains nothing.
             rest_explains_flight = (force_at_rest - GRAVITY) / flight_error >= MIN_REST_FRACTION
         if rest_explains_flight:
             return supporting_fact(

@@ -162,7 +162,7 @@ def longest_rejection(time: Array, ratios: Array, failsafe_limit: float) -> Reje
     exceeding_count += velocity_ratio >= 2 * failsafe_limit
     exceeding_count += position_ratio >= failsafe_limit
     exceeding_count += compass_ratio >= failsafe_limit
-    # For each of the four innovations the longest time, s, for which it exceeded the filter's own limit.
+    # The longest time, s, for which each of the four innovations exceeded the filter's own limit.
     is_rejected = ratios >= INNOVATION_LIMIT
     durations = [longest_true_duration(time, is_true) for is_true in is_rejected.T]
     largest_ratios = ratios.max(axis=0)
@@ -173,7 +173,7 @@ def longest_rejection(time: Array, ratios: Array, failsafe_limit: float) -> Reje
         for column, name in enumerate(INNOVATIONS)
         if name is not EstimatorRatio.HEIGHT or failsafe_duration < FAILSAFE_SECONDS
     ]
-    # Of innovations that exceeded the limit equally long, or not at all, the largest is the worst.
+    # The largest is the worst of innovations that exceeded the limit equally long, or not at all.
     worst_column = max(candidates, key=lambda column: (durations[column], largest_ratios[column]))
     rejected_intervals = true_intervals(time, is_rejected[:, worst_column])
     return Rejection(

@@ -587,5 +587,5 @@ def _output_instances(evidence: Evidence) -> Iterator[Instance]:
 
 
 def _motor_in_brackets(evidence: Evidence, name: str) -> str:
-    """Returns the motor of an output, as in "output 1 (motor 1)"; nothing for a vehicle that is no multirotor."""
+    """Returns the motor of an output, as in "output 1 (motor 1)"; nothing for a vehicle that is not a multirotor."""
     return "" if evidence.other_vehicle is not None else f" ({name_without_place(name)})"

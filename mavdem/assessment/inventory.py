@@ -134,7 +134,7 @@ def _component_values(component: Component, missing_share: float | None) -> Json
 
     Args:
         component: counts of a component's messages.
-        missing_share: fraction of the samples of its streams that are missing; None if it is no vehicle.
+        missing_share: fraction of the samples of its streams that are missing; None if it is not a vehicle.
 
     Returns:
         MAVLink ids of ``system`` and ``component``, its ``kind``, number of ``messages``, number ``lost`` by the

@@ -66,7 +66,7 @@ def end_in_air(
 def _explains_end(event: Fact, end_time: float) -> bool:
     """Returns whether an event of a flight explains why a log ends without a landing.
 
-    There are three such events: a contact with the ground; attitudes that are no numbers until the end; and a loss of
+    There are three such events: a contact with the ground; attitudes that are not numbers until the end; and a loss of
     attitude at least ``RECOVERY_SECONDS`` before the end, after which the vehicle is on the ground.
 
     Args:

@@ -44,10 +44,10 @@ def motion_events(signals: Signals, reports: Sequence[Fact] = ()) -> Facts:
     """Returns the events that the motion shows, in order of boot and time.
 
     They are losses of attitude, falls, dives, flips, contacts with the ground, losses of height and position estimates,
-    drift in wind, attitudes that are no numbers, barometers that drift, motors at their limit or off, clipping of the
+    drift in wind, attitudes that are not numbers, barometers that drift, motors at their limit or off, clipping of the
     accelerometers, and a log that ends in the air.
 
-    A boot in which the vehicle did not fly has only the one event that says so. Of vehicles that are no multirotors
+    A boot in which the vehicle did not fly has only the one event that says so. Of vehicles that are not multirotors
     only clipping and losses of the position are events, since a plane banks and dives on purpose.
 
     Args:
@@ -77,7 +77,7 @@ def motion_events(signals: Signals, reports: Sequence[Fact] = ()) -> Facts:
 def _events_of_other_vehicle(
     signals: Signals, boot: int, reports: Sequence[Fact]
 ) -> Iterator[Fact]:
-    """Yields the events of one boot of a vehicle that is no multirotor, in no particular order.
+    """Yields the events of one boot of a vehicle that is not a multirotor, in no particular order.
 
     They are clipping of the accelerometers and losses of the horizontal position. Losses of attitude, falls and limits
     of motors are no events of such a vehicle, since a plane banks and dives on purpose.
@@ -145,7 +145,7 @@ def _events_of_boot(signals: Signals, boot: int, reports: Sequence[Fact]) -> Ite
         if event.code is MotionEvent.MOTOR_OFF:
             yield from with_sensor_evidence(signals, [event], reports)
         elif event.code is MotionEvent.MOTOR_AT_ITS_STOP and _lies_within(event, flips):
-            # A flip needs full thrust of some motors, so that their limit is no fault.
+            # A flip needs full thrust of some motors, so that their limit is not a fault.
             yield event.replace(Level.GOOD, is_in_flip=True)
         elif not in_intervals(event.start_time, times_out_of_control):
             yield event

@@ -245,8 +245,8 @@ def _with_full_throttle_marked(
 ) -> Fact:
     """Marks the event of a motor at its limit if the pilot gave full throttle for most of its time.
 
-    With all thrust in use, some motor is always at its limit: the one that the attitude needs most. That is no fault,
-    so that the event is good if the vehicle climbs.
+    With all thrust in use, some motor is always at its limit: the one that the attitude needs most. That is not a
+    fault, so that the event is good if the vehicle climbs.
 
     Args:
         signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.

@@ -280,7 +280,7 @@ def _mean_excess(commands: TimeSeries, motor: int) -> Array:
 
 
 def _evidence_of_causing_event(ending: Fact, cause: Fact, events: Sequence[Fact]) -> Facts:
-    """Returns the evidence for the event that caused a loss; empty if the cause is no event, or has no evidence.
+    """Returns the evidence for the event that caused a loss; empty if the cause is not an event, or has no evidence.
 
     Args:
         ending: event with which the flight was lost.

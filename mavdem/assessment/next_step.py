@@ -28,7 +28,7 @@ def choose_next_step(headline: Fact, lights: NamedFacts, model_step: Fact | None
     for name in (Light.LOG, *VEHICLE_LIGHTS):
         light = lights[name]
         if light.code is Unjudged.MULTIROTORS_ONLY:
-            # No other log of a vehicle that is no multirotor would make this light known.
+            # No other log of a vehicle that is not a multirotor would make this light known.
             is_other_vehicle = True
         elif not light.is_good:
             advice = _advice_of_light(light)

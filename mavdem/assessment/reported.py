@@ -363,7 +363,7 @@ def _take_offs_and_landings(signals: Signals, recorded_span: Segment) -> Iterato
 
     The flights are those that motor outputs and heights show, because a land detector may be mistaken. As they come
     from averages, their times are inexact: if the land detector reports a change within ``AVERAGING_SECONDS``, the
-    event has the time of that. The outputs of vehicles that are no multirotors do not show flights, so that only the
+    event has the time of that. The outputs of vehicles that are not multirotors do not show flights, so that only the
     reports of the land detector are used for them. Vehicles that stay on the ground or water have no such events.
 
     Args:
@@ -459,7 +459,7 @@ def has_sunk_after(height: TimeSeries, end: float) -> bool:
     is_after = in_intervals(height.time, [(end, end + RECOVERY_SECONDS)])
     seconds = height.time[is_after] - end
     drops = end_height - height.values[is_after]
-    # A height from which nothing can have fallen so soon is no measurement.
+    # A height from which nothing can have fallen so soon is not a measurement.
     is_possible = drops <= MAX_SINK_RATE * seconds + GRAVITY / 2 * seconds**2 + MAX_TOUCH_DOWN_DROP
     return bool(drops[is_possible].max(initial=0.0) > MAX_TOUCH_DOWN_DROP)
 

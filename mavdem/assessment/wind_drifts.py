@@ -237,7 +237,7 @@ def wind_drifts(sensors: BootSensors, flight_interval: TimeInterval) -> Iterator
     for attitude in signals.attitudes:
         angle = series_of_boot(attitude.angle_series, boot)
         if angle is not None:
-            # As live, an attitude holds until the next one, but not for long.
+            # An attitude holds until the next one, but not for long, as in a live session.
             columns.append(last_values(velocity.time, angle.time, angle.values))
             attitude_time = last_values(velocity.time, angle.time, angle.time)
             has_recent_attitude &= velocity.time - attitude_time < MAX_POSE_AGE

@@ -57,8 +57,8 @@ def from_text(result_type: type[ResultType], text: str) -> ResultType:
     version = _schema_version(text)
     if version is not None and version > VERSION:
         raise Unreadable(ModelFile.OF_LATER_VERSION)
-    # pydantic's error names the problem, whether the text cannot be parsed, lacks a key or has a wrong value. A
-    # TypeError means that the argument is no text.
+    # The error of pydantic names the problem, whether the text cannot be parsed, lacks a key or has a wrong value. A
+    # TypeError means that the argument is not a text.
     try:
         return _adapter(cast(Any, result_type)).validate_json(text, strict=True)
     except (ValidationError, TypeError) as error:
@@ -77,7 +77,7 @@ def _schema_version(text: object) -> int | None:
         text: The document.
 
     Returns:
-        The version; None if there is no heading, as in earlier versions and other files, or ``text`` is no string.
+        The version; None if there is no heading, as in earlier versions and other files, or ``text`` is not a string.
     """
     if not isinstance(text, str):
         return None

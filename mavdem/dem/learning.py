@@ -101,7 +101,7 @@ def learn_forecasts(train: TrainingData, settings: Settings | None) -> JointMode
         as the result of :func:`learn`.
 
     Raises:
-        ValueError: As for :func:`learn`, except that a breakdown of DEM is no error here.
+        ValueError: As for :func:`learn`, except that a breakdown of DEM is not an error here.
     """
     with one_thread():
         record, complete = prepared_training(train, settings)
@@ -371,7 +371,7 @@ def learn_many(
 
 
 def _checked_jobs(jobs: Iterable[Job]) -> Iterator[Job]:
-    """Yields the jobs; raises ``ValueError`` at the first that is no pair."""
+    """Yields the jobs; raises ``ValueError`` at the first that is not a pair."""
     for job in jobs:
         if not (isinstance(job, tuple | list) and len(job) == 2):
             raise ValueError(f"jobs must be pairs of a flight and its settings, not {job!r}")

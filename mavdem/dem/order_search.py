@@ -391,7 +391,7 @@ def theta_from_data(data: BlackBoxData, order: int) -> Array:
     Raises:
         numpy.linalg.LinAlgError: there are too few derivatives for this number of states.
     """
-    # y[k] and v[k] select the k-th derivatives of the outputs and of the inputs.
+    # The matrices y[k] and v[k] select the k-th derivatives of the outputs and of the inputs.
     y, v = _signal_selectors(data)
     # The states so far and their rates: linear functions of the data, one in each row.
     states = np.zeros((0, len(data.statistics.gram)))

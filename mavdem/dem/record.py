@@ -363,9 +363,9 @@ def _checked_samples(segment: UniformSamples) -> _Samples:
         The samples, as arrays of real numbers.
 
     Raises:
-        ValueError: An attribute is missing or is no number, or the tables have other shapes or no columns.
+        ValueError: An attribute is missing or is not a number, or the tables have other shapes or no columns.
     """
-    # An object without these attributes, or with values that are no numbers, leads to one and the same message.
+    # An object without these attributes, or with values that are not numbers, leads to one and the same message.
     try:
         inputs = as_real_array(segment.inputs, "inputs")
         outputs = as_real_array(segment.outputs, "outputs")

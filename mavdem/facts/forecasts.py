@@ -28,7 +28,7 @@ class ForecastFact(Code):
 class TestResult(StrEnum):
     """Whether one method's error is lower or higher than another's, beyond chance."""
 
-    # pytest would take the class for a test, by its name.
+    # By its name pytest would take the class for a test, by its name.
     __test__ = False
 
     LOWER = "lower"

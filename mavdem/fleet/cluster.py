@@ -61,7 +61,7 @@ class Cluster:
 
         Raises:
             MissingExtra: ``distributed`` is not installed.
-            Unreadable: it is no address.
+            Unreadable: it is not an address.
         """
         require_extra("dask")
         if not ADDRESS.fullmatch(address):

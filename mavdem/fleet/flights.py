@@ -109,7 +109,7 @@ def distinct_flights(flights: Sequence[FlightRows]) -> list[FlightRows]:
         if not is_duplicate:
             distinct.append(flight)
             continue
-        # Of equal tiers the earlier log stays.
+        # The earlier log stays if the tiers are equal.
         if _tier_rank(flight) < _tier_rank(distinct[-1]):
             distinct[-1] = flight
     return distinct

@@ -36,7 +36,7 @@ class GivenNames:
         A label is the given name. If another vehicle might have the same label, the name in the logs follows in
         parentheses.
         """
-        # For each text, the number of vehicles that may be shown by it: what the logs call the vehicle, its given name,
+        # The number of vehicles that may be shown by each text: what the logs call the vehicle, its given name,
         # or the given name with the other one in parentheses. A text of more than one vehicle is ambiguous.
         possible_labels = Counter({*self.logged_vehicles, *self.vehicles})
         for vehicle, name in self.vehicles.items():

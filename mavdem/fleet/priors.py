@@ -56,7 +56,7 @@ class EarlierDrag(NamedTuple):
     vehicle: str
     """Name of the vehicle that flew; empty if the document has none.
 
-    A name by the MAVLink system id, which many vehicles share, is no name.
+    A name by the MAVLink system id, which many vehicles share, is not a name.
     """
 
 

@@ -260,7 +260,7 @@ def has_current_columns(path: Path) -> bool:
     from pyarrow import parquet
 
     try:
-        # pyarrow opens no path that is not valid Unicode.
+        # PyArrow opens no path that is not valid Unicode.
         with path.open("rb") as file:
             table_schema = parquet.read_schema(file)
     except (OSError, pyarrow.ArrowException):

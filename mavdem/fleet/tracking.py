@@ -161,7 +161,7 @@ def health_figures(row: FlightRow) -> HealthFigures:
         geometry = MotorGeometry(numbers, numbers, row.positions or (), spins=row.spins or ())
         signatures = motor_signatures(geometry)
     name = f"{row.file} {row.system} {row.component}"
-    # Of the motors' fractions of time at a limit the largest counts.
+    # The largest of the motors' fractions of time at a limit counts.
     saturated_share = max(row.saturated or (0.0,))
     is_sound = row.oscillation is None and saturated_share < MAX_SATURATED_SHARE
     return HealthFigures(

@@ -490,8 +490,9 @@ def outcome_of(job: Job, read: ReadLog) -> JobOutcome:
     """Reads one log in this process, without limits, and turns every error but one into an outcome.
 
     A log that cannot be read must not end the run over thousands of others. How it ended decides whether it is read
-    again: "read", its content is known, even if it is no log; "known", it is a copy of a log that was read; "source",
-    it could not be reached, or a package that its format needs is not installed; "error", mavdem itself failed.
+    again: "read", its content is known, even if it is not a log; "known", it is a copy of a log that was read;
+    "source", it could not be reached, or a package that its format needs is not installed; "error", mavdem itself
+    failed.
 
     Args:
         job: path or URL of the log, and the keys of logs of the same size that were read already.

@@ -43,7 +43,7 @@ def rows_of(data: Bytes, start: Offsets, width: int) -> Bytes:
     if is_in_memory:
         return windows[start].view(np.uint8).reshape(len(start), width)
     pieces = np.empty(len(start), windows.dtype)
-    # As many pieces as lie in ``RESIDENT_BYTES`` of the file on average.
+    # The number of pieces that lie in ``RESIDENT_BYTES`` of the file on average.
     pieces_at_once = max(len(start) * RESIDENT_BYTES // len(data), 1)
     for block_start in range(0, len(start), pieces_at_once):
         block = slice(block_start, block_start + pieces_at_once)

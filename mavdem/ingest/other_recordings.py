@@ -4,7 +4,7 @@ A card that is used again, or whose file table is damaged, gives a file in which
 may hold messages that another sender replays under the vehicle's ids. They are intact, but their times are of another
 flight: the clock jumps back and forth. A run is a sequence of messages with a rising clock. The runs of one recording
 continue each other's clock, so that they form chains. Of two chains that cannot be of one vehicle the one with fewer
-messages is left out: they lie inside each other, or the later one is no boot that came after the first.
+messages is left out: they lie inside each other, or the later one is not a boot that came after the first.
 """
 
 from collections.abc import Sequence

@@ -287,7 +287,7 @@ def _ardupilot_stop(parameters: Parameters) -> float:
         parameters: The autopilot's parameters by name.
 
     Returns:
-        The share, 0.5 to 1; 1 without such a parameter.
+        The fraction, 0.5 to 1; 1 without such a parameter.
     """
     stop = 1.0
     idle = parameters.get("THR_MIN", 0.0) / PER_MILLE

@@ -132,12 +132,13 @@ def interpolated_rotations(
     before = unit[next_rows - 1]
     after = unit[next_rows]
     cosine = np.sum(before * after, axis=1)
-    # q and −q are the same rotation; of the two, the one nearer to ``before`` gives the shorter way.
+    # The quaternions q and −q are the same rotation; the one nearer to ``before`` gives the shorter way.
     after = after * np.where(cosine < 0, -1.0, 1.0)[:, np.newaxis]
     angle = np.arccos(np.clip(np.abs(cosine), 0.0, 1.0))
     time_before = time[next_rows - 1]
     share = (query_time - time_before) / (time[next_rows] - time_before)
-    # sin(s θ) / sin θ is written with sinc(x) = sin(π x) / (π x), which is finite at θ = 0, for equal neighbours.
+    # The ratio sin(s θ) / sin θ is written with sinc(x) = sin(π x) / (π x), which is finite at θ = 0, for equal
+    # neighbours.
     weight_before = (1 - share) * np.sinc((1 - share) * angle / np.pi)
     weight_after = share * np.sinc(share * angle / np.pi)
     weighted_sum = weight_before[:, np.newaxis] * before + weight_after[:, np.newaxis] * after
@@ -403,7 +404,7 @@ def manual_control(topics: Topics) -> Fields:
                 fields[name] = 1000 * sticks[choice].astype(np.float64)
                 break
     if "throttle" in sticks:
-        # From −1 to 1 to 0 to 1000.
+        # The range −1 to 1 becomes 0 to 1000.
         throttle = 500 * (1 + sticks["throttle"].astype(np.float64))
     else:
         throttle = 1000 * sticks["z"].astype(np.float64)

@@ -66,7 +66,7 @@ class RecordRuns:
         self._search_bytes = MIN_SEARCH_BYTES
         self._starts: Offsets = np.zeros(0, dtype=np.int64)
         self._ends: Offsets = self._starts
-        # For each possible record of the searched range, the row of the last record of its run.
+        # The row of the last record of its run, for each possible record of the searched range.
         self._last_row_of_run: Offsets = self._starts
 
     def run_at(self, offset: int, end: int) -> RecordRun | None:

@@ -33,7 +33,7 @@ CHECKED_BYTES = 1 << 22
 """Bytes at the beginning of a file that :func:`check_beginning` searches: half a minute of a fast link."""
 
 MIN_FRAME_DENSITY = 1e-6
-"""Frames with a matching checksum per byte that belongs to no frame, below which a file is no telemetry log.
+"""Frames with a matching checksum per byte that belongs to no frame, below which a file is not a telemetry log.
 
 In random bytes a frame is found by chance every 7 million bytes (1.5e-7).
 """
@@ -67,7 +67,7 @@ def tlog_stream(path: PathName) -> FrameStream:
     """Finds the frames of a telemetry log and their receive stamps, in the order received.
 
     In an undamaged log the 8 bytes between two frames are the stamp of the second one. If their number is different,
-    some bytes are damaged, and the frame has no stamp. A file with very few frames for its size is no telemetry log.
+    some bytes are damaged, and the frame has no stamp. A file with very few frames for its size is not a telemetry log.
 
     Args:
         path: The log, or an archive of it.

@@ -330,7 +330,7 @@ def _file_repairs(other_records: OtherRecords, loss: RecordLoss, outlier_count: 
     """Reports what is damaged or missing in a file, as facts for the user.
 
     Args:
-        other_records: The records that are no data, with the interruptions of the logger (dropouts).
+        other_records: The records that are not data, with the interruptions of the logger (dropouts).
         loss: What was left out: number of damaged places, bytes and seconds.
         outlier_count: Number of messages that were left out because their stamps are far from all others.
 

@@ -139,7 +139,7 @@ def read_other_records(
         data_offsets: Offset (N,) of each data record, ascending.
 
     Returns:
-        Their contents. Parameters whose values are no numbers come from damage, and are left out.
+        Their contents. Parameters whose values are not numbers come from damage, and are left out.
     """
     content = records.content
     (start_stamp,) = STAMP.unpack_from(content, START_STAMP_OFFSET)

@@ -194,7 +194,7 @@ class _RecordScan:
     def _scan_section(self, start: int, section_end: int) -> None:
         """Finds the records between two offsets.
 
-        A record that is cut by the end is left out; that is no damage, since logs usually end so.
+        A record that is cut by the end is left out; that is not damage, since logs usually end so.
 
         Args:
             start: Offset of the first record.
@@ -348,8 +348,8 @@ class _RecordScan:
 
         The data record before it may be damaged too: if bytes are missing, it contains the beginning of a later record;
         if bytes were overwritten, nothing shows it. So it is left out as well, unless only the header of the record
-        after it is wrong. The usual end of a log, when the power is switched off, is no loss: a record that is cut off,
-        or memory that was never written.
+        after it is wrong. The usual end of a log, when the power is switched off, is not a loss: a record that is cut
+        off, or memory that was never written.
 
         Args:
             offset: Offset of the record that does not fit.
@@ -490,7 +490,7 @@ class _RecordScan:
             body_start = offset + DATA_HEADER.size
             length = self.definitions.data_length(self.content[offset:body_start])
             if length is None:
-                # It is no data record.
+                # It is not a data record.
                 continue
             number_bytes = self.content[offset + HEADER.size : body_start]
             subscription = int.from_bytes(number_bytes, "little")

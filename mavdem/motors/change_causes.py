@@ -24,7 +24,7 @@ RECOVERIES_PER_LOSS = 5.0
 """Prior odds of the recovery of a weak motor, or of all of them, against the loss of another one; a choice."""
 
 OTHER_CHANGE_SD = 0.06
-"""Standard deviation of a change of the balance that is no motor's, relative to the mean command; a choice."""
+"""Standard deviation of a change of the balance that is not a motor's, relative to the mean command; a choice."""
 
 OTHERS_PER_MOTOR = 0.1
 """Prior odds of a change in yaw alone, or in all axes, against one of a motor.
@@ -57,7 +57,7 @@ UNKNOWN_LEAN_SD = np.radians(6.0)
 """Standard deviation, rad, of a lean that is not known: that of a hover in a moderate breeze. A choice."""
 
 CAUSES_WITHOUT_MOTOR = 3
-"""Number of the causes that are no motor's: a change in roll and pitch, in yaw, and in all axes."""
+"""Number of the causes that are not a motor's: a change in roll and pitch, in yaw, and in all axes."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -24,7 +24,7 @@ They are: nothing changed; a motor or propeller is weak; roll and pitch, yaw alo
 """
 
 CHANGED_AXES = {"load": (1, 1, 0), "yaw": (0, 0, 1), "other": (1, 1, 1)}
-"""Which of roll, pitch and yaw (1 or 0) change, by the group of hypotheses that are no motor's."""
+"""Which of roll, pitch and yaw (1 or 0) change, by the group of hypotheses that are not a motor's."""
 
 ROLL, YAW = 0, 2
 """Columns of these axes in a balance, which has roll, pitch and yaw."""

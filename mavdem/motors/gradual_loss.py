@@ -59,7 +59,7 @@ were at most 0.12.
 """
 
 MIN_SIGNIFICANCE = 60.0
-"""Square of the change in standard errors, summed over the axes, from which on it is no noise; a choice.
+"""Square of the change in standard errors, summed over the axes, from which on it is not noise; a choice.
 
 With three axes 16 would do for one ramp. A balance that wind and load change slowly reaches 85 in real flights, and is
 then not in line with any motor.
@@ -208,13 +208,13 @@ def _best_ramp(balances: Array, min_blocks_before: int) -> Ramp:
         The ramp: its first block, its course over the blocks, the balance before it and the change of the balance.
     """
     block_count = len(balances)
-    # At least two blocks are left for the change.
+    # The change needs at least two blocks.
     starts = np.arange(min_blocks_before, block_count - 2)
     fits = []
     for fraction in RAMP_FRACTIONS:
         lengths = np.clip(round(fraction * block_count), 1, block_count - 1 - starts)
         fits.append(_best_ramp_of_lengths(balances, starts, lengths))
-    # Of equal ramps the shortest is the first.
+    # The shortest of equal ramps is the first.
     return min(fits, key=lambda fit: fit.misfit).ramp
 
 

@@ -98,7 +98,7 @@ def assess_motor_health(
         ]
         comparison: JsonValues = {"flights": len(comparable_flights), "are_chosen": has_baseline}
         if not has_baseline and len(comparable_flights) < MIN_HEALTHY_FLIGHTS:
-            # Of two flights that nobody has named as healthy the earlier one is taken for that.
+            # The earlier one of two flights counts as the healthy one, if nobody has named one.
             comparable_flights = _flights_before(comparable_flights, flight)
         unknown_reason = _unknown_reason(flight, comparable_flights, candidate_flights, comparison)
         if unknown_reason is not None:

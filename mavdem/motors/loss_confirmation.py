@@ -22,7 +22,7 @@ MIN_CONFIRMATION_SECONDS = 4.0
 MAX_CONFIRMATION_SECONDS = 24.0
 """Seconds of flight after ``MIN_LOSS_SECONDS`` after which a loss that was not withdrawn is confirmed; a choice.
 
-Later the wind may have changed, and flight before the change is no reference any more.
+Later the wind may have changed, and flight before the change is not a reference any more.
 """
 
 SMALLEST_VARIANCE = 1e-6

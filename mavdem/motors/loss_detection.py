@@ -76,10 +76,11 @@ KEPT_SECONDS = 150.0
 """Seconds of flight that are remembered; a choice, a few times the memory of the reference."""
 
 MAX_GAP = TRANSIENT_SECONDS
-"""Seconds without settled flight after which what was before is no reference: no landing with take-off is shorter."""
+"""Seconds without settled flight after which what was before is not a reference: no landing with take-off is
+shorter."""
 
 SETTLING_BLOCKS = 2
-"""Number of blocks after a motor's change in which the vehicle settles, and which are no reference."""
+"""Number of blocks after a motor's change in which the vehicle settles, and which are not a reference."""
 
 WINDOW_BLOCKS = (2, 3, 4, 6, 8, 10, 14, 20, 30, 40)
 """Numbers of blocks since the change began, for which it is tested; a choice."""
@@ -197,7 +198,7 @@ class MotorLossDetector:
         if -MAX_GAP < step <= 0:
             # A repeated message, or one that another has overtaken, is left out.
             return []
-        # After a landing, or with another clock, the flight before is no reference. The first sample restarts, too,
+        # After a landing, or with another clock, the flight before is not a reference. The first sample restarts, too,
         # since the latest time before it is minus infinity.
         is_continued = 0 < step < MAX_GAP
         if not is_continued:
@@ -501,7 +502,7 @@ class MotorLossDetector:
             rises, balance_before, balance_after, change.variance
         )
         moved_motors = np.flatnonzero(rises).tolist()
-        # A later change of a motor that is weak already is no evidence about its first loss.
+        # A later change of a motor that is weak already is not evidence about its first loss.
         self._unconfirmed_loss = None
         for motor in moved_motors:
             previous = self.weak_motors.pop(motor, None)
@@ -546,7 +547,7 @@ class MotorLossDetector:
         """Adds a change to the alarms, as detected with the last block.
 
         Args:
-            motor: Index of the motor; None if the change is no motor's.
+            motor: Index of the motor; None if the change is not a motor's.
             block_count: Number of blocks since the change began.
             log_odds: Logarithm of the odds that this is the cause.
             size: Rise of the motor's command, or size of the change of the torque.

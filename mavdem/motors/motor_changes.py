@@ -185,7 +185,7 @@ def _losses_by_outcome(changes: Sequence[MotorChange]) -> _LossesByOutcome:
     Args:
         changes: All changes of the flight, in the order of time.
     """
-    # By boot and name of the motor: its largest loss since it last gave its full thrust.
+    # The largest loss of each motor since it last gave its full thrust, by boot and name of the motor.
     lasting_losses: dict[tuple[int, str], MotorChange] = {}
     ended_losses: list[tuple[MotorChange, float]] = []
     for change in changes:
@@ -214,7 +214,7 @@ def lasting_changes(changes: Sequence[MotorChange]) -> list[MotorChange]:
     Returns:
         The remaining changes, in the same order.
     """
-    # By boot and name of the motor: its losses since it last gave its full thrust.
+    # The losses of each motor since it last gave its full thrust, by boot and name of the motor.
     losses_of_motor: dict[tuple[int, str], list[MotorChange]] = {}
     removed_alarms: list[MotorChange] = []
     for change in changes:

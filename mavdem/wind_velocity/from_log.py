@@ -617,7 +617,7 @@ def _estimate_resets(
     Args:
         time: stamps (N,), s.
         values: (N,) in the unit of the limit.
-        limit: largest change that is no reset.
+        limit: largest change that is not a reset.
         period: period of values that are angles, in their unit; the smaller change modulo the period counts. Infinite
             for values that do not repeat.
 

@@ -95,7 +95,7 @@ def lean_on_ground(
     after = _lean_of_stand(angles, boot, (start, start + STAND_SECONDS))
     if before is None or after is None:
         return None
-    # Of two values with the same sign the smaller one was there both times. Opposite signs have no common part.
+    # The smaller of two values with the same sign was there both times. Opposite signs have no common part.
     has_same_sign = before * after > 0
     common_part = np.sign(before) * np.minimum(abs(before), abs(after))
     return np.where(has_same_sign, common_part, 0.0)

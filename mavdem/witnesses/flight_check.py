@@ -36,7 +36,7 @@ MAX_LEVEL_RISE = 0.7
 """Rise, m, up to which the height speaks against a flight; barometers at rest stay within 0.3 m for minutes."""
 
 NOISE_RATIO = 4.0
-"""Rise of the barometer over its own scatter at rest from which on it is no noise."""
+"""Rise of the barometer over its own scatter at rest from which on it is not noise."""
 
 CONTEXT_SECONDS = 3.0
 """Seconds before the motors' power and after it that belong to the flight: there the ground is measured."""
@@ -181,7 +181,7 @@ def powered_intervals(signals: Signals, boot: int) -> Intervals:
         boot: number of the boot; a boot lasts from one start of the autopilot to the next.
 
     Returns:
-        Intervals. Empty if motor outputs were not recorded, or the vehicle is no multirotor, whose motors need not
+        Intervals. Empty if motor outputs were not recorded, or the vehicle is not a multirotor, whose motors need not
         carry it.
     """
     collective = series_of_boot(signals.collective, boot)

@@ -268,8 +268,8 @@ def _decision_by_identified_loop(
 ) -> LoopDecision:
     """Returns the decision on an axis whose identified loop has margins below the goal.
 
-    The action is to load the gains that `mavdem tune` advises, or to fly before if the flight is no basis for them. If
-    there are doubts about the loop, such as motors at their limits, the action is the remedy of the first doubt.
+    The action is to load the gains that `mavdem tune` advises, or to fly before if the flight is not a basis for them.
+    If there are doubts about the loop, such as motors at their limits, the action is the remedy of the first doubt.
 
     Args:
         observations: margins, tracking and doubts that the flight shows of the axis.
@@ -292,7 +292,7 @@ def _decision_by_identified_loop(
 
 
 def _flight_before_gains(loop: Loop, *, raises_sound_gains: bool) -> Fact | None:
-    """Returns the advice to fly before gains are loaded, if the flight is no basis for those of `mavdem tune`.
+    """Returns the advice to fly before gains are loaded, if the flight is not a basis for those of `mavdem tune`.
 
     Args:
         loop: rate and attitude loop of the axis, without reasons against new gains.
@@ -418,7 +418,7 @@ def _decision_without_fault(observations: LoopObservations) -> LoopDecision:
         action = _action_to_remedy(reason) if reason.remedy else None
         if reason.code is MarginsLight.RATE_STANDS_OUT:
             action = _advice_to_compare_peaks(observations, reason)
-        # A loop whose margins are not known to be good is no basis for new gains.
+        # A loop whose margins are not known to be good is not a basis for new gains.
         return LoopDecision(margins.axis, LoopDiagnosis.UNKNOWN, reason, action, doubts=(reason,))
     best_fact = good_facts[0]
     doubts: Facts = ()

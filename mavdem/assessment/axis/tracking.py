@@ -33,7 +33,7 @@ ANGLE_ERROR_LIMITS = Limits(np.radians(3.0), np.radians(10.0))
 
 Sound vehicles have up to 2.5°, and 4° in steps of 45°; ArduPilot's crash check begins at 30°. An error is watched only
 where it exceeds half of the setpoint's standard deviation, and bad where it exceeds all of it: there, no response at
-all would be better. So a stick that is moved on the ground is no error.
+all would be better. So a stick that is moved on the ground is not an error.
 """
 
 YAW_ERROR_LIMITS = Limits(np.radians(5.0), np.radians(15.0))

@@ -105,7 +105,7 @@ def _learning_step(progress: ShowStep) -> Iterator[None]:
         NotLearnable: the code raised a ``ValueError``, which becomes its reason.
     """
     try:
-        # The step is shown without the share that is done, since learning does not report it.
+        # The step is shown without the fraction that is done, since learning does not report it.
         with progress("Learning", measured=False):
             yield
     except ValueError as error:

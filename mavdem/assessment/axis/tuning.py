@@ -322,8 +322,8 @@ def _next_step_with_new_gains(
         is_written: whether the gains are written to a file.
 
     Returns:
-        The fact ``FLY_BEFORE_GAINS`` if the flight is no basis for the new gains of any axis (``Advice.is_sound``), and
-        otherwise ``LOAD_GAINS`` with these figures: ``share``, the fraction of the models that fit the flight with
+        The fact ``FLY_BEFORE_GAINS`` if the flight is not a basis for the new gains of any axis (``Advice.is_sound``),
+        and otherwise ``LOAD_GAINS`` with these figures: ``share``, the fraction of the models that fit the flight with
         which the new gains have the required margins, the lowest of all loops; ``needed``, the fraction from which on
         the gains count as certain; ``is_biased``, whether wind biased the control effectiveness of a loop; and
         ``missing``, the status lights that should be known before.

@@ -83,7 +83,7 @@ def _fraction_of_long_loops(evidence: Evidence) -> float | None:
         evidence: signals, events and measurements of the vehicle.
 
     Returns:
-        The share; None if they were not counted.
+        The fraction; None if they were not counted.
     """
     for count_field in LOOP_COUNT_FIELDS:
         # NLon is the number of main loops that took too long, of all main loops in the other field.

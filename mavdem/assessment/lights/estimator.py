@@ -89,9 +89,9 @@ def estimator_light(evidence: Evidence) -> Fact:
     """Judges the state estimator in flight by the worst fact about it; unknown if the log has no measurements of it.
 
     Judged are the innovations of its filter (measurements minus predictions), poor GPS fixes, a disturbed compass, an
-    accelerometer that is wrong at rest, reports of the autopilot, an attitude that was no number, a height or position
-    that was lost, and a barometer that drifted. Of equally bad facts the first in this order is the light, but a
-    barometer that drifted or froze comes before all: it is why the filter then rejects the height.
+    accelerometer that is wrong at rest, reports of the autopilot, an attitude that was not a number, a height or
+    position that was lost, and a barometer that drifted. Of equally bad facts the first in this order is the light, but
+    a barometer that drifted or froze comes before all: it is why the filter then rejects the height.
 
     Args:
         evidence: signals, events and measurements of the vehicle.

@@ -90,7 +90,7 @@ def power_light(evidence: Evidence) -> Fact:
         *voltages,
         *_battery_charges(evidence, batteries),
         *_board_voltage(evidence),
-        # Of equally bad facts the first is returned: a spent battery is worse than a critical one, which it was before.
+        # The first of equally bad facts is returned: a spent battery is worse than a critical one, which it was before.
         *evidence.warnings_in_flight((ReportedEvent.BATTERY_SPENT,)),
         *evidence.warnings_in_flight(POWER_REPORTS),
     ]
@@ -351,7 +351,8 @@ def _fraction_before_sudden_fall(evidence: Evidence, battery: Battery) -> float 
         battery: battery whose charge fell to nothing in flight.
 
     Returns:
-        The share before the first sample of nothing in a flight; None if the battery can be emptied as fast as it fell.
+        The fraction before the first sample of nothing in a flight; None if the battery can be emptied as fast as it
+        fell.
     """
     for flight in evidence.in_flight(battery.charge):
         empty_rows = np.flatnonzero(flight.values == 0)
@@ -408,7 +409,7 @@ def _board_voltage(evidence: Evidence) -> Iterator[Fact]:
     lowest_voltage = averages.min()
     usual_voltage = np.median(averages)
     code = PowerLight.SUPPLY_HELD
-    # With None as its level, a fact has the usual level of its code.
+    # A fact with None as its level has the usual level of its code.
     level = None
     voltage_limit = BOARD_VOLTAGE_LIMITS.watch
     if lowest_voltage < BOARD_VOLTAGE_LIMITS.watch:

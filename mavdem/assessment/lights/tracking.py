@@ -31,7 +31,7 @@ def tracking_light(evidence: Evidence) -> Fact:
     yaw_fact = evidence.tracking["yaw"]
     if yaw_fact.warns:
         judged_facts.append(yaw_fact)
-    # Of facts with the same level ``worst_fact`` returns the first.
+    # The function ``worst_fact`` returns the first of several facts with the same level.
     nearest_to_bad_first = sorted(
         judged_facts,
         key=lambda fact: fact.figures["angle_error"] / fact.figures["error_limit"],

@@ -82,7 +82,7 @@ def sustained_fraction(command: Array, dt: float) -> float:
         dt: Sampling step, s.
 
     Returns:
-        The share, 0 to 1.
+        The fraction, 0 to 1.
     """
     latest_count = round(CAUSE_SECONDS / dt)
     reference = command[-latest_count - round(REFERENCE_SECONDS / dt) : -latest_count]
@@ -96,8 +96,8 @@ def explained_share(
     """Returns the fraction of the acceleration that the command explains, over the last ``CAUSE_SECONDS``.
 
     The measured angular acceleration is regressed on the command after a first-order lag, with each of the
-    ``MOTOR_LAGS``. The share is the largest coefficient of determination (R²). If the slope is negative, so that the
-    acceleration opposes the command, the share is 0.
+    ``MOTOR_LAGS``. The fraction is the largest coefficient of determination (R²). If the slope is negative, so that the
+    acceleration opposes the command, it is 0.
 
     Args:
         command: (T,) command of the axis.
@@ -106,7 +106,7 @@ def explained_share(
         settings: Settings of the model.
 
     Returns:
-        The share; None if there are too few samples, or nothing varies.
+        The fraction; None if there are too few samples, or nothing varies.
     """
     latest_count = round(CAUSE_SECONDS / dt)
     window = settings.window
@@ -119,7 +119,7 @@ def explained_share(
     # Columns [y; y′; …]: the acceleration is the first derivative of the last output, the body rate.
     derivatives = embed(outputs[-sample_count:], settings.p, dt, window, center)
     acceleration = derivatives[-latest_count:, 2 * m - 1]
-    # Of the lagged commands only the smoothed values are used, which are the columns before the derivatives.
+    # Only the smoothed values of the lagged commands are used, which are the columns before the derivatives.
     lagged_commands = _lagged_commands(command[-sample_count:], dt)
     smoothed_commands = embed(lagged_commands, settings.p, dt, window, center)
     commanded_acceleration = smoothed_commands[-latest_count:, : len(MOTOR_LAGS)]

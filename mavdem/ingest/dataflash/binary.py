@@ -255,7 +255,7 @@ class _MessageScan:
     def skipped(self) -> int:
         """Returns the number of bytes that belong to no message, without the fill of a flash chip's last page.
 
-        Bytes after the last message count as fill where all of them are 0 or all are 255; they are no damage.
+        Bytes after the last message count as fill where all of them are 0 or all are 255; they are not damage.
         """
         tail = self.content[self._end_of_messages() :]
         fill_byte = tail[:1]
@@ -269,7 +269,7 @@ class _MessageScan:
         A definition (FMT) gives the id, name, length and fields of one message type. Messages can be read only with
         the right length, so a definition whose stated length equals the length of its fields is preferred. One whose
         stated length differs is used only if there is no other with the same id; then the length of the fields is used,
-        and a fact reports it. A field of a type newer than ``FIELD_TYPES`` is no damage: the length of the fields is
+        and a fact reports it. A field of a type newer than ``FIELD_TYPES`` is not damage: the length of the fields is
         unknown then (``length_by_fields`` 0), and the stated one is used.
 
         The results are stored in ``definitions``, ``sharing_definitions`` and ``repairs``.

@@ -115,9 +115,9 @@ def on_boot_clock(
     # All messages have one clock: their stamps, in the order of the log, are read like the stamps of one message.
     positions = clock.positions
     seconds = clock.seconds
-    # As a float, or in text, a damaged stamp may be anything.
+    # A damaged stamp may be anything, if it is a float or a text.
     is_impossible = ~((seconds >= 0) & (seconds <= MAX_STAMP_SECONDS))
-    # In the boot clock's input, 0 means no stamp.
+    # The boot clock takes a stamp of 0 for none.
     seconds[is_impossible] = 0.0
     all_messages = ""
     boot_times, clock_repairs = boot_clock(

@@ -142,7 +142,7 @@ def _last_and_changed_first_values(
     Returns:
         Both by name.
     """
-    # Of several values under one name a dictionary keeps the last: for the reversed list, this is the first value.
+    # A dictionary keeps the last of several values under one name: of the reversed list, that is the first one.
     last_values = dict(settings)
     first_values = dict(reversed(settings))
     changed_first_values = {

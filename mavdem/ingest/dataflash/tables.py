@@ -52,7 +52,7 @@ def with_stamps(logged_columns: Columns, fields: Columns) -> Columns:
 def field_texts(columns: Columns, field: str) -> list[str]:
     """Returns the texts of a field, one per message, without the zeros that fill it.
 
-    Where damage has made a value that is no text, it is empty, so that texts stay in line with the messages.
+    Where damage has made a value that is not a text, it is empty, so that texts stay in line with the messages.
 
     Args:
         columns: Columns of the message, by name of the field.
@@ -102,7 +102,7 @@ def resampled(target: Columns, source: Columns, values: Array, is_angle: bool = 
     if target is source:
         return values
     is_finite = np.isfinite(values).all(axis=1)
-    # Of several messages with one stamp, the first counts.
+    # The first of several messages with one stamp counts.
     source_time, first_rows = np.unique(continuous_time(source)[is_finite], return_index=True)
     target_time = continuous_time(target)
     if len(source_time) < 2:

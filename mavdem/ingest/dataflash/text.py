@@ -194,7 +194,7 @@ def _texts_with_decimal_points(values: bytes, definition: FormatDefinition) -> l
     """Splits a line in which a ground station wrote decimal commas, as it does in many countries: "1000, 0,5, -1,25".
 
     If there are spaces after the commas between values, they show which comma is which. Without them ("1000,0,5") every
-    number that is no integer must have a decimal comma, or it is not known which have one.
+    number that is not an integer must have a decimal comma, or it is not known which have one.
 
     Args:
         values: The values of the line.

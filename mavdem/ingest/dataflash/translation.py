@@ -145,7 +145,7 @@ NEW_NAMES_OF_OLD_FIELDS = {
     # Before ArduPilot 3.3 TimeMS was the time of the week, and T the time since boot.
     "GPS": {"TimeMS": "GMS", "Week": "GWk", "T": "TimeMS"},
     "GPS2": {"TimeMS": "GMS", "Week": "GWk", "T": "TimeMS"},
-    # Of the first filter's three test ratios of the compass, the first counts.
+    # The first filter has three test ratios of the compass, of which the first counts.
     "EKF4": {"SMX": "SM"},
     "RATE": _old_rate_names(),
 }

@@ -162,7 +162,7 @@ def _reboot_rows(time: Times) -> Rows:
     highest_far_ahead = _highest_ahead(time, late_stamps)
     reboot_rows = []
     highest_of_boot = -np.inf
-    # For each stamp, the highest of the ``MIN_RESET_STAMPS`` from it on, and of those of ``MAX_LATE_SECONDS``.
+    # Each stamp comes with the highest of the ``MIN_RESET_STAMPS`` from it on, and of those of ``MAX_LATE_SECONDS``.
     stamps = zip(time.tolist(), highest_ahead.tolist(), highest_far_ahead.tolist(), strict=True)
     for row, (stamp, highest_near, highest_far) in enumerate(stamps):
         is_near_zero = stamp <= MAX_RESTART_TIME

@@ -239,7 +239,7 @@ class SenderLinks:
                 its bytes.
         """
         for frame_count, content in contents:
-            # Of equal frames only the latest is kept, at the end of the order.
+            # Only the latest of equal frames is kept, at the end of the order.
             self._count_by_content.pop(content, None)
             self._count_by_content[content] = frame_count
         while len(self._count_by_content) > RECENT_FRAMES:
@@ -411,7 +411,7 @@ def clock_reading(content: bytes, message_id: int) -> Reading | None:
         return None
     if layout is ATTITUDE_LAYOUT:
         _, _, pitch, yaw = values
-        # Near the vertical, yaw is no heading.
+        # Near the vertical, yaw is not a heading.
         return Reading(clock, heading=yaw if abs(pitch) <= MAX_HEADING_PITCH else nan)
     if layout is POSITION_LAYOUT:
         _, latitude, longitude = values

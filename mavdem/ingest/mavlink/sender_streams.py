@@ -180,7 +180,7 @@ def _sender_stream_of_links(data: Bytes, frames: Frames, possible_copies: Rows) 
         possible_copies: Rows of frames with a boot clock that may be copies of frames before them, ascending.
 
     Returns:
-        Flags (n,) of frames that are no copies, numbers of missing frames and copies, the longest delay of a copy, s,
+        Flags (n,) of frames that are not copies, numbers of missing frames and copies, the longest delay of a copy, s,
         and whether two vehicles sent.
     """
     links = SenderLinks()
@@ -529,7 +529,7 @@ def _clock_readings(data: Bytes, frames: Frames, is_readable: Flags) -> _RowsOfR
         if layout is ATTITUDE_LAYOUT:
             pitch = decoded_field(data, frame_starts, definition, "pitch").astype(np.float64)
             yaw = decoded_field(data, frame_starts, definition, "yaw").astype(np.float64)
-            # Near the vertical, yaw is no heading.
+            # Near the vertical, yaw is not a heading.
             is_heading = abs(pitch) <= MAX_HEADING_PITCH
             heading[rows[is_heading]] = yaw[is_heading]
         elif layout is POSITION_LAYOUT:

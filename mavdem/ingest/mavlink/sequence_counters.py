@@ -146,7 +146,7 @@ class SequenceCounters:
         self._numbers[self.latest] = last_sequence
 
     def assign(self, sequence: int) -> int | None:
-        """Assigns the next frame of the sender, which is no copy, to one of the two counters by its sequence number.
+        """Assigns the next frame of the sender, which is not a copy, to one of the two counters by its sequence number.
 
         It belongs to the counter whose latest number it follows in the smaller step. If both steps are too large, the
         counter that was not used last begins anew with it. ``latest`` becomes the counter of this frame. A switch back

@@ -193,7 +193,7 @@ class VehicleTracks:
         self._latest_position: Reading | None = None
         # The track of the latest reading is the first.
         self._tracks: list[_VehicleTrack] = []
-        # For each quantity, the number of readings that have it so far; and this number at each of the latest switches
+        # The number of readings so far that have each quantity; and this number at each of the latest switches
         # between tracks that contradict each other in it.
         self._reading_counts = dict.fromkeys(Contradiction, 0)
         self._counts_at_switches = {

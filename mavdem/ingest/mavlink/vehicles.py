@@ -115,7 +115,7 @@ def assemble(stream: FrameStream) -> Log:
     del is_first
     frames_of_senders = _matching_frames(frames, sender_ids)
     unread = tuple(_unread_frames(frames, sender_ids, frames_of_senders))
-    # Of a recording of hours these take tens of megabytes.
+    # These take tens of megabytes for a recording of hours.
     del frames, sender_ids
     records = []
     for sender_id, frames_of_messages in frames_of_senders.items():
@@ -341,7 +341,7 @@ def _component_record(
 def _is_vehicle(component: Component) -> bool:
     """Returns whether a component is a vehicle: by its HEARTBEAT, or without any by the messages that it sent.
 
-    One that sent nothing but HEARTBEATs is no vehicle here: nothing of its motion can be read.
+    One that sent nothing but HEARTBEATs is not a vehicle here: nothing of its motion can be read.
 
     Args:
         component: The component, with its type by its HEARTBEATs and its messages.

@@ -161,7 +161,7 @@ def _number_of_json_value(value: Any, field_type: np.dtype[Any]) -> float:
         A float for a floating-point field, an integer for the others.
 
     Raises:
-        TypeError, ValueError, OverflowError: The value is no number, or one with decimals for an integer field.
+        TypeError, ValueError, OverflowError: The value is not a number, or one with decimals for an integer field.
     """
     if isinstance(value, dict):
         value = value.get("type", value.get("bits"))

@@ -45,7 +45,7 @@ ENCODINGS_WITHOUT_FRAMES = JSON_ENCODINGS | {
     "cbor",
     "msgpack",
 }
-"""Message encodings (https://mcap.dev/spec/registry) whose messages are no frames, whatever their first byte."""
+"""Message encodings (https://mcap.dev/spec/registry) whose messages are not frames, whatever their first byte."""
 
 NO_SCHEMA = 0
 """Number of the schema of a channel without any."""

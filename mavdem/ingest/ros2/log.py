@@ -98,7 +98,7 @@ def _decoded_messages(
             by_channel[channel_id][position] = decode(message.data)
             receive_times[position] = message.log_time
         except Exception:
-            # Of a message that is cut short, or of another type, the library may raise anything.
+            # The library may raise anything on a message that is cut short, or of another type.
             undecodable[second_reading.channels[channel_id].topic] += 1
     return _DecodedMessages(by_channel, receive_times, undecodable)
 
