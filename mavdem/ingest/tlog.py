@@ -63,6 +63,22 @@ def read_tlog(path: PathName) -> Log:
     return assemble(tlog_stream(path))
 
 
+def tlog_from_bytes(source: str, content: bytes) -> Log:
+    """Reads a telemetry log that is in memory, as :func:`read_tlog` reads a file.
+
+    Args:
+        source: The name that the log gets.
+        content: Its bytes.
+
+    Returns:
+        The log, with the telemetry of each vehicle in it.
+
+    Raises:
+        Unreadable: The bytes contain no MAVLink.
+    """
+    return assemble(_stream_of_bytes(source, np.frombuffer(content, dtype=np.uint8)))
+
+
 def tlog_stream(path: PathName) -> FrameStream:
     """Finds the frames of a telemetry log and their receive stamps, in the order received.
 
@@ -78,8 +94,17 @@ def tlog_stream(path: PathName) -> FrameStream:
     Raises:
         Unreadable: The file cannot be opened, or contains no MAVLink.
     """
-    source = os.fspath(path)
-    data, repairs = _without_carriage_returns(mapped_bytes(path))
+    return _stream_of_bytes(os.fspath(path), mapped_bytes(path))
+
+
+def _stream_of_bytes(source: str, data: Bytes) -> FrameStream:
+    """Finds the frames of a telemetry log in its bytes, as :func:`tlog_stream` does in a file.
+
+    Args:
+        source: Name of the log.
+        data: Its bytes.
+    """
+    data, repairs = _without_carriage_returns(data)
     frames, skipped_bytes = _frames_of_log(source, data)
     receive_stamps = partial(_receive_stamps, data, frames)
     return FrameStream(source, ".tlog", data, frames, receive_stamps, skipped_bytes, repairs)

@@ -11,8 +11,12 @@ from mavdem.assessment.axis.findings import (
 )
 from mavdem.assessment.judgement import Judgement
 from mavdem.dem import Learned
+from mavdem.facts import Fact
 from mavdem.facts.assessment import Override
+from mavdem.facts.lights import Unjudged
+from mavdem.facts.watch import WatchFact
 from mavdem.live.learning import FlightLearning
+from mavdem.live.margin_review import FIRST_REVIEW_SECONDS
 from mavdem.live.model_judgement import JudgedModel, judge_model
 from mavdem.live.rows import RowFormat
 from mavdem.live.stream import LiveStream
@@ -20,6 +24,11 @@ from mavdem.motors.motor_changes import MotorChange
 
 JUDGING_PERIOD = 10.0
 """Time between the beginnings of two judgements, s: a choice of computing time."""
+
+MARGINS_AWAITED = Fact(
+    WatchFact.NO_OSCILLATION, reason=Fact(WatchFact.MARGINS_AWAITED, duration=FIRST_REVIEW_SECONDS)
+)
+"""The light of the margins in flight until ``MarginReview`` has identified the loops, if nothing oscillates."""
 
 OWN_TORQUE_OVERRIDES = (Override.OSCILLATION, Override.MOTORS)
 """Findings with which the torque that was estimated as the wind's is the vehicle's own: a limit cycle, a weak motor."""
@@ -56,6 +65,7 @@ class ModelJudging:
         stream: LiveStream,
         *,
         is_busy: bool,
+        has_rate_setpoint: bool,
     ) -> None:
         """Stores a judgement that is done, or starts to judge the newest model if that is due.
 
@@ -69,6 +79,7 @@ class ModelJudging:
             learning: learning that has the newest model.
             stream: stream that has the autopilot's parameters, and changes of the motors' balance.
             is_busy: whether this computer has no time to judge.
+            has_rate_setpoint: whether the margins are reviewed by setpoints of the body rate.
         """
         if self._pending is not None:
             self._take_result(self._pending)
@@ -95,7 +106,7 @@ class ModelJudging:
                 row_format,
                 alarms,
                 self._recording_name,
-                has_rate_setpoint=stream.has_rate_setpoint,
+                margins_awaited=MARGINS_AWAITED if has_rate_setpoint else None,
                 alarms_of_flight=stream.motor_alarms.of_latest_flight,
             )
 
@@ -138,6 +149,7 @@ class ModelJudging:
             model is marked so.
         """
         self.is_of_recording = False
+        by_recording = Fact(Unjudged.JUDGED_LATER, path=self._recording_name, reason=None)
         try:
             if model is None or row_format is None or not _has_same_motors(row_format, model):
                 self.findings = model_findings(model, alarms=alarms)
@@ -148,7 +160,7 @@ class ModelJudging:
                 row_format,
                 alarms,
                 self._recording_name,
-                has_rate_setpoint=has_rate_setpoint,
+                margins_awaited=by_recording if has_rate_setpoint else None,
             )
             vehicle_made_torque = any(
                 override.is_bad and override.code in OWN_TORQUE_OVERRIDES

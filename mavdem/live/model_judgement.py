@@ -52,16 +52,17 @@ def judge_model(
     alarms: Sequence[MotorChange],
     recording_name: str | None,
     *,
-    has_rate_setpoint: bool,
+    margins_awaited: Fact | None,
     alarms_of_flight: Sequence[MotorChange] | None = None,
 ) -> JudgedModel:
     """Judges a model learned in flight, and the vehicle by the longest segment of the model's samples.
 
     The samples of the model are put into the form of a log of one axis in settled flight, so that the functions that
     judge logs can be used: limit cycle, hover trim, control loop, and from these the lights and the headline. What
-    needs other axes or messages is left for the judgement of the recording after the flight. So are the margins where
-    the stream has the setpoint of the body rate: the recording then identifies the loop by that setpoint, and reports
-    no margins that are too uncertain. Inputs and outputs alone, as here, would still give such margins.
+    needs other axes or messages is left for the judgement of the recording after the flight. The margins are left for
+    :class:`mavdem.live.margin_review.MarginReview` where the stream has the setpoint of the body rate: by that setpoint
+    the loop is identified, and margins that are too uncertain are not reported. Inputs and outputs alone, as here,
+    would still give such margins.
 
     It is slow, and runs in the executor that learns models: arguments and results can be pickled.
 
@@ -71,7 +72,8 @@ def judge_model(
         alarms: changes of the motors' balance while the samples were recorded.
         recording_name: name of the recorded log, by which the rest is judged later; empty if the name is not known yet,
             None if nothing is recorded.
-        has_rate_setpoint: whether the stream has a setpoint of the body rate by which a log identifies the loop.
+        margins_awaited: the light of the margins where the loop is identified by setpoints of the body rate, and not
+            here; None where these do not come.
         alarms_of_flight: such changes in the present flight, by which the motors are judged in flight; None to judge
             them by all ``alarms``.
     """
@@ -111,8 +113,8 @@ def judge_model(
     }
     # What needs other messages than the samples have is judged by the recording, after the landing.
     after_landing = Fact(Unjudged.JUDGED_LATER, path=recording_name, reason=None)
-    if has_rate_setpoint:
-        loops[axis] = after_landing
+    if margins_awaited is not None:
+        loops[axis] = margins_awaited
     else:
         loops[axis] = loop_of_parameters_or_reason(figures, record)
     losses = tuple(thrust_losses(alarms if alarms_of_flight is None else alarms_of_flight))
@@ -121,7 +123,7 @@ def judge_model(
         evidence,
         findings.purposes,
         motors=_motors_light(evidence, after_landing),
-        margins=_margins_light(evidence, after_landing, has_rate_setpoint=has_rate_setpoint),
+        margins=_margins_light(evidence, after_landing, margins_awaited),
         tracking=after_landing,
         estimator=after_landing,
     )
@@ -164,21 +166,21 @@ def _motors_light(evidence: Evidence, after_landing: Fact) -> Fact:
     return light
 
 
-def _margins_light(evidence: Evidence, after_landing: Fact, *, has_rate_setpoint: bool) -> Fact:
+def _margins_light(evidence: Evidence, after_landing: Fact, margins_awaited: Fact | None) -> Fact:
     """Returns the light of the stability margins, that is the judgement of the control loop, in flight.
 
     Args:
         evidence: signals and events of one axis, made from the samples of the model.
         after_landing: the fact that a part of the vehicle is judged by the recording after the landing. It is returned
             if the samples are not enough to judge the margins.
-        has_rate_setpoint: whether the recording has the setpoint of the body rate, by which it identifies the loop
-            better than the samples do. Then nothing but an oscillation is judged in flight.
+        margins_awaited: the light where the loop is identified by setpoints of the body rate, and not by the samples.
+            Then nothing but an oscillation is judged by these. None where no such setpoints come.
     """
     light = margins_light(evidence)
     if light.code is MarginsLight.OSCILLATES:
         return light
-    if has_rate_setpoint:
-        return after_landing
+    if margins_awaited is not None:
+        return margins_awaited
     # The samples have no setpoint, so that a peak of the rate may be a test signal that is flown.
     if light.code is MarginsLight.RATE_STANDS_OUT:
         return after_landing

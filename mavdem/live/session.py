@@ -38,6 +38,7 @@ from mavdem.live.intake import LinkIntake
 from mavdem.live.judging import ModelJudging
 from mavdem.live.learning import FlightLearning
 from mavdem.live.link import SILENCE_SECONDS, Link, ReceivedPiece
+from mavdem.live.margin_review import MarginReview
 from mavdem.live.milestones import Milestones
 from mavdem.live.presentation import OpenDisplay, Presentation
 from mavdem.live.rate_negotiation import RateNegotiation
@@ -138,6 +139,7 @@ class LiveSession:
         self._silence_monitor = SilenceMonitor()
         self._learning = FlightLearning(stream.axis, settings, executor, prior, log)
         self._milestone_reporter = Milestones(stream.axis, log)
+        self._margin_review = MarginReview(executor, recording_name)
         self.judging = ModelJudging(executor, recording_name)
         self._clock_speed = ClockSpeed(log)
         self._rates = RateNegotiation(
@@ -155,6 +157,7 @@ class LiveSession:
             latencies=self._latencies,
             learning=self._learning,
             judging=self.judging,
+            margin_review=self._margin_review,
             clock_speed=self._clock_speed,
             rates=self._rates,
             time_account=TimeAccount(),
@@ -238,7 +241,14 @@ class LiveSession:
         self._learning.adopt_model_before_landing()
         # A computer that has no time for fits has no time to judge a model either.
         is_busy = DelayedWork.PHYSICAL_FITS in self.backlog.postponed
-        self.judging.update(now, self._learning, self.stream, is_busy=is_busy)
+        self._margin_review.update(now, self.stream, is_busy=is_busy)
+        self.judging.update(
+            now,
+            self._learning,
+            self.stream,
+            is_busy=is_busy,
+            has_rate_setpoint=self._has_rate_setpoint,
+        )
         self.report_gain_advice()
         status = self._update_status(now)
         # Advice on gains comes with the margins of the recording, so that margins by the model alone are not reported.
@@ -290,6 +300,9 @@ class LiveSession:
         frames = [frame for batch in batches for frame in batch.frames]
         for row in self.stream.process_frames(batches[0].stamp, frames):
             self._process_row(row, first_arrival)
+        for batch in batches:
+            vehicle = self.stream.followed_vehicle
+            self._margin_review.add_messages(batch.stamp, batch.frames, vehicle)
         silence = self._note_messages(first_arrival, batches[-1].arrival_time, frames)
         self.history.advance(self.stream.now, self.stream.boot)
         self._add_sample_to_history()
@@ -573,8 +586,13 @@ class LiveSession:
             model,
             self._learning.row_format,
             alarms,
-            has_rate_setpoint=self.stream.has_rate_setpoint,
+            has_rate_setpoint=self._has_rate_setpoint,
         )
+
+    @property
+    def _has_rate_setpoint(self) -> bool:
+        """Whether a setpoint of the body rate comes, or came in this flight, by which a log identifies the loops."""
+        return self.stream.has_rate_setpoint or self._margin_review.has_rate_setpoint
 
     def report_end(self, status: SessionStatus, model: Learned | None) -> None:
         """Reports what the flight has shown, unless that was reported at its landing.

@@ -190,6 +190,9 @@ class SessionStatus(ImmutableResult):
     model_judgement: Judgement | None = None
     """Headline, lights and next step by the model so far; None before it is judged."""
 
+    margins: Fact | None = None
+    """The light of the margins by the loops that were identified in this flight; None before they were."""
+
     flight_seconds: float | None = None
     """Time since the take-off, s; None on the ground, or where the take-off was not seen."""
 
@@ -537,13 +540,17 @@ class SessionStatus(ImmutableResult):
     def _lights_without_model(self) -> dict[str, Fact]:
         """The lights (judgements of one part of the vehicle each) that need no model, by the name of the part.
 
-        They are the facts of the watchdog, to which the alarms of weak motors and the mean wind are added.
+        They are the facts of the watchdog, to which the alarms of weak motors, the mean wind and, unless the recording
+        is judged, the margins that were identified in flight are added.
         """
         lights = dict(self.worst_lights)
         weak_motors = self._weak_motors
         if weak_motors:
             motors = lights.get(Light.MOTORS, weak_motors[0])
             lights[Light.MOTORS] = worst_fact([*weak_motors, motors])
+        if self.margins is not None and not self.is_recording_judged:
+            margins = lights.get(Light.MARGINS, self.margins)
+            lights[Light.MARGINS] = worst_fact([margins, self.margins])
         if self.mean_wind is not None:
             mean_wind = self.mean_wind.light
             if self.no_wind_reason is not None:

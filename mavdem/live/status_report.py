@@ -10,6 +10,7 @@ from mavdem.live.clock_speed import ClockSpeed
 from mavdem.live.intake import LinkIntake
 from mavdem.live.judging import ModelJudging
 from mavdem.live.learning import FlightLearning
+from mavdem.live.margin_review import MarginReview
 from mavdem.live.rate_negotiation import RateNegotiation
 from mavdem.live.session_status import SessionStatus
 from mavdem.live.silence import SilenceMonitor
@@ -42,6 +43,9 @@ class StatusReport:
 
     judging: ModelJudging
     """Judges the latest model by its predictions."""
+
+    margin_review: MarginReview
+    """Identifies the control loops of the flight so far."""
 
     clock_speed: ClockSpeed
     """Knows how fast the vehicle's clock runs."""
@@ -78,6 +82,7 @@ class StatusReport:
             findings=self.judging.findings,
             model_judgement=self.judging.judgement,
             is_recording_judged=self.judging.is_of_recording,
+            margins=self.margin_review.light,
             learned_rows=self.learning.learned_rows,
             unlearned_rows=self.learning.unlearned_rows,
             latency=self.latencies.latency,

@@ -3,6 +3,7 @@
 import html
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
+from functools import partial
 from itertools import groupby
 from unittest.mock import Mock
 
@@ -430,9 +431,10 @@ def test_the_last_model_has_the_parameters_and_findings_of_the_flight():
     # As fitted in flight, to more than the model's own samples.
     one._learning.estimate = one._learning.estimate._replace(physical=known)
     model = one.final_model()
+    update = partial(one.judging.update, 1e9, one._learning, one.stream, is_busy=False)
     with ThreadPoolExecutor(1) as one.judging._executor:
-        one.judging.update(1e9, one._learning, one.stream, is_busy=False)
-    one.judging.update(1e9, one._learning, one.stream, is_busy=False)
+        update(has_rate_setpoint=False)
+    update(has_rate_setpoint=False)
     in_flight = one.status.findings
     model = one.judge_final_model(model)
     assert model.physical is known and in_flight.purposes[:2] == one.judging.findings.purposes[:2]
@@ -446,6 +448,13 @@ def test_the_last_model_has_the_parameters_and_findings_of_the_flight():
     awaited = one.judging.judgement.lights["margins"]
     assert awaited.code is Unjudged.JUDGED_LATER and "`mavdem 'my flight.tlog'`" in awaited.remedy
     assert not one.judging.judgement.headline.warns
+    # In flight it is identified by another review.
+    with ThreadPoolExecutor(1) as one.judging._executor:
+        one.judging._next_time = 0.0
+        update(has_rate_setpoint=True)
+    update(has_rate_setpoint=True)
+    in_flight = one.judging.judgement.lights["margins"]
+    assert str(in_flight).startswith("No oscillation so far; margins are known after 25 s")
     one.judge_final_model(model)
     page = html.unescape(
         live_page("udp", "roll", one.history, one.status, one.time_account(), model)

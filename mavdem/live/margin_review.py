@@ -1,0 +1,292 @@
+"""Stability margins in flight: the latest messages are judged in another process, as the recording of a flight is.
+
+The functions for logs do it. They identify the loops by the setpoints of the body rate, and withhold margins that are
+too uncertain, so that margins in flight and those of the review of the recording agree.
+"""
+
+from collections import deque
+from collections.abc import Sequence
+from concurrent.futures import CancelledError, Executor, Future
+from contextlib import suppress
+from dataclasses import dataclass, field, replace
+from io import BytesIO
+from math import inf
+from time import process_time
+from typing import NamedTuple
+
+from mavdem.assessment.assess import assess
+from mavdem.assessment.axis import Options
+from mavdem.assessment.record import Assessment
+from mavdem.dataset.axes import AXES
+from mavdem.dataset.phases import TRANSIENT_SECONDS
+from mavdem.errors import Refusal
+from mavdem.facts import Fact
+from mavdem.facts.lights import Light
+from mavdem.facts.loops import LoopFact
+from mavdem.facts.margins import MarginsLight
+from mavdem.ingest.mavlink.frame_reader import Frame
+from mavdem.ingest.mavlink.framing import CHECKSUM_MATCHES
+from mavdem.ingest.telemetry import Log, Parameters
+from mavdem.ingest.tlog import tlog_from_bytes, write_stamped
+from mavdem.live.gain_advice import last_flown_boot
+from mavdem.live.messages import message_readers
+from mavdem.live.stream import LiveStream
+from mavdem.live.vehicle_selection import Component
+from mavdem.loops.axis_loops import Loop
+from mavdem.loops.identification import MIN_WINDOWS
+from mavdem.plant.closed_loop.spectra import SPECTRUM_SECONDS
+
+FIRST_REVIEW_SECONDS = (MIN_WINDOWS + 1) * SPECTRUM_SECONDS / 2 + TRANSIENT_SECONDS
+"""Time from take-off to the first review, s: before, settled flight is too short to identify a loop."""
+
+REVIEW_PERIOD = 15.0
+"""Least time between the beginnings of two reviews, s: a choice."""
+
+MAX_PROCESSOR_SHARE = 0.1
+"""Largest share of one core that reviews may take, a choice: after a long one, the next one begins later."""
+
+PIECE_SECONDS = 10.0
+"""Duration of the pieces in which messages are kept and forgotten, s: a choice."""
+
+MAX_BYTES = 1 << 24
+"""Bytes of messages that are kept, 16 MiB: a quarter of an hour with attitude, setpoints and outputs at 100 Hz.
+
+A choice, which bounds the memory, and the time of a review; of a longer flight the beginning is forgotten.
+"""
+
+UNNAMED_RECORDING = "FILE.tlog"
+"""Name of the recording in advice on commands if nothing is recorded."""
+
+
+@dataclass
+class _Piece:
+    """Messages that were received within ``PIECE_SECONDS``, in the form of a telemetry log."""
+
+    start: float
+    """When the first of them was received, UNIX s."""
+
+    records: BytesIO = field(default_factory=BytesIO)
+    """The frames, each after its receive stamp."""
+
+
+class FlightMessages:
+    """The latest messages of the followed vehicle as a telemetry log in memory, from shortly before its take-off on."""
+
+    def __init__(self) -> None:
+        """Begins without a message."""
+        self._pieces = deque[_Piece]()
+        self._size = 0
+
+    def add(self, stamp: float, frames: Sequence[Frame], vehicle: Component | None) -> None:
+        """Adds the frames whose messages a live session reads; other messages do not show the loops.
+
+        Args:
+            stamp: when they were received, UNIX s.
+            frames: frames of all senders, in the order of arrival.
+            vehicle: the followed vehicle, whose frames are kept; None while it is not known, when all are.
+        """
+        contents = []
+        for frame in frames:
+            is_readable = frame.checksum == CHECKSUM_MATCHES
+            is_of_vehicle = vehicle is None or vehicle.has_sent(frame)
+            if is_readable and is_of_vehicle and frame.message_id in message_readers():
+                contents.append((round(stamp * 1e6), frame.content))
+        if not contents:
+            return
+        # Stamps go back where the computer's clock is set.
+        if not self._pieces or not 0 <= stamp - self._pieces[-1].start < PIECE_SECONDS:
+            self._pieces.append(_Piece(stamp))
+        records = self._pieces[-1].records
+        size_before = records.tell()
+        write_stamped(records, contents)
+        self._size += records.tell() - size_before
+        while self._size > MAX_BYTES and len(self._pieces) > 1:
+            self._forget_first_piece()
+
+    def forget_earlier_flights(self) -> None:
+        """Forgets all but the last two pieces, which contain the take-off that has just been noticed."""
+        while len(self._pieces) > 2:
+            self._forget_first_piece()
+
+    def _forget_first_piece(self) -> None:
+        """Forgets the oldest messages."""
+        self._size -= self._pieces.popleft().records.tell()
+
+    @property
+    def records(self) -> bytes:
+        """The content of a telemetry log with all messages that are kept."""
+        return b"".join(piece.records.getbuffer() for piece in self._pieces)
+
+
+class ReviewedMargins(NamedTuple):
+    """What a review of a flight so far shows of its control loops."""
+
+    light: Fact
+    """The light of the margins, that is the judgement of the loops."""
+
+    processor_seconds: float
+    """Processor time of the review, s."""
+
+
+def review_margins(
+    records: bytes, source: str, vehicle: str, parameters: Parameters, *, is_flying: bool
+) -> ReviewedMargins:
+    """Judges the stability margins of a flight so far, as the review of a log does.
+
+    A log that is too short to identify a loop by its setpoints has margins by inputs and outputs alone, which are less
+    certain. In flight nothing forces that: they are left out, since the flight will be longer.
+
+    It takes some seconds, and runs in the executor that learns models.
+
+    Args:
+        records: content of a telemetry log.
+        source: name of the log in advice on commands.
+        vehicle: "system:component" of the vehicle.
+        parameters: the autopilot's parameters by name, which may have been received before the messages of the log.
+        is_flying: whether the flight goes on.
+    """
+    start_time = process_time()
+    try:
+        log = _with_parameters(tlog_from_bytes(source, records), parameters)
+        assessment = assess(last_flown_boot(log), vehicle, AXES[0], Options(with_model=False))
+        light = assessment.lights[Light.MARGINS]
+        refusal = _refusal_of_judged_loop(assessment, light)
+        if is_flying and refusal is not None and refusal.code is LoopFact.LOOP_TOO_SHORT:
+            light = Fact(MarginsLight.MARGINS_UNKNOWN, reason=refusal, rate=None)
+    except Refusal as error:
+        light = Fact(MarginsLight.MARGINS_UNKNOWN, reason=error.fact, rate=None)
+    return ReviewedMargins(light, process_time() - start_time)
+
+
+def _refusal_of_judged_loop(assessment: Assessment, light: Fact) -> Fact | None:
+    """Returns why the loop by which the margins are judged was not identified by setpoints; None if it was.
+
+    Args:
+        assessment: the assessment of the log.
+        light: its light of the margins, whose figure ``axis`` names the loop.
+    """
+    if assessment.evidence is None or light.code is not MarginsLight.LOOP_MARGINS:
+        return None
+    loop = assessment.evidence.loops[light.figures["axis"]]
+    return loop.plant.refusal if isinstance(loop, Loop) else None
+
+
+def _with_parameters(log: Log, parameters: Parameters) -> Log:
+    """Returns a log of one vehicle, with the parameters added that it does not contain."""
+    vehicles = [
+        replace(telemetry, parameters={**parameters, **telemetry.parameters})
+        for telemetry in log.vehicles
+    ]
+    return replace(log, vehicles=tuple(vehicles))
+
+
+class MarginReview:
+    """Reviews the stability margins of a live flight again and again, where setpoints of the body rate come.
+
+    Attributes:
+        light: the light of the margins, as the latest review of the latest flight shows it; None before one.
+        has_rate_setpoint: whether a setpoint of the body rate has come in the latest flight, by which the loops are
+            identified.
+    """
+
+    def __init__(self, executor: Executor | None, recording_name: str | None) -> None:
+        """Begins without a flight.
+
+        Args:
+            executor: executor in which margins are reviewed; None to review none.
+            recording_name: the log to which advice refers; empty or None if it has no name.
+        """
+        self.light: Fact | None = None
+        self.has_rate_setpoint = False
+        self._executor = executor
+        self._source = recording_name or UNNAMED_RECORDING
+        self._messages = FlightMessages()
+        self._pending: Future[ReviewedMargins] | None = None
+        self._was_flying = False
+        # Whether the latest flight has messages that no review has judged.
+        self._has_new_messages = False
+        # When the latest review began, and when the next one may begin, s of the monotonic clock.
+        self._start_time = -inf
+        self._next_time = inf
+
+    def add_messages(
+        self, stamp: float, frames: Sequence[Frame], vehicle: Component | None
+    ) -> None:
+        """Keeps the messages that show the loops, for later reviews.
+
+        Args:
+            stamp, frames, vehicle: as for :meth:`FlightMessages.add`.
+        """
+        if self._executor is not None:
+            self._messages.add(stamp, frames, vehicle)
+
+    def update(self, now: float, stream: LiveStream, *, is_busy: bool) -> None:
+        """Takes the result of a review that is done, or begins another one if that is due; it never waits.
+
+        It is called once a second. Reviews begin ``FIRST_REVIEW_SECONDS`` after the take-off, and follow each other
+        while the vehicle flies. The last one is of the whole flight, after its landing.
+
+        Args:
+            now: present time, s of the monotonic clock.
+            stream: stream of the vehicle.
+            is_busy: whether this computer has no time for a review.
+        """
+        if stream.is_flying and not self._was_flying:
+            self._begin_flight(now)
+        if stream.is_flying or self._was_flying:
+            # Also of a flight that has just ended.
+            self._has_new_messages = True
+        self._was_flying = stream.is_flying
+        if stream.is_flying:
+            self.has_rate_setpoint |= stream.has_rate_setpoint
+        if self._pending is not None:
+            self._take_result(self._pending)
+            return
+        vehicle = stream.followed_vehicle
+        is_needed = self.has_rate_setpoint and self._has_new_messages
+        if self._executor is None or vehicle is None or not is_needed:
+            return
+        if is_busy or now < self._next_time:
+            return
+        self._has_new_messages = False
+        self._start_time = now
+        # The executor raises RuntimeError when its processes are gone.
+        with suppress(RuntimeError):
+            self._pending = self._executor.submit(
+                review_margins,
+                self._messages.records,
+                self._source,
+                vehicle.name,
+                stream.parameters,
+                is_flying=stream.is_flying,
+            )
+
+    def _begin_flight(self, now: float) -> None:
+        """Begins the reviews of another flight, which may have other gains than the flight before.
+
+        Args:
+            now: present time, s of the monotonic clock.
+        """
+        self._messages.forget_earlier_flights()
+        self.light = None
+        self.has_rate_setpoint = False
+        # A review of the flight before is given up.
+        self._pending = None
+        self._next_time = now + FIRST_REVIEW_SECONDS
+
+    def _take_result(self, pending: Future[ReviewedMargins]) -> None:
+        """Takes the result of a review that the executor has finished, and sets when the next one may begin.
+
+        A review that failed is dropped, and the result before it stays: the next one may succeed.
+
+        Args:
+            pending: the review that the executor computes.
+        """
+        if not pending.done():
+            return
+        self._pending = None
+        pause = REVIEW_PERIOD
+        with suppress(ValueError, RuntimeError, CancelledError):
+            self.light, processor_seconds = pending.result()
+            pause = max(pause, processor_seconds / MAX_PROCESSOR_SHARE)
+        self._next_time = self._start_time + pause

@@ -1,0 +1,326 @@
+"""Margins in flight: those that the review of the recording has, or none for the same reason, at bounded cost."""
+
+from concurrent.futures import Executor, Future
+from types import MappingProxyType
+from unittest.mock import Mock
+
+from mavlink_streams import flight, heartbeat
+from pytest import approx, fixture, mark
+
+from mavdem.assessment.assess import assess
+from mavdem.assessment.axis import Options
+from mavdem.experiments.paper.flights import write_log
+from mavdem.facts import Fact, Level
+from mavdem.facts.assessment import NextStep
+from mavdem.facts.lights import Light
+from mavdem.facts.loops import LoopFact
+from mavdem.facts.margins import MarginsLight
+from mavdem.facts.sources import SourceFact
+from mavdem.ingest import read_log
+from mavdem.ingest.formats import read_stream
+from mavdem.ingest.mavlink.frame_reader import FrameReader
+from mavdem.ingest.tlog import tlog_from_bytes
+from mavdem.live import LiveStream, margin_review
+from mavdem.live.margin_review import (
+    FIRST_REVIEW_SECONDS,
+    MAX_PROCESSOR_SHARE,
+    PIECE_SECONDS,
+    REVIEW_PERIOD,
+    FlightMessages,
+    MarginReview,
+    ReviewedMargins,
+    review_margins,
+)
+from mavdem.live.session_status import SessionStatus
+from mavdem.live.vehicle_selection import Component
+from mavdem.report.live import light_rows
+from sitl_scenarios.files import scenario_from_table
+from sitl_scenarios.simulation import fly
+
+STEERED = {
+    "seed": 1956,
+    "duration": 50.0,
+    "height": 5.0,
+    "vehicle": {"model": "iris", "rate_gain": 5.5},
+    "excitation": {
+        "kind": "multisine",
+        "axis": "all",
+        "sd": 3.0,
+        "lowest": 0.2,
+        "highest": 5.0,
+        "period": 10.0,
+    },
+    "stream": {"autopilot": "ardupilot", "rates": {"ATTITUDE_TARGET": 100.0}},
+}
+"""A flight whose gains lack margin."""
+
+STILL = {key: value for key, value in STEERED.items() if key != "excitation"} | {
+    "duration": 40.0,
+    "vehicle": {"model": "iris"},
+    "wind": [{"kind": "gaussian", "sd": 1.0, "s": 0.3}],
+}
+"""A shorter one without steering, in gusts, which shows too little of the loops."""
+
+VEHICLE = Component(1, 1)
+FIRST = round(FIRST_REVIEW_SECONDS) + 1
+"""Second after the first review of a flight that begins at 0."""
+
+BAD = Fact(
+    MarginsLight.LOOP_MARGINS,
+    Level.BAD,
+    subject="rate",
+    axis="roll",
+    rating=Level.BAD,
+    lacking="phase_margin",
+    phase_margin=27.0,
+    phase_margin_interval=(21.0, 33.0),
+    gain_margin=4.8,
+    gain_margin_interval=(3.4, 6.4),
+    ms=3.0,
+    ms_interval=(2.5, 3.6),
+    share=0.6,
+    is_biased=False,
+    reason=None,
+    action=None,
+)
+REVIEWED = ReviewedMargins(BAD, processor_seconds=1.0)
+
+
+class LaterExecutor(Executor):
+    """Keeps jobs, whose results the test sets."""
+
+    def __init__(self):
+        self.jobs = []
+        self.futures = []
+
+    def submit(self, job, /, *arguments, **options):
+        self.jobs.append(arguments)
+        self.futures.append(Future())
+        return self.futures[-1]
+
+
+class ImmediateExecutor(Executor):
+    """Runs jobs when they are submitted."""
+
+    def submit(self, job, /, *arguments, **options):
+        future = Future()
+        future.set_result(job(*arguments, **options))
+        return future
+
+
+@fixture
+def stream():
+    """A vehicle in flight, with setpoints of its rate."""
+    return Mock(
+        is_flying=True, has_rate_setpoint=True, followed_vehicle=VEHICLE, parameters={"A": 1.0}
+    )
+
+
+@fixture
+def review():
+    """A review whose executor keeps the jobs, of a vehicle on the ground."""
+    made = MarginReview(LaterExecutor(), "flight.tlog")
+    made.update(0.0, Mock(is_flying=False, has_rate_setpoint=False), is_busy=False)
+    return made
+
+
+def frames_of(*contents):
+    return FrameReader().feed(b"".join(contents))
+
+
+def update(review, stream, start, end):
+    """Calls the review once a second, and returns at which of these times it began to judge, s."""
+    begun = []
+    for now in range(start, end):
+        count = len(review._executor.jobs)
+        review.update(float(now), stream, is_busy=False)
+        if len(review._executor.jobs) > count:
+            begun.append(now)
+    return begun
+
+
+def fly_live(path):
+    """Returns the margins in flight by the seconds of a log, and after it, each as it became known."""
+    review = MarginReview(ImmediateExecutor(), path.name)
+    live = LiveStream()
+    lights = [None]
+    first_stamp = None
+    second = 0
+    for stamp, content in read_stream(path).stamped_frames():
+        first_stamp = first_stamp or stamp
+        frames = live.frame_reader.feed(content)
+        live.process_without_rows(stamp / 1e6, frames)
+        review.add_messages(stamp / 1e6, frames, live.followed_vehicle)
+        if (stamp - first_stamp) / 1e6 >= second:
+            second += 1
+            review.update(float(second), live, is_busy=False)
+            if review.light is not lights[-1]:
+                lights.append(review.light)
+    for _ in range(40):
+        second += 1
+        review.update(float(second), live, is_busy=False)
+    return lights[1:], review.light
+
+
+@mark.slow
+@mark.usefixtures("coarse_physics")
+@mark.parametrize("table, is_given", [(STEERED, True), (STILL, False)])
+def test_margins_in_flight_are_given_and_withheld_as_by_the_review(tmp_path, table, is_given):
+    scenario = scenario_from_table(table)
+    path = tmp_path / "flight.tlog"
+    write_log(path, scenario, fly(scenario))
+    in_flight, after_landing = fly_live(path)
+    reviewed = assess(read_log(path), None, "roll", Options(with_model=False)).lights[Light.MARGINS]
+    assert in_flight, "the flight is reviewed before its landing"
+    assert (after_landing.code, after_landing.level) == (reviewed.code, reviewed.level)
+    assert (reviewed.code is MarginsLight.LOOP_MARGINS) == is_given
+    opposite_level = {Level.BAD: Level.GOOD, Level.GOOD: Level.BAD}.get(reviewed.level)
+    assert opposite_level not in [light.level for light in in_flight]
+    if not is_given:
+        assert after_landing.figures["reason"].code is reviewed.figures["reason"].code
+        return
+    for name in ("phase_margin", "gain_margin", "ms"):
+        assert after_landing.figures[name] == approx(reviewed.figures[name], rel=0.02)
+        low, high = in_flight[-1].figures[f"{name}_interval"]
+        assert low <= reviewed.figures[name] <= high
+
+
+@mark.slow
+@mark.usefixtures("coarse_physics")
+def test_margins_by_outputs_alone_wait_in_flight_for_setpoints_to_show_the_loops(tmp_path):
+    scenario = scenario_from_table(STEERED | {"duration": 28.0})
+    path = tmp_path / "flight.tlog"
+    write_log(path, scenario, fly(scenario))
+    lights = []
+    for is_flying in (True, False):
+        reviewed = review_margins(path.read_bytes(), "live", "1:1", {}, is_flying=is_flying)
+        lights.append(reviewed.light)
+    awaited, given = lights
+    assert awaited.code is MarginsLight.MARGINS_UNKNOWN
+    assert awaited.figures["reason"].code is LoopFact.LOOP_TOO_SHORT
+    assert given.code is MarginsLight.LOOP_MARGINS, "a log will not be longer"
+
+
+def test_a_flight_is_reviewed_at_its_period_and_once_after_the_landing(review, stream):
+    executor = review._executor
+    assert update(review, stream, 10, 60) == [10 + FIRST_REVIEW_SECONDS], "one at a time"
+    executor.futures[0].set_result(REVIEWED)
+    assert update(review, stream, 60, 62) == [61] and review.light is BAD
+    executor.futures[1].set_result(REVIEWED)
+    stream.is_flying = False
+    assert update(review, stream, 62, 120) == [61 + REVIEW_PERIOD]
+    executor.futures[2].set_result(REVIEWED)
+    assert update(review, stream, 120, 200) == [], "nothing new"
+    _, source, vehicle, parameters = executor.jobs[0]
+    assert (source, vehicle, parameters) == ("flight.tlog", "1:1", {"A": 1.0})
+
+
+def test_long_reviews_are_rarer(review, stream):
+    review._executor.submit = Mock(side_effect=review._executor.submit)
+    update(review, stream, 0, FIRST)
+    seconds = 6.0
+    review._executor.futures[0].set_result(ReviewedMargins(BAD, seconds))
+    begun = FIRST_REVIEW_SECONDS + seconds / MAX_PROCESSOR_SHARE
+    assert update(review, stream, FIRST, 200) == [begun]
+
+
+def test_without_rate_setpoints_or_time_nothing_is_reviewed(review, stream):
+    stream.has_rate_setpoint = False
+    assert update(review, stream, 0, 40) == [] and not review.has_rate_setpoint
+    stream.has_rate_setpoint = True
+    review.update(40.0, stream, is_busy=True)
+    assert not review._executor.jobs
+    stream.has_rate_setpoint = False
+    assert update(review, stream, 41, 42) == [41], "setpoints that came are kept"
+    assert review.has_rate_setpoint
+
+
+def test_a_failed_review_leaves_the_one_before(review, stream):
+    update(review, stream, 0, FIRST)
+    review._executor.futures[0].set_result(REVIEWED)
+    second = FIRST + round(REVIEW_PERIOD)
+    update(review, stream, FIRST, second)
+    review._executor.futures[1].set_exception(ValueError("no"))
+    assert update(review, stream, second, 90) == [FIRST_REVIEW_SECONDS + 2 * REVIEW_PERIOD]
+    assert review.light is BAD
+
+
+def test_another_flight_begins_without_margins(review, stream):
+    update(review, stream, 0, FIRST)
+    review._executor.futures[0].set_result(REVIEWED)
+    update(review, stream, FIRST, 45)
+    stream.is_flying = False
+    update(review, stream, 45, 50)
+    stream.is_flying = True
+    # The review of the flight before ends after the take-off.
+    review._executor.futures[1].set_result(REVIEWED)
+    assert update(review, stream, 50, 70) == [] and review.light is None
+
+
+def test_messages_of_the_vehicle_are_kept_that_show_its_loops():
+    messages = FlightMessages()
+    own = [heartbeat(1), *flight([1.0, 1.01], system=1)]
+    messages.add(1.7e9, frames_of(*own, heartbeat(2), *flight([1.0], system=2)), VEHICLE)
+    (telemetry,) = tlog_from_bytes("live", messages.records).vehicles
+    assert (telemetry.system, len(telemetry.messages["ATTITUDE"]["time"])) == (1, 2)
+    before = FlightMessages()
+    before.add(1.7e9, frames_of(*own, heartbeat(2), *flight([1.0], system=2)), None)
+    assert len(tlog_from_bytes("live", before.records).vehicles) == 2, "nobody is followed yet"
+
+
+def test_the_memory_is_bounded_and_begins_with_the_latest_take_off(monkeypatch):
+    messages = FlightMessages()
+    sizes = []
+    for number in range(5):
+        frames = frames_of(*flight([float(number)]))
+        messages.add(1.7e9 + PIECE_SECONDS * number, frames, VEHICLE)
+        sizes.append(len(messages.records))
+    messages.forget_earlier_flights()
+    (telemetry,) = tlog_from_bytes("live", messages.records).vehicles
+    assert len(telemetry.messages["ATTITUDE"]["time"]) == 2
+    monkeypatch.setattr(margin_review, "MAX_BYTES", sizes[0] + 10)
+    messages.add(1.7e9 + PIECE_SECONDS * 5, frames_of(*flight([5.0])), VEHICLE)
+    assert len(messages.records) == sizes[0], "the oldest are forgotten"
+
+
+def test_gains_that_came_before_the_kept_messages_are_used(monkeypatch):
+    seen = []
+
+    def assessed(log, *_):
+        seen.append(dict(log.vehicles[0].parameters))
+        return Mock(lights={Light.MARGINS: BAD}, evidence=Mock(loops={"roll": None}))
+
+    monkeypatch.setattr(margin_review, "assess", assessed)
+    messages = FlightMessages()
+    messages.add(1.7e9, frames_of(heartbeat(1), *flight([1.0, 1.01])), VEHICLE)
+    gains = MappingProxyType({"ATC_RAT_RLL_P": 0.2})
+    assert review_margins(messages.records, "live", "1:1", gains, is_flying=True).light is BAD
+    assert seen == [{"ATC_RAT_RLL_P": 0.2}]
+
+
+def test_what_cannot_be_judged_has_no_margins_and_a_reason():
+    light = review_margins(b"", "live", "1:1", {}, is_flying=True).light
+    assert light.code is MarginsLight.MARGINS_UNKNOWN and light.level is Level.UNKNOWN
+    assert light.figures["reason"].code is SourceFact.FORMAT_UNKNOWN
+
+
+def test_the_status_shows_margins_of_the_flight_until_the_recording_is_judged():
+    flying = SessionStatus(vehicle="1:1", is_flying=True, margins=BAD)
+    judgement = flying.overall_judgement
+    assert judgement.lights[Light.MARGINS] is BAD and judgement.headline is BAD
+    assert judgement.next_step.code is NextStep.LAND_NOW
+    assert ("margins", "roll 27° (21 to 33)") in [
+        (row.name, row.figure) for row in light_rows(flying)
+    ]
+    withheld = Fact(
+        MarginsLight.MARGINS_UNKNOWN, reason=Fact(LoopFact.NOT_STEERED, share=0.2), rate=None
+    )
+    unknown = SessionStatus(vehicle="1:1", is_flying=True, margins=withheld)
+    assert unknown.overall_judgement.lights[Light.MARGINS] is withheld
+    judged = SessionStatus(
+        vehicle="1:1",
+        margins=BAD,
+        model_judgement=judgement,
+        is_recording_judged=True,
+    )
+    assert judged._lights_without_model.get(Light.MARGINS) is None
