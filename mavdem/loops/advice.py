@@ -10,7 +10,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass
-from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -47,8 +46,6 @@ from mavdem.loops.limit_cycles import Oscillation
 from mavdem.loops.loop_construction import at_limit_share
 from mavdem.plant.parameters import DRAWS, ESTIMATE, LAG
 
-CACHED_STEPS = 3
-"""Designs of gains that are kept: those of the three axes of a vehicle."""
 GAIN_REDUCTION = 2 / 3
 """Factor on the gains that make a vehicle oscillate: 3.5 dB less."""
 MAX_AT_LIMIT_SHARE = 0.18
@@ -259,11 +256,8 @@ def advise(
     )
 
 
-@lru_cache(maxsize=CACHED_STEPS)
 def _next_step(loop: Loop, target: MarginTarget) -> GainStep:
     """Designs the gains for the next flight, in the stage of tuning that the loop has reached.
-
-    It takes a second, and is needed twice: for the decision on the loop, and for the page with the gains.
 
     While the rate loop lacks margin, that is stage 1; while only the attitude loop does, stage 2. If both have enough
     margin, and gains are to be raised, it is stage 1 as long as the rate loop lacks margin at some effectiveness, or

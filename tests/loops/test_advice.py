@@ -10,7 +10,7 @@ from numpy.testing import assert_array_equal
 from pytest import approx, mark
 
 from mavdem.assessment.axis.margins import AxisMargins
-from mavdem.assessment.axis.tuning import _advice_to_load, _step_with_gains
+from mavdem.assessment.axis.tuning import _advice_on_changed_loops, _next_step_with_new_gains
 from mavdem.assessment.judgement import Judgement
 from mavdem.facts import Fact, Level
 from mavdem.facts.assessment import NextStep
@@ -323,7 +323,7 @@ def test_a_flight_that_shows_neither_lack_nor_success_is_flown_again_before_gain
     judgement = Judgement(headline, headline, {})
     steps = {}
     for name, advice in {"sound": [lacks, unclear], "unclear": [unclear]}.items():
-        steps[name] = _step_with_gains(judgement, advice, (), (), is_written=True)
+        steps[name] = _next_step_with_new_gains(judgement, advice, (), (), is_written=True)
     assert steps["sound"].code is NextStep.LOAD_GAINS
     assert steps["unclear"].code is NextStep.FLY_BEFORE_GAINS
     assert steps["unclear"].sentence.startswith(
@@ -339,5 +339,5 @@ def test_a_loop_that_keeps_its_gains_does_not_make_those_of_another_less_sure():
     assert changes.parameters
     kept = {name: gain._replace(set=gain.now) for name, gain in changes.gains.items()}
     keeps = replace(changes, gains=kept, sure=0.1)
-    assert _advice_to_load([changes, keeps]) == [changes]
-    assert _advice_to_load([keeps]) == [keeps]
+    assert _advice_on_changed_loops([changes, keeps]) == [changes]
+    assert _advice_on_changed_loops([keeps]) == [keeps]

@@ -22,7 +22,7 @@ from mavdem.facts import Fact, Facts
 from mavdem.facts.loops import LoopAction
 from mavdem.facts.margins import MarginsLight, TrackingLight
 from mavdem.ingest.telemetry import Parameters
-from mavdem.loops.advice import GAIN_REDUCTION, advise, reasons_for_no_gains
+from mavdem.loops.advice import GAIN_REDUCTION, Advice, advise, reasons_for_no_gains
 from mavdem.loops.axis_loops import MARGIN_TARGETS, Loop, margin_rating
 from mavdem.loops.controllers import controller_from_parameters
 from mavdem.loops.gain_design import SURE_SHARE
@@ -64,6 +64,8 @@ class LoopDecision:
     """Why gains must not be computed from the identified loop; empty if they may be."""
     is_too_slow: bool = False
     """Whether gains may be raised although the loop has its margins, since the axis is too slow."""
+    advice: Advice | None = None
+    """The advice on gains with the usual margins, if it was needed to decide; `mavdem tune` would give the same."""
 
     @property
     def fact(self) -> Fact:
@@ -281,33 +283,46 @@ def _decision_by_identified_loop(
     """
     axis = observations.margins.axis
     doubts = reasons_for_no_gains(loop)
+    advice = None
     if doubts:
         action = _action_to_remedy(doubts[0])
     else:
-        action = _flight_before_gains(loop, raises_sound_gains=False) or Fact(
+        advice = _advice_that_may_be_unsound(loop, raises_sound_gains=False)
+        action = _flight_before_gains(advice) or Fact(
             LoopAction.LOAD_ADVISED_GAINS, arguments=observations.tune_arguments
         )
     reason = loop_fact.replace(action=action)
-    return LoopDecision(axis, LoopDiagnosis.BELOW_GOAL, reason, action, doubts)
+    return LoopDecision(axis, LoopDiagnosis.BELOW_GOAL, reason, action, doubts, advice=advice)
 
 
-def _flight_before_gains(loop: Loop, *, raises_sound_gains: bool) -> Fact | None:
-    """Returns the advice to fly before gains are loaded, if the flight is not a basis for those of `mavdem tune`.
+def _advice_that_may_be_unsound(loop: Loop, *, raises_sound_gains: bool) -> Advice | None:
+    """Returns the gains that `mavdem tune` advises, unless the flight is clearly a basis for whatever these are.
 
     Args:
         loop: rate and attitude loop of the axis, without reasons against new gains.
         raises_sound_gains: whether the gains are raised although the loop has its margins.
 
     Returns:
-        The advice; None if the gains may be loaded, or none would change.
+        The advice; None if the loop surely lacks margin with the logged gains, so that it need not be computed here.
     """
     loop_at_end = loop_at_end_of_log(loop)
     if 1 - loop_at_end.share_meeting(MARGIN_TARGETS["default"]) >= SURE_SHARE:
-        # The loop surely lacks margin, whatever the new gains reach, which takes a second to compute.
         return None
-    advice = advise(loop_at_end, raises_sound_gains=raises_sound_gains)
-    is_before_gains = bool(advice.parameters) and not advice.is_sound
-    return advice.flight_before_gains if is_before_gains else None
+    return advise(loop_at_end, raises_sound_gains=raises_sound_gains)
+
+
+def _flight_before_gains(advice: Advice | None) -> Fact | None:
+    """Returns the advice to fly before gains are loaded, if the flight is not a basis for those of `mavdem tune`.
+
+    Args:
+        advice: the advised gains; None if the flight is a basis for them.
+
+    Returns:
+        The advice to fly; None if the gains may be loaded, or none would change.
+    """
+    if advice is None or advice.is_sound or not advice.parameters:
+        return None
+    return advice.flight_before_gains
 
 
 def _decision_by_tracking(observations: LoopObservations) -> LoopDecision | None:
@@ -388,14 +403,24 @@ def _decision_to_raise_gains(observations: LoopObservations, loop: Loop) -> Loop
     """
     axis = observations.margins.axis
     doubts = reasons_for_no_gains(loop, for_higher_gains=True)
+    advice = None
     if doubts:
         action = _action_to_remedy(doubts[0])
     else:
-        action = _flight_before_gains(loop, raises_sound_gains=True) or Fact(
+        advice = _advice_that_may_be_unsound(loop, raises_sound_gains=True)
+        action = _flight_before_gains(advice) or Fact(
             LoopAction.RAISE_AS_ADVISED, axis=axis, arguments=observations.tune_arguments
         )
     reason = observations.tracking.replace(action=action)
-    return LoopDecision(axis, LoopDiagnosis.FOLLOWS_BADLY, reason, action, doubts, is_too_slow=True)
+    return LoopDecision(
+        axis,
+        LoopDiagnosis.FOLLOWS_BADLY,
+        reason,
+        action,
+        doubts,
+        is_too_slow=True,
+        advice=advice,
+    )
 
 
 def _decision_without_fault(observations: LoopObservations) -> LoopDecision:

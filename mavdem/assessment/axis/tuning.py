@@ -13,7 +13,7 @@ from dataclasses import replace
 from typing import NamedTuple
 
 from mavdem.assessment.axis.gains import loop_at_end_of_log
-from mavdem.assessment.axis.loop_decision import ADVICE_TO_TUNE
+from mavdem.assessment.axis.loop_decision import ADVICE_TO_TUNE, LoopDecision
 from mavdem.assessment.axis.margins import axes_with_doubtful_loop
 from mavdem.assessment.evidence import Evidence
 from mavdem.assessment.judgement import Judgement, repairs_before_tuning
@@ -266,14 +266,13 @@ def _advice_on_axes(
         if not isinstance(loop, Loop):
             advice_by_axis[axis] = refusals[axis]
             continue
-        decision = judgement.loop_decisions.get(axis)
         advice_by_axis[axis] = _advice_on_loop(
             loop,
             margins,
-            vehicle_doubts if decision is None else decision.doubts,
+            vehicle_doubts,
             notch_parameters,
+            judgement.loop_decisions.get(axis),
             raises_sound_gains=raises_sound_gains,
-            is_too_slow=decision is not None and decision.is_too_slow,
         )
     return advice_by_axis
 
@@ -437,11 +436,11 @@ def _next_step_without_new_gains(
 def _advice_on_loop(
     flown_loop: Loop,
     margins: str,
-    doubts: Facts,
+    vehicle_doubts: Facts,
     notch_parameters: Parameters,
+    decision: LoopDecision | None,
     *,
     raises_sound_gains: bool,
-    is_too_slow: bool,
 ) -> Advice:
     """Returns the advice on the gains of one identified loop, with a notch filter if one is to be set.
 
@@ -451,17 +450,25 @@ def _advice_on_loop(
     Args:
         flown_loop: rate and attitude loop of the axis, with the gains that flew.
         margins: name of the margins to have, in ``MARGIN_TARGETS``.
-        doubts: reasons why gains must not be computed from the loop; empty if they may be.
+        vehicle_doubts: reasons why no gains of any axis may be raised; the decision has them too, if there is one.
         notch_parameters: parameters that set the notch filter; empty without one.
+        decision: what was decided on the loop, with the doubts about it, and with its advice if that was needed; None
+            for an axis without a decision.
         raises_sound_gains: whether the user wants higher gains even if the loop has the wanted margins already.
-        is_too_slow: whether the axis follows its setpoint too slowly, so that its gains are raised in any case.
     """
+    doubts = vehicle_doubts if decision is None else decision.doubts
+    # An axis that follows its setpoint too slowly has its gains raised in any case.
+    is_too_slow = decision is not None and decision.is_too_slow
     loop = loop_at_end_of_log(flown_loop)
     if loop is not flown_loop:
         # A measured response, which may contradict the identified loop, was measured with the gains that flew.
         doubts = (*doubts, *reasons_for_no_gains(flown_loop))
     raises_gains = raises_sound_gains or is_too_slow
-    advice = advise(loop, margins, doubts, raises_sound_gains=raises_gains)
+    has_usual_request = margins == "default" and raises_gains == is_too_slow and not doubts
+    if decision is not None and decision.advice is not None and has_usual_request:
+        advice = decision.advice
+    else:
+        advice = advise(loop, margins, doubts, raises_sound_gains=raises_gains)
     if is_too_slow and not raises_sound_gains and advice.stage is Stage.ANGLE:
         # A higher angle gain would only demand more of a rate loop that is too slow, so no gain is raised.
         raises_gains = False
