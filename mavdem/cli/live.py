@@ -13,7 +13,7 @@ from rich.live import Live
 from mavdem.assessment.judgement import Judgement
 from mavdem.cli.exit_codes import EXIT_DONE, EXIT_ERROR, EXIT_UNSUPPORTED
 from mavdem.cli.live_dashboard import Dashboard
-from mavdem.cli.live_status import StatusLines, print_event, print_fact
+from mavdem.cli.live_status import StatusLines, print_fact
 from mavdem.cli.options import NumberRange, file_option, json_option, model_options, vehicle_option
 from mavdem.cli.output import print_json
 from mavdem.cli.output_files import check_output_file
@@ -360,7 +360,7 @@ def _follow_vehicle(
             settings=options.settings,
             open_display=dashboard.open,
             report_status=report_status,
-            report_event=print_event,
+            report_event=status_lines.print_event,
             executor=executor,
             recording=recording,
             requested_rate=options.request_rate,

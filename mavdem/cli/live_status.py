@@ -221,6 +221,17 @@ class StatusLines:
         if status.alarms != self._shown_alarms:
             self.update_in_place(status)
 
+    def print_event(self, event: Event) -> None:
+        """Prints an event of a live session; on a terminal that is updated, the bell rings with each alarm.
+
+        Args:
+            event: What was found, and when.
+        """
+        if event.is_alarm and self.terminal_text is not None:
+            with suppress(OSError):
+                STDERR.bell()
+        print_event(event)
+
     def update_in_place(self, status: SessionStatus) -> None:
         """Updates the status on a terminal; does nothing elsewhere.
 

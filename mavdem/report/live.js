@@ -52,17 +52,88 @@
     if (node.nodeType === Node.ELEMENT_NODE) for (const figure of [node, ...node.querySelectorAll("figure.chart")]) if (figure.matches("figure.chart")) action(figure);
   };
 
+  // A light that a touch has opened, by which it has the focus, is closed by another.
+  let touchedLight = null;
+  addEventListener("pointerdown", () => { touchedLight = document.activeElement.closest("[data-light]"); }, true);
+  addEventListener("click", event => {
+    const light = event.target.closest?.("[data-light]");
+    if (light && light === touchedLight && !event.target.closest("a")) light.blur();
+  });
+
   // A plot is not changed under a finger or a pressed button, which may be choosing what to zoom to.
   let isPressed = false;
   for (const [kind, pressed] of [["pointerdown", true], ["pointerup", false], ["pointercancel", false]]) addEventListener(kind, () => { isPressed = pressed; }, true);
+
+  // The page's title; that of the tab begins with what is wrong.
+  let title = document.title;
+
+  // The sign of the tab has the colour of the headline, and is grey while nothing is known of now.
+  const icon = Object.assign(document.createElement("link"), { rel: "icon" });
+  document.head.append(icon);
+  const colourIcon = level => {
+    const colour = getComputedStyle(root).getPropertyValue(`--${level}`), shape = `<circle cx="8" cy="8" r="7" fill="${colour}"/>`;
+    icon.href = `data:image/svg+xml,${encodeURIComponent(`<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 16 16">${shape}</svg>`)}`;
+  };
+
+  // The sound of alarms, which a browser allows once its user has touched the page. The choice is remembered.
+  const KEY = "mavdem sound", button = Object.assign(document.createElement("button"), { id: "sound", type: "button" });
+  const remembered = value => {
+    try { return value === undefined ? localStorage.getItem(KEY) === "on" : localStorage.setItem(KEY, value ? "on" : "off"); } catch { return false; /* A browser may keep nothing. */ }
+  };
+  let sounds = remembered(), player = null;
+  const showSound = () => {
+    const isSilent = sounds && player?.state !== "running";
+    button.textContent = isSilent ? "Touch for sound" : sounds ? "Sound is on" : "Sound on";
+    button.setAttribute("aria-pressed", sounds);
+    button.classList.toggle("silent", isSilent);
+  };
+  const wake = () => {
+    if (!sounds) return;
+    player ??= new AudioContext();
+    player.onstatechange = showSound;
+    player.resume();
+  };
+  // Beeps of a frequency, Hz, each of a fifth of a second.
+  const sound = (frequency, count) => {
+    if (!sounds || !player) return;
+    for (let beep = 0; beep < count; beep++) {
+      const tone = new OscillatorNode(player, { type: "square", frequency }), volume = new GainNode(player, { gain: 0.3 }), start = player.currentTime + 0.3 * beep;
+      tone.connect(volume).connect(player.destination);
+      tone.start(start);
+      tone.stop(start + 0.2);
+    }
+    navigator.vibrate?.(Array(2 * count - 1).fill(200));
+  };
+  button.addEventListener("click", () => {
+    // A page that waits for a touch has had it now.
+    if (!sounds || player) remembered(sounds = !sounds);
+    wake();
+    if (sounds) sound(880, 1);
+    showSound();
+  });
+  addEventListener("pointerdown", event => { if (event.target !== button) wake(); }, true);
+  document.body.append(button);
+  showSound();
+
+  // What the tab shows and sounds of the newest state.
+  let alarms = +main.dataset.alarms;
+  const announce = () => {
+    const newest = +main.dataset.alarms;
+    if (newest > alarms) sound(880, 5);
+    alarms = newest;
+    document.title = title;
+    colourIcon(main.dataset.level);
+  };
+  announce();
 
   const show = text => {
     const newer = new DOMParser().parseFromString(text, "text/html"), flight = charts.groups.flight;
     // Another version of the program may have other scripts and another style.
     if (newer.querySelector("footer").textContent !== main.querySelector("footer").textContent) return location.reload();
     const time = flight && charts.cursorOf(flight);
-    document.title = newer.title;
+    title = newer.title;
     renew(main, newer.querySelector("main"));
+    announce();
     for (const group of Object.values(charts.groups)) if (group.charts.length) charts.follow(group);
     if (time != null) charts.setCursor(flight, time);
     root.dispatchEvent(new Event("renewed"));
@@ -93,10 +164,16 @@
     const words = refusal ? `mavdem does not show the session: ${refusal}`
       : silence >= LONGEST_SILENCE ? `No answer from mavdem for ${silence} s.`
       : age >= LONGEST_PAUSE ? `mavdem answers, but has had nothing new for ${age} s.` : "";
+    if (words && line.hidden) {
+      sound(440, 2);
+      colourIcon("unknown");
+    }
+    if (!words && !line.hidden) announce();
     line.hidden = !words;
     root.classList.toggle("unanswered", !!words);
     if (!words) return;
     line.textContent = `${words} What is below is ${age} s old.`;
+    document.title = `⚠ ${words} — ${title}`;
   };
   setInterval(tell, 1000);
 

@@ -6,6 +6,7 @@ from typing import NamedTuple
 
 from mavdem.assessment.judgement import Judgement
 from mavdem.facts import Fact, Level
+from mavdem.facts.assessment import NextStep
 from mavdem.facts.event import Event
 from mavdem.facts.lights import Unjudged
 from mavdem.facts.session import SessionFact, TimeUse
@@ -108,6 +109,23 @@ def live_title(status: SessionStatus, link: str, names: GivenNames) -> str:
     """
     [title] = render_section("live_title", state=status.state, link=link, names=names.vehicles)
     return title.text
+
+
+def live_alarm(status: SessionStatus) -> str:
+    """Returns the alarm of a vehicle in flight in a few words, such as "⚠ Motor 1: land now"; empty without one.
+
+    Args:
+        status: state of the session.
+    """
+    judgement = status.overall_judgement
+    is_alarmed = status.is_flying and not status.is_over and judgement.headline.is_bad
+    alarm = None
+    if judgement.next_step.code is NextStep.LAND_NOW:
+        alarm = judgement.next_step.figures["reason"]
+    sentences = render_section(
+        "live_alarm", is_alarmed=is_alarmed, alarm=alarm, headline=judgement.headline
+    )
+    return " ".join(sentence.text for sentence in sentences)
 
 
 def headline_and_next_step(judgement: Judgement) -> list[str]:

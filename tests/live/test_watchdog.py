@@ -24,6 +24,7 @@ from mavdem.facts import Fact, Level
 from mavdem.facts.assessment import Headline, NextStep
 from mavdem.facts.ending import MotionEvent
 from mavdem.facts.estimator import EstimatorLight
+from mavdem.facts.event import Event
 from mavdem.facts.events import ReportedEvent
 from mavdem.facts.lights import Light
 from mavdem.facts.log import LogLight
@@ -830,3 +831,19 @@ def test_a_battery_whose_voltage_comes_is_never_said_to_be_unmeasured():
             if fact.subject == WatchedQuantity.BATTERY and fact.figures["reason"] is not None:
                 reasons.append(fact.figures["reason"].code)
     assert WatchFact.BATTERY_NOT_JUDGED not in reasons
+
+
+def test_the_terminal_rings_once_for_each_alarm_and_never_elsewhere(monkeypatch):
+    shown = io.StringIO()
+    console = Console(file=shown, width=80, force_terminal=True, color_system=None)
+    monkeypatch.setattr("mavdem.cli.live_status.STDERR", console)
+    limit = Fact(ReportedEvent.BATTERY_ALARMED, Level.BAD)
+    alarm = Event(9.0, Fact(SessionFact.ALARM, reason=limit), reception=0.0)
+    note = Event(9.0, Fact(SessionFact.FLIGHT_UNKNOWN), reception=0.0)
+    lines = StatusLines(None)
+    lines.print_event(alarm)
+    assert shown.getvalue().count("\a") == 0
+    lines.terminal_text = Mock()
+    for event in (note, alarm, note):
+        lines.print_event(event)
+    assert shown.getvalue().count("\a") == 1

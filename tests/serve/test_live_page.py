@@ -4,8 +4,10 @@ from live_rows import flown
 from pytest import fixture, mark
 from serving import serving
 
-from mavdem.facts import Fact
+from mavdem.facts import Fact, Level
 from mavdem.facts.event import Event
+from mavdem.facts.lights import Light
+from mavdem.facts.motors import MotorWatchFact
 from mavdem.facts.session import TimeUse, VehicleFact
 from mavdem.live import clock
 from mavdem.live.history import LiveHistory
@@ -41,6 +43,23 @@ class Session:
         reboot = Fact(VehicleFact.VEHICLE_REBOOTED, time=self.end, clock=self.end)
         self.history.events.append(Event(self.end, reboot, reception=0.0))
         self.show(SessionStatus("1:1", is_flying=True, message_age=0.0))
+
+    def weaken(self, motor):
+        """Reports that a motor has lost thrust, and makes a page of that."""
+        weak = Fact(
+            MotorWatchFact.MOTOR_LOST_THRUST,
+            Level.BAD,
+            time=self.end,
+            subject=f"motor {motor} (front right)",
+            loss=(0.1, 0.2),
+            rise=0.2,
+            probability=0.999,
+            assumed=False,
+            boot=0,
+        )
+        self.history.events.append(Event(self.end, weak, reception=0.0))
+        alarmed = {"active_alarms": (weak,), "worst_lights": {Light.MOTORS: weak}}
+        self.show(SessionStatus("1:1", is_flying=True, message_age=0.0, **alarmed))
 
     def show(self, status):
         """Makes the page of a status."""
@@ -131,6 +150,49 @@ def test_a_page_whose_server_has_nothing_new_says_so(session, tab):
     tab.until(f"{LOUD_LINE} === ''")
 
 
+ICON = "decodeURIComponent(document.querySelector('link[rel=icon]').href)"
+COLOUR = "getComputedStyle(document.documentElement).getPropertyValue('--%s')"
+TONES = """(() => {
+  window.tones = 0;
+  window.OscillatorNode = class {
+    connect(node) { return node; }
+    start() { window.tones++; }
+    stop() {}
+  };
+  window.GainNode = class { connect() {} };
+})()"""
+
+
+def test_an_alarm_is_first_in_the_tab_colours_its_sign_and_sounds_where_that_is_wanted(
+    session, tab
+):
+    tab.run(TONES)
+    session.weaken(1)
+    tab.until("document.title === '⚠ Motor 1: land now — Flight over udp'")
+    assert tab.run(f"{ICON}.includes({COLOUR % 'bad'})")
+    assert tab.run("window.tones") == 0
+    tab.run("document.getElementById('sound').click()")
+    tab.until("document.getElementById('sound').innerText === 'Sound is on'")
+    assert tab.run("window.tones") == 1
+    session.weaken(2)
+    tab.until("window.tones > 1")
+    tab.run("document.getElementById('sound').click()")
+    assert tab.run("document.getElementById('sound').innerText") == "Sound on"
+    tones = tab.run("window.tones")
+    session.weaken(3)
+    tab.until("document.title.includes('Motor 3')")
+    assert tab.run("window.tones") == tones
+    session.fly(4.0)
+    tab.until(f"document.title === 'Flight over udp' && !{ICON}.includes({COLOUR % 'bad'})")
+
+
+def test_the_sound_that_was_chosen_is_remembered(session, tab):
+    tab.run("document.getElementById('sound').click()")
+    tab.run("window.isSamePage = true, location.reload()")
+    tab.until("!window.isSamePage && document.getElementById('sound')")
+    assert tab.run("document.getElementById('sound').ariaPressed") == "true"
+
+
 def test_without_javascript_a_page_is_loaded_again(session):
     assert '<noscript><meta http-equiv="refresh" content="5"></noscript>' in session.page.html
 
@@ -139,10 +201,28 @@ def test_an_update_has_no_style_no_script_and_waits_until_something_is_new(tmp_p
     with serving(tmp_path, monitor=session) as server:
         answer = server.get("/live/update")
         assert "<style" not in answer.text and "uPlot" not in answer.text
-        assert "<title>" in answer.text and answer.text.count("<main>") == 1
+        assert "<title>" in answer.text and answer.text.count("<main ") == 1
         start = clock.monotonic()
         shown = {"If_None_Match": answer.headers["ETag"]}
         assert server.get("/live/update", **shown).status == 304
         assert clock.monotonic() - start > 1.0
         session.fly(4.0)
         assert server.get("/live/update", **shown).status == 200
+
+
+def test_the_reason_of_a_light_opens_and_closes_by_touches_and_shows_that_it_can(session, tab):
+    sign = "getComputedStyle(document.querySelector('[data-light=power] dt'), '::before').content"
+    reason = "document.querySelector('[data-light=power] dd:last-child').checkVisibility()"
+    tab.size(390)
+    middle = tab.run("""(() => {
+        const { left, top, width, height } = document.querySelector("[data-light=power]").getBoundingClientRect();
+        return [left + width / 2, top + height / 2];
+    })()""")
+    assert tab.run(sign) == '"▸"' and not tab.run(reason)
+    for is_open in (True, False):
+        for kind in ("mousePressed", "mouseReleased"):
+            place = {"x": middle[0], "y": middle[1], "button": "left", "clickCount": 1}
+            tab.command("Input.dispatchMouseEvent", type=kind, **place)
+        tab.until(f"{reason} === {str(is_open).lower()}")
+    tab.size(1280)
+    assert tab.run(reason) and tab.run(sign) == "none"

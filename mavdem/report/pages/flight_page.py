@@ -703,7 +703,7 @@ def live_page(
         refresh_seconds: time after which a server has a newer page, s; None for a page that does not change.
     """
     # Imported here: a page of a log needs nothing of live sessions.
-    from mavdem.report.live import live_title
+    from mavdem.report.live import live_alarm, live_title
 
     judgement = status.overall_judgement
     timeline = live_timeline(history, axis)
@@ -730,6 +730,7 @@ def live_page(
         is_in_flight=status.is_flying and not status.is_over,
         links=links,
         saved_flight=saved_flight,
+        alarm=live_alarm(status),
         refresh_seconds=refresh_seconds,
     )
     sentences = judgement_sentences(judgement)

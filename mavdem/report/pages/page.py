@@ -225,6 +225,9 @@ class Head(NamedTuple):
     is_in_flight: bool = False
     """Whether the vehicle of that session flies."""
 
+    alarm: str = ""
+    """The alarm of that vehicle in a few words, with which the page's title begins; empty without one."""
+
     refresh_seconds: float | None = None
     """Time after which a browser without JavaScript loads the page of that session again, s; with it, the page takes
     over what is new by itself. None for a page that does not change."""
@@ -275,6 +278,11 @@ class Head(NamedTuple):
             if page_event.event.is_alarm:
                 return None if page_event.is_headline else page_event
         return None
+
+    @property
+    def alarm_count(self) -> int:
+        """Number of alarms so far: a page that is open sounds when it grows."""
+        return sum(page_event.event.is_alarm for page_event in self.events)
 
     @property
     def earlier_events(self) -> Sequence[PageEvent]:
@@ -343,7 +351,7 @@ def page_update(page: str) -> str:
     """
     title = page[page.index("<title>") : page.index("</title>")]
     # All text of the page is escaped, so that these tags stand once in it.
-    main = page[page.index("<main>") : page.index("</main>")]
+    main = page[page.index("<main") : page.index("</main>")]
     return f"<!doctype html>\n{title}</title>\n{main}</main>\n"
 
 
