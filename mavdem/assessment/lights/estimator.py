@@ -100,45 +100,29 @@ def estimator_light(evidence: Evidence) -> Fact:
         A fact whose level is the colour of the light: good, watch, bad or unknown.
     """
     innovation_facts = _innovation_facts_worst_first(evidence)
-    missing_fix = _missing_fix(evidence)
-    # The number of satellites if GPS had no fix, but the position came from another source, such as optical flow.
-    satellites_without_fix = None
-    # An estimator that assumes a standstill reports by that itself that it has no source.
-    is_standstill_assumed = missing_fix is not None and bool(
-        missing_fix.figures.get("is_standstill_assumed")
-    )
-    if (
-        missing_fix is not None
-        and not is_standstill_assumed
-        and _has_other_position_source(evidence)
-    ):
-        # Then the light may be good. But the pilot should know that GPS could not have replaced that source.
-        satellites_without_fix = missing_fix.figures["satellites"] or 0
-        innovation_facts = [
-            fact.replace(satellites=satellites_without_fix) for fact in innovation_facts
-        ]
-        missing_fix = None
+    missing_fixes = _missing_fixes(evidence)
+    unmeasured = Fact(EstimatorLight.ESTIMATOR_UNMEASURED, airborne=evidence.was_in_air)
+    if missing_fixes and _has_other_position_source(evidence):
+        # The position came from another source, such as optical flow: then the light may be good. But the pilot should
+        # know that GPS could not have replaced that source.
+        satellites = missing_fixes[0].figures["satellites"] or 0
+        innovation_facts = [fact.replace(satellites=satellites) for fact in innovation_facts]
+        unmeasured = unmeasured.replace(satellites=satellites)
+        missing_fixes = []
     facts = [
         *evidence.warnings_in_flight([MotionEvent.BAROMETER_DRIFTED]),
         *innovation_facts,
         *_glitch_facts(evidence),
         *_spare_instances(evidence),
         *_poor_fixes(evidence),
-    ]
-    if missing_fix is not None and not is_standstill_assumed:
-        facts.append(missing_fix)
-    facts += _compass_disturbances(evidence)
-    facts += _wrong_accelerometers(evidence)
-    facts += evidence.warnings_in_flight(ESTIMATOR_EVENTS)
-    if missing_fix is not None and is_standstill_assumed:
+        *missing_fixes,
+        *_compass_disturbances(evidence),
+        *_wrong_accelerometers(evidence),
+        *evidence.warnings_in_flight(ESTIMATOR_EVENTS),
         # A vehicle without a receiver is flown so on purpose, which must not hide a sensor that is wrong.
-        facts.append(missing_fix)
-    if not facts:
-        unmeasured_fact = Fact(EstimatorLight.ESTIMATOR_UNMEASURED, airborne=evidence.was_in_air)
-        if satellites_without_fix is None:
-            return unmeasured_fact
-        return unmeasured_fact.replace(satellites=satellites_without_fix)
-    return worst_fact(facts)
+        *_assumed_standstills(evidence),
+    ]
+    return worst_fact(facts or [unmeasured])
 
 
 def _innovation_facts_worst_first(evidence: Evidence) -> list[Fact]:
@@ -359,29 +343,44 @@ def _poor_fixes(evidence: Evidence) -> Iterator[Fact]:
             )
 
 
-def _missing_fix(evidence: Evidence) -> Fact | None:
-    """Returns the fact that no satellite receiver had a fix in any flight; None if one had.
+def _missing_fixes(evidence: Evidence) -> list[Fact]:
+    """Returns the fact that no satellite receiver had a fix in any flight.
 
-    Where no receiver was recorded, the estimator must have reported in all flight that it assumes a standstill, as
-    ArduPilot's does without any sensor of position. Vehicles that stay on the ground or below the water are not judged.
+    Vehicles that stay on the ground or below the water are not judged.
 
     Args:
         evidence: signals, events and measurements of the vehicle.
 
     Returns:
-        A fact with the largest number of satellites in the log, None if it is not known. It has the figure
-        ``is_standstill_assumed`` if no receiver was recorded.
+        One fact with the largest number of satellites in the log, None if it is not known; empty if a receiver had a
+        fix, or none was recorded.
     """
     has_fix = evidence.values_in_flight(position_fix(evidence.signals))
     telemetry = evidence.signals.telemetry
-    if has_fix.any() or telemetry.vehicle in SURFACE_VEHICLES:
-        return None
-    if not len(has_fix):
-        standstill = evidence.values_in_flight(assumed_standstill(evidence.signals))
-        if not len(standstill) or not standstill.all():
-            return None
-        return Fact(EstimatorLight.FIX_MISSING, satellites=None, is_standstill_assumed=True)
-    return Fact(EstimatorLight.FIX_MISSING, satellites=most_satellites(telemetry))
+    if not len(has_fix) or has_fix.any() or telemetry.vehicle in SURFACE_VEHICLES:
+        return []
+    return [Fact(EstimatorLight.FIX_MISSING, satellites=most_satellites(telemetry))]
+
+
+def _assumed_standstills(evidence: Evidence) -> list[Fact]:
+    """Returns the fact that the estimator reported in all flight that it assumes a standstill.
+
+    ArduPilot's does so without any sensor of position. Vehicles that stay on the ground or below the water are not
+    judged.
+
+    Args:
+        evidence: signals, events and measurements of the vehicle.
+
+    Returns:
+        One fact; empty if the estimator did not report that, or a satellite receiver was recorded.
+    """
+    has_fix = evidence.values_in_flight(position_fix(evidence.signals))
+    if len(has_fix) or evidence.signals.telemetry.vehicle in SURFACE_VEHICLES:
+        return []
+    standstill = evidence.values_in_flight(assumed_standstill(evidence.signals))
+    if not len(standstill) or not standstill.all():
+        return []
+    return [Fact(EstimatorLight.FIX_MISSING, satellites=None, is_standstill_assumed=True)]
 
 
 def _has_other_position_source(evidence: Evidence) -> bool:
