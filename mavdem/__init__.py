@@ -17,9 +17,10 @@ if TYPE_CHECKING:
     from mavdem.ingest import Telemetry
     from mavdem.motors.hover import HoverFigures, hover
     from mavdem.wind_velocity.drag_identification import estimate_drag
-    from mavdem.wind_velocity.estimation import WindVelocity, estimate_wind
+    from mavdem.wind_velocity.estimation import estimate_wind
     from mavdem.wind_velocity.from_log import wind
     from mavdem.wind_velocity.vehicle_drag import Drag
+    from mavdem.wind_velocity.velocity import WindVelocity
 
 
 __all__ = [
@@ -59,7 +60,7 @@ _MODULES = {
     "Settings": "dem",
     "Telemetry": "ingest",
     "Unreadable": "errors",
-    "WindVelocity": "wind_velocity.estimation",
+    "WindVelocity": "wind_velocity.velocity",
     "estimate_drag": "wind_velocity.drag_identification",
     "estimate_wind": "wind_velocity.estimation",
     "hover": "motors.hover",

@@ -35,8 +35,8 @@ from mavdem.ingest import Log
 from mavdem.loops.advice import AdviceByAxis, advised_parameters
 from mavdem.loops.axis_loops import Loop, LoopsByAxis
 from mavdem.vibration.spectra import Spectrum
-from mavdem.wind_velocity.estimation import WindVelocity
 from mavdem.wind_velocity.torque_share import torque_share_of_wind
+from mavdem.wind_velocity.velocity import WindVelocity
 from mavdem.witnesses import SensorTrust
 
 if TYPE_CHECKING:

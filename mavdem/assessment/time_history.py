@@ -22,8 +22,8 @@ from mavdem.dataset.signals import Signals
 from mavdem.dataset.time_series import TimeSeries
 from mavdem.facts import Facts
 from mavdem.facts.event import Event
-from mavdem.wind_velocity.estimation import WindVelocity
 from mavdem.wind_velocity.from_log import WindEvidence
+from mavdem.wind_velocity.velocity import WindVelocity
 
 SECONDS_AROUND_FLIGHT = 5.0
 """Time before arming and after disarming, s: a choice."""

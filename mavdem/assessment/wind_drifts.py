@@ -22,7 +22,7 @@ from mavdem.dataset.time_series import series_of_boot
 from mavdem.facts import Fact
 from mavdem.facts.ending import MotionEvent
 from mavdem.ingest.telemetry import Parameters, last_values
-from mavdem.wind_velocity.from_log import horizontal_velocity
+from mavdem.wind_velocity.ground_motion import horizontal_velocity
 from mavdem.witnesses.boot_sensors import BootSensors
 
 USUAL_LEAN_LIMIT = radians(45.0)

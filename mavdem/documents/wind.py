@@ -22,7 +22,7 @@ from mavdem.units import (
     Speed,
 )
 from mavdem.wind_velocity import vehicle_drag
-from mavdem.wind_velocity.estimation import WindVelocity as WindEstimate
+from mavdem.wind_velocity.velocity import WindVelocity as WindEstimate
 
 COURSE_DECIMALS = 4
 """Decimals of times (s) and velocities (m/s) in a document: the wind is known to about a decimetre a second."""

@@ -10,7 +10,7 @@ from mavdem.flight import Flights
 from mavdem.ingest.mcap.series import write_series
 from mavdem.report.numbers import without_remark
 from mavdem.report.series import recording_series
-from mavdem.wind_velocity.estimation import WindVelocity
+from mavdem.wind_velocity.velocity import WindVelocity
 
 
 def write_channels(

@@ -26,7 +26,7 @@ from mavdem.fleet.workers import PAGES, LogRows, MakePage, reading_failure
 from mavdem.ingest import read_log
 from mavdem.loops.axis_loops import Loop
 from mavdem.motors.balance import balance_of_steady_flight
-from mavdem.wind_velocity.estimation import WindVelocity
+from mavdem.wind_velocity.velocity import WindVelocity
 
 REPORT = "report.json"
 """File with the figures of a flight, in the folder that ``mavdem learn`` writes."""

@@ -52,7 +52,8 @@ from mavdem.live.vehicle_state import VehicleState, vehicle_state
 from mavdem.live.wind import LiveWind
 from mavdem.motors.balance_blocks import UNKNOWN_LEAN
 from mavdem.motors.motor_changes import thrust_losses
-from mavdem.wind_velocity.from_log import ESTIMATOR_FLAG_MESSAGES, VELOCITY_MESSAGES
+from mavdem.wind_velocity.from_log import ESTIMATOR_FLAG_MESSAGES
+from mavdem.wind_velocity.ground_motion import VELOCITY_MESSAGES
 
 REPLY_MESSAGES = ("MESSAGE_INTERVAL", "COMMAND_ACK")
 """Messages with which a vehicle replies to a request for rates."""

@@ -28,8 +28,8 @@ from mavdem.loops.axis_loops import Loop, LoopsByAxis
 from mavdem.loops.controllers import controller_from_parameters
 from mavdem.physical_constants import GRAVITY
 from mavdem.plant.parameters import ESTIMATE, LAG_AND_DELAY
-from mavdem.wind_velocity.estimation import WindVelocity
 from mavdem.wind_velocity.vehicle_drag import Drag
+from mavdem.wind_velocity.velocity import WindVelocity
 
 TORQUE_SIGNS = {
     "roll": (-1.0, 1.0, 1.0, -1.0),

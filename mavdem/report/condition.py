@@ -16,9 +16,9 @@ from mavdem.physical_constants import GRAVITY
 from mavdem.report.blocks import Blocks, Sentence, Table, caution
 from mavdem.report.templates import render_section
 from mavdem.wind_velocity.compass import compass_text, meteorological_direction
-from mavdem.wind_velocity.estimation import WindVelocity
 from mavdem.wind_velocity.from_log import WindEvidence
 from mavdem.wind_velocity.vehicle_drag import LEAN_SD, Drag, ParameterValue
+from mavdem.wind_velocity.velocity import WindVelocity
 
 WIND_LIGHTS = (Light.WIND, Light.ESTIMATOR)
 """Lights that bear on the wind: the estimate rests on the attitude and velocity of the autopilot's estimator."""

@@ -14,7 +14,7 @@ from mavdem.dem import Learned
 from mavdem.experiments.held_out import FORECAST, HeldOut
 from mavdem.flight import Flights
 from mavdem.report.labels import AxisCommand, state_names
-from mavdem.wind_velocity.estimation import WindVelocity
+from mavdem.wind_velocity.velocity import WindVelocity
 
 OUTPUTS = "flight/outputs"
 """Measured outputs, angle and rate."""

@@ -24,7 +24,7 @@ from mavdem.view.vehicle_scene import (
     log_wind,
 )
 from mavdem.wind_velocity.compass import compass_text
-from mavdem.wind_velocity.estimation import WindVelocity
+from mavdem.wind_velocity.velocity import WindVelocity
 
 ARM_SHARE = 0.05
 """Length of the drawn vehicle's arms, as a share of the largest extent of the path: a real one would be a dot."""

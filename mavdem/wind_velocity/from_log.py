@@ -17,15 +17,12 @@ from mavdem.dataset.position_fix import (
     measures_velocity,
     most_satellites,
 )
-from mavdem.dataset.signals import CLIMB_RATE_FIELDS, Signals
+from mavdem.dataset.signals import Signals
 from mavdem.dataset.time_series import (
     TimeSeries,
-    clean_series,
-    float_column,
     recorded_series,
     series_of_boot,
 )
-from mavdem.dataset.vehicle_cache import cached_per_vehicle
 from mavdem.errors import NotLearnable
 from mavdem.facts import Fact
 from mavdem.facts.lights import Unjudged
@@ -36,39 +33,13 @@ from mavdem.ingest import read_log
 from mavdem.ingest.mavlink.dialect import mavlink_constant
 from mavdem.ingest.motors import POSSIBLE_MULTIROTORS
 from mavdem.ingest.telemetry import Telemetry, interpolated
-from mavdem.ingest.vocabulary import MILLIMETRES_PER_METRE
-from mavdem.wind_velocity.estimation import WindVelocity, estimate_wind
+from mavdem.wind_velocity.estimate_resets import YAW_RESET, estimate_resets, motion_resets
+from mavdem.wind_velocity.estimation import estimate_wind
 from mavdem.wind_velocity.ground_lean import with_lean_on_ground
+from mavdem.wind_velocity.ground_motion import HEIGHT, VELOCITY, recorded_ground_motion
 from mavdem.wind_velocity.motion_grid import MAX_FLIGHT_SECONDS, MIN_SAMPLES
 from mavdem.wind_velocity.vehicle_drag import Drag, ParameterValue, drag_model_setting
-
-
-def _velocity_messages() -> dict[str, float]:
-    """Returns the messages that have the velocity over ground, with their units.
-
-    They are taken from the messages with a climb rate whose field is ``vz``, since these also have the horizontal
-    velocity, as ``vx`` and ``vy``.
-
-    Returns:
-        By name of the message, the preferred one first: the factor that converts its velocity to m/s.
-    """
-    factors = {}
-    for name, (field, climb_factor) in CLIMB_RATE_FIELDS.items():
-        # The climb rate is positive upward, and the field vz positive downward, so that the factor of the climb rate is
-        # negative.
-        if field == "vz":
-            factors[name] = -climb_factor
-    return factors
-
-
-VELOCITY_MESSAGES = _velocity_messages()
-"""Messages with the velocity over ground, the preferred first, and the factor that converts it to m/s."""
-
-VELOCITY = slice(0, 3)
-"""Columns of the velocity north, east and down in the values of :func:`_ground_motion`."""
-
-HEIGHT = 3
-"""Column of the height in these values; columns after it have the position, if it was recorded."""
+from mavdem.wind_velocity.velocity import WindVelocity
 
 ESTIMATOR_FLAG_MESSAGES = ("EKF_STATUS_REPORT", "ESTIMATOR_STATUS")
 """Messages with flags of the autopilot's state estimator."""
@@ -78,26 +49,6 @@ VELOCITY_VALID_FLAG = mavlink_constant("ESTIMATOR_VELOCITY_HORIZ")
 
 STANDSTILL_ASSUMED = mavlink_constant("ESTIMATOR_CONST_POS_MODE")
 """Flag of the estimator: it has no position source, and assumes that the vehicle stands still."""
-
-
-class ResetLimit(NamedTuple):
-    """Largest change between two samples that is no reset of the estimator: offset + rate · time between them."""
-
-    offset: float
-    """Part that does not depend on the time."""
-
-    rate: float
-    """Part per second."""
-
-
-VELOCITY_RESET = ResetLimit(offset=1.0, rate=15.0)
-"""Limit for a component of the velocity, m/s and m/s²: no multirotor accelerates faster for long."""
-
-YAW_RESET = ResetLimit(offset=0.35, rate=6.0)
-"""Limit for the yaw, rad and rad/s. Before a reset of the yaw in flight, the yaw was not known."""
-
-POSITION_RESET = ResetLimit(offset=1.0, rate=2.0)
-"""Limit for the change of a position beyond what its velocity covers, m and m/s."""
 
 MIN_FLIGHT_HEIGHT = 1.5
 """Height above the lowest one, m, from which on the vehicle flies, if neither motors nor landed state are known."""
@@ -233,7 +184,7 @@ def wind_of_signals(signals: Signals, drag: Drag | None = None) -> WindVelocity:
         angle = attitude_from_messages(telemetry, axis)
         if angle is not None:
             angles.append(angle)
-    ground_motion = _ground_motion(telemetry)
+    ground_motion = recorded_ground_motion(telemetry)
     if len(angles) < len(AXES) or ground_motion is None:
         raise NotLearnable(
             NoWind.NO_VELOCITY,
@@ -275,7 +226,7 @@ def _settled_seconds(signals: Signals, ground_motion: TimeSeries) -> float:
 
     Args:
         signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.
-        ground_motion: velocity and height, as :func:`_ground_motion` returns them.
+        ground_motion: velocity and height, as :func:`recorded_ground_motion` returns them.
 
     Returns:
         The duration, s.
@@ -294,7 +245,7 @@ def _require_position_source(telemetry: Telemetry, ground_motion: TimeSeries) ->
 
     Args:
         telemetry: messages of the vehicle.
-        ground_motion: velocity and height, as :func:`_ground_motion` returns them.
+        ground_motion: velocity and height, as :func:`recorded_ground_motion` returns them.
 
     Raises:
         NotLearnable: no sensor measured at any time at which a velocity was recorded; or the log has no velocity
@@ -347,52 +298,6 @@ def _require_usable(motion: _FlightMotion, stuck_seconds: float) -> None:
         raise NotLearnable(NoWind.NOT_MEASURED, name="velocity")
 
 
-@cached_per_vehicle()
-def horizontal_velocity(signals: Signals) -> TimeSeries | None:
-    """Returns the velocity over ground (N, 2), north and east, m/s; None if it was not recorded.
-
-    Args:
-        signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.
-    """
-    motion = _ground_motion(signals.telemetry)
-    if motion is None:
-        return None
-    # A copy does not hold the memory of the other columns.
-    return TimeSeries(motion.time, motion.boot, motion.values[:, HORIZONTAL].copy())
-
-
-def _ground_motion(telemetry: Telemetry) -> TimeSeries | None:
-    """Returns the velocity over ground and the height, from the preferred message that was recorded.
-
-    The position, if the message has it, is used to detect resets of the estimator, and a vehicle that is stuck.
-
-    Args:
-        telemetry: messages of the vehicle.
-
-    Returns:
-        Samples (N, 4) of the velocity north, east and down, m/s, and height, m, 0 if it is not known; or (N, 6) with
-        the position north and east, m, if the message contains it. ``None`` if there is no such message.
-    """
-    for name, factor in VELOCITY_MESSAGES.items():
-        columns = telemetry.messages.get(name, {})
-        if len(columns.get("vx", ())) <= 1:
-            continue
-        if name == "LOCAL_POSITION_NED":
-            height = -float_column(columns, "z")
-        else:
-            height = float_column(columns, "relative_alt") / MILLIMETRES_PER_METRE
-        table = [factor * float_column(columns, field) for field in ("vx", "vy", "vz")]
-        table.append(np.nan_to_num(height))
-        for field in ("x", "y"):
-            if field in columns:
-                table.append(float_column(columns, field))
-        valid = None
-        if "valid" in columns:
-            valid = np.asarray(columns["valid"], np.bool_)
-        return clean_series(columns, np.column_stack(table), valid)
-    return None
-
-
 def _free_flight(
     signals: Signals, angles: Sequence[Attitude], ground_motion: TimeSeries, boot: int
 ) -> _FlightMotion | None:
@@ -404,7 +309,7 @@ def _free_flight(
     Args:
         signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.
         angles: roll, pitch and yaw.
-        ground_motion: velocity and height, as :func:`_ground_motion` returns them.
+        ground_motion: velocity and height, as :func:`recorded_ground_motion` returns them.
         boot: number of the boot; a boot lasts from one start of the autopilot to the next.
 
     Returns:
@@ -429,11 +334,11 @@ def _free_flight(
     gaps = velocity_time[next_velocity] - velocity_time[next_velocity - 1]
     is_usable &= gaps <= MAX_VELOCITY_GAP
 
-    reset_times = velocity_time[1:][_motion_resets(velocity_time, ground_values)]
+    reset_times = velocity_time[1:][motion_resets(velocity_time, ground_values)]
     around_resets = [(reset - MAX_VELOCITY_GAP, reset + MAX_VELOCITY_GAP) for reset in reset_times]
     is_usable &= ~intervals.in_intervals(time, around_resets)
 
-    yaw_resets = _estimate_resets(time, yaw, YAW_RESET, period=2 * np.pi)
+    yaw_resets = estimate_resets(time, yaw, YAW_RESET, period=2 * np.pi)
     # After the flight, a jump of the yaw is a fall or a spin.
     yaw_resets &= time[1:] < np.max(flights, initial=0)
     last_yaw_reset = np.max(time[1:][yaw_resets], initial=-np.inf)
@@ -449,26 +354,6 @@ def _free_flight(
         motion[is_usable, VELOCITY],
         motion[is_usable, HEIGHT],
     )
-
-
-def _motion_resets(time: Array, values: Array) -> Flags:
-    """Finds the resets of the estimator's velocity and position.
-
-    Args:
-        time: stamps (N,), s.
-        values: velocity, height and perhaps position (N, 4 or 6), as :func:`_ground_motion` returns them.
-
-    Returns:
-        Whether there is a reset between each two successive samples (N − 1,).
-    """
-    velocity_north, velocity_east = values[:, HORIZONTAL].T
-    resets = _estimate_resets(time, velocity_north, VELOCITY_RESET)
-    resets |= _estimate_resets(time, velocity_east, VELOCITY_RESET)
-    # The columns after the height are the position north and east, which may be missing.
-    positions = values[:, HEIGHT + 1 :].T
-    for position, speed in zip(positions, (velocity_north, velocity_east), strict=False):
-        resets |= is_position_reset(np.diff(position), speed[:-1], speed[1:], np.diff(time))
-    return resets
 
 
 def _has_valid_velocity(telemetry: Telemetry, boot: int, time: Array) -> Flags:
@@ -589,41 +474,3 @@ def drag_settings(drag: Drag, telemetry: Telemetry) -> dict[str, ParameterValue]
     if telemetry.translated_from != "DataFlash":
         return settings
     return {name: value for name, value in settings.items() if name in telemetry.parameters}
-
-
-def is_position_reset(change: Any, speed_before: Any, speed_after: Any, dt: Any) -> Any:
-    """Returns whether a coordinate of the position changed by more than its velocity explains.
-
-    All arguments are numbers, or arrays of the same shape.
-
-    Args:
-        change: change of the coordinate, m.
-        speed_before: its velocity before the change, m/s.
-        speed_after: its velocity after the change, m/s.
-        dt: duration of the change, s.
-
-    Returns:
-        A flag, or an array of flags.
-    """
-    covered_distance = (speed_before + speed_after) * dt / 2
-    return abs(change - covered_distance) > POSITION_RESET.offset + POSITION_RESET.rate * dt
-
-
-def _estimate_resets(
-    time: Array, values: Array, limit: ResetLimit, period: float = np.inf
-) -> Flags:
-    """Finds the resets of an estimate: changes from one sample to the next that are larger than a limit.
-
-    Args:
-        time: stamps (N,), s.
-        values: (N,) in the unit of the limit.
-        limit: largest change that is not a reset.
-        period: period of values that are angles, in their unit; the smaller change modulo the period counts. Infinite
-            for values that do not repeat.
-
-    Returns:
-        Whether there is a reset between each two successive samples (N − 1,).
-    """
-    changes = abs(np.diff(values)) % period
-    shortest_changes = np.minimum(changes, period - changes)
-    return np.asarray(shortest_changes > limit.offset + limit.rate * np.diff(time))

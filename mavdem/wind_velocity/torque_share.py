@@ -7,7 +7,7 @@ from mavdem.confidence import MIN_SAMPLES_FOR_STATISTICS
 from mavdem.facts import Fact
 from mavdem.facts.wind import WindShare
 from mavdem.wind_velocity.drag_identification import GUST_SECONDS
-from mavdem.wind_velocity.estimation import WindVelocity
+from mavdem.wind_velocity.velocity import WindVelocity
 
 MIN_AIR_VELOCITY_SD = 1.0
 """Least standard deviation of the velocity relative to the mean wind, m/s, along body x or y: a choice.

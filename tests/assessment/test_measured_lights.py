@@ -42,9 +42,9 @@ from mavdem.facts.online import DragSource
 from mavdem.facts.power import PowerLight
 from mavdem.facts.sources import Flaw, Repair
 from mavdem.facts.wind import WindDoubt
-from mavdem.wind_velocity.estimation import WindVelocity
 from mavdem.wind_velocity.from_log import WindEvidence, wind_evidence
 from mavdem.wind_velocity.vehicle_drag import Drag
+from mavdem.wind_velocity.velocity import WindVelocity
 
 HOVER = Hover()
 TIME = HOVER.stamps(5.0)

@@ -16,8 +16,8 @@ from mavdem.dataset.signals import Signals
 from mavdem.facts import Fact
 from mavdem.facts.events import ReportedEvent
 from mavdem.facts.lights import Unjudged
-from mavdem.wind_velocity.estimation import WindVelocity
 from mavdem.wind_velocity.from_log import WindEvidence
+from mavdem.wind_velocity.velocity import WindVelocity
 
 HOVER = Hover()
 ARMED, DISARMED = 5.0, HOVER.landed + 1.0

@@ -27,8 +27,8 @@ from mavdem.fleet.rows_of_log import rows_of_log
 from mavdem.loops.axis_loops import Loop
 from mavdem.loops.margins import OpenLoop
 from mavdem.plant import Physical
-from mavdem.wind_velocity.estimation import WindVelocity
 from mavdem.wind_velocity.vehicle_drag import Drag
+from mavdem.wind_velocity.velocity import WindVelocity
 
 DRAG = json.dumps({"speed": 4.0, "drag": Drag(np.zeros(6), np.eye(6)).as_dict()})
 SLOW = LOGS / "ardupilot_default_rates.tlog"

@@ -59,8 +59,8 @@ from mavdem.loops.twin import build_twin
 from mavdem.loops.twin_flight import replay_segments
 from mavdem.report.charts.flight_charts import loop_charts
 from mavdem.report.vehicle_files import vehicle_text
-from mavdem.wind_velocity.estimation import WindVelocity
 from mavdem.wind_velocity.vehicle_drag import Drag
+from mavdem.wind_velocity.velocity import WindVelocity
 from sitl_scenarios.files import scenario_from_table
 from sitl_scenarios.scenario import SteadyWind
 from sitl_scenarios.simulation import fly

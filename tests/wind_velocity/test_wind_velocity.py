@@ -30,23 +30,18 @@ from mavdem.live.session_status import SessionStatus
 from mavdem.live.wind import LiveWind
 from mavdem.report.condition import wind_blocks, wind_tables
 from mavdem.wind_velocity.compass import meteorological_direction
-from mavdem.wind_velocity.estimation import (
-    WindVelocity,
-    _layer_rows,
-    lower_speed_bound,
-    speed_status,
-)
+from mavdem.wind_velocity.estimate_resets import YAW_RESET, estimate_resets, is_position_reset
 from mavdem.wind_velocity.from_log import (
-    YAW_RESET,
     WindEvidence,
-    _estimate_resets,
     drag_settings,
-    is_position_reset,
     wind_evidence,
     wind_of_signals,
 )
+from mavdem.wind_velocity.identifiability import lower_speed_bound, speed_status
+from mavdem.wind_velocity.mean_wind import _layer_rows
 from mavdem.wind_velocity.torque_share import torque_share_of_wind
 from mavdem.wind_velocity.vehicle_drag import Drag, drag_model_setting
+from mavdem.wind_velocity.velocity import WindVelocity
 
 LINEAR = np.array([0.3, 0.24])
 QUADRATIC = np.array([0.01, 0.016])
@@ -332,7 +327,7 @@ def test_the_drag_of_fast_laps_is_searched_until_it_is_found():
 
 def test_resets_are_no_motion():
     yaw = np.array([6.2, 0.1, 0.2, 1.4, 1.5])  # past north, then a reset
-    assert np.flatnonzero(_estimate_resets(0.1 * np.arange(5.0), yaw, YAW_RESET, 2 * np.pi)) == [2]
+    assert np.flatnonzero(estimate_resets(0.1 * np.arange(5.0), yaw, YAW_RESET, 2 * np.pi)) == [2]
     # Half a second at 3 m/s is 1.5 m; what is 1 m, and 2 m/s, off that is a reset.
     ways = np.array([-0.6, -0.4, 3.4, 3.6])
     assert is_position_reset(ways, 2.0, 4.0, 0.5).tolist() == [True, False, False, True]

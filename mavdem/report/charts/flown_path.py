@@ -21,7 +21,7 @@ from mavdem.report.palette import (
     PREDICTED,
 )
 from mavdem.wind_velocity.compass import compass_text
-from mavdem.wind_velocity.estimation import WindVelocity
+from mavdem.wind_velocity.velocity import WindVelocity
 
 HEIGHT_COLOURS = ASCENDING
 """Colours of the path by height, from the lowest fifth of the range to the highest."""

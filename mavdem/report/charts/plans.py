@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from mavdem.assessment.condition import Condition
     from mavdem.assessment.motor_failure import FailureCommands
     from mavdem.dataset.motor_outputs import MotorOutputs
-    from mavdem.wind_velocity.estimation import WindVelocity
+    from mavdem.wind_velocity.velocity import WindVelocity
 
 RADIUS = 100.0
 """Radius of what is drawn, in units of the drawing: of the outermost motor, the largest petal, and half of the path."""

@@ -17,9 +17,9 @@ from mavdem.report.condition import WIND_LIGHTS, drag_table, wind_blocks, wind_t
 from mavdem.report.pages.page import Chapter, Head, render_document
 from mavdem.report.palette import MEASURED, PREDICTED
 from mavdem.report.screen import warnings_of_lights
-from mavdem.wind_velocity.estimation import WindVelocity
 from mavdem.wind_velocity.from_log import WindEvidence
 from mavdem.wind_velocity.vehicle_drag import ParameterValue
+from mavdem.wind_velocity.velocity import WindVelocity
 
 SUBTITLE = "The wind of the longest flight, from lean and velocity over ground, with 90 % bands."
 """What stands below the title."""

@@ -19,8 +19,8 @@ from mavdem.report.charts.timeline import (
     axis_history_charts,
     wind_speed_and_direction_charts,
 )
-from mavdem.wind_velocity.estimation import WindVelocity
 from mavdem.wind_velocity.from_log import WindEvidence
+from mavdem.wind_velocity.velocity import WindVelocity
 
 TIME = np.arange(0.0, 10.0)
 SPEED = 5.0

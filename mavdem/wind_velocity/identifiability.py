@@ -1,0 +1,160 @@
+"""How well a flight determines drag, speed and direction of the wind, and facts (coded findings) about the doubts."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from mavdem.arrays import Array
+from mavdem.facts import Fact
+from mavdem.facts.identifiability import Status
+from mavdem.facts.online import DragSource
+from mavdem.facts.wind import WindDoubt
+from mavdem.wind_velocity.beaufort import LIGHT_BREEZE
+from mavdem.wind_velocity.mean_wind import MeanWind
+from mavdem.wind_velocity.vehicle_drag import LEAN, LOG_COEFFICIENTS
+
+CALM_SPEED = 0.5
+"""Lower end of the speed's interval, m/s, below which still air counts as likely."""
+
+REPORTED_SPEED_ERROR = 0.7
+"""Half width of the speed's interval, m/s, up to which the speed is reported."""
+
+REPORTED_RELATIVE_ERROR = 0.12
+"""Half width of the speed's interval, relative to the speed, up to which the speed is reported."""
+
+BIASED_SPEED_RATIO = 8.0
+"""Ratio of the ends of the speed's interval up to which the speed is reported as biased."""
+
+MIN_RATIO_SPEED = 0.3
+"""Least lower end of the interval, m/s, in that ratio."""
+
+REPORTED_DIRECTION_ERROR = 10.0
+"""Half width of the direction's interval, degrees, up to which the direction is reported."""
+
+MAX_DIRECTION_INTERVAL = 60.0
+"""Half width of the direction's interval, degrees, up to which the direction is reported as biased."""
+
+REPORTED_DRAG_SD = 0.18
+"""Relative standard deviation of the drag up to which it is reported."""
+
+MAX_REMAINING_DRAG_SD = 0.8
+"""Standard deviation of the drag, relative to the prior's, beyond which the flight has not identified it."""
+
+
+class DoubtedFigure(NamedTuple):
+    """A figure of the wind that is not reported, and why."""
+
+    figure: str
+    """"drag", "speed" or "direction"."""
+
+    status: Status
+    """BIASED or NOT_IDENTIFIABLE."""
+
+    reason: Fact
+    """Reason why it is not reported."""
+
+
+def lower_speed_bound(low: float, high: float) -> float:
+    """Returns the lower end of a speed's interval, m/s, or 0 if still air is likely as well."""
+    if low < min(CALM_SPEED, high / 3):
+        return 0.0
+    return low
+
+
+def speed_status(speed: float, low: float, high: float) -> Status:
+    """Returns whether a speed with an interval from low to high, m/s, is reported, biased or not identifiable."""
+    if (high - low) / 2 <= max(REPORTED_SPEED_ERROR, REPORTED_RELATIVE_ERROR * speed):
+        return Status.REPORTED
+    if high <= BIASED_SPEED_RATIO * max(low, MIN_RATIO_SPEED):
+        return Status.BIASED
+    # Still air has no ratio. It is reported as below the upper end.
+    may_be_calm = not lower_speed_bound(low, high)
+    if may_be_calm and high <= LIGHT_BREEZE:
+        return Status.BIASED
+    return Status.NOT_IDENTIFIABLE
+
+
+def is_lean_more_uncertain(mean_winds: Array, parameter_samples: Array) -> bool:
+    """Returns whether the uncertain lean makes the speed of the mean wind more uncertain than the uncertain drag does.
+
+    The speed is the component along the mean direction. Its variance over the samples is compared with the part that a
+    linear regression on the lean explains, and with the part that one on the drag explains.
+
+    Args:
+        mean_winds: mean wind velocity by each of N posterior samples, north and east (N, 2), m/s.
+        parameter_samples: the samples (N, 10) of the scaled parameters.
+    """
+    along_mean = mean_winds @ mean_winds.mean(axis=0)
+    by_lean = _explained_variance(along_mean, parameter_samples[:, LEAN])
+    by_drag = _explained_variance(along_mean, parameter_samples[:, LOG_COEFFICIENTS])
+    return by_lean > by_drag
+
+
+def _explained_variance(values: Array, regressors: Array) -> float:
+    """Returns the variance of values (N,) that a linear regression on k regressors (N, k) explains."""
+    centred = regressors - regressors.mean(axis=0)
+    coefficients = np.linalg.lstsq(centred, values - values.mean(), rcond=None)[0]
+    return float(np.var(centred @ coefficients))
+
+
+def doubts_on_wind(
+    mean: MeanWind,
+    drag_sd: float,
+    remaining_sd: float,
+    is_lean_worse: bool,
+    steered_share: float,
+    prior_source: DragSource,
+) -> list[DoubtedFigure]:
+    """Returns the reasons why drag, speed or direction are not reported.
+
+    A figure is reported if its interval is narrow enough. Otherwise its status is biased, which means that it is given
+    with a warning, or not identifiable, which means that the flight hardly determines it.
+
+    Args:
+        mean: mean wind of the flight.
+        drag_sd: relative standard deviation of the drag force at the air speed of the flight.
+        remaining_sd: standard deviation after the flight, relative to the one before it (the prior's).
+        is_lean_worse: whether the speed is more uncertain by the lean than by the drag.
+        steered_share: fraction of the force's variance that manoeuvres explain, 0 to 1; only they determine the drag.
+        prior_source: source of the prior of the drag.
+
+    Returns:
+        The figures that are not reported, each with its status and reason.
+    """
+    doubts = []
+    drag_uncertain = drag_sd > REPORTED_DRAG_SD
+    if drag_uncertain:
+        status = Status.BIASED
+        if remaining_sd > MAX_REMAINING_DRAG_SD:
+            status = Status.NOT_IDENTIFIABLE
+        reason = Fact(
+            WindDoubt.DRAG_UNSURE,
+            status=status,
+            relative_sd=drag_sd,
+            source=prior_source,
+            steered=steered_share,
+        )
+        doubts.append(DoubtedFigure("drag", status, reason))
+
+    status = speed_status(mean.speed, mean.low, mean.high)
+    if status is not Status.REPORTED:
+        reason = Fact(
+            WindDoubt.SPEED_UNSURE,
+            status=status,
+            low=lower_speed_bound(mean.low, mean.high),
+            high=mean.high,
+            by_drag=drag_uncertain and not is_lean_worse,
+        )
+        doubts.append(DoubtedFigure("speed", status, reason))
+
+    if mean.direction_half_width > REPORTED_DIRECTION_ERROR:
+        status = Status.NOT_IDENTIFIABLE
+        if mean.direction_half_width <= MAX_DIRECTION_INTERVAL:
+            status = Status.BIASED
+        interval = np.radians(mean.direction_half_width)
+        reason = Fact(WindDoubt.DIRECTION_UNSURE, direction_interval=interval)
+        if not lower_speed_bound(mean.low, mean.high):
+            # If the wind may be calm, that is the reason, and not how the autopilot is mounted.
+            reason = reason.replace(calm=True)
+        doubts.append(DoubtedFigure("direction", status, reason))
+    return doubts

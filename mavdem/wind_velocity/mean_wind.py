@@ -1,0 +1,243 @@
+"""Means of the wind velocity by time and height, and its largest gust, with intervals from posterior samples."""
+
+from math import ceil
+from typing import NamedTuple
+
+import numpy as np
+from numpy.random import default_rng
+
+from mavdem.arrays import Array, Indices
+from mavdem.confidence import INTERVAL_QUANTILES, Interval, coverage_factor
+from mavdem.wind_velocity.compass import (
+    HEADING_SD,
+    meteorological_direction,
+)
+
+INDEPENDENT_SECONDS = 10.0
+"""Time after which the error of the wind by noise is independent, s: a choice."""
+
+PART_SECONDS = 60.0
+"""Longest part of a flight whose mean wind is given, s: wind is reported by the minute."""
+
+PART_TOLERANCE = 0.05
+"""Number of parts by which a flight may be longer than its parts: an odd second makes no further part."""
+
+LAYER_HEIGHT = 10.0
+"""Height of a layer of the wind profile, m."""
+
+MIN_LAYER_DISTANCE = LAYER_HEIGHT / 2
+"""Least distance of the mean heights of two layers, m: nearer ones are one, as of a hover at the border of two."""
+
+MAX_DIRECTION_OF_WIND = 90.0
+"""Half width of the direction's interval by drag, lean and noise, degrees, beyond which still air counts as likely.
+
+Less than 90 % of the likely wind velocities are then on one side of still air, which is among them.
+"""
+
+DIRECTION_DRAWS = 50
+"""Number of random errors of the mean wind for each of its posterior samples: a choice."""
+
+NOISE_SEED = 2
+"""Seed of these random errors, so that a flight always has the same intervals."""
+
+MIN_SPEED = 1e-9
+"""Least speed, m/s, or square of a speed, in a denominator: it only avoids a division by 0."""
+
+
+class MeanWind(NamedTuple):
+    """Mean wind over some steps, with its uncertainty."""
+
+    speed: float
+    """Speed of the mean wind vector, m/s."""
+
+    low: float
+    """Lower end of its 90 % interval, m/s."""
+
+    high: float
+    """Upper end of its 90 % interval, m/s."""
+
+    direction: float
+    """Direction that it comes from, degrees."""
+
+    direction_half_width: float
+    """Half width of the direction's 90 % interval, degrees."""
+
+    noise_sd: float
+    """Standard deviation by noise alone, along one direction, m/s."""
+
+
+def running_means(values: Array, steps: int) -> Array:
+    """Returns the means of each column of values (T, N) over successive ``steps``, as (T − steps + 1, N)."""
+    sums = np.cumsum(np.vstack([np.zeros(values.shape[1]), values]), axis=0)
+    return (sums[steps:] - sums[:-steps]) / steps
+
+
+def gust_interval(winds: Array, variances: Array, steps: int, gust: float) -> Interval:
+    """Returns the 90 % interval of the speed of the largest gust, by samples of its posterior distribution.
+
+    Each posterior sample of drag and lean has another wind, and so another largest gust. The noise of the wind is added
+    to each ``DIRECTION_DRAWS`` times at random, since a gust is too short for the noise to average out.
+
+    Args:
+        winds: N posterior samples of the wind velocity, north and east (T, N, 2), m/s.
+        variances: variance (T, N, 2) of the error of each component by noise, (m/s)².
+        steps: steps over which a gust is averaged.
+        gust: the largest gust of the mean of all samples, m/s, which is the reported value.
+
+    Returns:
+        Lower and upper end, m/s, widened if they do not contain the reported value.
+    """
+    speeds = np.hypot(winds[..., 0], winds[..., 1])
+    gusts = running_means(speeds, steps).max(axis=0)
+    # The standard deviation of the noise of each posterior sample (N,), averaged over time and both components.
+    noise_sd = np.sqrt(variances.mean(axis=(0, 2)))
+    noise = default_rng(NOISE_SEED).standard_normal((DIRECTION_DRAWS, len(gusts)))
+    low, high = np.quantile(gusts + noise * noise_sd, INTERVAL_QUANTILES).tolist()
+    return max(min(low, gust), 0.0), max(high, gust)
+
+
+def mean_wind_by_minute(
+    winds: Array, variances: Array, time: Array, step: float
+) -> list[dict[str, float]]:
+    """Returns the mean wind of each minute of a flight.
+
+    The flight is cut into equal parts of half a minute to a minute.
+
+    Args:
+        winds: N posterior samples of the wind velocity, north and east (T, N, 2), m/s.
+        variances: variance (T, N, 2) of the error of each component by noise, (m/s)².
+        time: middle of each step (T,), s.
+        step: time step, s.
+
+    Returns:
+        A dictionary for each part: mean ``speed`` with the ends ``low`` and ``high`` of its interval, m/s; the
+        ``direction`` that the wind comes from, degrees; and ``start`` and ``end``, the times of its first and last
+        step, s.
+    """
+    # A flight of more than a minute has two parts, so that a wind that rose is seen.
+    part_count = max(ceil(len(winds) * step / PART_SECONDS - PART_TOLERANCE), 1)
+    parts = []
+    for rows in np.array_split(np.arange(len(winds)), part_count):
+        mean = mean_wind_of_steps(winds[rows], variances[rows], step)
+        parts.append(
+            {
+                "speed": mean.speed,
+                "low": mean.low,
+                "high": mean.high,
+                "direction": mean.direction,
+                "start": float(time[rows[0]]),
+                "end": float(time[rows[-1]]),
+            }
+        )
+    return parts
+
+
+def wind_profile(
+    winds: Array, variances: Array, heights: Array, step: float
+) -> list[dict[str, float]]:
+    """Returns the mean wind by height, in layers of about ``LAYER_HEIGHT``.
+
+    Layers in which the vehicle was for less than ``INDEPENDENT_SECONDS`` are left out, since a single gust would
+    determine their mean.
+
+    Args:
+        winds: N posterior samples of the wind velocity, north and east (T, N, 2), m/s.
+        variances: variance (T, N, 2) of the error of each component by noise, (m/s)².
+        heights: heights of the vehicle (T,), m.
+        step: time step, s.
+
+    Returns:
+        A dictionary for each layer, the lowest first: mean ``height`` of the vehicle in it, m; mean ``speed`` with the
+        ends ``low`` and ``high`` of its interval, m/s; and the ``direction`` that the wind comes from, degrees. Empty
+        for a flight within one layer.
+    """
+    layers = []
+    for rows in _layer_rows(heights):
+        if len(rows) * step < INDEPENDENT_SECONDS:
+            continue
+        mean = mean_wind_of_steps(winds[rows], variances[rows], step)
+        layers.append(
+            {
+                "height": float(heights[rows].mean()),
+                "speed": mean.speed,
+                "low": mean.low,
+                "high": mean.high,
+                "direction": mean.direction,
+            }
+        )
+    if len(layers) < 2:
+        return []
+    return layers
+
+
+def _layer_rows(heights: Array) -> list[Indices]:
+    """Divides the steps of a flight among layers of height.
+
+    Layers begin at multiples of ``LAYER_HEIGHT``. A hover at such a border is partly above and partly below it, at one
+    height nevertheless. So a layer is joined to the one below if their mean heights differ by less than
+    ``MIN_LAYER_DISTANCE``.
+
+    Args:
+        heights: heights of the vehicle (T,), m.
+
+    Returns:
+        Indices of the steps of each layer, ascending, the lowest layer first.
+    """
+    layer_of_step = np.floor(heights / LAYER_HEIGHT)
+    layers: list[Indices] = []
+    for layer in np.unique(layer_of_step):
+        rows = np.flatnonzero(layer_of_step == layer)
+        if layers and heights[rows].mean() - heights[layers[-1]].mean() < MIN_LAYER_DISTANCE:
+            rows = np.sort(np.concatenate([layers.pop(), rows]))
+        layers.append(rows)
+    return layers
+
+
+def mean_wind_of_steps(winds: Array, variances: Array, step: float) -> MeanWind:
+    """Returns the mean wind over some steps, with intervals from samples of its posterior.
+
+    Errors of drag and lean are the same in all steps: they show as the spread of the means of the posterior samples.
+    Errors by noise are independent after ``INDEPENDENT_SECONDS``, so that they average out partly. The rest of them is
+    drawn at random and added.
+
+    Args:
+        winds: N posterior samples of the wind velocity, north and east (T, N, 2), m/s.
+        variances: variance (T, N, 2) of the error of each component by noise, (m/s)².
+        step: time step, s.
+
+    Returns:
+        Speed with its interval, m/s, and direction with the half width of its interval, degrees.
+    """
+    means = winds.mean(axis=0)
+    independent_steps = max(len(winds) * step / INDEPENDENT_SECONDS, 1.0)
+    # The error by noise of a mean over that many independent values. Normal draws of it are added to the N means.
+    noise_sd = np.sqrt(variances.mean(axis=0) / independent_steps)
+    noise = default_rng(NOISE_SEED).standard_normal((DIRECTION_DRAWS, len(means), 2))
+    samples = (means + noise * noise_sd).reshape(-1, 2)
+    speeds = np.hypot(*samples.T)
+    low, high = np.quantile(speeds, INTERVAL_QUANTILES).tolist()
+
+    # The speed is the median component along the mean direction: a mean of magnitudes would be too large in calm air.
+    north, east = means.mean(axis=0)
+    projected = np.median(means @ [north, east])
+    speed = projected / max(np.hypot(north, east), MIN_SPEED)
+    speed = max(speed, 0.0)
+
+    # The quotient of two winds as complex numbers has the angle between them.
+    mean_direction = north + 1j * east
+    if mean_direction == 0:
+        mean_direction = 1.0
+    angles = np.angle((samples @ [1, 1j]) / mean_direction)
+    half_width_by_samples = np.degrees(np.quantile(abs(angles), 0.9))
+    direction_half_width = np.hypot(half_width_by_samples, coverage_factor() * HEADING_SD)
+    if half_width_by_samples > MAX_DIRECTION_OF_WIND:
+        # Speeds of scattered velocities are above 0 even if their mean is still air.
+        low = 0.0
+    return MeanWind(
+        speed,
+        low=min(low, speed),
+        high=high,
+        direction=meteorological_direction(north, east),
+        direction_half_width=direction_half_width,
+        noise_sd=float(np.sqrt((noise_sd**2).mean())),
+    )
