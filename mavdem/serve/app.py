@@ -66,12 +66,15 @@ class Server:
         self._reading = reading
         self._monitor = monitor
         self._visible_library = VisibleLibrary(library, rights)
+        # The pages of flights have the scripts of the version that wrote them, which may be an earlier one.
+        scripts = library.known_scripts(script_hashes())
         self._pages = Pages(
             self._visible_library,
             reading.notify,
             sample_log,
             has_viewer=viewer is not None,
             is_live=monitor is not None,
+            scripts=scripts,
         )
         self._live_pages = LivePages(rights, monitor)
         self._sign_in = SignIn(rights)
@@ -79,8 +82,6 @@ class Server:
             rights, lambda: None if viewer is None else viewer.program_port
         )
         self._fields = fields or FieldStore()
-        # The pages of flights have the scripts of the version that wrote them, which may be an earlier one.
-        scripts = library.known_scripts(script_hashes())
         self._guard = Guard(rights, scripts, self._visible_library.visitor_values)
         self._api = Api(self._visible_library, reading.notify, viewer, self._fields)
 

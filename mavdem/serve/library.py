@@ -79,6 +79,9 @@ from mavdem.serve.stored_files import (
     sync_folder,
 )
 
+MAX_WAITING_PAGES = 10
+"""Logs that wait at a time, at most, where another one is to be read again for its page alone: about a minute."""
+
 
 class FoundEntries(NamedTuple):
     """Entries of the library that satisfy a condition."""
@@ -116,6 +119,7 @@ class Library:
         self.name = secrets.token_hex(SERVER_NAME_BYTES)
         self.table_is_outdated = threading.Event()
         self._thread_state = threading.local()
+        self._requested_pages = set[str]()
         try:
             self._create_folders()
             self._lock = register_server(self.folder / SERVERS / self.name)
@@ -639,18 +643,49 @@ class Library:
             ).fetchone()
         return None if row is None else entry_from_row(row)
 
+    def request_new_page(self, entry: LibraryEntry) -> bool:
+        """Queues a log that was read by an earlier version to be read again, so that its page gets this one's scripts.
+
+        A page is requested once while the server runs, since another reading may fail again, and while fewer than
+        ``MAX_WAITING_PAGES`` logs wait, so that visitors of many pages do not hold up uploads.
+
+        Args:
+            entry: index entry of a flight whose page is there.
+
+        Returns:
+            Whether the log waits to be read.
+        """
+        with self.transaction() as db:
+            (waiting_count,) = db.execute(
+                "select count(*) from entries where stage = ?", [Stage.WAITING]
+            ).fetchone()
+            is_possible = entry.stage == Stage.DONE and self.log_path(entry).is_file()
+            was_requested = entry.id in self._requested_pages
+            if was_requested or not is_possible or waiting_count >= MAX_WAITING_PAGES:
+                return False
+            self._requested_pages.add(entry.id)
+            self.change(entry.id, stage=Stage.WAITING)
+        return True
+
     def finish_reading(self, entry: LibraryEntry, outcome: JobOutcome, limits: JobLimits) -> None:
         """Stores the outcome of a log that was read: its rows in the fleet's store, its columns in the index.
 
-        A log that cannot be read is removed, unless its uploader wants to keep it. If the entry was deleted while the
-        log was read, the results are removed.
+        A log that cannot be read is removed, unless its uploader wants to keep it, or it was read before. If the entry
+        was deleted while the log was read, the results are removed.
 
         Args:
             entry: the log, as it was claimed.
             outcome: result of reading it, with the fleet's rows.
             limits: the limits of time and memory within which it was read.
         """
-        columns = self._columns_of_outcome(entry, outcome)
+        # A page that was to be made anew, but cannot be now, stays with its log and rows.
+        has_page = (self.results_folder(entry) / PAGE_FILE).is_file()
+        has_new_page = any(row.page for row in outcome.rows)
+        keeps_earlier_results = has_page and not has_new_page
+        if keeps_earlier_results:
+            columns = {"stage": Stage.DONE, "claimed": ""}
+        else:
+            columns = self._columns_of_outcome(entry, outcome)
         # With the ending "source" the log itself is not the cause: its file could not be opened, or a package that its
         # format needs is missing.
         keeps_log = entry.keep or outcome.ended == "source"
@@ -663,8 +698,9 @@ class Library:
             # The index, the rows and the log on the disk change together, or not at all.
             with self.transaction():
                 self.change(entry.id, **columns)
-                self.store.add(source, outcome, limits)
-                self.store.track([source])
+                if not keeps_earlier_results:
+                    self.store.add(source, outcome, limits)
+                    self.store.track([source])
                 if removes_log:
                     self.store.remove(source)
                     self._remove_log(entry)

@@ -3,7 +3,7 @@
 import asyncio
 import json
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from pathlib import Path
 from stat import S_ISREG
 
@@ -17,6 +17,7 @@ from starlette.responses import (
     Response,
 )
 
+from mavdem.containers import JsonValues
 from mavdem.documents.library import Recordings
 from mavdem.errors import Refusal
 from mavdem.facts.serve import ListingOrder, Permission, RefusalReason, Stage
@@ -34,6 +35,7 @@ from mavdem.report.pages.difference_page import comparison_page
 from mavdem.report.pages.library_page import (
     render_server_page,
     script,
+    script_hashes_of_page,
     vehicle_page,
     with_server_script,
     with_toolbar,
@@ -105,29 +107,32 @@ class Pages:
     def __init__(
         self,
         visible: VisibleLibrary,
-        recordings_wanted: Callable[[], None],
+        work_requested: Callable[[], None],
         sample_log: Path | None,
         *,
         has_viewer: bool,
         is_live: bool,
+        scripts: Collection[str],
     ) -> None:
         """Takes what the pages show.
 
         Args:
             visible: the library, with the access rights.
-            recordings_wanted: function that is called after recordings were requested.
+            work_requested: function that is called after recordings or a page were requested.
             sample_log: a log that visitors may try the server with; None for no offer.
             has_viewer: whether recordings can be opened in a viewer on this machine.
             is_live: whether a live session has a page.
+            scripts: hashes of the scripts that pages may run, those of earlier versions of this library's among them.
         """
         self._visible_library = visible
         self._library = visible.library
         self._rights = visible.rights
-        self._recordings_wanted = recordings_wanted
+        self._work_requested = work_requested
         self._waiting_downloads = 0
         self._sample_log = sample_log
         self._has_viewer = has_viewer
         self._is_live = is_live
+        self._scripts = frozenset(scripts)
 
     def list_flights(self, request: HttpRequest) -> Response:
         """Answers with the list of flights, newest first, or with those that a search finds.
@@ -184,7 +189,8 @@ class Pages:
         """Answers with the page of a flight, below the bar of the library with its downloads and settings.
 
         While the log is being read, or if it cannot be read, a page with this state and the plots that are ready is
-        sent. The query ``vehicle`` chooses another vehicle of the log.
+        sent. A page with scripts of an unknown version, which would show no charts, is made anew. The query ``vehicle``
+        chooses another vehicle of the log.
 
         Args:
             request: the request, with the id of the flight in its path.
@@ -202,8 +208,12 @@ class Pages:
         # A log with a digest is stored here, with its page. The page of a log that `mavdem track` has read may be gone.
         is_stored = bool(entry.digest)
         if entry.stage != Stage.DONE or not (is_stored or path.is_file()):
-            values["first_plots"] = Markup(self._library.first_plots(entry))
-            return HTMLResponse(render_server_page("flight", **values))
+            return self._progress_page(entry, values)
+        with refuse_missing_file():
+            html = path.read_text("utf-8")
+        if is_stored and self._requests_new_page(entry, html):
+            entry = self._library.entry(entry.id)
+            return self._progress_page(entry, values | {"flight": entry})
         trouble = None
         if values["may_read"] and not vehicle:
             row = self._visible_library.rows_with_trouble([entry]).get(entry.id)
@@ -211,8 +221,6 @@ class Pages:
             values["previous"] = self._visible_library.previous_flight(entry)
         has_recording = RECORDING_FILE in entry.file_names
         can_open = self._has_viewer and has_recording and values["may_read"]
-        with refuse_missing_file():
-            html = path.read_text("utf-8")
         files = entry.file_names if is_stored else []
         missing_recordings = RecordingRequests(self._library).missing_names(entry)
         return HTMLResponse(
@@ -226,6 +234,30 @@ class Pages:
                 **values,
             )
         )
+
+    def _progress_page(self, entry: LibraryEntry, values: JsonValues) -> Response:
+        """Returns the page of a flight whose log is being read or cannot be read.
+
+        Args:
+            entry: index entry of the flight.
+            values: values that the template uses, by name.
+        """
+        first_plots = Markup(self._library.first_plots(entry))
+        return HTMLResponse(render_server_page("flight", first_plots=first_plots, **values))
+
+    def _requests_new_page(self, entry: LibraryEntry, html: str) -> bool:
+        """Has the page of a flight made anew from its log if the server forbids a script in it, and returns whether so.
+
+        Args:
+            entry: index entry of the flight.
+            html: its page, which an earlier version may have written.
+        """
+        if script_hashes_of_page(html) <= self._scripts:
+            return False
+        is_requested = self._library.request_new_page(entry)
+        if is_requested:
+            self._work_requested()
+        return is_requested
 
     def viewer(self, request: HttpRequest) -> Response:
         """Answers with the page that shows the recording of a flight in Rerun's viewer.
@@ -288,7 +320,7 @@ class Pages:
         is_listed_recording = name in RECORDINGS and name in entry.file_names
         if is_listed_recording and request.method == "GET":
             entry = await run_in_threadpool(recordings.request, entry)
-            self._recordings_wanted()
+            self._work_requested()
             entry = await self._wait_for_recording(entry)
             if await run_in_threadpool(recordings.missing_names, entry):
                 return recordings_answer(self._visible_library.recordings(entry))

@@ -52,6 +52,7 @@ def read_made_up(path, key, page):
         known |= {"autopilot": "ARDUPILOTMEGA", "frame": "QUADROTOR", "system": 1}
     if "weak" in said:
         known |= {"health": "fault", "health_reason": "Motor 3 lost thrust."}
+    known |= {"page": f"{RESULTS}/{path.parent.name}/{PAGE_FILE}"}
     rows = [
         FlightRow(file=str(path), axis=axis, tier="a", duration=60.0, **known, **lights)
         for axis in ("roll", "pitch")

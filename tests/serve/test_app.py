@@ -25,12 +25,16 @@ from patience import until
 from pytest import fixture, mark, raises
 from recorded_flights import FLIGHT
 from refusals import unreadable
-from serving import BOUNDARY, TOKEN, form, log, serving
+from serving import BOUNDARY, LIMITS, TOKEN, form, log, serving
 
 from mavdem.errors import Refusal
+from mavdem.facts import Fact
+from mavdem.facts.fleet import ReadingFact
 from mavdem.facts.serve import RefusalReason, Sharing, Stage, StartFailure
 from mavdem.facts.sources import SourceFact
+from mavdem.fleet.workers import Job, failed
 from mavdem.report.pages.library_page import interface_words
+from mavdem.results import PAGE_FILE
 from mavdem.serve import api, listening, uploads
 from mavdem.serve.guard import POLICY_HEADER
 from mavdem.serve.rights import Rights, rights_for_host
@@ -778,6 +782,41 @@ def test_only_a_wrong_cookie_is_removed(guarded, monkeypatch):
     # An upload to an earlier address does not sign out.
     refused = guarded.upload(("a.ulg", log("One.")), path="/guess/upload", Cookie=mine)
     assert refused.status == 401 and "Set-Cookie" not in refused.headers
+
+
+def test_a_page_with_scripts_of_a_forgotten_version_is_made_anew_once_from_its_log(served):
+    id = served.add("old.ulg", "Good.")
+    entry = served.library.entry(id)
+    page = served.library.results_folder(entry) / PAGE_FILE
+    former = page.read_text("utf-8").replace("</main>", "<script>draw('former');</script></main>")
+    page.write_text(former, "utf-8")
+    # The work is done at once.
+    assert "The page opens by itself" in served.get(f"/f/{id}").text
+    assert served.library.entry(id).stage == Stage.DONE
+    assert "former" not in served.get(f"/f/{id}").text
+    # A page that would have to be made again and again is left as it is.
+    page.write_text(former, "utf-8")
+    assert "draw('former')" in served.get(f"/f/{id}").text
+
+
+def test_a_flight_whose_page_cannot_be_made_anew_keeps_log_rows_and_page(served):
+    id = served.add("old.ulg", "Good.")
+    entry = served.library.entry(id)
+    assert served.library.request_new_page(entry)
+    job = Job(str(served.library.log_path(entry)))
+    outcome = failed(job, "time", Fact(ReadingFact.NO_VEHICLE))
+    served.library.finish_reading(served.library.claim(), outcome, LIMITS)
+    assert served.library.entry(id).stage == Stage.DONE
+    assert "Good." in served.get(f"/f/{id}").text
+    assert {row.headline for row in served.library.flight_rows([entry])} == {"Good."}
+    assert served.get(f"/f/{id}/log").status == 200
+
+
+def test_few_pages_wait_to_be_made_anew(served, monkeypatch):
+    ids = [served.add(f"{name}.ulg", name) for name in ("one", "two")]
+    monkeypatch.setattr("mavdem.serve.library.MAX_WAITING_PAGES", 1)
+    library = served.library
+    assert [library.request_new_page(library.entry(id)) for id in ids] == [True, False]
 
 
 def test_a_page_names_the_flight_before_whose_parameters_it_is_compared_with(served):

@@ -45,6 +45,9 @@ from mavdem.report.pages.page import PageEvent
 POLICY_ELEMENT = re.compile(r'<meta http-equiv="Content-Security-Policy"[^>]*>')
 """The element of a flight's page with its own policy, which is for a file without a server."""
 
+SCRIPT_ELEMENT = re.compile(r"<script>(.*?)</script>", re.DOTALL)
+"""A script within a flight's page."""
+
 TITLE = re.compile(r"<h1>(.*?)</h1>")
 """The title of a flight's page, which is the name of its log."""
 
@@ -89,12 +92,26 @@ def viewer_script() -> bytes:
 @cache
 def script_hashes() -> Names:
     """Returns the SHA-256 hashes of the chart scripts, in the form in which a content security policy lists them."""
-    hashes = []
-    for name in CHART_SCRIPTS:
-        source = _server_environment().get_template(name).render()
-        digest = hashlib.sha256(source.encode()).digest()
-        hashes.append(f"'sha256-{base64.b64encode(digest).decode()}'")
-    return tuple(hashes)
+    return tuple(
+        _script_hash(_server_environment().get_template(name).render()) for name in CHART_SCRIPTS
+    )
+
+
+def script_hashes_of_page(page: str) -> set[str]:
+    """Returns the hashes of the scripts within the page of a flight, as :func:`script_hashes` does.
+
+    Data that scripts read, which stand in elements with a type, are left out.
+
+    Args:
+        page: HTML of a flight's page, as this or an earlier version has written it.
+    """
+    return {_script_hash(source) for source in SCRIPT_ELEMENT.findall(page)}
+
+
+def _script_hash(source: str) -> str:
+    """Returns the SHA-256 hash of a script as a content security policy lists it."""
+    digest = hashlib.sha256(source.encode(errors="replace")).digest()
+    return f"'sha256-{base64.b64encode(digest).decode()}'"
 
 
 @cache
