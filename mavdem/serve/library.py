@@ -682,9 +682,8 @@ class Library:
         has_page = (self.results_folder(entry) / PAGE_FILE).is_file()
         has_new_page = any(row.page for row in outcome.rows)
         keeps_earlier_results = has_page and not has_new_page
-        if keeps_earlier_results:
-            columns = {"stage": Stage.DONE, "claimed": ""}
-        else:
+        columns: JsonValues = {"stage": Stage.DONE, "claimed": ""}
+        if not keeps_earlier_results:
             columns = self._columns_of_outcome(entry, outcome)
         # With the ending "source" the log itself is not the cause: its file could not be opened, or a package that its
         # format needs is missing.
