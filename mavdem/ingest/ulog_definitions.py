@@ -1,7 +1,7 @@
-"""The definitions in a ULog file (fields of each message, number of each topic), and whether a record fits them.
+"""Whether a record of a ULog file fits the definitions in the file: of its messages and of its subscriptions.
 
-A file defines its messages (the fields of each) and subscriptions (the number under which the records of one topic
-follow). Other records have a layout of their own.
+A file defines its messages (the fields of each, ``ulog_formats.py``) and its subscriptions (the number under which the
+records of one topic follow). Other records have a layout of their own.
 
 Layout: https://docs.px4.io/main/en/dev_log/ulog_file_format.html.
 """
@@ -9,17 +9,23 @@ Layout: https://docs.px4.io/main/en/dev_log/ulog_file_format.html.
 import re
 import struct
 from collections.abc import Sequence
-from dataclasses import dataclass
 from enum import Enum, auto
-from functools import lru_cache
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from mavdem.ingest.byte_rows import rows_of
 from mavdem.ingest.contents import FileContent
 from mavdem.ingest.record_runs import PossibleRecords
-from mavdem.ingest.telemetry import MAX_FIELDS
+from mavdem.ingest.ulog_formats import (
+    MAX_NAME_BYTES,
+    NAME,
+    NUMBER_BYTES,
+    STAMP,
+    MessageFormats,
+    TopicLayout,
+    parsed_format_of,
+)
 
 HEADER = struct.Struct("<HB")
 """Header of each record: number of bytes after it, and its type."""
@@ -35,9 +41,6 @@ TOPIC_NUMBER_BYTES = 2
 
 SUBSCRIPTION_HEADER = struct.Struct("<BH")
 """Numbers of the instance and of the subscription, before the message's name in the body of a subscription."""
-
-STAMP = struct.Struct("<Q")
-"""Time stamp of a record, µs since boot."""
 
 FLAG_BITS, FORMAT, INFORMATION, PARTS, PARAMETER, DEFAULT = b"BFIMPQ"
 """Types of the records of definitions: PARTS is information in several records, DEFAULT that of a parameter."""
@@ -60,39 +63,8 @@ MAX_TEXT_BYTES = 1000
 TEXT_LEVELS = b"01234567"
 """Levels of texts, as characters: those of syslog."""
 
-NUMBER_TYPES: dict[str, np.dtype[Any]] = {
-    "int8_t": np.dtype("<i1"),
-    "uint8_t": np.dtype("<u1"),
-    "bool": np.dtype("<i1"),
-    "char": np.dtype("<i1"),
-    "int16_t": np.dtype("<i2"),
-    "uint16_t": np.dtype("<u2"),
-    "int32_t": np.dtype("<i4"),
-    "uint32_t": np.dtype("<u4"),
-    "float": np.dtype("<f4"),
-    "int64_t": np.dtype("<i8"),
-    "uint64_t": np.dtype("<u8"),
-    "double": np.dtype("<f8"),
-}
-"""How a number is stored, by its type: little-endian. Flags and characters are read as integers, as pyulog does."""
-
-NUMBER_BYTES = {type_name: stored.itemsize for type_name, stored in NUMBER_TYPES.items()}
-"""Number of bytes of a number, by its type."""
-
 NUMBER_BYTES_BY_KEY_TYPE = {type_name.encode(): count for type_name, count in NUMBER_BYTES.items()}
 """The same by the type as the key of a parameter has it, in bytes."""
-
-FIELD = re.compile(r"(\w+)(?:\[(\d{1,5})\])? (\w+)")
-"""One field in a definition: its type, the number of its elements if it is an array, and its name."""
-
-FIELD_LIST = re.compile(r"(?:\w++(?:\[\d{1,5}\])? \w++)?(?:;(?:\w++(?:\[\d{1,5}\])? \w++)?)*+")
-"""All fields in a definition, with a semicolon between them; there may be nothing between two semicolons."""
-
-NAME = re.compile(rb"[\x21-\x39\x3b-\x7e]+")
-"""Name of a message: printable characters without the colon after it."""
-
-MAX_NAME_BYTES = 255
-"""Largest length of the name of a message: a choice; PX4's have up to some 40 characters."""
 
 KEY = re.compile(rb"(?P<type>\w++)(?P<array>\[\d*\])? [\x21-\x7e]+")
 """Key of an information or a parameter: a type, perhaps of an array, and a name."""
@@ -106,9 +78,6 @@ START_OF_DEFINITION = (
 A search for the mere letters would stop at each byte of a run of one letter. Names of messages may have 252 characters.
 """
 
-
-PADDING = "_padding"
-"""Beginning of the names of fields that hold nothing."""
 
 KEY_OFFSETS = {
     INFORMATION: HEADER.size,
@@ -128,17 +97,6 @@ class RecordHeader(NamedTuple):
     """Type of the record, a letter."""
 
 
-class _Field(NamedTuple):
-    """One field in the definition of a message."""
-
-    type_name: str
-    """Its type: the type of a number, such as "float", or the name of another message."""
-    elements: int
-    """Number of elements of an array; 1 for a field that is not an array."""
-    name: str
-    """Its name."""
-
-
 class KeyedRun(NamedTuple):
     """Sound records of information and parameters that follow each other without a gap."""
 
@@ -146,42 +104,6 @@ class KeyedRun(NamedTuple):
     """Where each begins."""
     end: int
     """Where the last one ends."""
-
-
-class NumberField(NamedTuple):
-    """A number in the data records of a topic."""
-
-    name: str
-    """Its name, such as ``q[0]`` for an element of an array, or ``current.lat`` in a message within the message."""
-    type_name: str
-    """Its type, a key of ``NUMBER_TYPES``."""
-    offset: int
-    """Number of bytes before it, without the header of the record."""
-
-
-@dataclass(frozen=True)
-class TopicLayout:
-    """What the data records of one subscription look like, without their header and the subscription's number."""
-
-    name: str
-    """Name of the topic."""
-    min_bytes: int
-    """Number of bytes of all fields but the padding at the end, which PX4 does not write."""
-    max_bytes: int
-    """Number of bytes with that padding."""
-    stamp_offset: int | None
-    """Offset of the time stamp, bytes; None where there is none, so that the records are not used."""
-
-
-class _MessageSize(NamedTuple):
-    """What a message takes, with the messages in it."""
-
-    numbers: int
-    """Count of its numbers."""
-    length: int
-    """Number of their bytes."""
-    has_distinct_names: bool
-    """Whether no two fields of a message have one name, here and in the messages in it."""
 
 
 class Fit(Enum):
@@ -202,6 +124,7 @@ class RecordDefinitions:
 
     Attributes:
         content: Bytes of the file.
+        formats: The definitions of messages.
         topics: Layout of the data records of each subscription, by its number, in the order of the file.
         instances: Number of the topic's instance that each subscription follows, by the subscription's number.
         lengths_by_number: The length that the header of a data record gives, by the number of its subscription
@@ -218,12 +141,7 @@ class RecordDefinitions:
         self.topics: dict[int, TopicLayout] = {}
         self.instances: dict[int, int] = {}
         self.lengths_by_number = np.zeros(1 << 16, dtype=np.uint16)
-        # The list of the fields of each message, as text, and parsed where it is needed: most have no subscription.
-        self._formats: dict[str, str] = {}
-        self._fields: dict[str, Sequence[_Field]] = {}
-        # Layouts of messages by name: each is needed when a subscription is compared, and when it is learned.
-        self._layouts: dict[str, TopicLayout | None] = {}
-        self._sizes: dict[str, _MessageSize | None] = {}
+        self.formats = MessageFormats()
         self._record_start_pattern: re.Pattern[bytes] | None = None
 
     def header(self, offset: int) -> RecordHeader:
@@ -258,9 +176,9 @@ class RecordDefinitions:
             key_and_value = body[KEY_OFFSETS[record_type] - HEADER.size :]
             return _sound_or_damaged(_is_key_and_value(key_and_value))
         if record_type == FORMAT:
-            parsed_format = _parsed_format(body)
+            parsed_format = parsed_format_of(body)
             # A second definition of the same name would replace the first.
-            is_repeated = parsed_format is not None and parsed_format.name in self._formats
+            is_repeated = parsed_format is not None and parsed_format.name in self.formats
             return Fit.UNUSED if is_repeated else _sound_or_damaged(parsed_format is not None)
         if record_type == SUBSCRIPTION:
             return self._fit_of_subscription(body)
@@ -349,7 +267,7 @@ class RecordDefinitions:
         if number in self.topics:
             # Parsers would begin the topic again, and lose its data up to here.
             return Fit.UNUSED
-        return Fit.UNKNOWN if self._layout(name.decode()) is None else Fit.SOUND
+        return Fit.UNKNOWN if self.formats.layout(name.decode()) is None else Fit.SOUND
 
     def add(self, offset: int) -> None:
         """Adds the definition or subscription in a record of the file; other records change nothing.
@@ -364,16 +282,12 @@ class RecordDefinitions:
         body_start = offset + HEADER.size
         body = self.content[body_start : body_start + length]
         if record_type == FORMAT:
-            parsed_format = _parsed_format(body)
+            parsed_format = parsed_format_of(body)
             if parsed_format is not None:
-                self._formats[parsed_format.name] = parsed_format.fields
-                # What was derived from the definitions so far may depend on this one, if messages are nested.
-                self._fields.pop(parsed_format.name, None)
-                self._layouts.clear()
-                self._sizes.clear()
+                self.formats.add(parsed_format)
         elif record_type == SUBSCRIPTION:
             instance, number = SUBSCRIPTION_HEADER.unpack_from(body)
-            topic = self._layout(body[SUBSCRIPTION_HEADER.size :].decode())
+            topic = self.formats.layout(body[SUBSCRIPTION_HEADER.size :].decode())
             if topic is not None:
                 self.topics[number] = topic
                 self.instances[number] = instance
@@ -426,174 +340,6 @@ class RecordDefinitions:
         starts = starts[is_data] + first
         return PossibleRecords(starts, starts + HEADER.size + lengths[is_data])
 
-    def _layout(self, name: str) -> TopicLayout | None:
-        """Returns the layout of a message's data records, or None (see ``_layout_of_format``)."""
-        if name not in self._layouts:
-            self._layouts[name] = self._layout_of_format(name)
-        return self._layouts[name]
-
-    def _layout_of_format(self, name: str) -> TopicLayout | None:
-        """Returns the layout of a message's data records: their length, and where the time stamp is.
-
-        Padding at the end, fields whose names begin with ``_padding``, is not always logged, so that a record has a
-        minimal and a maximal length.
-
-        Args:
-            name: Name of the message ("vehicle_attitude").
-
-        Returns:
-            The layout; None if the definition or one that it contains is missing, or if it contains itself, has a field
-            name twice, or has more than ``MAX_FIELDS`` numbers.
-        """
-        try:
-            size = self._size_of_type(name)
-        except RecursionError:
-            # The message contains itself.
-            return None
-        # Even a short definition may announce very many numbers, since messages contain arrays of other messages.
-        if name not in self._formats or size is None or size.numbers > MAX_FIELDS:
-            return None
-        if not size.has_distinct_names:
-            names = [number.name for number in self.number_fields(name)]
-            if len(set(names)) < len(names):
-                return None
-        min_bytes = size.length - self._padding_bytes(name)
-        return TopicLayout(name, min_bytes, size.length, self._stamp_offset(name, min_bytes))
-
-    def _padding_bytes(self, name: str) -> int:
-        """Returns the number of bytes of the padding fields at the end of a message."""
-        padding_bytes = 0
-        for field in reversed(self._fields_of(name)):
-            if not field.name.startswith(PADDING):
-                break
-            padding_bytes += self._length(field)
-        return padding_bytes
-
-    def _stamp_offset(self, name: str, min_bytes: int) -> int | None:
-        """Returns the offset of the field ``timestamp`` in a message.
-
-        Args:
-            name: Name of the message ("vehicle_attitude").
-            min_bytes: Its number of bytes without the padding at the end.
-
-        Returns:
-            The offset, bytes; None if the message has no such field, or too few bytes after it.
-        """
-        offset = 0
-        for field in self._fields_of(name):
-            # Parsers read eight bytes of the time stamp, even if it is declared with another type.
-            is_stamp = field.name == "timestamp" and field.elements == 1
-            if is_stamp and field.type_name in NUMBER_BYTES and offset + STAMP.size <= min_bytes:
-                return offset
-            offset += self._length(field)
-        return None
-
-    def _size_of_type(self, type_name: str) -> _MessageSize | None:
-        """Returns the size of a type: of a number, or of a message with the messages nested in it.
-
-        Args:
-            type_name: The type of a number, such as "float", or the name of a message.
-
-        Returns:
-            Number of values, number of bytes, and whether no message has two fields of one name; None if the message or
-            one nested in it is not defined.
-
-        Raises:
-            RecursionError: The message contains itself.
-        """
-        if type_name in NUMBER_BYTES:
-            return _MessageSize(1, NUMBER_BYTES[type_name], has_distinct_names=True)
-        if type_name not in self._formats:
-            return None
-        if type_name not in self._sizes:
-            self._sizes[type_name] = self._size_of_fields(self._fields_of(type_name))
-        return self._sizes[type_name]
-
-    def _size_of_fields(self, fields: Sequence[_Field]) -> _MessageSize | None:
-        """Returns the size of all fields of a message together.
-
-        Args:
-            fields: The fields, which may be arrays or nested messages.
-
-        Returns:
-            Number of values, number of bytes, and whether no message has two fields of one name, which parsers could
-            not distinguish; None if a nested message is not defined.
-
-        Raises:
-            RecursionError: A nested message contains itself.
-        """
-        value_count = 0
-        byte_count = 0
-        has_distinct_names = len({field.name for field in fields}) == len(fields)
-        for field in fields:
-            element_size = self._size_of_type(field.type_name)
-            if element_size is None:
-                return None
-            value_count += field.elements * element_size.numbers
-            byte_count += field.elements * element_size.length
-            has_distinct_names = has_distinct_names and element_size.has_distinct_names
-        return _MessageSize(value_count, byte_count, has_distinct_names)
-
-    def _length(self, field: _Field) -> int:
-        """Returns the number of bytes of a field whose type is defined."""
-        size = self._size_of_type(field.type_name)
-        return field.elements * size.length if size is not None else 0
-
-    def number_fields(self, name: str) -> Sequence[NumberField]:
-        """Lists the numbers in a message, nested messages included, without the padding at the end.
-
-        Args:
-            name: Name of the message, which must have a layout.
-
-        Returns:
-            Name, type and offset of each number, in the order of the file.
-        """
-        numbers: list[NumberField] = []
-        self._list_numbers(name, "", numbers)
-        while numbers and numbers[-1].name.startswith(PADDING):
-            numbers.pop()
-        return numbers
-
-    def _list_numbers(self, type_name: str, name: str, numbers: list[NumberField]) -> None:
-        """Appends the numbers in a field to a list, with their offsets, by recursion into nested messages and arrays.
-
-        A field "position" of a message type with "x" and "y" gives the numbers "position.x" and "position.y".
-
-        Args:
-            type_name: Type of the field: the type of a number, or the name of a message.
-            name: Name of the field; empty for a whole message.
-            numbers: The numbers before the field in the record, to which the numbers in the field are appended.
-        """
-        if type_name in NUMBER_BYTES:
-            offset = 0
-            if numbers:
-                previous = numbers[-1]
-                offset = previous.offset + NUMBER_BYTES[previous.type_name]
-            numbers.append(NumberField(name, type_name, offset))
-            return
-        for field in self._fields_of(type_name):
-            field_name = f"{name}.{field.name}" if name else field.name
-            for element in range(field.elements):
-                element_name = f"{field_name}[{element}]" if field.elements > 1 else field_name
-                self._list_numbers(field.type_name, element_name, numbers)
-
-    def _fields_of(self, name: str) -> Sequence[_Field]:
-        """Returns the fields of a message, which are parsed when they are first used.
-
-        Args:
-            name: Name of the message ("vehicle_attitude").
-
-        Returns:
-            The fields in the order of the definition; none if the message is not defined.
-        """
-        if name not in self._fields:
-            fields = []
-            for type_name, elements, field_name in FIELD.findall(self._formats.get(name, "")):
-                # ULog parsers read an array of 0 elements as a single number.
-                fields.append(_Field(type_name, max(int(elements or 1), 1), field_name))
-            self._fields[name] = fields
-        return self._fields[name]
-
     def record_start_pattern(self) -> re.Pattern[bytes]:
         """Returns a pattern of the bytes with which a record may begin, for the search after damage.
 
@@ -608,35 +354,6 @@ class RecordDefinitions:
             pattern = rb"(?=" + start_of_data + START_OF_DEFINITION + rb")"
             self._record_start_pattern = re.compile(pattern, re.DOTALL)
         return self._record_start_pattern
-
-
-class _ParsedFormat(NamedTuple):
-    """The definition of a message."""
-
-    name: str
-    """Its name."""
-    fields: str
-    """Its fields, as the file lists them."""
-
-
-# Each definition is parsed when it is compared with those before, and again when it is learned.
-@lru_cache(maxsize=1)
-def _parsed_format(body: bytes) -> _ParsedFormat | None:
-    """Parses the definition of a message.
-
-    Args:
-        body: The definition, "name:type field;type[4] field;".
-
-    Returns:
-        Name and fields of the message; None if the definition is damaged.
-    """
-    name_end = body.find(b":", 0, MAX_NAME_BYTES + 1)
-    if name_end < 0 or NAME.fullmatch(body, 0, name_end) is None:
-        return None
-    fields = body[name_end + 1 :].decode("latin-1")
-    if FIELD_LIST.fullmatch(fields) is None:
-        return None
-    return _ParsedFormat(body[:name_end].decode(), fields)
 
 
 def _is_key_and_value(content: bytes) -> bool:

@@ -21,11 +21,11 @@ from mavdem.ingest.ulog_definitions import (
     INFORMATION,
     KEY_OFFSETS,
     PARAMETER,
-    STAMP,
     SUBSCRIPTION,
     TAGGED_TEXT,
     TEXT,
 )
+from mavdem.ingest.ulog_formats import STAMP
 from mavdem.ingest.ulog_records import APPENDED_DATA_FLAG, SoundRecords
 
 VALUE_TYPES = {

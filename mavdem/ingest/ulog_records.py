@@ -28,12 +28,12 @@ from mavdem.ingest.ulog_definitions import (
     FORMAT,
     HEADER,
     KEY_OFFSETS,
-    STAMP,
     SUBSCRIPTION,
     SYNC,
     Fit,
     RecordDefinitions,
 )
+from mavdem.ingest.ulog_formats import STAMP
 
 FILE_HEADER_BYTES = 16
 """Number of bytes before the first record: the magic, the version of the format and the time of the start."""

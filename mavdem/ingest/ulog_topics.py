@@ -9,14 +9,8 @@ from numpy.typing import NDArray
 from mavdem.ingest.byte_rows import Bytes, Offsets, bytes_at, rows_of
 from mavdem.ingest.px4_topics import TOPIC_FIELDS
 from mavdem.ingest.telemetry import Columns, rows_by_value
-from mavdem.ingest.ulog_definitions import (
-    DATA,
-    DATA_HEADER,
-    HEADER,
-    NUMBER_TYPES,
-    NumberField,
-    TopicLayout,
-)
+from mavdem.ingest.ulog_definitions import DATA, DATA_HEADER, HEADER
+from mavdem.ingest.ulog_formats import NUMBER_TYPES, NumberField, TopicLayout
 from mavdem.ingest.ulog_other_records import OtherRecords, read_other_records
 from mavdem.ingest.ulog_records import SoundRecords
 
@@ -68,7 +62,7 @@ def parse_records(records: SoundRecords, *, has_all_fields: bool = False) -> Par
             continue
         columns: Columns = {}
         if has_all_fields or layout.name in TOPIC_FIELDS:
-            fields = definitions.number_fields(layout.name)
+            fields = definitions.formats.number_fields(layout.name)
             if not has_all_fields:
                 fields = _fields_to_read(layout.name, fields)
             body_offsets = data_offsets[rows_of_subscription[subscription]] + DATA_HEADER.size
