@@ -3,6 +3,7 @@
 A file that is replaced keeps its mode. Where the path is a symbolic link, the link stays and its target is replaced.
 """
 
+import errno
 import os
 import shutil
 import stat
@@ -119,6 +120,17 @@ def reporting_write_errors(
     except OSError as error:
         names = " or ".join(str(path) for path in files)
         raise Unreadable(code, path=names, reason=error_message(error)) from None
+
+
+def is_disk_full(error: BaseException | None) -> bool:
+    """Returns whether an error, or one that it replaced, is that the disk or the user's quota on it is full."""
+    while error is not None:
+        error_number = getattr(error, "errno", None)
+        sqlite_name = getattr(error, "sqlite_errorname", "")
+        if error_number in (errno.ENOSPC, errno.EDQUOT) or sqlite_name == "SQLITE_FULL":
+            return True
+        error = error.__cause__ or error.__context__
+    return False
 
 
 def writable_target(path: PathName) -> Path:

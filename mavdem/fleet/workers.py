@@ -35,6 +35,7 @@ from mavdem.errors import Unreadable
 from mavdem.extras import MissingExtra
 from mavdem.facts import Fact
 from mavdem.facts.fleet import ReadingFact
+from mavdem.files import is_disk_full
 from mavdem.fleet.row import FlightRow
 from mavdem.fleet.sources import copy_remote_file, is_url
 from mavdem.processes import (
@@ -160,6 +161,8 @@ class JobOutcome:
     """s that the reading took"""
     megabytes: float = 0.0
     """MiB, the largest memory that the process has had, with this log and those before"""
+    is_disk_full: bool = False
+    """whether there was no room on the disk for the results, so that the log must be read again"""
 
 
 def failed(job: Job, ending: JobEnding, status: Fact, key: str = "") -> JobOutcome:
@@ -520,6 +523,8 @@ def outcome_of(job: Job, read: ReadLog) -> JobOutcome:
         # With a higher limit of memory the log may be read.
         if isinstance(error.__context__, MemoryError):
             raise MemoryError from None
+        if is_disk_full(error):
+            return replace(failed(job, "source", error.fact, key), is_disk_full=True)
         # The fact does not name the file: copies of a log have equal rows, but for the column with their names.
         reason = error.fact.replace(path="The log")
         return failed(job, "read" if key else "source", reason, key)
@@ -528,7 +533,7 @@ def outcome_of(job: Job, read: ReadLog) -> JobOutcome:
         return failed(job, "source", error.fact.replace(subject="The log"), key)
     except OSError as error:
         unreachable = Fact(ReadingFact.LOG_UNREACHABLE, reason=error.strerror or error)
-        return failed(job, "source", unreachable, key)
+        return replace(failed(job, "source", unreachable, key), is_disk_full=is_disk_full(error))
     except MemoryError:
         raise
     except Exception as error:

@@ -5,9 +5,11 @@ They have recordings made in the same way, for those who ask for them.
 
 import sqlite3
 import threading
+import time
 from collections.abc import Callable
 
 from mavdem.errors import Refusal
+from mavdem.facts import Fact
 from mavdem.facts.serve import RefusalReason, Stage
 from mavdem.fleet.cluster import Cluster
 from mavdem.fleet.workers import Job, JobLimits, LogReader, ReadLog, outcome_of
@@ -24,6 +26,10 @@ MAX_CLUSTER_JOBS = 32
 
 WAITING_AGAIN = {"stage": Stage.WAITING, "claimed": ""}
 """Columns of the index of a log that could not be read now."""
+
+FULL_DISK_SECONDS = 60.0
+"""Time, s, after which logs are read again that the disk had no room for: a choice, so that a disk that stays full
+does not keep the processors busy."""
 
 TEMPORARY_ERRORS = (Refusal, OSError, sqlite3.Error)
 """Errors that may pass, after which another attempt is made: the disk is full, the cluster does not answer, or the
@@ -56,6 +62,8 @@ class ReadingThreads:
         self._cluster = cluster
         self._read = read
         self._is_stopping = threading.Event()
+        # Time of the monotonic clock, s, before which no log is read, since the disk was full.
+        self._reading_resumes = 0.0
         self._log_added = threading.Condition()
         count = MAX_CLUSTER_JOBS if cluster else processes
         self._threads = [
@@ -97,7 +105,8 @@ class ReadingThreads:
         while not self._is_stopping.is_set():
             try:
                 flight = self._recordings.claim()
-                entry = None if flight else self._library.claim()
+                is_disk_full = time.monotonic() < self._reading_resumes
+                entry = None if flight or is_disk_full else self._library.claim()
                 if flight is not None:
                     self._make_recordings(reader, flight)
                 elif entry is not None:
@@ -127,7 +136,8 @@ class ReadingThreads:
     def _read_log(self, reader: LogReader | Cluster, entry: LibraryEntry) -> None:
         """Has a claimed log read, and stores its outcome.
 
-        If the server ends meanwhile, there is no outcome; another server, or the next start, reads the log.
+        If the disk is full, the log waits again, for ``FULL_DISK_SECONDS`` at least. If the server ends meanwhile, there
+        is no outcome; another server, or the next start, reads the log.
 
         Args:
             reader: reader of the log, within the limits of time and memory.
@@ -142,10 +152,16 @@ class ReadingThreads:
         except TEMPORARY_ERRORS:
             self.store_persistently(lambda: self._library.change(entry.id, **WAITING_AGAIN))
             raise
-        if outcome is not None:
+        if outcome is None:
+            return
+        if outcome.is_disk_full:
+            self._reading_resumes = time.monotonic() + FULL_DISK_SECONDS
+            problem = Fact(RefusalReason.DISK_FULL).sentence
             self.store_persistently(
-                lambda: self._library.finish_reading(entry, outcome, self._limits)
+                lambda: self._library.change(entry.id, **WAITING_AGAIN, problem=problem)
             )
+            return
+        self.store_persistently(lambda: self._library.finish_reading(entry, outcome, self._limits))
 
     def _make_recordings(self, reader: LogReader | Cluster, entry: LibraryEntry) -> None:
         """Has the recordings of a flight made, and stores the outcome.

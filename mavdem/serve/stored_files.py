@@ -1,6 +1,5 @@
 """Files of the library: its folders, the names in them, the locks of its servers, and writing that is safe on disk."""
 
-import errno
 import os
 import re
 import secrets
@@ -13,6 +12,7 @@ from filelock import FileLock, Timeout
 
 from mavdem.errors import Refusal
 from mavdem.facts.serve import RefusalReason
+from mavdem.files import is_disk_full
 
 LOGS = "logs"
 """Folder of the logs, with a folder for each digest."""
@@ -92,9 +92,7 @@ def refuse_full_disk() -> Iterator[None]:
     try:
         yield
     except (sqlite3.OperationalError, OSError) as error:
-        error_number = getattr(error, "errno", None)
-        sqlite_code = getattr(error, "sqlite_errorcode", None)
-        if error_number in (errno.ENOSPC, errno.EDQUOT) or sqlite_code == sqlite3.SQLITE_FULL:
+        if is_disk_full(error):
             raise Refusal(RefusalReason.DISK_FULL) from None
         raise
 

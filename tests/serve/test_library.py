@@ -603,6 +603,32 @@ def test_a_log_waits_for_a_cluster_that_has_gone(library, tmp_path, monkeypatch)
     assert [*tmp_path.rglob("*.parquet")]
 
 
+def test_a_log_that_the_disk_had_no_room_for_is_read_when_there_is_some(library, monkeypatch):
+    monkeypatch.setattr("mavdem.serve.reading_threads.RETRY_SECONDS", 0.01)
+    monkeypatch.setattr("mavdem.serve.reading_threads.FULL_DISK_SECONDS", 0.05)
+    entry = received(library)
+    seen = []
+
+    def read_with_little_room(path, key, page):
+        seen.append((library.entry(entry.id).stage, library.entry(entry.id).problem))
+        if len(seen) == 1:
+            raise OSError(errno.ENOSPC, "No space left on device")
+        if len(seen) == 2:
+            raise Unreadable(Fact(ReadingFact.NO_VEHICLE)) from OSError(errno.EDQUOT, "Quota")
+        return read_made_up(path, key, page)
+
+    def read(job, limits, function):
+        return outcome_of(job, read_with_little_room)
+
+    work = ReadingThreads(library, 1, LIMITS, cluster=Mock(read=read))
+    work.start()
+    until(lambda: library.find(*search_condition("stage:done"), 1)[1])
+    work.stop()
+    full = (Stage.READING, "The disk of the server is full.")
+    assert seen == [(Stage.READING, ""), full, full]
+    assert library.entry(entry.id).problem == ""
+
+
 @mark.slow
 def test_processes_read_logs_within_limits_and_go_on_after_a_hostile_one(library):
     names = ("crash.ulg", "sound.ulg")
