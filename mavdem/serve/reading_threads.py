@@ -136,8 +136,8 @@ class ReadingThreads:
     def _read_log(self, reader: LogReader | Cluster, entry: LibraryEntry) -> None:
         """Has a claimed log read, and stores its outcome.
 
-        If the disk is full, the log waits again, for ``FULL_DISK_SECONDS`` at least. If the server ends meanwhile, there
-        is no outcome; another server, or the next start, reads the log.
+        If the disk is full, the log waits again, for ``FULL_DISK_SECONDS`` at least. If the server ends meanwhile,
+        there is no outcome; another server, or the next start, reads the log.
 
         Args:
             reader: reader of the log, within the limits of time and memory.
