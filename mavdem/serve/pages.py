@@ -218,6 +218,8 @@ class Pages:
         if values["may_read"] and not vehicle:
             row = self._visible_library.rows_with_trouble([entry]).get(entry.id)
             trouble = motor_trouble(row)
+            if trouble is not None:
+                trouble = trouble._replace(comparison=self._comparison_link(entry))
             values["previous"] = self._visible_library.previous_flight(entry)
         has_recording = RECORDING_FILE in entry.file_names
         can_open = self._has_viewer and has_recording and values["may_read"]
@@ -234,6 +236,14 @@ class Pages:
                 **values,
             )
         )
+
+    def _comparison_link(self, entry: LibraryEntry) -> PageLink | None:
+        """Returns the link to the comparison of a flight with the flight before that its motors differ from, if any."""
+        other = self._visible_library.flights_to_compare([entry]).get(entry.id)
+        if other is None:
+            return None
+        name = self._library.names.flights.get(other.content_hash, other.name)
+        return PageLink(f"Compare with {name}", f"/compare?a={other.id}&b={entry.id}")
 
     def _progress_page(self, entry: LibraryEntry, values: JsonValues) -> Response:
         """Returns the page of a flight whose log is being read or cannot be read.

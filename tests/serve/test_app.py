@@ -294,6 +294,7 @@ def test_a_flight_that_differs_from_the_others_is_compared_with_the_last_sound_o
         assert page.count('href="/compare?') == 2
         assert f'href="{address}" aria-label="Compare weak.ulg with sound.ulg"' in page
     assert f"/compare?a={ids['sound']}&amp;b={ids['weak before']}" in listed
+    assert f'<a href="{address}">Compare with sound.ulg</a>' in served.get(f"/f/{ids['weak']}").text
     compared = served.get(address.replace("&amp;", "&")).text
     assert "Motors of B beside other flights: Motor 3 lost thrust." in compared
     assert "No other figure can be compared." in compared

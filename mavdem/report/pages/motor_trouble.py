@@ -16,6 +16,7 @@ from mavdem.fleet.row import FlightRow
 from mavdem.report.blocks import Blocks
 from mavdem.report.fleet import HEALTH_LEVELS, TROUBLED_HEALTHS, motors_level
 from mavdem.report.pages.environment import environment, render_page
+from mavdem.report.pages.page import PageLink
 from mavdem.report.templates import render_section
 
 RESULT = re.compile(
@@ -62,6 +63,9 @@ class MotorTrouble(NamedTuple):
 
     next_step: Blocks
     """What to do next; empty of a drift without a suspected motor."""
+
+    comparison: PageLink | None = None
+    """The page that compares the flight with a sound one; None where there is no such page."""
 
 
 def motor_trouble(row: FlightRow | None) -> MotorTrouble | None:
