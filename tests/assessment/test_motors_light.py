@@ -46,7 +46,24 @@ def test_trims_that_shifted_in_flight_are_to_be_watched_and_name_no_motor():
     shift = Fact(MotorWatchFact.STEADY_TORQUE_CHANGED, time=40.0, rise=0.05, boot=0)
     light = motors_light(replace(flight, events=(shift,)))
     assert light == shift and light.level is Level.WATCH
-    assert "what the vehicle carries" in light.remedy
+    assert light.remedy.startswith("Check what the vehicle carries, then motors")
+
+
+@mark.parametrize(
+    "load, motor, checked_first", [(0.07, 0.93, "motors"), (0.95, 0.01, "what the vehicle carries")]
+)
+def test_the_more_probable_cause_of_shifted_trims_is_to_be_checked_first(
+    load, motor, checked_first
+):
+    shift = Fact(
+        MotorWatchFact.STEADY_TORQUE_CHANGED,
+        time=40.0,
+        rise=0.05,
+        boot=0,
+        load_probability=load,
+        motor_probability=motor,
+    )
+    assert shift.remedy.startswith(f"Check {checked_first}, ")
 
 
 @mark.slow
