@@ -19,6 +19,9 @@ MIN_PLAIN_DIGIT = -6
 PLAIN_SIZES = (1e-4, 1e6)
 """Sizes from which and up to which a number is written without an exponent."""
 
+NO_ESTIMATE = "-"
+"""What stands in the place of an estimate that is not finite, or whose interval is not."""
+
 
 class DisplayUnit(NamedTuple):
     """A unit in which values are shown."""
@@ -125,7 +128,7 @@ def plus_minus(value: float, half_width: float) -> str:
         half_width: half width of its interval, in the same unit.
     """
     if not (isfinite(value) and isfinite(half_width)):
-        return "-"
+        return NO_ESTIMATE
     if half_width <= 0:
         return f"{value:.3g}"
     # Power of ten of the last digit that is shown.

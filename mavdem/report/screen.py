@@ -5,7 +5,7 @@ parts: ``motor_blocks``, ``torque_blocks``, ``prediction_blocks``, and ``vehicle
 ``detail_blocks`` is what the screen leaves out: the model's poles and how it was learned.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from operator import attrgetter
 from pathlib import Path
 from typing import NamedTuple
@@ -46,6 +46,7 @@ from mavdem.report.condition import air_blocks
 from mavdem.report.instances import instance_table
 from mavdem.report.labels import Labels
 from mavdem.report.numbers import (
+    NO_ESTIMATE,
     TORQUE_UNIT,
     counted,
     display_unit,
@@ -313,9 +314,9 @@ def motor_blocks(learned: Learned | None, hover: HoverFigures | None) -> Blocks:
             # The effectiveness becomes the first column of the table of hover figures, which is appended below.
             hover_columns = columns | hover_columns
         else:
-            blocks.append(_motor_table(labels.input_names, columns))
+            blocks += _motor_table("input", labels.input_names, columns)
     if hover is not None:
-        blocks.append(_motor_table(hover.motors, hover_columns))
+        blocks += _motor_table("motor in settled flight", hover.motors, hover_columns)
     return [*blocks, *render_section("motion", physical=physical, half=half_widths, hover=hover)]
 
 
@@ -368,10 +369,23 @@ def _effectiveness_column(physical: Physical, labels: Labels) -> dict[str, list[
     return {f"effectiveness ({unit_per_input(TORQUE_UNIT, labels.input_units[0])})": cells}
 
 
-def _motor_table(motors: Sequence[str], columns: Mapping[str, list[str]]) -> Table:
-    """Returns a table with a row for each motor, from the cells of columns by header."""
-    rows = zip(motors, *columns.values(), strict=True)
-    return Table(["vehicle", *columns], [list(row) for row in rows])
+def _motor_table(
+    kind: str, names: Sequence[str], columns: Mapping[str, list[str]]
+) -> Iterator[Table]:
+    """Yields a table with a row for each motor or other input, without columns in which nothing is identifiable.
+
+    Args:
+        kind: what the rows are, which heads the first column: motors, or inputs of a model.
+        names: their names.
+        columns: cells by the header of each column.
+    """
+    shown_columns = {}
+    for header, cells in columns.items():
+        if any(cell != NO_ESTIMATE for cell in cells):
+            shown_columns[header] = cells
+    if shown_columns:
+        rows = zip(names, *shown_columns.values(), strict=True)
+        yield Table([kind, *shown_columns], [list(row) for row in rows])
 
 
 def torque_blocks(learned: Learned) -> Blocks:

@@ -1,13 +1,18 @@
 """The evidence for an event in one sentence: which measurements confirm it (its witnesses), and which contradict it."""
 
 from collections.abc import Iterable
+from math import inf
 from typing import TYPE_CHECKING
 
 from mavdem.facts import Fact, Facts, NamedFacts
 from mavdem.facts.ending import Ending
 from mavdem.facts.margins import MarginsLight
+from mavdem.facts.witnesses import SensorFact
 from mavdem.report.blocks import Sentence
 from mavdem.report.templates import render_section
+
+FACTS_OF_END = (SensorFact.LOG_ENDED, SensorFact.RESTED)
+"""Facts that follow an event, though they may have no time."""
 
 if TYPE_CHECKING:
     from mavdem.loops.axis_loops import LoopsByAxis
@@ -39,10 +44,24 @@ def evidence_sentences(fact: Fact) -> list[Sentence]:
             witnesses.append(witness)
     return render_section(
         "why",
-        causing=supporting_facts(_witnesses_of_cause(fact)),
-        supporting=supporting_facts(witnesses),
-        contradicting=contradicting_facts(witnesses),
+        causing=supporting_facts(sorted(_witnesses_of_cause(fact), key=_witness_time)),
+        supporting=supporting_facts(sorted(witnesses, key=_witness_time)),
+        contradicting=contradicting_facts(sorted(witnesses, key=_witness_time)),
     )
+
+
+def _witness_time(witness: Fact) -> float:
+    """Returns the time by which witnesses are listed, s on the boot clock.
+
+    A report of the autopilot is its figure ``cause``, which has its time. What a sensor measured at no time of its own,
+    such as gravity at rest, comes first, and what is known of the end of the log last.
+    """
+    message = witness.figures.get("cause")
+    if witness.time is None and message is not None:
+        return message.start_time
+    if witness.time is None:
+        return inf if witness.code in FACTS_OF_END else -inf
+    return witness.time
 
 
 def cause_sentences(fact: Fact) -> list[Sentence]:

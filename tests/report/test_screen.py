@@ -1,6 +1,7 @@
 """The terminal's report of a model names the model of each figure."""
 
 import numpy as np
+from made_up_analysis import HOVER, model, physical
 
 from mavdem.experiments.held_out import (
     CONSTANT_MEAN,
@@ -9,10 +10,11 @@ from mavdem.experiments.held_out import (
     PREDICTION,
     HeldOut,
 )
+from mavdem.facts.identifiability import Status
 from mavdem.facts.model import ModelName
 from mavdem.report.blocks import Table
 from mavdem.report.labels import Labels
-from mavdem.report.screen import prediction_blocks
+from mavdem.report.screen import motor_blocks, prediction_blocks
 
 
 def test_errors_stand_beside_the_model_that_forecast_or_predicted():
@@ -31,3 +33,14 @@ def test_errors_stand_beside_the_model_that_forecast_or_predicted():
     table = next(block for block in prediction_blocks(labels, held_out) if isinstance(block, Table))
     methods = {row[0] for row in table.rows}
     assert {"DEM, motors recorded", "joint VAR, motors unknown"} <= methods
+
+
+def test_what_no_motor_has_is_no_column_and_what_is_not_identifiable_is_named_once():
+    unknown = dict.fromkeys(("effect", "damping", "lag"), Status.NOT_IDENTIFIABLE)
+    table, sentence = motor_blocks(model(physical(**unknown)), HOVER)
+    assert [*table.header][:2] == ["motor in settled flight", "command (µs)"]
+    names = "control effectiveness, rate damping and motor time constant"
+    assert f"; {names} not identifiable" in sentence.text
+    known_table, known_sentence = motor_blocks(model(physical()), HOVER)
+    assert known_table.header[1].startswith("effectiveness")
+    assert "not identifiable" not in known_sentence.text

@@ -8,6 +8,7 @@ from mavdem.facts.events import ReportedEvent
 from mavdem.facts.margins import MarginsLight
 from mavdem.facts.power import PowerLight
 from mavdem.facts.witnesses import SensorFact
+from mavdem.report.templates import headline
 from mavdem.report.why import (
     cause_sentences,
     evidence_sentences,
@@ -64,6 +65,29 @@ def test_what_shows_the_cause_comes_before_what_followed_and_alone_on_the_termin
     # What followed a loss is no evidence for a cause that is not known.
     assert not cause_sentences(lost.replace(cause=None))
     assert cause_sentences(hit(SANK, KNOCKED)) == evidence_sentences(hit(SANK, KNOCKED))
+
+
+def test_witnesses_stand_in_the_order_of_their_times():
+    gravity = supporting_fact(SensorFact.GRAVITY_WRONG, acceleration=7.8, part="at rest")
+    ended = supporting_fact(SensorFact.LOG_ENDED, duration=2.0)
+    text = evidence_text(hit(ended, KNOCKED, SANK, gravity))
+    clauses = ("at rest", "the barometer sank", "m/s² at 3.0 s", "the log ended 2.0 s later")
+    places = [text.index(clause) for clause in clauses]
+    assert places == sorted(places)
+
+
+def test_the_headline_of_a_diverged_height_leaves_its_cause_to_the_evidence():
+    gravity = supporting_fact(SensorFact.GRAVITY_WRONG, acceleration=7.8, part="at rest")
+    divergence = Fact(
+        MotionEvent.HEIGHT_DIVERGED, time=25.0, boot=0, climb_rate=-11.0, speed=3.5, cause=gravity
+    )
+    text = "The height estimate diverged at 25.0 s: it fell at 11.0 m/s while the barometer rose at 3.5 m/s"
+    cause = "; the accelerometer measured 7.8 m/s² at rest, not 9.8."
+    assert headline(divergence) == f"{text}{cause}"
+    assert headline(divergence.replace(witnesses=(gravity,))) == f"{text}."
+    assert evidence_text(divergence.replace(witnesses=(gravity,))).endswith(
+        cause.removeprefix("; ")
+    )
 
 
 def test_a_report_of_the_autopilot_alone_has_what_its_light_measured_as_evidence():

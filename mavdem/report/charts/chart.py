@@ -491,11 +491,11 @@ class Group(NamedTuple):
         Args:
             columns: the charts and drawings of each axis, from top to bottom, by its name.
             light: the status light that the charts explain, that is the judgement of one part of the vehicle. Its
-                figure "axis" is the axis that decides it, which a phone shows first. None if the charts
-                explain no light.
+                figure "axis", or its subject, is the axis that decides it, which a phone shows first. None if the
+                charts explain no light.
             caption: text below the charts.
         """
-        deciding_axis = "" if light is None else str(light.figures.get("axis", ""))
+        deciding_axis = "" if light is None else str(light.figures.get("axis", light.subject))
         return cls(
             columns=tuple(tuple(panels) for panels in columns.values()),
             caption=caption,

@@ -479,7 +479,7 @@ def _axes_chapter(assessment: Assessment, timeline: Timeline) -> Chapter:
         if charts:
             columns[axis] = tuple(timeline.marked(chart) for chart in charts)
     light = assessment.lights["tracking"]
-    blocks = [*_tracking_blocks(light, assessment.tracking)]
+    blocks = [*_tracking_blocks(light, assessment.tracking, assessment.headline)]
     # How the vehicle was lost, with the time; None if it was not.
     loss = None if assessment.evidence is None else assessment.evidence.ending
     # If the light states the loss itself, its level is about the whole flight.
@@ -493,15 +493,17 @@ def _axes_chapter(assessment: Assessment, timeline: Timeline) -> Chapter:
     return Chapter("Three axes", blocks, [group], level_scope=level_scope)
 
 
-def _tracking_blocks(light: Fact, axes: NamedFacts) -> Iterator[Block]:
+def _tracking_blocks(light: Fact, axes: NamedFacts, headline: Fact) -> Iterator[Block]:
     """Yields the sentence of the tracking light, and a table of the tracking errors of all axes that have one.
 
     Args:
         light: the judgement of how well all axes track, a fact with a level.
         axes: fact for each axis, whose figures are the errors and the delay, each with its unit.
+        headline: the headline of the page, which is not repeated.
     """
     # The page says beside the lights that only multirotors are judged, and in its headline how a flight was lost.
-    if light.code is not Unjudged.MULTIROTORS_ONLY and light.code not in Ending:
+    is_stated_above = light.code in Ending or light == headline
+    if light.code is not Unjudged.MULTIROTORS_ONLY and not is_stated_above:
         yield Sentence(str(light), "Tracking:")
     rows = []
     for axis, fact in axes.items():
@@ -566,12 +568,13 @@ def _motors_chapter(analysis: LogAnalysis, evidence: Evidence, light: Fact) -> C
     Returns:
         The chapter.
     """
-    allows_full_model = analysis.tier.allows_full_model
-    hover = analysis.condition.hover if allows_full_model else None
+    hover = analysis.condition.hover
     blocks = motor_blocks(analysis.learned, hover)
-    if analysis.learned is None or not allows_full_model:
+    if analysis.learned is None or not analysis.tier.allows_full_model:
+        # The table has what the sentence on the motors says.
+        leads = MOTOR_LEADS[1:] if hover is not None else MOTOR_LEADS
         for sentence in render_section("condition", analysis.condition):
-            if sentence.lead in MOTOR_LEADS:
+            if sentence.lead in leads:
                 blocks.append(sentence)
     failure = failure_commands(evidence.signals, light)
     plan = frame_plan(evidence.signals.motors, analysis.condition, light, failure)

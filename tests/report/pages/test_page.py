@@ -29,7 +29,7 @@ from mavdem.ingest import read_log
 from mavdem.live.history import LiveHistory
 from mavdem.live.session_status import SessionStatus
 from mavdem.report.blocks import headline_sentence
-from mavdem.report.charts.chart import Line, over_time
+from mavdem.report.charts.chart import Group, Line, over_time
 from mavdem.report.charts.timeline import Timeline, assessment_timeline, live_timeline
 from mavdem.report.pages.flight_page import (
     flight_page,
@@ -592,3 +592,10 @@ def test_a_phone_shows_what_happened_before_plots_and_closes_further_plots(tmp_p
         tab.until(is_open)
     assert tops == sorted(tops)
     assert not is_open_on_phone
+
+
+def test_a_phone_opens_the_axis_that_the_light_is_about():
+    columns = dict.fromkeys(("roll", "pitch"), ())
+    swing = Fact(MotionEvent.ATTITUDE_SWUNG, subject="pitch")
+    assert Group.of_axes(columns, swing).first_name == "pitch"
+    assert Group.of_axes(columns, swing.replace(subject="motor 2")).first_name == "roll"
