@@ -39,7 +39,7 @@ STAGES = {
     "wind torque": ["plant.wind_torque:estimate_wind_torque"],
     "loops, lights": ["assessment.axis.loops:loops_of_axes", "assessment.judgement:judge"],
     "measured responses": ["assessment.axis.responses:measure_responses"],
-    "advice on gains": ["assessment.axis.tuning:tuned"],
+    "advice on gains": ["assessment.axis.tuning:tune_loops"],
     "trial of the gains": ["assessment.axis.twin:try_gains"],
     "page": ["report.pages.flight_page:review_page"],
     "document": ["documents.review:review_document", "cli.output:json_text"],
