@@ -59,12 +59,6 @@ def without_remark(name: str) -> str:
     return name.split(" (")[0]
 
 
-def motor_position(name: str) -> str:
-    """Returns the position in a motor's name: "front right" for "motor 1 (front right)"; the name if it has none."""
-    _, bracket, position = name.partition(" (")
-    return position.removesuffix(")") if bracket else name
-
-
 def listed(names: Iterable[object]) -> str:
     """Returns names as a list in words, such as "a, b and c"; an empty text for no names."""
     texts = [str(name) for name in names]

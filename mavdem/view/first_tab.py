@@ -1,7 +1,7 @@
 """The first tab of both dashboards: five plots, and texts such as the events, which are facts (coded findings).
 
-From the top: the angle that the model is of, with its prediction; the free energy; the physical parameters; the wind;
-and the torque of the wind.
+From the top: the angle that the model is of, with its prediction; the motors; the physical parameters; the wind; and
+the torque of the wind.
 """
 
 from collections.abc import Collection, Iterable, Mapping, Sequence
@@ -15,10 +15,11 @@ from mavdem.facts.model import ModelName
 from mavdem.fleet.row import utf8_text
 from mavdem.report.numbers import TORQUE_UNIT, name_with_unit
 
-PLOT_HEIGHTS = {"angle": 23, "free_energy": 19, "parameters": 20, "wind": 19, "torque": 19}
+PLOT_HEIGHTS = {"angle": 23, "motors": 21, "parameters": 20, "wind": 18, "torque": 18}
 """The plots of the first tab, from the top, with their heights relative to each other.
 
-The legend of the angle has up to six entries, the legend of the parameters four, the others three.
+The legend of the angle has up to six entries, that of the motors as many as there are motors and one, that of the
+parameters four, the others three.
 """
 
 SIDE_WIDTH_SHARE = 28
@@ -29,7 +30,11 @@ EVENT_MARKS = {Level.BAD: "**bad** · ", Level.WATCH: "**watch** · "}
 
 
 def plot_titles(
-    axis: str, angle_unit: str, prediction: str, model: ModelName = ModelName.JOINT_VAR
+    axis: str,
+    angle_unit: str,
+    prediction: str,
+    motor_unit: str,
+    model: ModelName = ModelName.JOINT_VAR,
 ) -> dict[str, str]:
     """Returns the titles of the five plots, by the keys of ``PLOT_HEIGHTS``; each names the model of its figures.
 
@@ -37,17 +42,23 @@ def plot_titles(
         axis: "roll" or "pitch".
         angle_unit: unit of the angle.
         prediction: name of the prediction of the angle, such as "0.25 s ahead".
+        motor_unit: unit of the outputs of the motors; empty where they are fractions.
         model: model of this prediction.
     """
     angle = name_with_unit(axis.capitalize(), angle_unit)
-    energy = "Free energy F(t) of each sample, and F̄ per sample of each learning run, nats"
     return {
         "angle": f"{angle}, with {prediction} · model: {model}",
-        "free_energy": f"{energy} · model: {ModelName.DEM}",
+        "motors": name_with_unit("Motors", motor_unit),
         "parameters": f"Physical parameters of {axis} · model: {ModelName.GRAY_BOX}",
         "wind": f"Wind, m/s · model: {ModelName.WIND}",
         "torque": f"Wind torque on {axis}, {TORQUE_UNIT.name} · model: {ModelName.GRAY_BOX}",
     }
+
+
+def free_energy_title() -> str:
+    """Returns the title of the plot of the free energy F(t), and of F̄, which names the model of these figures."""
+    energy = "Free energy F(t) of each sample, and F̄ per sample of each learning run, nats"
+    return f"{energy} · model: {ModelName.DEM}"
 
 
 def height_shares(names: Collection[str]) -> dict[str, float]:

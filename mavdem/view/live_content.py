@@ -11,13 +11,14 @@ from mavdem.containers import Names
 from mavdem.dataset.axes import AXES
 from mavdem.dem.online.anomaly_marks import MEAN_SECONDS_BETWEEN_FALSE_MARKS
 from mavdem.dem.online.learner import TOO_FEW_SAMPLES
+from mavdem.facts import Level
 from mavdem.facts.model import ModelName
 from mavdem.live import SessionStatus
 from mavdem.live.display import DisplayRow
 from mavdem.live.history import REPORTED_HORIZON
 from mavdem.plant.online_wind_torque import is_torque_resolved
 from mavdem.report.blocks import markdown
-from mavdem.report.live import watched_quantities_text
+from mavdem.report.live import headline_and_next_step, watched_quantities_text
 from mavdem.report.numbers import (
     TORQUE_UNIT,
     display_unit,
@@ -27,7 +28,7 @@ from mavdem.report.numbers import (
 from mavdem.report.screen import assessment_blocks
 from mavdem.report.templates import render_section
 from mavdem.view.axes import WIDTH_PER_SPAN
-from mavdem.view.first_tab import SideTexts, first_tab, plot_titles
+from mavdem.view.first_tab import SideTexts, first_tab, free_energy_title, plot_titles
 from mavdem.view.live_scene import live_scene_view
 from mavdem.view.plots import BOOT_CLOCK, LEGEND, blueprint, events_view
 
@@ -44,7 +45,10 @@ STATUS_LEGEND = (
 FIGURES_AND_EVENTS_HEIGHTS = (58, 42)
 """Shares, %, of the height of the first tab that the figures and the events below them get; a choice."""
 
-FREE_ENERGY_HEIGHTS = (50, 25, 25)
+LIGHT_LEVELS = (Level.BAD, Level.WATCH, Level.GOOD, Level.UNKNOWN)
+"""Levels of lights in the order in which the dashboard names the lights of each."""
+
+FREE_ENERGY_HEIGHTS = (25, 35, 20, 20)
 """Shares, %, of the height that the plots of the tab "Free energy" get: the terms need most; a choice."""
 
 
@@ -88,23 +92,23 @@ def live_blueprint(channels: Channels) -> rrb.Blueprint:
     axis = channels.output_names[0]
     angle_unit = display_unit(channels.output_units[0]).name
     seconds = channels.dt * channels.horizons[channels.shown_horizon]
-    titles = plot_titles(axis, angle_unit, f"its prediction {seconds:.2g} s ahead")
+    input_unit = channels.input_units[0] if channels.input_units else ""
+    titles = plot_titles(axis, angle_unit, f"its prediction {seconds:.2g} s ahead", input_unit)
     paths = first_tab_paths(axis)
     plots = {name: live_plot(title, paths[name]) for name, title in titles.items()}
     figures = rrb.TextDocumentView(origin="figures", name="Figures", titlebar=False)
     events = rrb.TextDocumentView(origin="events", name="Events", titlebar=False)
     flight = first_tab(plots, SideTexts([figures, events], list(FIGURES_AND_EVENTS_HEIGHTS)))
 
-    input_unit = channels.input_units[0] if channels.input_units else ""
     other_axes = [other_axis for other_axis in AXES if other_axis != axis]
     motion = rrb.Vertical(
         *[live_plot(name_with_unit(name.capitalize(), "°"), f"axes/{name}") for name in other_axes],
         live_plot("Rates, °/s", "rates"),
-        live_plot(name_with_unit("Motors", input_unit), "motors"),
         name="Motion",
     )
     model_note = f"model: {ModelName.DEM}"
     free_energy = rrb.Vertical(
+        live_plot(free_energy_title(), "free_energy"),
         live_plot(f"Terms of F(t), nats · {model_note}", "free_energy_terms"),
         live_plot(f"F̄ of each learning run, nats · {model_note}", "free_energy_action"),
         live_plot(f"Surprise: how unusual a sample is · {model_note}", "surprise"),
@@ -132,7 +136,7 @@ def first_tab_paths(axis: str) -> dict[str, str]:
     """
     return {
         "angle": f"axes/{axis}",
-        "free_energy": "free_energy",
+        "motors": "motors",
         "parameters": "parameters",
         # The paths of the last two differ from the names of the plots: the velocity of the wind, m/s, is under "air",
         # and the torque that the wind exerts on the vehicle is under "wind".
@@ -175,10 +179,12 @@ def figure_texts(
             before the first model.
 
     Returns:
-        Markdown by the template "live_cards": state with the level of each light, which judges one part of the vehicle
-        such as its motors, prediction, wind, wind torque, physical parameters, free energy, and what is watched.
+        Markdown by the template "live_cards": headline, next step and state, with the level of each light, which judges
+        one part of the vehicle such as its motors; then prediction, wind, wind torque, physical parameters and free
+        energy; and what is watched.
     """
-    judgement = status.model_judgement
+    model_judgement = status.model_judgement
+    judgement = status.overall_judgement
     estimate = row.estimate
     physical = None if estimate is None else estimate.physical
     # A wind torque that is smaller than its error is not shown.
@@ -188,13 +194,15 @@ def figure_texts(
     cards = render_section(
         "live_cards",
         status=status,
-        lights=status.overall_judgement.lights,
+        headline_lines=headline_and_next_step(judgement),
+        lights=judgement.lights,
+        levels=LIGHT_LEVELS,
         watched=watched_quantities_text(status.watch_facts),
         row=row,
         channels=channels,
         training_end_time=training_end_time,
         reason=_why_no_model(status, training_end_time),
-        is_bad=judgement is not None and judgement.headline.is_bad,
+        is_bad=model_judgement is not None and model_judgement.headline.is_bad,
         now=estimate,
         physical=physical,
         is_torque_resolved=is_resolved,

@@ -15,7 +15,7 @@ from mavdem.dem.engine.free_energy import Term
 from mavdem.live.display import DisplayRow
 from mavdem.live.samples import MAX_SAMPLES
 from mavdem.report.charts.chart import CLIP_SPANS
-from mavdem.report.numbers import TORQUE_UNIT, display_unit, motor_position
+from mavdem.report.numbers import TORQUE_UNIT, display_unit, without_remark
 from mavdem.report.palette import (
     BAD,
     BAND_OPACITY,
@@ -164,8 +164,8 @@ class LiveWriter:
             rows: rows of the live flight, in the order of their times. A row has the inputs and outputs of the model at
                 one time and, once there is a model, its estimates.
         """
-        motor_names = tuple(motor_position(name) for name in self.channels.input_names)
-        motors = Lines("motors", motor_names, DISTINCT[: len(motor_names)])
+        motor_names = tuple(without_remark(name) for name in self.channels.input_names)
+        motors = Lines("motors/0_outputs", motor_names, DISTINCT[: len(motor_names)])
         self._draw_samples(
             motors, [Sample(row.segment, row.timeline_time, row.inputs) for row in rows]
         )

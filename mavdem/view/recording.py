@@ -37,7 +37,14 @@ from mavdem.report.series import (
     recording_series,
 )
 from mavdem.report.templates import headline
-from mavdem.view.first_tab import SideTexts, events_text, first_tab, height_shares, plot_titles
+from mavdem.view.first_tab import (
+    SideTexts,
+    events_text,
+    first_tab,
+    free_energy_title,
+    height_shares,
+    plot_titles,
+)
 from mavdem.view.logged_flight import flight_scene
 from mavdem.view.parameter_traces import parameter_estimates, parameter_traces
 from mavdem.view.plots import (
@@ -92,7 +99,7 @@ def write_recording(target: Target, assessment: Assessment) -> None:
             *tabs.vehicle(),
             *tabs.wind(learned, series[OUTPUTS].time),
             *tabs.loops(),
-            *tabs.free_energy(series),
+            tabs.free_energy(learned, series),
             tabs.forecasts(learned, held_out, series),
             tabs.learning(learned),
             log_text(recording, "report", "Report", report),
@@ -168,7 +175,7 @@ class RecordingTabs:
         axis = series[OUTPUTS].names[0]
         unit = Labels.of(learned).output_units[0]
         forecast = f"forecasts for {held_out.seconds:.2g} s"
-        titles = plot_titles(axis, display_unit(unit).name, forecast, held_out.model)
+        titles = plot_titles(axis, display_unit(unit).name, forecast, "%", held_out.model)
         angle_chart = forecast_chart(0, held_out, series[OUTPUTS], unit)
         lines_of_whole_record = self._angle_and_setpoint(axis)
         if lines_of_whole_record:
@@ -177,12 +184,12 @@ class RecordingTabs:
             angle_chart = angle_chart._replace(lines=(*lines_of_whole_record, *forecast_lines))
         charts = {
             "angle": angle_chart,
-            "free_energy": free_energy_chart(learned, energy),
+            "motors": _chart_with_label(self._timeline.flight_charts, "Motors, %"),
             "parameters": parameter_chart(self._assessment),
-            "wind": self._wind_chart("Wind, m/s"),
+            "wind": _chart_with_label(self._timeline.wind_charts, "Wind, m/s"),
             "torque": torque_chart(learned),
         }
-        alarms = EventMarks("went wrong", palette.BAD, self._alarm_times)
+        alarms = EventMarks("alarm", palette.BAD, self._alarm_times)
         drawn_charts = {name: chart for name, chart in charts.items() if chart.lines}
         shares = height_shares(drawn_charts)
         plots = {}
@@ -233,13 +240,6 @@ class RecordingTabs:
         # The angle comes last, after its setpoint where one was recorded.
         measured_line = lines[-1]._replace(name="measured", colour=palette.MEASURED)
         return [*lines[:-1], measured_line]
-
-    def _wind_chart(self, title: str) -> Chart:
-        """Returns the chart of the wind with this title; one without lines where it is not known."""
-        for chart in self._timeline.wind_charts:
-            if chart.y.label == title:
-                return chart
-        return over_time("Wind", "m/s", ())
 
     def motion(self) -> rrb.Container:
         """Draws the angles of all axes with their setpoints, and all rates in one plot, next to the event log.
@@ -343,33 +343,43 @@ class RecordingTabs:
             views.append(rrb.Tabs(margins, *sensitivity_views))
         return [rrb.Horizontal(*views, name="Loops")] if views else []
 
-    def free_energy(self, series: Mapping[str, Series]) -> list[rrb.Container]:
-        """Draws the terms of F(t), and the sum of F(t) from the first sample on, which ends at F̄.
+    def free_energy(self, learned: Learned, series: Mapping[str, Series]) -> rrb.Container:
+        """Draws F(t) of each sample, its terms, and its sum from the first sample on, which ends at F̄.
 
         Args:
-            series: values (T, k) by name.
+            learned: the linear model that was learned from a flight, with its training data.
+            series: values (T, k) by name; a model without terms has neither them nor the sum.
 
         Returns:
-            The tab "Free energy"; none for a model without terms.
+            The tab "Free energy".
         """
+        energy_chart = free_energy_chart(learned, series[FREE_ENERGY])
+        charts = [energy_chart._replace(y=energy_chart.y._replace(label=free_energy_title()))]
         terms = series.get(FREE_ENERGY_TERMS)
-        if terms is None:
-            return []
+        if terms is not None:
+            charts += self._term_charts(terms, series[FREE_ENERGY_ACTION])
+        views = self._draw_charts("free_energy", charts)
+        return rrb.Vertical(*views, name="Free energy")
+
+    def _term_charts(self, terms: Series, action: Series) -> list[Chart]:
+        """Returns charts of the terms of F(t), and of the sum of F(t) from the first sample on.
+
+        Args:
+            terms: terms (T, k) of F(t), nats.
+            action: sum (T, 1) of F(t), nats.
+        """
         term_lines = []
         for number, name in enumerate(terms.names):
             colour = palette.distinct(number)
             term_lines.append(Line(name, colour, terms.time, terms.values[:, number]))
-        action = series[FREE_ENERGY_ACTION]
         sum_line = Line("sum of F(t)", palette.PREDICTED, action.time, action.values[:, 0])
         unit_and_model = f"nats · model: {ModelName.DEM}"
-        charts = [
+        return [
             over_time("Terms of F(t)", unit_and_model, term_lines),
             over_time(
                 "Sum of F(t) from the first sample, which ends at F̄", unit_and_model, (sum_line,)
             ),
         ]
-        views = self._draw_charts("free_energy", charts)
-        return [rrb.Vertical(*views, name="Free energy")]
 
     def forecasts(
         self, learned: Learned, held_out: HeldOut, series: Mapping[str, Series]
@@ -434,7 +444,7 @@ class RecordingTabs:
         Returns:
             Views of the charts in the same order.
         """
-        all_marks = *marks, EventMarks("went wrong", palette.BAD, self._alarm_times)
+        all_marks = *marks, EventMarks("alarm", palette.BAD, self._alarm_times)
         views = []
         for number, chart in enumerate(charts):
             origin = f"{folder}/{number}"
@@ -523,6 +533,14 @@ def forecast_chart(output: int, held_out: HeldOut, measured_outputs: Series, lab
     lines = (measured, forecast.clipped_to([measured]))
     chart = over_time(f"{name}, and its forecast for {held_out.seconds:.2g} s", unit.name, lines)
     return chart._replace(y=chart.y._replace(label=f"{chart.y.label} · model: {held_out.model}"))
+
+
+def _chart_with_label(charts: Sequence[Chart], label: str) -> Chart:
+    """Returns the chart whose axis of values has this label; one without lines where there is none."""
+    for chart in charts:
+        if chart.y.label == label:
+            return chart
+    return over_time(label, "", ())
 
 
 def free_energy_chart(learned: Learned, free_energy: Series) -> Chart:

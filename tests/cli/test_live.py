@@ -270,5 +270,5 @@ def test_a_simulated_vehicle_is_learnt_from_and_everything_is_kept(here, capsys,
     learned = mavdem.Learned.from_json((here / told["model"]).read_text())
     assert (learned.settings.prior, learned.settings.order) == ("uniform", 4)
     assert len(learned.model.B.T) == 4 and len(learned.record) >= 2 * MIN_SAMPLES
-    assert {*drawn(here / "f.rrd")} >= {"motors", "axes/pitch/1_measured"}
+    assert {*drawn(here / "f.rrd")} >= {"motors/0_outputs", "axes/pitch/1_measured"}
     assert read_log(here / "f.tlog").vehicles[0].messages["ATTITUDE"]["time"].size > 300

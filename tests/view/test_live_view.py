@@ -35,6 +35,7 @@ from mavdem.motors.motor_changes import MotorChange
 from mavdem.plant import Physical
 from mavdem.plant.online_wind_torque import is_torque_resolved
 from mavdem.plant.sampled_plant import GAUSSIAN_KERNEL, WindComponent
+from mavdem.report.live import headline_and_next_step
 from mavdem.view.live_content import Channels, figure_texts, status_document
 from mavdem.view.live_view import LiveView, SinkThread
 from mavdem.view.sinks import RecordingFile, Viewer, WebServer, requested_sinks
@@ -170,7 +171,12 @@ def test_log_status_and_blueprint_show_what_is_there_in_batches_that_are_not_tin
     moved = [batch for name, _, batch in chunks(recording) if name == "world/here/vehicle"]
     assert sum(batch.num_rows for batch in moved) >= 9 * (TIME[-1] - TIME[0])
     entities = {name: batch.num_rows for name, _, batch in chunks(recording)}
-    lines = ("axes/pitch/1_measured", "axes/roll/1_measured", "axes/roll/2_predicted", "motors")
+    lines = (
+        "axes/pitch/1_measured",
+        "axes/roll/1_measured",
+        "axes/roll/2_predicted",
+        "motors/0_outputs",
+    )
     assert min(entities[name] for name in lines) >= 100
     assert {"axes/roll", "free_energy", "parameters", "air", "wind"} <= set(views(recording))
     for origin in set(views(recording)):
@@ -228,7 +234,7 @@ def test_parameters_and_surprises_are_drawn_and_axes_have_three_ticks(recording)
     surprised = [known.window_center for known in ESTIMATES if known is not None and known.unusual]
     times, values = lines["axes/roll/8_surprises"]
     assert_allclose(np.unique(times[np.isfinite(values[:, 0])]), surprised, atol=1e-8)
-    for plot in ("axes/roll", "free_energy", "parameters", "air", "wind"):
+    for plot in ("axes/roll", "motors", "parameters", "air", "wind"):
         low, high = lines[f"{plot}/90_axis"][1][-1]
         assert high - low >= 2 * 10.0 ** np.floor(np.log10((high - low) / 2))
 
@@ -254,10 +260,10 @@ def test_other_channels_continue_the_lines_under_their_own_names(tmp_path):
     rows = [
         batch.column("Scalars:scalars").to_pylist()
         for name, _, batch in chunks(path)
-        if name == "motors"
+        if name == "motors/0_outputs"
     ]
     assert sorted(len(values) for batch in rows for values in batch) == [1, 1, 1, 4, 4, 4]
-    lines = drawn(path, ignored="motors")
+    lines = drawn(path, ignored="motors/0_outputs")
     assert_allclose(lines["axes/roll/1_measured"][1][:, 0], np.degrees(OUTPUTS[:6, 0]))
     assert_allclose(lines["axes/roll/2_predicted"][0][2:5], TIME[2:5] + 0.25)
 
@@ -274,7 +280,7 @@ def test_a_gap_parts_every_line_and_time_goes_on_where_a_reboot_sets_the_clock_b
     ten = DT * np.arange(10)
     shown = np.concatenate([498.9 + ten, 500.0 + ten, 501.0 + ten])
     for name, width in (
-        ("motors", 4),
+        ("motors/0_outputs", 4),
         ("axes/roll/1_measured", 1),
         ("axes/roll/2_predicted", 1),
     ):
@@ -284,7 +290,7 @@ def test_a_gap_parts_every_line_and_time_goes_on_where_a_reboot_sets_the_clock_b
             and np.isnan(values[[10, 21]]).all()
             and (np.diff(times) > 0).all()
         )
-    assert_allclose(np.delete(lines["motors"][0], [10, 21]), shown, atol=1e-8)
+    assert_allclose(np.delete(lines["motors/0_outputs"][0], [10, 21]), shown, atol=1e-8)
     assert_allclose(lines["free_energy/0_samples"][0], shown - LATE, atol=1e-8)
     assert "boot clock: 3.1 s" in texts(path, "TextDocument:text")[-1]
 
@@ -321,8 +327,10 @@ def test_a_stalled_sink_holds_up_nobody_and_loses_the_oldest_rows_only(tmp_path,
         assert [thread.dropped_rows for thread in view._threads] == [500, 0]
         stalled.go.set()
     assert view.problems == []
-    assert len(drawn(other.path)["motors"][0]) == rows
-    assert_allclose(drawn(stalled.path)["motors"][0], 50.0 + DT * np.arange(500, rows), atol=1e-7)
+    assert len(drawn(other.path)["motors/0_outputs"][0]) == rows
+    assert_allclose(
+        drawn(stalled.path)["motors/0_outputs"][0], 50.0 + DT * np.arange(500, rows), atol=1e-7
+    )
     assert "500 rows are not shown here: this view is too slow" in texts(stalled.path)
 
 
@@ -331,7 +339,8 @@ def test_figures_and_status_show_what_is_known_and_a_model_outlives_the_flight()
     status = SessionStatus(no_model_reason=prose("The vehicle is on the ground."))
     first_figures = figure_texts(status, row, CHANNELS, None)
     assert all("### –" in figure for figure in first_figures[1:6])
-    assert "motors unknown · vibration unknown · " in first_figures[0]
+    assert first_figures[0].count("The vehicle is on the ground.") == 1
+    assert "unknown: motors, vibration, " in first_figures[0]
     assert "No model yet. The vehicle is on the ground." in status_document(
         status, row, CHANNELS, None
     )
@@ -355,6 +364,16 @@ def test_figures_and_status_show_what_is_known_and_a_model_outlives_the_flight()
     assert [fact.code for fact in WIND.facts] == [SessionFact.WIND_SPEED, SessionFact.WIND_FROM]
 
 
+def test_the_first_figure_has_headline_next_step_and_what_is_bad():
+    loss = MotorChange(58.0, 56.0, 2, "motor 2", 0.3, 0.99, loss=(0.2, 0.4))
+    status = SessionStatus(is_flying=True, motor_alarms=(loss,), motor_alarms_of_flight=(loss,))
+    headline, next_step = headline_and_next_step(status.overall_judgement)
+    first_figure, *_ = figure_texts(status, ROW._replace(time=60.0), CHANNELS, 59.0)
+    assert "motor 2 lost 20 to 40 %" in headline.lower() and next_step.startswith("Next: Land now")
+    assert first_figure.startswith(f"### {headline}\n**{next_step}**")
+    assert "**bad: motors**" in first_figure and "\n\nunknown: vibration, " in first_figure
+
+
 @mark.slow
 def test_a_row_that_cannot_be_drawn_and_a_file_that_cannot_be_written_end_nothing(tmp_path):
     path = tmp_path / "flight.rrd"
@@ -370,7 +389,7 @@ def test_a_row_that_cannot_be_drawn_and_a_file_that_cannot_be_written_end_nothin
     assert path.stat().st_size == size
     (problem,) = view.problems
     assert "nowhere/flight.rrd cannot be written" in problem
-    assert texts(path)[0].startswith("not drawn: ") and len(drawn(path)["motors"][0]) >= 1
+    assert texts(path)[0].startswith("not drawn: ") and len(drawn(path)["motors/0_outputs"][0]) >= 1
 
 
 FULL_DISK = """
@@ -402,8 +421,8 @@ def test_a_killed_process_or_a_full_disk_leaves_a_file_that_opens(tmp_path):
     command = [sys.executable, "-c", FULL_DISK, str(path), str(killed)]
     environment = os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)}
     subprocess.run(command, env=environment, check=True, timeout=5 * PATIENCE)
-    assert len(drawn(killed)["motors"][0]) == 500
-    assert len(drawn(path)["motors"][0])  # it opens
+    assert len(drawn(killed)["motors/0_outputs"][0]) == 500
+    assert len(drawn(path)["motors/0_outputs"][0])  # it opens
 
 
 def test_rows_wait_while_they_are_held_and_come_when_it_closes(tmp_path):
@@ -413,10 +432,10 @@ def test_rows_wait_while_they_are_held_and_come_when_it_closes(tmp_path):
     for at in TIME:
         sending.put(CHANNELS, ROW._replace(time=at))
     sending.send_waiting()
-    assert "motors" not in drawn(path)
+    assert "motors/0_outputs" not in drawn(path)
     sending.closing.set()
     sending.send_waiting()
-    assert_allclose(drawn(path)["motors"][0], TIME, atol=1e-8)
+    assert_allclose(drawn(path)["motors/0_outputs"][0], TIME, atol=1e-8)
 
 
 def test_what_was_asked_for_is_shown_or_refused(monkeypatch, tmp_path):

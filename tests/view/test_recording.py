@@ -75,9 +75,9 @@ def test_what_went_wrong_is_marked_in_every_plot(recording, assessed):
     shown_lines = lines(recording)
     flight = assessed.analysis.flights[0]
     plots = {line.rsplit("/", 1)[0] for line in shown_lines}
-    assert {f"{plot}/went wrong" for plot in plots} <= set(shown_lines) and len(plots) >= 9
+    assert {f"{plot}/alarm" for plot in plots} <= set(shown_lines) and len(plots) >= 9
     for plot in plots:
-        times, _ = shown_lines[f"{plot}/went wrong"]
+        times, _ = shown_lines[f"{plot}/alarm"]
         assert_allclose(times, 2 * [flight.time[100]], atol=1e-8)
 
 
