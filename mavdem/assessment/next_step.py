@@ -4,8 +4,20 @@ from mavdem.assessment.lights import VEHICLE_LIGHTS
 from mavdem.facts import Fact, NamedFacts
 from mavdem.facts.assessment import Headline, NextStep
 from mavdem.facts.ending import Ending
+from mavdem.facts.events import ReportedEvent
 from mavdem.facts.lights import Light, Unjudged
 from mavdem.facts.loops import LoopAction
+from mavdem.facts.power import PowerLight
+
+REPORTS_OF_BATTERY = (
+    ReportedEvent.BATTERY_WARNED,
+    ReportedEvent.BATTERY_ALARMED,
+    ReportedEvent.BATTERY_SPENT,
+)
+"""What an autopilot reports of a battery, often without its number."""
+
+MEASURED_BATTERY = (PowerLight.BATTERY_LOW, PowerLight.CHARGE_LOW)
+"""Codes of the light of power that name the battery by what was measured of it."""
 
 
 def choose_next_step(headline: Fact, lights: NamedFacts, model_step: Fact | None) -> Fact:
@@ -60,7 +72,8 @@ def _step_against_faults(headline: Fact, lights: NamedFacts) -> Fact:
     """Returns the next step: to do what the fault in the headline needs, and what some other bad lights need.
 
     The advice of another light is added only if the fault in the headline does not explain that light. Bad power always
-    has other causes, and so has bad vibration if power is the headline. After a loss of the vehicle, every bad light
+    has other causes, and so has bad vibration if power is the headline. If the autopilot reports a battery, and one was
+    measured to be bad, the advice is only about the one that was measured. After a loss of the vehicle, every bad light
     may be its reason, and a motor that is bad, or was found weak, is named as the suspect.
 
     Args:
@@ -70,6 +83,9 @@ def _step_against_faults(headline: Fact, lights: NamedFacts) -> Fact:
     Returns:
         The fact that advises the step, with the headline as ``reason`` and the facts of the other lights as ``also``.
     """
+    power = lights[Light.POWER]
+    if headline.code in REPORTS_OF_BATTERY and power.is_bad and power.code in MEASURED_BATTERY:
+        return Fact(NextStep.DO_AS_ADVISED, headline.level, reason=power, also=())
     unexplained_lights = [Light.POWER]
     if headline == lights[Light.POWER]:
         unexplained_lights.append(Light.VIBRATION)

@@ -20,6 +20,7 @@ from mavdem.facts.learnability import NotLearnableReason
 from mavdem.facts.lights import Light
 from mavdem.facts.loops import LoopAction
 from mavdem.facts.motors import MotorsLight, MotorWatchFact, TrimFact
+from mavdem.facts.power import PowerLight
 from mavdem.facts.session import SessionFact
 from mavdem.facts.watch import WatchFact
 from mavdem.motors.motor_changes import MotorChange, thrust_losses
@@ -97,6 +98,16 @@ def test_a_bad_battery_does_not_hide_the_advice_on_bad_vibration():
     known = lights(power="bad", vibration="bad")
     following = choose_next_step(known[Light.POWER], known, None)
     assert known[Light.VIBRATION] in following.figures["also"]
+
+
+def test_the_next_step_after_a_report_of_a_battery_names_the_one_that_was_measured():
+    reported = Fact(ReportedEvent.BATTERY_ALARMED, time=40.0, text="Critical battery level!")
+    empty = Fact(PowerLight.CHARGE_LOW, Level.BAD, subject="battery 2", share=0.0, share_limit=0.07)
+    step = choose_next_step(reported, lights() | {Light.POWER: empty}, None)
+    assert str(step) == "Check battery 2 before the next flight, and land earlier."
+    supply = Fact(PowerLight.SUPPLY_LOW, Level.BAD, voltage=4.3, voltage_limit=4.5)
+    step = choose_next_step(reported, lights() | {Light.POWER: supply}, None)
+    assert str(step).startswith("Check the battery and its cells") and "power module" in str(step)
 
 
 BAD_VIBRATION = measured_vibration(Level.BAD)
