@@ -1,6 +1,6 @@
 """``mavdem live``: attaches to a MAVLink link, learns while the vehicle flies, and writes model and page at the end."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack, closing, nullcontext, suppress
 from dataclasses import dataclass, replace
@@ -13,6 +13,7 @@ from rich.live import Live
 from mavdem.assessment.judgement import Judgement
 from mavdem.cli.exit_codes import EXIT_DONE, EXIT_ERROR, EXIT_UNSUPPORTED
 from mavdem.cli.live_dashboard import Dashboard
+from mavdem.cli.live_files import gains_line, written_file_lines
 from mavdem.cli.live_status import StatusLines, print_fact
 from mavdem.cli.options import NumberRange, file_option, json_option, model_options, vehicle_option
 from mavdem.cli.output import print_json
@@ -28,7 +29,7 @@ from mavdem.documents.session import live_document
 from mavdem.errors import Unreadable, error_message
 from mavdem.export.stream_writers import STREAM_WRITERS
 from mavdem.facts import Fact
-from mavdem.facts.session import LinkFact
+from mavdem.facts.session import LinkFact, TimeUse
 from mavdem.files import write_text_atomically
 from mavdem.fleet.priors import earlier_drag, earlier_flight
 from mavdem.live import LiveStream
@@ -438,6 +439,7 @@ def _follow_vehicle(
             model=paths.model if code == EXIT_DONE else None,
             page=None if is_page_lost else paths.page,
         )
+        _print_written_files(written_paths, recording, session, account)
         files = _written_files(written_paths, recording)
         document = live_document(session, status, account, files) if options.as_json else None
         is_ended_by_user = is_end_requested()
@@ -666,6 +668,33 @@ def _print_headline_and_next_step(judgement: Judgement) -> None:
         print_to_stderr(line)
 
 
+def _print_written_files(
+    paths: OutputPaths,
+    recording: RawRecording | None,
+    session: LiveSession,
+    account: Mapping[TimeUse, float],
+) -> None:
+    """Prints on standard error what the session has written and what opens it, and which gains, or why there are none.
+
+    Args:
+        paths: Paths of the written files; None for a file that was not written.
+        recording: Raw recording of the stream, if there is one.
+        session: The session, which has ended.
+        account: Seconds of the session by their use.
+    """
+    lines = written_file_lines(
+        record=paths.record,
+        frame_count=0 if recording is None else recording.frame_count,
+        rrd=paths.rrd,
+        page=paths.page,
+        model=paths.model,
+    )
+    adviser = session.gain_adviser
+    lines.append(gains_line(None if adviser is None else adviser.facts, account))
+    for line in lines:
+        print_to_stderr(line)
+
+
 def _written_files(paths: OutputPaths, recording: RawRecording | None) -> JsonValues:
     """Returns the files that a session has written, as its JSON document lists them.
 
@@ -688,7 +717,7 @@ def _written_files(paths: OutputPaths, recording: RawRecording | None) -> JsonVa
 
 
 def _write_text(path: Path | None, text: str, subject: str) -> bool:
-    """Writes the model or the page, and reports on standard error whether it was written.
+    """Writes the model or the page, and reports on standard error if that fails.
 
     Args:
         path: Path of the file; None if it is not to be written.
@@ -699,12 +728,10 @@ def _write_text(path: Path | None, text: str, subject: str) -> bool:
         Whether it succeeded: False if the file should have been written and could not be.
     """
     if path is None:
-        print_to_stderr(f"The {subject} was not written.")
         return True
     try:
         write_text_atomically(path, text)
     except Unreadable as error:
         print_to_stderr(f"The {subject} is lost: {error}")
         return False
-    print_to_stderr(f"Wrote the {subject} to {path}.")
     return True

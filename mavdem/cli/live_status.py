@@ -115,6 +115,9 @@ class PrintedState(NamedTuple):
     is_late: bool
     """Whether this computer does not keep up."""
 
+    has_motion: bool
+    """Whether attitude or motor outputs come."""
+
 
 class ChangeDebouncer:
     """Holds back changes of the watched quantities until they have settled.
@@ -301,6 +304,7 @@ class StatusLines:
             status.no_model_reason is not None,
             any(fact.is_bad for fact in status.alarms),
             status.delay_fact is not None,
+            status.row_rate > 0.0,
         )
         now = monotonic()
         is_new = state != self._printed_state
@@ -389,7 +393,7 @@ def _status_texts(status: SessionStatus, *, has_table: bool) -> StatusTexts:
         # the next step may be the same remedy.
         advice_text = escape_unprintable(reason.sentence_and_remedy)
         remedy = escape_unprintable(reason.remedy)
-        if judgement.headline == reason:
+        if reason in (judgement.headline, judgement.headline.figures.get("reason")):
             sentences[sentences.index(advice_text)] = "" if remedy in judgement_text else remedy
         elif remedy in judgement_text:
             sentences[sentences.index(advice_text)] = escape_unprintable(reason.sentence)

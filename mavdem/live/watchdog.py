@@ -24,7 +24,7 @@ from mavdem.assessment.wind_drifts import WindDriftDetector
 from mavdem.dataset.intervals import Intervals
 from mavdem.dataset.quality import samples_at_limits
 from mavdem.dataset.setpoints import SETPOINT_MESSAGE
-from mavdem.dataset.signals import Signals
+from mavdem.dataset.signals import MIN_SLOW_MOTION_RATE, Signals
 from mavdem.facts import Fact, Facts, Level
 from mavdem.facts.ending import Ending, FailedFirst, MotionEvent
 from mavdem.facts.estimator import EstimatorLight
@@ -1105,7 +1105,10 @@ class Watchdog:
         reasons |= quantities_without_message(received_names, vehicle.autopilot)
         if not self._tracking.has_setpoints(now):
             reasons[WatchedQuantity.TRACKING] = Fact(
-                WatchFact.MESSAGE_MISSING, name=SETPOINT_MESSAGE, rate=None
+                WatchFact.MESSAGE_MISSING,
+                name=SETPOINT_MESSAGE,
+                rate=None,
+                needed_rate=MIN_SLOW_MOTION_RATE,
             )
         invalid_attitude = self.control.invalid_attitude(vehicle)
         if invalid_attitude is not None:

@@ -31,10 +31,10 @@ from mavdem.report.pages.page import PageLink
 from mavdem.report.templates import Medium, sentences_for
 from mavdem.serve.library import Library
 from mavdem.serve.live_pages import (
-    AGE_SECONDS,
     NEWS_SECONDS,
     PAGE_SECONDS,
     SessionPage,
+    longest_page_age,
     session_page,
 )
 
@@ -131,8 +131,8 @@ class LinkMonitor:
         self._page = SessionPage("", clock.monotonic())
         # Whether the session has reported something that its page does not show yet.
         self._has_news = False
-        # Whether that page says how long ago the vehicle fell silent in flight.
-        self._is_link_lost = False
+        # Age at which that page is rendered again, s.
+        self._longest_page_age = PAGE_SECONDS
         # When ``_update_page`` was called last, s of the monotonic clock.
         self._update_time = -inf
         # The page of the session before, which is shown until another vehicle is received; empty for none.
@@ -364,7 +364,7 @@ class LinkMonitor:
         """
         if clock.monotonic() - self._update_time >= PAGE_SECONDS:
             self._update_page(session)
-        elif self._has_news or (self._is_link_lost and self._page.age >= AGE_SECONDS):
+        elif self._has_news or self._page.age >= self._longest_page_age:
             self._render_page(session)
 
     def _update_page(self, session: LiveSession) -> None:
@@ -406,7 +406,7 @@ class LinkMonitor:
         """
         self._has_news = False
         status = session.status
-        self._is_link_lost = status.link_loss is not None
+        self._longest_page_age = longest_page_age(status)
         if self._finished_page and not _awaits_vehicle(status):
             self._finished_page = ""
         links = [] if self._latest_flight is None else [self._latest_flight]

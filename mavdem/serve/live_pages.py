@@ -75,6 +75,15 @@ class SessionPage:
         return clock.monotonic() - self.made_time
 
 
+def longest_page_age(status: SessionStatus) -> float:
+    """Returns the age at which the page of a session is rendered again, s, where nothing is reported before.
+
+    Args:
+        status: state of the session when the page was made.
+    """
+    return PAGE_SECONDS if status.link_loss is None else AGE_SECONDS
+
+
 class SessionPages(Protocol):
     """What renders the page of a live session again and again."""
 

@@ -23,7 +23,13 @@ from mavdem.report.pages.library_page import render_server_page, script, script_
 from mavdem.report.pages.page import PageLink
 from mavdem.serve.guard import POLICY_HEADER, Guard
 from mavdem.serve.listening import MAX_SHUTDOWN_SECONDS, listening_socket, server_config, server_url
-from mavdem.serve.live_pages import PAGE_SECONDS, LivePages, SessionPage, session_page
+from mavdem.serve.live_pages import (
+    PAGE_SECONDS,
+    LivePages,
+    SessionPage,
+    longest_page_age,
+    session_page,
+)
 from mavdem.serve.rerun_viewer import ViewerFiles, viewer_policy
 from mavdem.serve.rights import Rights
 
@@ -81,9 +87,10 @@ class LiveServer:
             session: the session, with the history of its flight.
             status: its state now.
         """
+        longest_age = PAGE_SECONDS if self._status is None else longest_page_age(self._status)
         self._status = status
         event_count = len(session.history.events)
-        is_old = self.page.age >= PAGE_SECONDS or not self.page.html
+        is_old = self.page.age >= longest_age or not self.page.html
         if not is_old and event_count == self._event_count and not status.is_over:
             return
         self._event_count = event_count

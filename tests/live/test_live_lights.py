@@ -264,7 +264,7 @@ def test_the_table_has_every_light_with_its_figure(slow):
     assert [*rows] == [str(light) for light in Light]
     assert rows["power"].figure == "15.8 V (76 %)"
     assert rows["vibration"].level is Level.GOOD and rows["vibration"].figure == "7.4 m/s²"
-    assert rows["motors"].figure == "motor 2 (rear left): 9 to 26 % lost"
+    assert rows["motors"].figure == "motor 2: −9 to −26 %"
     assert rows["margins"].figure == "no oscillation"
     # A time on the boot clock, and no duration.
     watched = Fact(MotorWatchFact.NO_LOSS_FOUND, clock=63.0)
@@ -290,3 +290,20 @@ def test_the_time_in_flight_is_in_the_first_line(slow):
         "1:1, Loiter, in flight for 12:34 min, 10 m above the take-off, 20 m from it."
     )
     assert "in flight for 12:34 min, 20 m from the take-off" in vehicle_text(flying)
+
+
+def test_the_light_of_the_tracking_says_which_message_and_rate_it_lacks(slow):
+    missing = Fact(WatchFact.MESSAGE_MISSING, name="ATTITUDE_TARGET", rate=None, needed_rate=8.0)
+    status = replace(
+        slow, watch_facts=(*slow.watch_facts, watch(WatchedQuantity.TRACKING, missing))
+    )
+    rows = {row.name: row for row in light_rows(status)}
+    assert rows["tracking"].figure == "no ATTITUDE_TARGET"
+    light = status.overall_judgement.lights[Light.TRACKING]
+    assert str(light) == "Not judged: no ATTITUDE_TARGET comes; 8 Hz of it are needed."
+    awaited = Fact(WatchFact.TRACKING_AWAITED, duration=20.0)
+    status = replace(
+        slow, watch_facts=(*slow.watch_facts, watch(WatchedQuantity.TRACKING, awaited))
+    )
+    rows = {row.name: row for row in light_rows(status)}
+    assert rows["tracking"].figure == "after 20 s settled"

@@ -29,7 +29,7 @@ from mavdem.facts.events import ReportedEvent
 from mavdem.facts.lights import Light
 from mavdem.facts.log import LogLight
 from mavdem.facts.margins import MarginsLight, TrackingLight
-from mavdem.facts.motors import MotorsLight
+from mavdem.facts.motors import MotorsLight, MotorWatchFact
 from mavdem.facts.power import PowerLight
 from mavdem.facts.session import LinkFact, MissingMessages, RowsFact, SessionFact, VehicleFact
 from mavdem.facts.vibration import VibrationLight
@@ -831,6 +831,39 @@ def test_a_battery_whose_voltage_comes_is_never_said_to_be_unmeasured():
             if fact.subject == WatchedQuantity.BATTERY and fact.figures["reason"] is not None:
                 reasons.append(fact.figures["reason"].code)
     assert WatchFact.BATTERY_NOT_JUDGED not in reasons
+
+
+def test_a_weak_motor_takes_one_line_of_the_table_on_a_narrow_terminal(monkeypatch):
+    weak = Fact(
+        MotorWatchFact.MOTOR_LOST_THRUST,
+        Level.BAD,
+        time=62.0,
+        subject="motor 1 (front right)",
+        loss=(0.32, 0.59),
+        rise=0.2,
+        probability=0.99,
+        assumed=False,
+        boot=0,
+    )
+    status = SessionStatus("1:1", worst_lights={Light.MOTORS: weak})
+    lines = shown_status(status, monkeypatch).splitlines()
+    assert any(
+        re.match(r"motors +BAD +motor 1: −32 to −59 % +vibration +unknown", line) for line in lines
+    )
+
+
+def test_lines_below_each_other_say_that_attitude_is_back_during_an_alarm(capsys):
+    silent = Fact(RowsFact.NOTHING_RECEIVED, subject=MissingMessages.MOTION, duration=3.0)
+    alarm = Fact(ReportedEvent.BATTERY_ALARMED, Level.BAD)
+    lines = StatusLines(None)
+    alarmed = SessionStatus("1:1", no_model_reason=silent, active_alarms=(alarm,))
+    rates = {"ATTITUDE": 50.0, "SERVO_OUTPUT_RAW": 50.0}
+    unsettled = Fact(SessionFact.NOT_SETTLED)
+    for status in (alarmed, replace(alarmed, no_model_reason=unsettled, rates=rates)):
+        lines.show(Mock(status=status))
+    without, back = capsys.readouterr().err.splitlines()
+    assert "ALARM; 0 samples; no attitude" in without
+    assert "ALARM; 0 samples; 50 Hz" in back
 
 
 def test_the_terminal_rings_once_for_each_alarm_and_never_elsewhere(monkeypatch):

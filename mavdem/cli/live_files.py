@@ -1,0 +1,73 @@
+"""What a live session has written, with what opens each file, and why no gains are among it, by facts (findings)."""
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from shlex import quote
+
+from mavdem.facts import Fact, Facts
+from mavdem.facts.loops import GainFact
+from mavdem.facts.session import TimeUse
+from mavdem.report.templates import as_clause
+
+
+def written_file_lines(
+    *,
+    record: Path | None,
+    frame_count: int,
+    rrd: Path | None,
+    page: Path | None,
+    model: Path | None,
+) -> list[str]:
+    """Returns a line for each file that a session has written: what it is, where, and what opens it.
+
+    Args:
+        record: recording of the raw stream; None for none, as for the other files.
+        frame_count: messages in it.
+        rrd: recording of the dashboard.
+        page: page of what happened.
+        model: learned model.
+    """
+    lines = []
+    if record is not None:
+        count = f"{frame_count:,} messages"
+        lines.append(f"Recording: {record}, {count}. Judge it: `mavdem {_word(record)}`")
+    if rrd is not None:
+        lines.append(f"Dashboard: {rrd}. Open it: `rerun {_word(rrd)}`")
+    if page is not None:
+        lines.append(f"Page: {page}. Open it in a browser.")
+    if model is not None:
+        lines.append(f"Model: {model}. For the next flight: `--prior {_word(model)}`")
+    return lines
+
+
+def gains_line(advice: Facts | None, account: Mapping[TimeUse, float]) -> str:
+    """Returns a line on the gains that a session advises: their files, or why there are none.
+
+    Args:
+        advice: the facts of the latest advice; None where nothing was recorded to compute gains from.
+        account: seconds of the session by their use, such as in the air.
+    """
+    if advice is None:
+        return "No gains: they are computed from a recording, --record FILE.tlog."
+    for fact in advice:
+        if fact.code is GainFact.GAINS_WRITTEN:
+            return f"Gains: {fact.figures['path']}. Load one file in a ground station."
+    if advice:
+        return f"No gains: {as_clause(_reason_without_gains(advice))}."
+    if account[TimeUse.LEARNED] or account[TimeUse.UNSETTLED]:
+        return "No gains: too little settled flight to compute them from."
+    return "No gains: nothing flew."
+
+
+def _reason_without_gains(advice: Sequence[Fact]) -> Fact:
+    """Returns the fact of an advice without gains that says why there are none."""
+    for fact in advice:
+        if fact.code is GainFact.GAINS_LEFT:
+            reason: Fact = fact.figures["reason"]
+            return reason
+    return advice[0]
+
+
+def _word(path: Path) -> str:
+    """Returns a path as one word of a command line."""
+    return quote(str(path))

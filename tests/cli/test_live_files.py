@@ -1,0 +1,39 @@
+"""The end of ``mavdem live``: the files that were written, what opens them, and why there are no gains."""
+
+from pathlib import Path
+
+from mavdem.cli.live_files import gains_line, written_file_lines
+from mavdem.facts import Fact
+from mavdem.facts.loops import GainFact
+from mavdem.facts.session import TimeUse
+
+NOTHING = dict.fromkeys(TimeUse, 0.0)
+
+
+def test_each_written_file_has_a_line_with_what_opens_it():
+    lines = written_file_lines(
+        record=Path("my flight.tlog"),
+        frame_count=12_345,
+        rrd=Path("f.rrd"),
+        page=Path("f.html"),
+        model=Path("f.model.json"),
+    )
+    assert lines == [
+        "Recording: my flight.tlog, 12,345 messages. Judge it: `mavdem 'my flight.tlog'`",
+        "Dashboard: f.rrd. Open it: `rerun f.rrd`",
+        "Page: f.html. Open it in a browser.",
+        "Model: f.model.json. For the next flight: `--prior f.model.json`",
+    ]
+    assert written_file_lines(record=None, frame_count=0, rrd=None, page=None, model=None) == []
+
+
+def test_where_no_gains_come_the_reason_is_said():
+    flown = NOTHING | {TimeUse.UNSETTLED: 9.0}
+    reason = Fact(GainFact.STEP_BOUND)
+    left = Fact(GainFact.GAINS_LEFT, reason=Fact(GainFact.ADVICE_WAITS))
+    written = Fact(GainFact.GAINS_WRITTEN, path="f.gains.stage1.params and .param", reason=reason)
+    assert "--record FILE.tlog" in gains_line(None, NOTHING)
+    assert gains_line((), NOTHING) == "No gains: nothing flew."
+    assert gains_line((), flown).startswith("No gains: too little settled flight")
+    assert gains_line((left,), flown).startswith("No gains: gains are advised when")
+    assert "f.gains.stage1.params and .param" in gains_line((reason, written), flown)
