@@ -289,7 +289,7 @@ def _thrust_limit_fact(commands: _LossCommands, loss_context: LossContext) -> Fa
     """
     loss_start, loss_end = loss_context.interval
     # Upper limit of a motor's command, as a fraction of its range.
-    highest_command = commands.motors.scale.stop
+    highest_command = commands.motors.scale.upper_limit
     is_attitude_lost = loss_context.fall_direction is not None
     if is_attitude_lost:
         judged_commands = commands.just_before
@@ -419,7 +419,7 @@ def _sinking_at_full_throttle(
     return Fact(
         FailedFirst.THRUST_SPENT_FIRST,
         time=start,
-        share=commands.values[is_in_interval].mean() / motors.scale.stop,
+        share=commands.values[is_in_interval].mean() / motors.scale.upper_limit,
         names=tuple(limited_names),
     )
 

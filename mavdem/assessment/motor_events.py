@@ -20,7 +20,7 @@ from mavdem.dataset.intervals import (
 )
 from mavdem.dataset.motor_outputs import MotorOutputs
 from mavdem.dataset.phases import MIN_CLIMB_SPEED
-from mavdem.dataset.quality import STOP_MARGIN, samples_at_limits
+from mavdem.dataset.quality import LIMIT_MARGIN, samples_at_limits
 from mavdem.dataset.signals import Signals
 from mavdem.dataset.time_series import TimeSeries, rows_of_boot, series_of_boot
 from mavdem.facts import Fact, Level
@@ -219,7 +219,7 @@ def frozen_motor(motors: MotorOutputs, commands: Array, lowest_command: float) -
         return None
     ranges = np.ptp(commands, axis=0)
     lower_limit = max(min_running_command(motors), lowest_command)
-    upper_limit = motors.scale.stop - MIN_COMMAND_RANGE
+    upper_limit = motors.scale.upper_limit - MIN_COMMAND_RANGE
     is_between_limits = (commands[0] > lower_limit) & (commands[0] < upper_limit)
     frozen = np.flatnonzero((ranges == 0) & is_between_limits)
     others_work = ranges.mean() >= MIN_COMMAND_RANGE
@@ -308,7 +308,7 @@ def _is_off(signals: Signals, motors: MotorOutputs, boot: int, commands: Array) 
     """Returns whether each of k motors is off while the others carry the vehicle, at each of N samples.
 
     The range of ArduPilot's outputs begins below the idle in flight, so that its lower end means off. The range of
-    PX4's outputs begins at the idle, so that a motor is off only if its output is lower by ``STOP_MARGIN``.
+    PX4's outputs begins at the idle, so that a motor is off only if its output is lower by ``LIMIT_MARGIN``.
 
     Args:
         signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.
@@ -320,7 +320,7 @@ def _is_off(signals: Signals, motors: MotorOutputs, boot: int, commands: Array) 
         (N, k) flags.
     """
     is_ardupilot = signals.telemetry.autopilot == "ARDUPILOTMEGA"
-    off_command = 0.0 if is_ardupilot else -STOP_MARGIN
+    off_command = 0.0 if is_ardupilot else -LIMIT_MARGIN
     # An output of 0 means "no pulses" where pulses begin at a larger number.
     has_no_pulses = (motors.outputs[rows_of_boot(motors.boot, boot)] == 0) & (motors.scale.low > 0)
     is_off = (commands <= off_command) | has_no_pulses

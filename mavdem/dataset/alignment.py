@@ -149,8 +149,9 @@ def _vehicle_provenance(signals: Signals, segment: Segment) -> JsonValues:
         if CONTROL_PARAMETERS.match(name):
             control_parameters[name] = value
     scale = asdict(motors.scale)
-    # Documents have no such key; it follows from the parameters.
-    del scale["lower_stop"]
+    # Documents call the upper limit "stop". They have no lower one, which follows from the parameters.
+    scale["stop"] = scale.pop("upper_limit")
+    del scale["lower_limit"]
     return {
         "motors": {
             "channels": list(geometry.channels),

@@ -218,9 +218,9 @@ def min_airborne_collective(parameters: Parameters) -> float:
 def min_running_command(motors: MotorOutputs) -> float:
     """Returns the least command of a motor, as a fraction of its range, that is clearly above its idle.
 
-    The idle is the lower stop of the output's scale, which is 0 for PX4, whose range begins at the idle.
+    The idle is the lower limit of the output's scale, which is 0 for PX4, whose range begins at the idle.
     """
-    return motors.scale.lower_stop + MIN_COLLECTIVE_ABOVE_IDLE
+    return motors.scale.lower_limit + MIN_COLLECTIVE_ABOVE_IDLE
 
 
 def max_collective(signals: Signals) -> float:

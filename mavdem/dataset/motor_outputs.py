@@ -53,14 +53,14 @@ does (``GCS_MAVLINK::send_servo_output_raw``).
 UINT16_UNKNOWN = np.iinfo(np.uint16).max
 """Value of MAVLink's 16-bit fields that means "not available": an unused output, or no voltage."""
 
-MIN_OBSERVED_STOP = 0.5
-"""Lowest upper stop, as a fraction of the range, that is inferred from outputs; a choice, far above hover."""
+MIN_OBSERVED_LIMIT = 0.5
+"""Lowest upper limit, as a fraction of the range, that is inferred from outputs; a choice, far above hover."""
 
 MIN_STOP_SHARE = 0.01
-"""Share of a motor's samples that must be at an upper stop before one is inferred; a choice."""
+"""Share of a motor's samples that must be at an upper limit before one is inferred; a choice."""
 
 MIN_STOP_SAMPLES = 3
-"""Number of samples that must be at an upper stop before one is inferred; a choice."""
+"""Number of samples that must be at an upper limit before one is inferred; a choice."""
 
 STOP_BIN_WIDTH = 0.003
 """Width of the histogram bins in which a stop is looked for, as a fraction of the range; a choice."""
@@ -338,9 +338,11 @@ def _combined_outputs(
     scale = output_scale(
         distinct_outputs.astype(np.float64), telemetry.parameters, geometry.drivers
     )
-    if scale.stop == 1.0:
+    if scale.upper_limit == 1.0:
         # No parameter limits the motors below the full range, so a limit is inferred from the outputs.
-        scale = replace(scale, stop=_observed_upper_stop(scale.fraction(combined_series.values)))
+        scale = replace(
+            scale, upper_limit=_observed_upper_limit(scale.fraction(combined_series.values))
+        )
     return MotorOutputs(
         message=message,
         time=combined_series.time,
@@ -410,7 +412,7 @@ def _interpolated_outputs(main: TimeSeries, other: TimeSeries, outputs: Array) -
     return interpolated_outputs
 
 
-def _observed_upper_stop(fractions: Array) -> float:
+def _observed_upper_limit(fractions: Array) -> float:
     """Infers the upper limit that the autopilot sets to motor outputs, from how often their highest value occurs.
 
     An output that moves freely is seldom exactly at its maximum, while a limited one stays there. So the histogram of
@@ -424,7 +426,7 @@ def _observed_upper_stop(fractions: Array) -> float:
         The limit as a fraction of the range: the highest output of all motors, or 1 where no motor shows a limit.
     """
     highest = float(fractions.max())
-    if highest < MIN_OBSERVED_STOP:
+    if highest < MIN_OBSERVED_LIMIT:
         return 1.0
     for outputs in fractions.T:
         # Outputs of 0 are of a motor that is off, and do not count.

@@ -29,8 +29,8 @@ MIN_HELD_CHANGE_STEPS = 1.5
 A value that moves by less than a step per message goes on by a single step.
 """
 
-STOP_MARGIN = 0.01
-"""Distance from its upper or lower stop, as a fraction of the range, within which a motor is there; a choice."""
+LIMIT_MARGIN = 0.01
+"""Distance from its upper or lower limit, as a fraction of the range, within which a motor is there; a choice."""
 
 ROUNDING_VARIANCE_DIVISOR = 12
 """The variance of rounding to steps of size q is q² / 12, that of a uniform distribution."""
@@ -207,16 +207,17 @@ class LimitFlags(NamedTuple):
     """In which samples each motor is at a limit of its range."""
 
     at_upper: Flags
-    """At the upper stop, where it cannot give more."""
+    """At the upper limit, where it cannot give more."""
 
     at_lower: Flags
-    """At the lower stop, where it cannot give less."""
+    """At the lower limit, where it cannot give less."""
 
 
 def samples_at_limits(fractions: Array, scale: OutputScale) -> LimitFlags:
     """Returns flags of the samples in which each motor is at the upper or the lower limit that the autopilot sets.
 
-    The upper limit is ``scale.stop`` (of ArduPilot, MOT_SPIN_MAX), the lower one ``scale.lower_stop`` (MOT_SPIN_MIN).
+    The upper limit is ``scale.upper_limit`` (of ArduPilot, MOT_SPIN_MAX), the lower one ``scale.lower_limit``
+    (MOT_SPIN_MIN).
 
     Args:
         fractions: Motor outputs as fractions of the range, of any shape.
@@ -227,8 +228,8 @@ def samples_at_limits(fractions: Array, scale: OutputScale) -> LimitFlags:
         the outputs is not known.
     """
     is_range_known = scale.name != UNKNOWN_SCALE
-    is_at_upper = is_range_known & (fractions >= scale.stop - STOP_MARGIN)
-    is_at_lower = is_range_known & (fractions <= scale.lower_stop + STOP_MARGIN)
+    is_at_upper = is_range_known & (fractions >= scale.upper_limit - LIMIT_MARGIN)
+    is_at_lower = is_range_known & (fractions <= scale.lower_limit + LIMIT_MARGIN)
     return LimitFlags(is_at_upper, is_at_lower)
 
 

@@ -32,7 +32,7 @@ from mavdem.motors.healthy_flights import HealthFigures
 from mavdem.motors.signatures import motor_signatures
 
 MAX_SATURATED_SHARE = 0.01
-"""Fraction of the time that a motor of a sound flight spends at its upper stop, at most: a motor that is there for
+"""Fraction of the time that a motor of a sound flight spends at its upper limit, at most: a motor that is there for
 longer has no thrust left, and its trim is not what the flight needs."""
 
 ASSESSMENT_COLUMNS = ("health", "fault_probability", "change_probability", "suspect_motor")

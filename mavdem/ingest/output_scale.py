@@ -32,10 +32,11 @@ class OutputScale:
     """Output at full throttle."""
     step: float
     """Smallest difference between two values that occurred; 0 where all are equal."""
-    stop: float = 1.0
-    """Fraction of the range beyond which the autopilot sends no motor, 0 to 1; 1 where that is not known."""
-    lower_stop: float = 0.0
-    """Fraction of the range below which the autopilot sends no motor in flight, 0 to 1: its idle in the air."""
+    upper_limit: float = 1.0
+    """Highest output that the autopilot sends to a motor, as a fraction of the range, 0 to 1; 1 where it is not
+    known."""
+    lower_limit: float = 0.0
+    """Lowest output that it sends to a motor in flight, as a fraction of the range, 0 to 1: the idle in the air."""
 
     def fraction(self, outputs: Array) -> Array:
         """Converts outputs to fractions of the range.
@@ -45,14 +46,14 @@ class OutputScale:
 
         Returns:
             Fractions of the same shape: 0 at ``low`` and for a motor that is off (an output of 0), 1 at ``high``. Some
-            autopilots send less than ``low`` while disarmed; those shares are negative.
+            autopilots send less than ``low`` while disarmed; those fractions are negative.
         """
         # Computed in place, since copies of hours of flight take much memory.
-        shares = np.asarray(outputs - self.low, np.float64)
-        shares /= self.high - self.low
+        fractions = np.asarray(outputs - self.low, np.float64)
+        fractions /= self.high - self.low
         if self.low > 0:
-            np.copyto(shares, 0.0, where=outputs == 0)
-        return shares
+            np.copyto(fractions, 0.0, where=outputs == 0)
+        return fractions
 
 
 MAX_NORMALISED = 1.05
@@ -132,10 +133,10 @@ def output_scale(
         return OutputScale(name, "", px4_low, px4_high, step)
     if smallest >= MIN_PULSE_WIDTH and MIN_RUNNING_PULSE_WIDTH < largest <= MAX_PULSE_WIDTH:
         low, high = _pulse_range(positive, parameters, drivers)
-        upper_stop = _ardupilot_stop(parameters)
-        # The range of PX4's driver begins at the output of an idling motor, so that its lower stop is the range's end.
-        lower_stop = 0.0 if drivers else _ardupilot_lower_stop(parameters)
-        return OutputScale("PWM", "µs", low, high, step, upper_stop, lower_stop)
+        upper_limit = _ardupilot_upper_limit(parameters)
+        # The range of PX4's driver begins at the output of an idling motor, so that its lower limit is the range's end.
+        lower_limit = 0.0 if drivers else _ardupilot_lower_limit(parameters)
+        return OutputScale("PWM", "µs", low, high, step, upper_limit, lower_limit)
     if drivers and MAX_IDLE_DSHOT < largest <= MAX_DSHOT_COMMAND and "DSHOT_MIN" in parameters:
         # DSHOT_MIN is the idle throttle as a fraction of the range, 0 to 1, so that the lower end is at idle.
         low = float(round(parameters["DSHOT_MIN"] * MAX_DSHOT))
@@ -272,11 +273,11 @@ def _px4_limit(driver: OutputDriver, end: str, parameters: Parameters) -> float:
     return 0.0
 
 
-MIN_STOP = 0.5
+MIN_UPPER_LIMIT = 0.5
 """Smallest fraction of the range that counts as the mixer's limit; a parameter with less has another meaning."""
 
 
-def _ardupilot_stop(parameters: Parameters) -> float:
+def _ardupilot_upper_limit(parameters: Parameters) -> float:
     """Returns the upper limit that ArduPilot's mixer sets to the motors, as a fraction of the range of their outputs.
 
     From ArduCopter 3.4 on it is MOT_SPIN_MAX. In 3.3 it is MOT_THST_MAX, a fraction of the range above THR_MIN, which
@@ -289,23 +290,23 @@ def _ardupilot_stop(parameters: Parameters) -> float:
     Returns:
         The fraction, 0.5 to 1; 1 without such a parameter.
     """
-    stop = 1.0
+    upper_limit = 1.0
     idle = parameters.get("THR_MIN", 0.0) / PER_MILLE
     if "MOT_SPIN_MAX" in parameters:
-        stop = parameters["MOT_SPIN_MAX"]
+        upper_limit = parameters["MOT_SPIN_MAX"]
     elif "MOT_THST_MAX" in parameters:
-        stop = idle + (1 - idle) * parameters["MOT_THST_MAX"]
+        upper_limit = idle + (1 - idle) * parameters["MOT_THST_MAX"]
     elif parameters.get("MOT_TCRV_ENABLE"):
-        stop = parameters.get("MOT_TCRV_MAXPCT", 100.0) / 100
-    return stop if MIN_STOP <= stop <= 1 else 1.0
+        upper_limit = parameters.get("MOT_TCRV_MAXPCT", 100.0) / 100
+    return upper_limit if MIN_UPPER_LIMIT <= upper_limit <= 1 else 1.0
 
 
-DEFAULT_LOWER_STOP = 0.15
+DEFAULT_LOWER_LIMIT = 0.15
 """Fraction of the range at which ArduPilot's motors idle in flight where no parameter has it: MOT_SPIN_MIN's
 default."""
 
 
-def _ardupilot_lower_stop(parameters: Parameters) -> float:
+def _ardupilot_lower_limit(parameters: Parameters) -> float:
     """Looks up the output at which ArduPilot's motors idle in flight.
 
     The parameter is MOT_SPIN_MIN from ArduCopter 3.4 on, and THR_MIN, per mille of the range, before.
@@ -320,4 +321,4 @@ def _ardupilot_lower_stop(parameters: Parameters) -> float:
         return parameters["MOT_SPIN_MIN"]
     if "THR_MIN" in parameters:
         return parameters["THR_MIN"] / PER_MILLE
-    return DEFAULT_LOWER_STOP
+    return DEFAULT_LOWER_LIMIT

@@ -136,12 +136,12 @@ class InputSelector:
         for number in motors.geometry.channels:
             port, offset = divmod(number - 1, port_width)
             channels.append(PortChannel(port, offset))
-        # A climb of a few seconds at one throttle looks like an upper stop: only parameters show where that is.
-        stop = output_scale(motors.outputs, vehicle.parameters, motors.geometry.drivers).stop
+        # A climb of a few seconds at one throttle looks like an upper limit: only parameters show where that is.
+        scale = output_scale(motors.outputs, vehicle.parameters, motors.geometry.drivers)
         is_recent = motors.time >= now - MEMORY_SECONDS
         recent = replace(
             motors,
-            scale=replace(motors.scale, stop=stop),
+            scale=replace(motors.scale, upper_limit=scale.upper_limit),
             time=motors.time[is_recent],
             boot=motors.boot[is_recent],
             outputs=motors.outputs[is_recent],

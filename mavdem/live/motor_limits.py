@@ -49,7 +49,7 @@ def motor_at_upper_limit(motors: MotorOutputs, is_at_upper: Flags, now: float) -
     recent = slice(-max(recent_count, MIN_LIMIT_SAMPLES), None)
     mean_outputs = motors.scale.fraction(motors.outputs[recent]).mean(axis=0)
     # Where all thrust is in use, as in a climb at full throttle, it is by chance which motor is at its limit.
-    has_reserve = mean_outputs.min() < SPENT_THRUST_SHARE * motors.scale.stop
+    has_reserve = mean_outputs.min() < SPENT_THRUST_SHARE * motors.scale.upper_limit
     fact = _limited_motor(motors.geometry.names, is_at_upper[recent])
     if fact is None or not has_reserve:
         return None

@@ -269,12 +269,12 @@ class Controller(ImmutableResult):
         mixer = np.array(self.mixer)
         return thrust @ mixer / (mixer @ mixer)
 
-    def outputs_at_limit(self, outputs: Array, upper_stop: float = 1.0) -> Flags:
+    def outputs_at_limit(self, outputs: Array, upper_limit: float = 1.0) -> Flags:
         """Returns in which samples at least one motor is at an end of its range, within ``LIMIT_TOLERANCE``.
 
         Args:
             outputs: outputs of the motors (T, r), as fractions of their range; a single column is the demand itself.
-            upper_stop: highest output that the autopilot sets, as a fraction of the range.
+            upper_limit: highest output that the autopilot sets, as a fraction of the range.
 
         Returns:
             Flags (T,).
@@ -283,7 +283,7 @@ class Controller(ImmutableResult):
         if outputs.shape[1] == 1:
             lowest, highest = 0.0, 1.0
         is_low = outputs <= lowest + LIMIT_TOLERANCE
-        is_high = outputs >= min(highest, upper_stop) - LIMIT_TOLERANCE
+        is_high = outputs >= min(highest, upper_limit) - LIMIT_TOLERANCE
         return np.asarray((is_low | is_high).any(axis=1))
 
     def _thrust_command(self, outputs: Array) -> Array:

@@ -253,7 +253,7 @@ def _loop_messages(
     streams = [rate, Messages(outputs.time, demand)]
     for values in candidates:
         streams += [Messages(time, values), Messages(time, values + angle_feedback)]
-    is_at_limit = controller.outputs_at_limit(outputs.values, inputs.scale.stop)
+    is_at_limit = controller.outputs_at_limit(outputs.values, inputs.scale.upper_limit)
     return _LoopMessages(
         streams=streams,
         at_limit=Messages(outputs.time, is_at_limit.astype(np.float64)),

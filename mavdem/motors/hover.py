@@ -41,11 +41,11 @@ class HoverFigures:
     trim_share: Numbers
     """(k,) ``trim_of_range`` over its mean of all motors: 1 where all work equally hard."""
     headroom: Numbers
-    """(k,) upper stop less the 99th percentile of the output, as a fraction of the range: what is left for gusts."""
+    """(k,) upper limit less the 99th percentile of the output, as a fraction of the range: what is left for gusts."""
     at_upper_limit: Numbers
-    """(k,) fraction of the time within 1 % of the range of the upper stop or, where none shows, of full throttle."""
+    """(k,) fraction of the time within 1 % of the range of the upper limit or, where none shows, of full throttle."""
     at_lower_limit: Numbers
-    """(k,) fraction of the time within 1 % of the range of the lower stop, the motor's idle in flight, or below it."""
+    """(k,) fraction of the time within 1 % of the range of the lower limit, the motor's idle in flight, or below it."""
     roll: float | None
     """Mean roll, degrees: steady lean against wind or an offset centre of mass; None where it is not known."""
     pitch: float | None
@@ -155,7 +155,7 @@ def hover_figures(
         trim=tuple(outputs.mean(axis=0).tolist()),
         trim_of_range=tuple(mean_fractions.tolist()),
         trim_share=tuple((mean_fractions / mean_fractions.mean()).tolist()),
-        headroom=tuple(np.maximum(scale.stop - highest, 0.0).tolist()),
+        headroom=tuple(np.maximum(scale.upper_limit - highest, 0.0).tolist()),
         at_upper_limit=tuple(is_at_upper.mean(axis=0).tolist()),
         at_lower_limit=tuple(is_at_lower.mean(axis=0).tolist()),
         roll=lean.get("roll"),

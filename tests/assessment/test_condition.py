@@ -95,7 +95,7 @@ def test_a_stop_that_a_parameter_states_is_not_guessed_from_the_outputs():
         telemetry = HOVER.telemetry(parameters=known)
         outputs = pulses(telemetry)
         outputs[0, -200:] = 1750.0
-        assert Signals(with_pulses(telemetry, outputs)).motors.scale.stop == approx(stop)
+        assert Signals(with_pulses(telemetry, outputs)).motors.scale.upper_limit == approx(stop)
 
 
 def test_motors_that_never_ran_have_no_figures():

@@ -319,7 +319,7 @@ def test_the_collective_is_the_motors_mean_or_else_the_thrust_asked_for():
 )
 def test_a_stop_is_where_motors_stay_as_nowhere_below(stay, close, depth, highest, stops):
     shares = np.repeat([highest, highest - depth, 0.4], [stay, close, 1000 - stay - close])
-    assert motor_outputs._observed_upper_stop(shares[:, None]) == (highest if stops else 1.0)
+    assert motor_outputs._observed_upper_limit(shares[:, None]) == (highest if stops else 1.0)
 
 
 def test_a_position_is_metres_north_east_down_of_the_first_even_over_the_date_line():

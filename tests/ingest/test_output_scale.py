@@ -94,7 +94,7 @@ def test_the_range_of_px4s_outputs_is_that_of_their_driver(
     outputs, drivers, parameters, name, low, high
 ):
     scale = output_scale(np.array([outputs]), parameters, drivers)
-    assert (scale.name, scale.low, scale.high, scale.stop) == (name, low, high, 1.0)
+    assert (scale.name, scale.low, scale.high, scale.upper_limit) == (name, low, high, 1.0)
     assert scale.unit == ("µs" if name == "PWM" else "")
     assert scale.step == np.diff(np.unique(outputs)).min()
 
@@ -116,7 +116,7 @@ def test_the_range_of_px4s_outputs_is_that_of_their_driver(
 def test_ardupilots_motors_stop_where_its_version_lets_them(parameters, highest):
     """The highest outputs in logs of 4.2, 3.3 and 3.2, in which a motor was at its limit for long."""
     scale = output_scale(np.array([[1061.0, 1800.0]]), parameters)
-    assert scale.low + scale.stop * (scale.high - scale.low) == approx(highest, abs=0.5)
+    assert scale.low + scale.upper_limit * (scale.high - scale.low) == approx(highest, abs=0.5)
 
 
 @mark.parametrize(

@@ -728,7 +728,7 @@ def test_the_first_seconds_of_a_flight_name_no_motor():
 @mark.parametrize("top", [1800.0, 2000.0])
 def test_a_climb_at_one_throttle_is_no_stop_of_the_motors(top):
     made = replay(Flight(Topped(hovering=12.0, top=top)).frames(end=16.0))
-    assert {setup.scale.stop for setup in made.setups.values()} == {1.0}
+    assert {setup.scale.upper_limit for setup in made.setups.values()} == {1.0}
     assert not said(made, MotorsLight.MOTOR_LIMITED)
 
 

@@ -12,7 +12,7 @@ from mavdem.assessment.limits import worst_fact
 from mavdem.assessment.motor_speeds import REPORTS_OF_MOTOR
 from mavdem.containers import Numbers
 from mavdem.dataset.motor_outputs import MotorOutputs, motor_outputs_or_reason
-from mavdem.dataset.quality import STOP_MARGIN, samples_at_limits
+from mavdem.dataset.quality import LIMIT_MARGIN, samples_at_limits
 from mavdem.dataset.segments import Segments, in_segments, settled_segments
 from mavdem.errors import NotLearnable
 from mavdem.facts import Code, Fact, Level
@@ -195,7 +195,7 @@ def _are_limited_by_hard_climb(
     if not limited_rows.any():
         return False
     mean_commands = commands[limited_rows].mean(axis=1)
-    limited_together = mean_commands >= SPENT_THRUST_SHARE * motors.scale.stop
+    limited_together = mean_commands >= SPENT_THRUST_SHARE * motors.scale.upper_limit
     return bool(limited_together.mean() > MIN_TOGETHER_FRACTION)
 
 
@@ -364,7 +364,7 @@ def _trim_or_headroom(evidence: Evidence, hover: HoverFigures) -> Fact:
         highest_trim = max(hover.trim_of_range)
         names = []
         for name, headroom_of_motor in zip(hover.motors, hover.headroom, strict=True):
-            if headroom_of_motor - headroom < STOP_MARGIN:
+            if headroom_of_motor - headroom < LIMIT_MARGIN:
                 names.append(name)
         excess = None
         if trim.code in UNKNOWN_TRIMS and len(names) == 1:
