@@ -1,5 +1,6 @@
 """What changed between two states of a vehicle (before and after): its figures, and its status lights."""
 
+import re
 from collections import Counter
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from math import ceil, degrees, inf, log
@@ -45,16 +46,13 @@ from mavdem.ingest.vocabulary import RATE_PID_GAINS
 from mavdem.report.blocks import Blocks, Rated, Sentence, Table, caution, shortened
 from mavdem.report.fleet import vehicle_type
 from mavdem.report.numbers import counted, listed, plus_minus, rounded, without_remark
-from mavdem.report.templates import capitalize_first, render_section, without_full_stop
+from mavdem.report.templates import render_section, without_full_stop
 
 Review = Mapping[str, Any]
 """The document of a review, as ``report.json`` has it; any of its keys may be missing."""
 
 NO_REVIEWS: Mapping[str, Review] = MappingProxyType({})
 """No review documents, as of fleets."""
-
-NO_REASONS: Mapping[str, str] = MappingProxyType({})
-"""No side whose motors are known to differ from those of other flights of the vehicle."""
 
 MIN_WHOLE_PERCENT = 3.0
 """Half width, %, from which on a relative change is shown without decimals, which would mean nothing: a choice."""
@@ -89,6 +87,9 @@ SHOWN_QUANTITIES = {
 }
 """How quantities are shown, by their kind."""
 
+MOTOR_AT_START = re.compile(r"^[Mm]otor \d+ (\([^()]*\) )?")
+"""The motor at the beginning of a sentence, with its place, such as "Motor 1 (front right) "."""
+
 MAX_MOTOR_CHARACTERS = 30
 """Largest length of what a table says of a motor in one flight: two of them fit into 80 columns with the changes."""
 
@@ -109,7 +110,6 @@ def headline_of_comparison(
     reviews: Mapping[str, Review],
     difference: VehicleDifference,
     parameters: Sequence[ParameterChange] = (),
-    health_reasons: Mapping[str, str] = NO_REASONS,
 ) -> list[Sentence]:
     """Returns the sentences that head a comparison on the terminal and on pages: what matters of all that differs.
 
@@ -117,8 +117,7 @@ def headline_of_comparison(
 
     1. Whether the states are of two vehicles.
     2. The lights (judgements of one subject each, such as the motors) that are bad on a side, and that of the motors
-       where both sides warn of different motors, or one side does and the other does not; and how the motors of a
-       flight differ from those of the vehicle's other flights.
+       where both sides warn of different motors, or one side does and the other does not.
     3. Whether compared figures changed. One change is named: of a loop with a bad margin, or else the surest one.
     4. The changed gains of loops with a bad margin or a changed figure, or else all changed gains, and their effects.
        Where no figure changed that they do not explain, they come first.
@@ -128,8 +127,6 @@ def headline_of_comparison(
         reviews: review documents of both logs, by side, "A" and "B"; of a fleet, empty.
         difference: comparison of the two states.
         parameters: parameters of the autopilot that changed.
-        health_reasons: how the motors of a flight differ from those of all other flights of its vehicle, by side; none
-            where they do not, or only these two flights are known.
 
     Returns:
         The sentences with their leads.
@@ -140,8 +137,6 @@ def headline_of_comparison(
     light_sentences = [Sentence(light.text, f"{light.name.capitalize()}:") for light in bad_lights]
     if not any(light.name == Light.MOTORS for light in bad_lights):
         light_sentences += _sentence_on_watched_motors(reviews)
-    for side, reason in health_reasons.items():
-        light_sentences.append(Sentence(reason, f"Motors of {side} beside other flights:"))
     bad_axes = {light.axis for light in bad_lights if light.name == Light.MARGINS}
     changes = _changes_by_relevance(difference, bad_axes)
     changed_axes = {
@@ -159,8 +154,7 @@ def headline_of_comparison(
         difference,
         changes,
         has_bad_light=bool(bad_lights),
-        # Of motors that both flights show in trouble it is not known whether they differ.
-        has_motor_difference=has_motor_difference(reviews) or len(health_reasons) == 1,
+        has_motor_difference=has_motor_difference(reviews),
     )
     gain_sentences = render_section(
         "difference_gains",
@@ -178,7 +172,7 @@ def headline_of_comparison(
         *(_identity_cautions(difference) if _are_two_vehicles(difference) else ()),
         *light_sentences,
         *ordered_sentences,
-        *_sentences_on_watched_lights(reviews),
+        *sentences_on_watched_lights(reviews),
     ]
 
 
@@ -368,7 +362,7 @@ def _sentence_on_watched_motors(reviews: Mapping[str, Review]) -> list[Sentence]
     return [Sentence(text, f"{Light.MOTORS.capitalize()}:")]
 
 
-def _sentences_on_watched_lights(reviews: Mapping[str, Review]) -> list[Sentence]:
+def sentences_on_watched_lights(reviews: Mapping[str, Review]) -> list[Sentence]:
     """Returns a sentence on each light of the vehicle that is to be watched on one side, and good on the other.
 
     The lights of the wind and of the log are left out: they judge the day and the recording, and not the vehicle. That
@@ -514,7 +508,7 @@ def _motor_cell(review: Review, fact: JsonValues | None) -> str:
         is_known=True,
         loss=value_at(fact, "figures.loss"),
         time=fact.get("time"),
-        sentence=fact["sentence"].removeprefix(f"{capitalize_first(fact['subject'])} "),
+        sentence=MOTOR_AT_START.sub("", fact["sentence"]),
     )
     text = without_full_stop(shortened(words.text, MAX_MOTOR_CHARACTERS))
     return Rated(text, Level(fact["level"]))
@@ -898,10 +892,11 @@ def next_blocks(
     """
     if difference.is_of_same_flight:
         return []
-    steps = steps_of_bad_logs(difference, reviews)
+    are_two_vehicles = len(_known_vehicles(difference)) > 1
+    steps = _steps_of_bad_logs(reviews, are_two_vehicles=are_two_vehicles)
     if steps:
         return steps
-    if len(_known_vehicles(difference)) > 1:
+    if are_two_vehicles:
         return []
     changes = difference.changes_with(QuantityOutcome.CHANGED)
     unexplained_changes = _changes_by_cause(difference, changes).unexplained
@@ -922,24 +917,16 @@ def _known_vehicles(difference: VehicleDifference) -> set[str]:
     return {*names_before, *names_after} - {UNKNOWN}
 
 
-def steps_of_bad_logs(
-    difference: VehicleDifference, reviews: Mapping[str, Review]
-) -> list[Sentence]:
+def _steps_of_bad_logs(reviews: Mapping[str, Review], *, are_two_vehicles: bool) -> list[Sentence]:
     """Returns the next step of each log's own review in which a light is bad, that of the later log first.
 
     The step of the earlier log is left out if each of its bad lights is good in the later log of the same vehicle, or
-    says there the same of the same motor or axis. If A and B are two vehicles, B does not show whether A was mended.
+    says there the same of the same motor or axis.
 
     Args:
-        difference: comparison of two states, with the names of the vehicles of each.
         reviews: review documents of both logs, by side, "A" and "B".
-
-    Returns:
-        A list with one sentence, two if both logs have a bad light, or an empty one.
+        are_two_vehicles: whether A and B are two vehicles, so that B does not show whether A was mended.
     """
-    if difference.is_of_same_flight:
-        return []
-    are_two_vehicles = len(_known_vehicles(difference)) > 1
     later_side = _later_side(reviews)
     (earlier_side,) = set(STATE_NAMES) - {later_side}
     sides = []

@@ -40,11 +40,11 @@ from mavdem.report.difference import (
     motor_table,
     next_blocks,
     same_sentences,
-    steps_of_bad_logs,
+    sentences_on_watched_lights,
 )
 from mavdem.report.loops import LOOP_FIGURES, TUNED_FIGURES
 from mavdem.report.numbers import counted, rounded
-from mavdem.report.pages.motor_trouble import MotorTrouble
+from mavdem.report.pages.motor_trouble import MotorTrouble, review_with_trouble
 from mavdem.report.pages.page import Chapter, PageLink, render_document
 from mavdem.report.palette import PREDICTED, TRUTH
 from mavdem.report.templates import render_section, rounded_up
@@ -111,13 +111,15 @@ def comparison_page(
         troubles: trouble with the motors that a flight shows beside all other flights of its vehicle, by side, "A" or
             "B"; none where only these two flights are known.
     """
-    reviews_by_side = dict(zip(SIDE_COLOURS, reviews, strict=True))
+    reviews_by_side = {
+        side: review_with_trouble(review, troubles.get(side))
+        for side, review in zip(SIDE_COLOURS, reviews, strict=True)
+    }
     legend = {
         side: _legend_name(side, name, review)
         for (side, review), name in zip(reviews_by_side.items(), names, strict=True)
     }
-    health_reasons = {side: trouble.reason for side, trouble in troubles.items()}
-    headline = headline_of_comparison(reviews_by_side, difference, parameters, health_reasons)
+    headline = headline_of_comparison(reviews_by_side, difference, parameters)
     steps_of_axes = {}
     for axis in AXES:
         charts = tuple(_step_charts(reviews_by_side, legend, axis))
@@ -137,7 +139,7 @@ def comparison_page(
             *_chart_group(_trim_chart(reviews_by_side, legend, difference), TRIMS_CAPTION),
         ],
     )
-    are_motors_first = bool(warned_motors or troubles)
+    are_motors_first = bool(warned_motors)
     chapters = [
         Chapter("Both flights", (), _overview_groups(reviews_by_side, legend, series_charts)),
         *([motors] if are_motors_first else []),
@@ -164,36 +166,21 @@ def comparison_page(
         ),
     ]
     summary: Blocks = []
+    # What is to be watched stands below the headlines.
+    watched = sentences_on_watched_lights(reviews_by_side)
     for sentence in headline:
-        summary.append(headline_sentence(f"{sentence.lead} {sentence.text}".strip()))
+        if sentence in watched:
+            summary.append(sentence)
+        else:
+            summary.append(headline_sentence(f"{sentence.lead} {sentence.text}".strip()))
     if not difference.is_of_same_flight:
         headlines = {
             side: value_at(review, "headline.sentence") for side, review in reviews_by_side.items()
         }
         summary += headline_blocks(headlines, headline)
-    summary += _next_steps(difference, reviews_by_side, troubles)
+    summary += next_blocks(difference, reviews_by_side)
     subtitle = f"{legend['A']} and {legend['B']} over each other."
     return render_document(" and ".join(names), subtitle, summary, chapters, back)
-
-
-def _next_steps(
-    difference: VehicleDifference, reviews_by_side: Reviews, troubles: Mapping[str, MotorTrouble]
-) -> Blocks:
-    """Returns the next steps after a comparison: of bad logs, or else of troubled motors, or else of the comparison.
-
-    Args:
-        difference: differences between the vehicles.
-        reviews_by_side: review documents of both logs, by side.
-        troubles: trouble with the motors beside other flights of the vehicle, by side.
-    """
-    steps: Blocks = [*steps_of_bad_logs(difference, reviews_by_side)]
-    if steps:
-        return steps
-    for trouble in troubles.values():
-        for step in trouble.next_step:
-            if step not in steps:
-                steps.append(step)
-    return steps or [*next_blocks(difference, reviews_by_side)]
 
 
 def _change_chapter(difference: VehicleDifference) -> Chapter:

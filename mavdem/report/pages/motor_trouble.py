@@ -10,10 +10,14 @@ import re
 from functools import partial
 from typing import NamedTuple
 
+from mavdem.containers import JsonValues
 from mavdem.facts import Level
+from mavdem.facts.lights import Light
 from mavdem.facts.motors import MotorHealth
+from mavdem.fleet.report_columns import value_at
 from mavdem.fleet.row import FlightRow
-from mavdem.report.blocks import Blocks
+from mavdem.report.blocks import Sentence
+from mavdem.report.difference import Review
 from mavdem.report.fleet import HEALTH_LEVELS, TROUBLED_HEALTHS, motors_level
 from mavdem.report.pages.environment import environment, render_page
 from mavdem.report.pages.page import PageLink
@@ -61,8 +65,11 @@ class MotorTrouble(NamedTuple):
     reason: str
     """The evidence, in sentences."""
 
-    next_step: Blocks
+    next_step: list[Sentence]
     """What to do next; empty of a drift without a suspected motor."""
+
+    motor: str
+    """Name of the suspected motor, such as "motor 1"; empty where none is."""
 
     comparison: PageLink | None = None
     """The page that compares the flight with a sound one; None where there is no such page."""
@@ -79,12 +86,43 @@ def motor_trouble(row: FlightRow | None) -> MotorTrouble | None:
     """
     if row is None or row.health not in TROUBLED_HEALTHS:
         return None
-    next_step: Blocks = []
+    next_step: list[Sentence] = []
+    motor = f"motor {row.suspect_motor}" if row.suspect_motor else ""
     # A fault has one even where the motor is not known.
-    if row.health == MotorHealth.FAULT or row.suspect_motor:
-        motor = f"motor {row.suspect_motor}" if row.suspect_motor else ""
+    if row.health == MotorHealth.FAULT or motor:
         next_step = [*render_section("difference_next", motor=motor, is_weaker=bool(motor))]
-    return MotorTrouble(HEALTH_LEVELS[MotorHealth(row.health)], row.health_reason or "", next_step)
+    return MotorTrouble(
+        HEALTH_LEVELS[MotorHealth(row.health)], row.health_reason or "", next_step, motor
+    )
+
+
+def review_with_trouble(review: Review, trouble: MotorTrouble | None) -> Review:
+    """Returns the review of a flight with trouble as the light of its motors, its headline and its next step.
+
+    So the flight is compared with another one by the same judgement as lists and its own page show.
+
+    Args:
+        review: review document of the flight, by its log alone; it stays as it is.
+        trouble: trouble with the motors beside other flights; None if there is none.
+
+    Returns:
+        A changed copy; the review itself if its motors are as bad by the log alone.
+    """
+    if trouble is None:
+        return review
+    lights = review.get("lights") or {}
+    level_of_log = Level(value_at(lights, f"{Light.MOTORS}.level") or Level.UNKNOWN)
+    if motors_level(level_of_log, trouble.level) is level_of_log:
+        return review
+    changed: JsonValues = {}
+    if Light.MOTORS in lights:
+        light: JsonValues = {"level": trouble.level, "subject": trouble.motor}
+        changed["lights"] = lights | {Light.MOTORS: light | {"sentence": trouble.reason}}
+    if value_at(review, "headline.level") != Level.BAD:
+        changed["headline"] = {"level": trouble.level, "sentence": trouble.reason}
+        for step in trouble.next_step:
+            changed["next_step"] = {"sentence": step.text}
+    return {**review, **changed}
 
 
 def with_motor_trouble(page: str, trouble: MotorTrouble | None) -> str:

@@ -5,7 +5,14 @@ import re
 from fleet_rows import flight_row
 from pytest import mark
 
-from mavdem.report.pages.motor_trouble import motor_trouble, with_motor_trouble
+from mavdem.fleet.difference import vehicle_difference
+from mavdem.report.difference import headline_of_comparison, motor_table, next_blocks
+from mavdem.report.pages.difference_page import comparison_page
+from mavdem.report.pages.motor_trouble import (
+    motor_trouble,
+    review_with_trouble,
+    with_motor_trouble,
+)
 
 PAGE = """<main>
 <h1>a.bin</h1>
@@ -21,9 +28,9 @@ PAGE = """<main>
 CRASHED_PAGE = PAGE.replace("blocks assessment", "blocks assessment doubted")
 
 
-def trouble(health, motor=None):
+def trouble(health, motor=None, reason="It differs."):
     return motor_trouble(
-        flight_row("quad", 1, health=health, health_reason="It differs.", suspect_motor=motor)
+        flight_row("quad", 1, health=health, health_reason=reason, suspect_motor=motor)
     )
 
 
@@ -73,3 +80,37 @@ def test_a_drift_stands_below_the_headline_of_a_log_that_shows_worse():
     assert page.count("Next:") == 1 and "other flights:</strong> It differs." in page
     assert marked(page, "drift", 2) == page
     assert marked(page, "fault", 2) == marked(CRASHED_PAGE, "fault", 2)
+
+
+@mark.parametrize("health, level", [("fault", "bad"), ("drift", "watch")])
+def test_a_comparison_shows_the_motors_as_they_are_beside_other_flights(health, level):
+    motors = {"level": "good", "sentence": "No motor lost over 32 %."}
+    review = {
+        "lights": {"motors": motors},
+        "headline": {"level": "good", "sentence": "Nothing wrong found."},
+        "next_step": {"sentence": "Fly anew."},
+    }
+    weak = trouble(health, 1, "Motor 1 (front right) lost about 22 % of its thrust.")
+    reviews = {"A": review, "B": review_with_trouble(review, weak)}
+    assert review["lights"]["motors"] is motors and review_with_trouble(review, None) is review
+    flights = [[flight_row("quad", number)] for number in (1, 2)]
+    difference = vehicle_difference(*flights)
+    first, second, *_ = headline_of_comparison(reviews, difference)
+    assert first.lead == "Motors:"
+    assert first.text == f"good in A, {level} in B. {weak.reason}"
+    assert second.lead.startswith("No other")
+    (table,) = motor_table(reviews, difference)
+    assert [row[:2] for row in table.rows][0] == ["motor 1", "no warning"]
+    assert "lost about 22 %" in table.rows[0][2]
+    page = comparison_page(("a", "b"), (review, review), difference, troubles={"B": weak})
+    assert f"good in A, {level} in B. {weak.reason}" in page
+    assert "<strong>B by itself:</strong>" not in page
+    if health == "fault":
+        (step,) = next_blocks(difference, reviews)
+        assert step.text == "Inspect motor 1 and its propeller before the next flight."
+
+
+def test_a_log_that_shows_worse_is_compared_as_it_is():
+    review = {"lights": {"motors": {"level": "bad", "sentence": "Motor 2 stopped."}}}
+    assert review_with_trouble(review, trouble("drift", 1)) is review
+    assert review_with_trouble(review, trouble("fault", 1)) is review
