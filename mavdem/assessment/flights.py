@@ -3,7 +3,7 @@
 from collections.abc import Callable
 
 from mavdem.dataset import phases
-from mavdem.dataset.flight_states import airborne_intervals
+from mavdem.dataset.flight_states import airborne_intervals, armed_intervals
 from mavdem.dataset.grounded import without_grounded
 from mavdem.dataset.intervals import Intervals, intersection
 from mavdem.dataset.segments import Segment, Segments, recorded_spans, settled_segments
@@ -17,6 +17,9 @@ RECOVERY_SECONDS = 5.0
 
 Events of one kind that follow each other within this time are one event.
 """
+
+MIN_DISARMED_SECONDS = 2.0
+"""Seconds for which a vehicle must be disarmed to have landed: a choice, more than one heartbeat that may be wrong."""
 
 MIN_FLIGHT_SECONDS = 1.0
 """Shortest time off the ground, s, that is listed as a flight: a land detector may be wrong for a moment. A choice."""
@@ -71,7 +74,8 @@ def total_duration(segments: Segments) -> float:
 def flights_in_boot(signals: Signals, boot: int) -> Intervals:
     """Returns the intervals of a boot in which the vehicle is off the ground.
 
-    A pause of less than ``RECOVERY_SECONDS`` is not a landing: a land detector may be mistaken in the air.
+    A pause of less than ``RECOVERY_SECONDS`` is not a landing: a land detector may be mistaken in the air. But a
+    vehicle that was disarmed meanwhile, for at least ``MIN_DISARMED_SECONDS``, has landed.
 
     Args:
         signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.
@@ -80,7 +84,11 @@ def flights_in_boot(signals: Signals, boot: int) -> Intervals:
     Returns:
         Start and end of each flight, s since boot; infinite if the record begins or ends in the air.
     """
-    return merge_close_intervals(airborne_intervals(signals, boot), RECOVERY_SECONDS)
+    airborne = airborne_intervals(signals, boot)
+    flights: Intervals = []
+    for armed in merge_close_intervals(armed_intervals(signals, boot), MIN_DISARMED_SECONDS):
+        flights += merge_close_intervals(intersection(airborne, [armed]), RECOVERY_SECONDS)
+    return flights
 
 
 def flights_off_ground(signals: Signals, boot: int) -> Intervals:

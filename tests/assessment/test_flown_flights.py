@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 from hover import ARMED, Hover, changed, columns, log_of, with_pulses
-from pytest import approx
+from pytest import approx, mark
 
 from mavdem.assessment.assess import assess
 from mavdem.assessment.flown_flights import flown_flights, largest_height, total_distance
@@ -123,6 +123,20 @@ def test_an_estimator_that_assumes_a_standstill_gives_no_distance():
         status = columns(time, flags=velocity_and_height | standstill)
         flights = flown_flights(Signals(changed(telemetry, "EKF_STATUS_REPORT", **status)))
         assert (total_distance(flights) is not None) is is_known
+
+
+@mark.parametrize("disarmed_seconds, flight_count", [(3.0, 2), (1.0, 1)])
+def test_a_vehicle_that_was_disarmed_has_landed_however_soon_it_flies_again(
+    disarmed_seconds, flight_count
+):
+    """A land detector alone may be mistaken for a moment, and a single heartbeat may be wrong."""
+    telemetry = HOVER.telemetry()
+    beat = telemetry.messages["HEARTBEAT"]
+    is_disarmed = (beat["time"] > 20.0) & (beat["time"] <= 20.0 + disarmed_seconds)
+    telemetry = changed(
+        telemetry, "HEARTBEAT", base_mode=np.where(is_disarmed, 1, beat["base_mode"])
+    )
+    assert len(flown_flights(Signals(telemetry))) == flight_count
 
 
 def test_a_short_time_just_off_the_ground_is_a_hop_and_no_flight():
