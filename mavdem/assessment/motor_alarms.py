@@ -35,8 +35,8 @@ def motor_alarms(signals: Signals) -> tuple[MotorChange, ...]:
         signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.
 
     Returns:
-        The changes, boot by boot; none if the motors were not recorded, or at less than 6 Hz, or if the vehicle is no
-        multirotor.
+        The changes, boot by boot; none if the motors were not recorded, or at less than 6 Hz, or if the vehicle is not
+        a multirotor.
     """
     motors = signals.motors
     if motors is None or signals.telemetry.vehicle not in POSSIBLE_MULTIROTORS:

@@ -95,7 +95,7 @@ def hover_of(signals: Signals, components: Sequence[Component] = ()) -> HoverFig
         Trim, headroom and shares at the limits of each motor, and the mean lean of the vehicle, degrees.
 
     Raises:
-        NotLearnable: There is no settled flight with motor outputs, the motors never ran, or the vehicle is no
+        NotLearnable: There is no settled flight with motor outputs, the motors never ran, or the vehicle is not a
             multirotor.
     """
     segments = settled_segments(signals)

@@ -315,10 +315,10 @@ HEADER_FIELDS = ("system_id", "component_id", "sequence", "message_id")
 
 
 def write_mcap(file: BinaryIO, stream: FrameStream) -> int:
-    """Writes every frame with its stamp, and the dialect's messages as JSON too.
+    """Writes the frames of a MAVLink stream to an MCAP file, and their messages a second time as JSON.
 
-    Frames keep the recording complete; from the JSON a viewer can plot fields. A stamp beyond the year 2554, which MCAP
-    cannot hold, is replaced by the stamp of the frame before.
+    The frames keep the recording complete, and from the JSON a viewer can plot fields. A stamp beyond the year 2554,
+    which MCAP cannot hold, is replaced by the stamp of the frame before.
 
     Args:
         file: Open file to write to.
