@@ -103,7 +103,7 @@ def test_a_comparison_shows_the_motors_as_they_are_beside_other_flights(health, 
     assert [row[:2] for row in table.rows][0] == ["motor 1", "no warning"]
     assert "lost about 22 %" in table.rows[0][2]
     page = comparison_page(("a", "b"), (review, review), difference, troubles={"B": weak})
-    assert f"good in A, {level} in B. {weak.reason}" in page
+    assert f"Motors: good in A, {level} in B. Motor 1 (front right) lost about" in page
     assert "<strong>B by itself:</strong>" not in page
     if health == "fault":
         (step,) = next_blocks(difference, reviews)
