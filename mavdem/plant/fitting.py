@@ -114,7 +114,8 @@ class LogPosterior(NamedTuple):
     """Log posterior density of the gray-box model's parameters; an ``Objective`` for Fisher scoring.
 
     The level of each window's prediction errors is maximised over, so that a window of N errors contributes
-    −N/2 · ln(mean square) to the log likelihood. No delay is below 0: a point with such a delay is first moved to 0.
+    −N/2 · ln(mean square) to the log likelihood. A point outside the bounds of the model, such as one with a delay
+    below 0, is first moved to them.
     """
 
     model: GrayBoxModel
@@ -125,7 +126,7 @@ class LogPosterior(NamedTuple):
 
     def value(self, theta: Array) -> float:
         """Returns the log posterior density of θ (k,), nats, up to a constant; NaN where it does not exist."""
-        theta = self.model.with_valid_delay(theta)
+        theta = np.clip(theta, *self.model.bounds)
         value = self._log_prior(theta)
         for errors, _ in self.innovations(theta[None]):
             value += _log_likelihood(errors[0])
@@ -134,10 +135,10 @@ class LogPosterior(NamedTuple):
     def expand(self, theta: Array) -> QuadraticExpansion:
         """Expands the log posterior about θ (k,), for the next step of the search.
 
-        It is the result of :meth:`full_expansion`, except at the bound of the delay. If the delay is 0 and the density
-        would increase towards negative delays, the delay is kept fixed by removing it from gradient and curvature
-        (active-set method: Nocedal and Wright, Numerical Optimization, 2nd ed., sec. 16.5). Otherwise the other
-        parameters would change in each step as if the delay became negative.
+        It is the result of :meth:`full_expansion`, except at bounds. If the delay is 0 and the density would increase
+        towards negative delays, the delay is kept fixed by removing it from gradient and curvature (active-set method:
+        Nocedal and Wright, Numerical Optimization, 2nd ed., sec. 16.5), and so is any other parameter at its bound.
+        Otherwise the other parameters would change in each step as if the delay became negative.
 
         Args:
             theta: parameters θ (k,).
@@ -146,16 +147,15 @@ class LogPosterior(NamedTuple):
             The expansion: value, gradient (k,) and curvature (k, k).
         """
         expansion = self.full_expansion(theta)
-        index = self.model.delay_index
-        if expansion.point[index] > 0 or expansion.gradient[index] >= 0:
+        lower, upper = self.model.bounds
+        is_fixed = (expansion.point <= lower) & (expansion.gradient < 0)
+        is_fixed |= (expansion.point >= upper) & (expansion.gradient > 0)
+        if not is_fixed.any():
             return expansion
-        gradient = expansion.gradient.copy()
-        gradient[index] = 0.0
-        curvature = expansion.curvature.copy()
-        delay_curvature = curvature[index, index]
-        curvature[index] = 0.0
-        curvature[:, index] = 0.0
-        curvature[index, index] = delay_curvature
+        gradient = np.where(is_fixed, 0.0, expansion.gradient)
+        is_removed = is_fixed[:, None] | is_fixed
+        curvature = np.where(is_removed, 0.0, expansion.curvature)
+        np.fill_diagonal(curvature, expansion.curvature.diagonal())
         return expansion._replace(gradient=gradient, curvature=curvature)
 
     def full_expansion(self, theta: Array) -> QuadraticExpansion:
@@ -175,7 +175,7 @@ class LogPosterior(NamedTuple):
         Raises:
             numpy.linalg.LinAlgError: the log posterior or its curvature is not finite.
         """
-        theta = self.model.with_valid_delay(theta)
+        theta = np.clip(theta, *self.model.bounds)
         mean, sd = self.model.prior
         steps = FINITE_DIFFERENCE_STEP * np.maximum(MIN_PARAMETER_SCALE, abs(theta))
         value = self._log_prior(theta)
@@ -240,9 +240,9 @@ def fit_gray_box(
     corrected by the observed changes of the gradient, which saves a third of the evaluations
     (docs/evidence/parameters.md).
 
-    The result is the maximum of the posterior over delays of at least 0, and its curvature there. At a delay of 0 the
-    curvature is that towards longer delays. Finally the level of each window is estimated: the ratio of its RMS error
-    to the one that the model expects.
+    The result is the maximum of the posterior within the bounds of the model, and its curvature there. At a delay of 0
+    the curvature is that towards longer delays. Finally the level of each window is estimated: the ratio of its RMS
+    error to the one that the model expects.
 
     Args:
         model: the gray-box model: which refinements and which components of the wind torque it has.
@@ -268,7 +268,8 @@ def fit_gray_box(
     max_steps = MAX_STEPS if first.predicted_gain >= min_gain else 0
     trace, _ = gauss_newton(objective, first, damping, max_steps, corrects_curvature=True)
     last = trace[-1]
-    if last.point[model.delay_index] == 0:
+    lower, upper = model.bounds
+    if ((last.point <= lower) | (last.point >= upper)).any():
         last = objective.full_expansion(last.point)
     levels = []
     for errors, variance in objective.innovations(last.point[None]):

@@ -36,7 +36,12 @@ from mavdem.plant.sampled_plant import (
     with_advanced_jumps,
 )
 from mavdem.plant.simulation import simulate_response
-from mavdem.plant.windows import FlightWindows, cut_windows, responses_to_innovations
+from mavdem.plant.windows import (
+    MAX_JUMP_ADVANCE,
+    FlightWindows,
+    cut_windows,
+    responses_to_innovations,
+)
 from sitl_scenarios.files import scenario_from_table
 from sitl_scenarios.simulation import fly
 
@@ -491,13 +496,20 @@ def test_noise_of_commands_is_what_nothing_predicts():
 
 
 @mark.slow
-@mark.parametrize("advance, possible", [(0.6, False), (-0.3, True)], ids=["late", "early"])
-def test_jumps_may_come_early_in_a_step_and_not_late(advance, possible):
+@mark.parametrize(
+    "seed, advance, fitted",
+    [(0, 0.6, None), (0, -0.3, approx(0.4, abs=0.05)), (1, -0.4, MAX_JUMP_ADVANCE)],
+    ids=["late", "early", "as early as possible"],
+)
+def test_jumps_may_come_early_in_a_step_and_not_late(seed, advance, fitted):
     """The log has the jumps earlier or later than the vehicle: the fit must move them back."""
-    flight = in_closed_loop(0, steering=1.0, wind=0.2)
+    flight = in_closed_loop(seed, steering=1.0, wind=0.2)
     logged = with_advanced_jumps(flight.inputs[None], advance)[0]
     found = physical(replace(flight, inputs=logged, effect_directions=np.sign(MOTORS)))
-    assert (Refinement.JUMPS in found.refinements) is possible
+    assert found.refinements.get(Refinement.JUMPS) == fitted
+    if fitted is not None:
+        effect, _ = found.mean_effect()
+        assert effect == approx(abs(MOTORS).mean(), rel=0.02)
 
 
 def test_uncertain_parameters_widen_it_to_first_order():
