@@ -1,7 +1,6 @@
 """mavdem: what a multirotor really does in wind, learned from its flights by Dynamic Expectation Maximization."""
 
 from importlib import import_module
-from importlib.metadata import version
 from typing import TYPE_CHECKING, Any
 
 from mavdem.lazy_names import lazy_names
@@ -79,11 +78,14 @@ _imported_name = lazy_names(__name__, _MODULES)
 def __getattr__(name: str) -> Any:
     """Imports a public name when it is first used (PEP 562).
 
-    An eager import would load scipy, which takes most of a second: ``mavdem --help`` need not wait for it.
+    An eager import would load scipy, which takes most of a second: ``mavdem --help`` need not wait for it. Nor need it
+    wait for the library that reads the version.
     """
     if name in ("baselines", "evaluate"):
         return import_module(f"mavdem.{name}")
     if name == "__version__":
+        from importlib.metadata import version
+
         return version("mavdem")
     return _imported_name(name)
 

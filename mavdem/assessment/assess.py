@@ -18,7 +18,7 @@ from mavdem.assessment.axis.options import ShowStep, show_nothing
 from mavdem.assessment.ending import find_ending, lower_unconfirmed_crash_reports
 from mavdem.assessment.evidence import Evidence
 from mavdem.assessment.flights import loss_onset
-from mavdem.assessment.judgement import judge, lights_without_loops, unjudged
+from mavdem.assessment.judgement import judge, lights_without_loops, no_purposes, unjudged
 from mavdem.assessment.lights.power import with_batteries_on_ground
 from mavdem.assessment.motion import motion_events
 from mavdem.assessment.motor_failure import with_evidence_of_cause
@@ -183,7 +183,7 @@ def assess_signals(
     # The judgement measures margins, responses and tracking when the lights need them, and then selects headline and
     # next step.
     with progress("Judging the loops", measured=False):
-        judgement = judge(evidence, analysis.findings.purposes, **lights)
+        judgement = judge(evidence, lambda: analysis.findings.purposes, **lights)
     analyses = ReadOnlyDict({analysis.learnability.axis: analysis})
     return Assessment(log, judgement, evidence, analyses)
 
@@ -253,7 +253,13 @@ def _results_by_axis(
     Args:
         log, signals, alarms, start: as for :func:`mavdem.assessment.axis.loops.results_of_axis`.
     """
-    return {axis: results_of_axis(axis, log, signals, alarms, start) for axis in AXES[1:]}
+    results_by_axis = {}
+    for axis in AXES[1:]:
+        results = results_of_axis(axis, log, signals, alarms, start)
+        # The page needs the wind torque, for which this process has time while the first one learns the model.
+        _ = results.estimates.wind
+        results_by_axis[axis] = results
+    return results_by_axis
 
 
 def _evidence_without_loops(
@@ -395,7 +401,7 @@ def with_wind(assessment: Assessment, wind: WindEvidence) -> Assessment:
     other_lights = {
         name: fact for name, fact in assessment.judgement.lights.items() if name != Light.WIND
     }
-    judgement = judge(evidence, purposes=(), **other_lights)
+    judgement = judge(evidence, no_purposes, **other_lights)
     return replace(assessment, judgement=judgement, evidence=evidence)
 
 

@@ -1,6 +1,6 @@
 """Judgement of a vehicle by facts (coded findings with a level): status lights, loops, headline, next step."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from types import MappingProxyType
 
@@ -19,7 +19,7 @@ from mavdem.assessment.headline import headline_of
 from mavdem.assessment.lights import REGISTRY, RegisteredLight
 from mavdem.assessment.next_step import choose_next_step
 from mavdem.facts import Fact, Facts, NamedFacts
-from mavdem.facts.assessment import NextStep
+from mavdem.facts.assessment import Headline, NextStep
 from mavdem.facts.lights import Light, Unjudged
 from mavdem.immutable import ImmutableResult, ReadOnlyDict
 
@@ -41,7 +41,18 @@ class Judgement(ImmutableResult):
     """What is wrong with the loops of roll, pitch and yaw, and what to change, by axis; empty without a flight."""
 
 
-def judge(evidence: Evidence, purposes: Sequence[Finding] = (), **known_lights: Fact) -> Judgement:
+GradePurposes = Callable[[], Sequence[Finding]]
+"""Grades the model of a vehicle for each purpose."""
+
+
+def no_purposes() -> Sequence[Finding]:
+    """Returns no grades: those of a vehicle without a model, and the default of :func:`judge`."""
+    return ()
+
+
+def judge(
+    evidence: Evidence, grade_purposes: GradePurposes = no_purposes, **known_lights: Fact
+) -> Judgement:
     """Judges a vehicle: its lights, its control loops, the headline and the next step.
 
     A light is a fact that judges one subject, such as the motors or the vibration, by its level: good, watch, bad or
@@ -51,7 +62,8 @@ def judge(evidence: Evidence, purposes: Sequence[Finding] = (), **known_lights: 
 
     Args:
         evidence: events, condition and loops of the vehicle.
-        purposes: grades of its model for each purpose; empty without a model.
+        grade_purposes: grades its model for each purpose; without a model there are none. It is only called if nothing
+            is wrong, since the grades may take a tenth of the time of a review.
         known_lights: lights by name that were judged before, and are not judged again.
 
     Returns:
@@ -66,7 +78,10 @@ def judge(evidence: Evidence, purposes: Sequence[Finding] = (), **known_lights: 
     if evidence.reasons_not_to_fly:
         lights = {name: fact.grounded for name, fact in lights.items()}
     headline = headline_of(evidence, lights)
-    model_step = next_step_for_model(purposes) if purposes else None
+    model_step = None
+    if headline.code is Headline.NOTHING_WRONG:
+        purposes = grade_purposes()
+        model_step = next_step_for_model(purposes) if purposes else None
     next_step = choose_next_step(headline, lights, model_step)
     if evidence.other_vehicle is None:
         lights = lights_with_event(lights, headline)

@@ -107,7 +107,7 @@ def judge_model(
     learned = with_vehicle_made_torque_marked(learned, vehicle_made_torque=limit_cycle is not None)
     findings = model_findings(learned, None, condition, alarms)
 
-    figures = AxisEstimates((), learned.physical, None, learned.physical_reason)
+    figures = AxisEstimates((), learned.physical, learned.physical_reason)
     loops: dict[str, Loop | Fact] = {
         any_axis: Fact(Unjudged.NOT_JUDGED, reason=None) for any_axis in AXES
     }
@@ -121,7 +121,7 @@ def judge_model(
     evidence = live_evidence(signals, condition, LiveFindings(events=losses, loops=loops))
     judgement = judge(
         evidence,
-        findings.purposes,
+        lambda: findings.purposes,
         motors=_motors_light(evidence, after_landing),
         margins=_margins_light(evidence, after_landing, margins_awaited),
         tracking=after_landing,

@@ -39,7 +39,7 @@ STAGES = {
     "wind torque": ["plant.wind_torque:estimate_wind_torque"],
     "loops, lights": ["assessment.axis.loops:loops_of_axes", "assessment.judgement:judge"],
     "measured responses": ["assessment.axis.responses:measure_responses"],
-    "advice on gains": ["assessment.axis.tuning:tune_loops"],
+    "advice on gains": ["assessment.axis.tuning:tune_loops", "assessment.axis.tuning:tuned"],
     "trial of the gains": ["assessment.axis.twin:try_gains"],
     "page": ["report.pages.flight_page:review_page"],
     "document": ["documents.review:review_document", "cli.output:json_text"],
@@ -108,8 +108,8 @@ class StageClock:
 def measure(log: str) -> dict[str, float]:
     """Reviews a log in this process, and returns the processor seconds of each stage.
 
-    The functions of the stages are replaced by measured ones in all modules that have imported them. A function that
-    this version of mavdem does not have is left out.
+    The functions of the stages are replaced by measured ones in all modules that have imported them. A function or
+    module that this version of mavdem does not have is left out.
 
     Args:
         log: path of the log.
@@ -123,7 +123,10 @@ def measure(log: str) -> dict[str, float]:
     for stage, paths in STAGES.items():
         for path in paths:
             module_name, function_name = path.split(":")
-            module = importlib.import_module(f"mavdem.{module_name}")
+            try:
+                module = importlib.import_module(f"mavdem.{module_name}")
+            except ModuleNotFoundError:
+                continue
             if hasattr(module, function_name):
                 functions.append((stage, function_name, getattr(module, function_name)))
     import_seconds = time.process_time()

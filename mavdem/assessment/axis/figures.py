@@ -50,24 +50,6 @@ ALL_AXES = "all"
 """Name for roll, pitch and yaw together, in place of the name of one axis."""
 
 
-class AxisEstimates(NamedTuple):
-    """Physical parameters and wind torque of one axis."""
-
-    flights: Flights
-    """All settled flight of the axis."""
-    physical: Physical | None
-    """Physical parameters; None if they are not identifiable."""
-    wind: WindTorque | None
-    """Wind torque; None if it could not be estimated."""
-    reason: Fact | None
-    """Why there are no physical parameters; None if there are."""
-
-    @property
-    def resolved_wind(self) -> WindTorque | None:
-        """The wind torque, if it is larger than its errors and the motors' effectiveness is identifiable."""
-        return resolved_wind_torque(self.wind, self.physical)
-
-
 class MotorChanges(NamedTuple):
     """Samples of T samples of flight at which the motors, and with them the vehicle, changed."""
 
@@ -97,6 +79,44 @@ class MotorChanges(NamedTuple):
                     ParameterDoubt.FOLLOWS_FROM_EFFECT, Level.WATCH, status=Status.BIASED
                 )
         return plant._replace(status=statuses, reasons=reasons)
+
+
+@dataclass(frozen=True, eq=False)
+class AxisEstimates:
+    """Physical parameters of one axis, and its wind torque, which is estimated when it is first read."""
+
+    flights: Flights
+    """All settled flight of the axis."""
+    physical: Physical | None
+    """Physical parameters; None if they are not identifiable."""
+    reason: Fact | None
+    """Why there are no physical parameters; None if there are."""
+    motor_changes: MotorChanges | None = None
+    """The changes of the motors in these flights, between which the wind torque is estimated; None without one."""
+    model: Learned | None = None
+    """The model of the axis, whose wind torque is the one of the axis; None without a model."""
+
+    @cached_property
+    def wind(self) -> WindTorque | None:
+        """Wind torque; None if it could not be estimated.
+
+        It takes a twentieth of the time of a review, and its screen does not show it.
+        """
+        if self.model is not None:
+            return self.model.wind_torque
+        if self.physical is None or self.motor_changes is None:
+            return None
+        record = Record.from_flights(self.flights)
+        try:
+            return estimate_wind_torque(self.physical, record, *self.motor_changes)
+        except ValueError:
+            # NumPy's LinAlgError is a ValueError.
+            return None
+
+    @property
+    def resolved_wind(self) -> WindTorque | None:
+        """The wind torque, if it is larger than its errors and the motors' effectiveness is identifiable."""
+        return resolved_wind_torque(self.wind, self.physical)
 
 
 def motor_changes(alarms: Sequence[MotorChange], flights: Flights) -> MotorChanges:
@@ -198,8 +218,8 @@ class LogAnalysis:
         estimates = AxisEstimates(
             self.flights,
             physical=learned.physical,
-            wind=learned.wind_torque,
             reason=learned.physical_reason,
+            model=learned,
         )
         return {self.learnability.axis: estimates}
 
@@ -418,9 +438,7 @@ def estimates_of_axis(
     components: tuple[Component, ...],
     alarms: Sequence[MotorChange],
 ) -> AxisEstimates:
-    """Estimates physical parameters and wind torque of the axis of ``signals``, without learning a model.
-
-    The wind torque is the total torque minus the torque of the motors, so it needs the parameters.
+    """Estimates physical parameters of the axis of ``signals``, from which its wind torque follows, without a model.
 
     Args:
         signals: logged time series of the vehicle, with angle, rate and setpoints of the axis.
@@ -433,18 +451,10 @@ def estimates_of_axis(
     """
     flights, learnability = usable_segments(signals, components)
     if not flights:
-        return AxisEstimates((), None, None, learnability.reason)
-    record = Record.from_flights(flights)
+        return AxisEstimates((), None, learnability.reason)
     parameters = physical_parameters(signals, flights)
     if isinstance(parameters, NotIdentifiable):
-        return AxisEstimates(flights, None, None, parameters.reason)
+        return AxisEstimates(flights, None, parameters.reason)
     changes = motor_changes(alarms, flights)
     parameters = changes.checked_parameters(parameters)
-    try:
-        wind_torque = estimate_wind_torque(
-            parameters, record, changes.samples, changes.has_weak_motor
-        )
-    except ValueError:
-        # NumPy's LinAlgError is a ValueError.
-        wind_torque = None
-    return AxisEstimates(flights, parameters, wind_torque, reason=None)
+    return AxisEstimates(flights, parameters, reason=None, motor_changes=changes)

@@ -137,8 +137,10 @@ def with_vehicle_made_torque_marked(learned: Learned, *, vehicle_made_torque: bo
         A copy of the model whose wind torque has a ``reason``, which says that the wind did not cause it. The same
         model if the vehicle did not cause the torque, or there is no wind torque.
     """
+    if not vehicle_made_torque:
+        return learned
     wind_torque = learned.wind_torque
-    if not vehicle_made_torque or wind_torque is None:
+    if wind_torque is None:
         return learned
     return learned.with_wind_torque(replace(wind_torque, reason=Fact(GradeReason.OWN_TORQUE)))
 
