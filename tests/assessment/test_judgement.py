@@ -124,11 +124,14 @@ def test_the_next_step_says_do_not_fly_once():
     assert " Nor fly before motor 3," in str(step)
 
 
-def test_the_next_step_says_do_not_fly_where_the_headline_does_not():
+def test_the_next_step_says_first_not_to_fly_where_the_headline_does_not():
     toppled = Fact(Ending.TOPPLED_AT_LANDING, time=9.0, height=0.0, cause=None, word=None)
     assert "Do not fly" not in toppled.remedy
-    step = Fact(NextStep.DO_AS_ADVISED, reason=toppled, also=(BAD_VIBRATION,))
-    assert " Do not fly: balance the propellers" in str(step)
+    limited = Fact(MotorsLight.MOTOR_LIMITED, Level.BAD, subject="motor 2", share=0.1)
+    step = str(Fact(NextStep.DO_AS_ADVISED, reason=toppled, also=(BAD_VIBRATION, limited)))
+    assert step.startswith("Do not fly: balance the propellers")
+    assert step.endswith(toppled.remedy) and step.count("Do not fly") == 1
+    assert " Nor fly before motor 2 " in step
 
 
 @mark.parametrize("code", [Ending.CONTROL_LOST, Ending.CRASHED])
