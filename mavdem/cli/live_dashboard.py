@@ -12,6 +12,7 @@ from mavdem.cli.streams import print_to_stderr
 from mavdem.dataset.axes import model_outputs
 from mavdem.errors import Unreadable
 from mavdem.extras import missing_extra_fact, require_extra
+from mavdem.facts import Fact
 from mavdem.facts.session import SessionFact
 from mavdem.live import RowFormat, SessionStatus
 from mavdem.live.history import horizon_steps
@@ -97,13 +98,14 @@ class Dashboard:
             # What was started goes on until ``close``.
             resources.pop_all()
         if self._server is not None:
-            self.advice = f"Open {self._server.address} in a browser of this machine."
-            if missing_view is not None:
-                self.advice += f" {missing_view}"
+            self.advice = _with_missing_extra(
+                f"Open {self._server.address} in a browser of this machine.", missing_view
+            )
         elif web_server is not None:
-            self.advice = (
+            self.advice = _with_missing_extra(
                 f"Open {web_server.page} in a browser. It is Rerun's own page, which requests fonts from Google and "
-                f"reports its use to Rerun. {missing_server}"
+                "reports its use to Rerun.",
+                missing_server,
             )
 
     def _open_view(
@@ -195,6 +197,11 @@ class Dashboard:
             self._server.close()
         if self.view is not None:
             self.view.close()
+
+
+def _with_missing_extra(advice: str, missing_extra: Fact | None) -> str:
+    """Returns advice, followed by what to install for more; the advice alone if nothing is missing."""
+    return advice if missing_extra is None else f"{advice} {missing_extra}"
 
 
 def _started_web_server(*, has_own_page: bool) -> WebServer:

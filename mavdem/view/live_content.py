@@ -42,6 +42,13 @@ STATUS_LEGEND = (
     "motors' command explains the acceleration, and a disturbance where it does not."
 )
 
+PLOT_CONDITIONS = {
+    "parameters": "after 8 s of settled flight",
+    "wind": "after 8 s of flight with velocity over ground",
+    "torque": "where it exceeds its error",
+}
+"""When plots of the first tab show something, which their titles say, so that an empty one explains itself."""
+
 FIGURES_AND_EVENTS_HEIGHTS = (58, 42)
 """Shares, %, of the height of the first tab that the figures and the events below them get; a choice."""
 
@@ -95,7 +102,11 @@ def live_blueprint(channels: Channels) -> rrb.Blueprint:
     input_unit = channels.input_units[0] if channels.input_units else ""
     titles = plot_titles(axis, angle_unit, f"its prediction {seconds:.2g} s ahead", input_unit)
     paths = first_tab_paths(axis)
-    plots = {name: live_plot(title, paths[name]) for name, title in titles.items()}
+    plots = {}
+    for name, title in titles.items():
+        condition = PLOT_CONDITIONS.get(name)
+        full_title = title if condition is None else f"{title} · {condition}"
+        plots[name] = live_plot(full_title, paths[name])
     figures = rrb.TextDocumentView(origin="figures", name="Figures", titlebar=False)
     events = rrb.TextDocumentView(origin="events", name="Events", titlebar=False)
     flight = first_tab(plots, SideTexts([figures, events], list(FIGURES_AND_EVENTS_HEIGHTS)))
