@@ -14,7 +14,6 @@ from rich.text import Text
 from mavdem.assessment.judgement import Judgement
 from mavdem.cli.streams import MAX_COLUMNS, STDERR, escape_unprintable, print_to_stderr
 from mavdem.facts import Fact, Facts, Level
-from mavdem.facts.assessment import Headline
 from mavdem.facts.event import Event
 from mavdem.facts.online import OnlineFact
 from mavdem.facts.session import LinkFact, RowsFact, SessionFact
@@ -27,6 +26,7 @@ from mavdem.report.live import (
     headline_and_next_step,
     light_rows,
     moment_text,
+    statement_of_headline,
     unwatched_quantities_text,
     vehicle_text,
     watched_quantities_text,
@@ -419,12 +419,9 @@ def _judgement_text(judgement: Judgement, *, has_table: bool) -> str:
             checked, and the whole sentence was printed on a line of its own when it was new.
     """
     sentences = headline_and_next_step(judgement)
-    if has_table and judgement.headline.code is Headline.NOTHING_WRONG:
-        # The list of what was checked, and what was not, follows a colon.
-        statement, _, _ = sentences[0].partition(": ")
-        sentences[0] = f"{statement.removesuffix('.')}."
-    elif has_table:
-        sentences[0] = shortened(sentences[0], MAX_HEADLINE_LINES * STDERR.width)
+    if has_table:
+        statement = statement_of_headline(sentences[0], judgement.headline)
+        sentences[0] = shortened(statement, MAX_HEADLINE_LINES * STDERR.width)
     return escape_unprintable(" ".join(sentences))
 
 

@@ -499,6 +499,13 @@ class LiveSession:
         if is_after_landing and reason is not None and reason.code is SessionFact.NOT_FLYING:
             # The landing is reported with what the flight has shown; another take-off is the pilot's choice.
             return
+        if (
+            reason is not None
+            and reason.code is SessionFact.FLIGHT_OVER
+            and status.loss is not None
+        ):
+            # The loss was an alarm, which said what to do.
+            reason = reason.replace(reason=None)
         report = reason or Fact(SessionFact.BEING_LEARNED, Level.GOOD)
         # During an alarm, the report must not advise the pilot to fly on: ``grounded`` removes such advice.
         is_alarmed = any(alarm.is_bad for alarm in status.active_alarms)

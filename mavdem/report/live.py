@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 from mavdem.assessment.judgement import Judgement
 from mavdem.facts import Fact, Level
-from mavdem.facts.assessment import NextStep
+from mavdem.facts.assessment import Headline, NextStep
 from mavdem.facts.event import Event
 from mavdem.facts.lights import Unjudged
 from mavdem.facts.session import SessionFact, TimeUse
@@ -126,6 +126,20 @@ def live_alarm(status: SessionStatus) -> str:
         "live_alarm", is_alarmed=is_alarmed, alarm=alarm, headline=judgement.headline
     )
     return " ".join(sentence.text for sentence in sentences)
+
+
+def statement_of_headline(headline_text: str, headline_fact: Fact) -> str:
+    """Returns the headline of a live flight without what was checked, which the lights beside it say.
+
+    Args:
+        headline_text: the headline in words.
+        headline_fact: the fact that it states.
+    """
+    if headline_fact.code is not Headline.NOTHING_WRONG:
+        return headline_text
+    # The list of what was checked, and what was not, follows a colon.
+    statement, _, _ = headline_text.partition(": ")
+    return f"{statement.removesuffix('.')}."
 
 
 def headline_and_next_step(judgement: Judgement) -> list[str]:

@@ -40,6 +40,7 @@ from mavdem.live.active_alarms import CALM_SECONDS
 from mavdem.live.motor_limits import ALARMING_SHARE
 from mavdem.live.recent_messages import MAX_ROWS, RecentMessages
 from mavdem.live.session_status import Latency, SessionStatus
+from mavdem.live.vehicle_state import VehicleState
 from mavdem.live.watchdog import DECISION_SECONDS, TRACKING_PERIOD, Watchdog
 from mavdem.live.wind import WindEstimate
 from mavdem.report.live import watched_quantities_text
@@ -856,7 +857,7 @@ def test_lines_below_each_other_say_that_attitude_is_back_during_an_alarm(capsys
     silent = Fact(RowsFact.NOTHING_RECEIVED, subject=MissingMessages.MOTION, duration=3.0)
     alarm = Fact(ReportedEvent.BATTERY_ALARMED, Level.BAD)
     lines = StatusLines(None)
-    alarmed = SessionStatus("1:1", no_model_reason=silent, active_alarms=(alarm,))
+    alarmed = SessionStatus("1:1", no_model_reason=silent, active_alarms=(alarm,), message_age=0.5)
     rates = {"ATTITUDE": 50.0, "SERVO_OUTPUT_RAW": 50.0}
     unsettled = Fact(SessionFact.NOT_SETTLED)
     for status in (alarmed, replace(alarmed, no_model_reason=unsettled, rates=rates)):
@@ -864,6 +865,16 @@ def test_lines_below_each_other_say_that_attitude_is_back_during_an_alarm(capsys
     without, back = capsys.readouterr().err.splitlines()
     assert "ALARM; 0 samples; no attitude" in without
     assert "ALARM; 0 samples; 50 Hz" in back
+
+
+def test_an_alarm_that_stays_after_the_landing_is_a_fault_that_was_found(capsys):
+    alarm = Fact(ReportedEvent.BATTERY_ALARMED, Level.BAD)
+    landed = VehicleState("Hold", is_armed=False)
+    status = SessionStatus("1:1", active_alarms=(alarm,), state=landed, message_age=40.0)
+    StatusLines(None).show(Mock(status=status))
+    line = capsys.readouterr().err
+    assert "Fault found; 0 samples." in line
+    assert "ALARM" not in line and "no attitude" not in line
 
 
 def test_the_terminal_rings_once_for_each_alarm_and_never_elsewhere(monkeypatch):

@@ -34,7 +34,7 @@ from mavdem.facts.session import TimeUse
 from mavdem.fleet.names import NO_NAMES, GivenNames
 from mavdem.loops.advice import AdviceByAxis
 from mavdem.loops.resonance import controller_if_known
-from mavdem.report.blocks import Block, Blocks, Sentence, Table, warning
+from mavdem.report.blocks import Block, Blocks, Sentence, Table, headline_sentence, warning
 from mavdem.report.charts import model_charts
 from mavdem.report.charts.chart import MAX_POINTS, MAX_POINTS_OF_SMALL_PAGE, Group
 from mavdem.report.charts.flown_path import MapWind, flown_path
@@ -706,7 +706,7 @@ def live_page(
         refresh_seconds: time after which a server has a newer page, s; None for a page that does not change.
     """
     # Imported here: a page of a log needs nothing of live sessions.
-    from mavdem.report.live import live_alarm, live_title
+    from mavdem.report.live import live_alarm, live_title, statement_of_headline
 
     judgement = status.overall_judgement
     timeline = live_timeline(history, axis)
@@ -737,10 +737,13 @@ def live_page(
         refresh_seconds=refresh_seconds,
     )
     sentences = judgement_sentences(judgement)
+    heading = sentences.headline
+    if not status.is_over:
+        heading = headline_sentence(statement_of_headline(heading.lead, judgement.headline))
     return render_document(
         live_title(status, link, names),
         _live_subtitle(status, link, axis),
-        [sentences.headline, sentences.next_step],
+        [heading, sentences.next_step],
         chapters,
         back,
         head,
