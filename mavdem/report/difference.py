@@ -44,7 +44,7 @@ from mavdem.fleet.report_columns import value_at
 from mavdem.fleet.row import UNKNOWN, FlightRow
 from mavdem.ingest.vocabulary import RATE_PID_GAINS
 from mavdem.report.blocks import Blocks, Rated, Sentence, Table, caution, shortened
-from mavdem.report.fleet import vehicle_type
+from mavdem.report.fleet import short_name, vehicle_type
 from mavdem.report.numbers import counted, listed, plus_minus, rounded, without_remark
 from mavdem.report.templates import render_section, without_full_stop
 
@@ -90,7 +90,7 @@ SHOWN_QUANTITIES = {
 MOTOR_AT_START = re.compile(r"^[Mm]otor \d+ (\([^()]*\) )?")
 """The motor at the beginning of a sentence, with its place, such as "Motor 1 (front right) "."""
 
-MAX_MOTOR_CHARACTERS = 30
+MAX_MOTOR_CHARACTERS = 32
 """Largest length of what a table says of a motor in one flight: two of them fit into 80 columns with the changes."""
 
 WARNING_LEVELS = (Level.BAD, Level.WATCH)
@@ -134,7 +134,7 @@ def headline_of_comparison(
     if difference.is_of_same_flight:
         return render_section("difference_same_flight", flights=difference.flights.before)
     bad_lights = _bad_lights(reviews)
-    light_sentences = [Sentence(light.text, f"{light.name.capitalize()}:") for light in bad_lights]
+    light_sentences = _sentences_on_bad_lights(bad_lights)
     if not any(light.name == Light.MOTORS for light in bad_lights):
         light_sentences += _sentence_on_watched_motors(reviews)
     bad_axes = {light.axis for light in bad_lights if light.name == Light.MARGINS}
@@ -239,8 +239,24 @@ class _BadLight(NamedTuple):
     axis: str
     """Axis that makes it bad; empty where it is none."""
 
-    text: str
-    """Levels of both sides, and the sentence of each bad one."""
+    levels: str
+    """Levels of both sides, such as "bad in A, good in B"."""
+
+    reason: str
+    """The sentence of each bad one."""
+
+
+def _sentences_on_bad_lights(lights: Iterable[_BadLight]) -> list[Sentence]:
+    """Returns a sentence on each bad light; a reason that several have, such as a crash, stands with the first only."""
+    sentences = []
+    stated_reasons = set[str]()
+    for light in lights:
+        text = f"{light.levels}. {light.reason}"
+        if light.reason in stated_reasons:
+            text = f"{light.levels}, for the same reason."
+        stated_reasons.add(light.reason)
+        sentences.append(Sentence(text, f"{light.name.capitalize()}:"))
+    return sentences
 
 
 def _bad_lights(reviews: Mapping[str, Review]) -> list[_BadLight]:
@@ -264,7 +280,8 @@ def _bad_lights(reviews: Mapping[str, Review]) -> list[_BadLight]:
             side for side, light in lights_by_side.items() if light["level"] == Level.BAD
         )
         axis = value_at(lights_by_side[bad_sides[0]], "figures.axis") or ""
-        bad_lights.append(_BadLight(name, bad_sides, axis, _text_of_warning_light(lights_by_side)))
+        levels, reason = _levels_and_reason(lights_by_side)
+        bad_lights.append(_BadLight(name, bad_sides, axis, levels, reason))
     return bad_lights
 
 
@@ -302,15 +319,15 @@ def _lights_of_both(reviews: Mapping[str, Review]) -> dict[str, dict[str, JsonVa
     return lights_of_both
 
 
-def _text_of_warning_light(lights_by_side: Mapping[str, JsonValues]) -> str:
+def _levels_and_reason(lights_by_side: Mapping[str, JsonValues]) -> tuple[str, str]:
     """Returns the levels of a light on both sides, and what makes it bad or to be watched.
 
     Args:
         lights_by_side: the light of each log's review document, by side; at least one is bad or to be watched.
 
     Returns:
-        Text such as "bad in A, good in B. Motor 3 lost 19 to 41 % of its thrust at 47 s.", with the sentences of both
-        sides if both have the same level and the sentences differ.
+        The levels, such as "bad in A, good in B", and the reason, such as "Motor 3 lost 19 to 41 % of its thrust at
+        47 s.", with the sentences of both sides if both have the same level and the sentences differ.
     """
     first_side, second_side = STATE_NAMES
     first, second = lights_by_side[first_side], lights_by_side[second_side]
@@ -322,16 +339,18 @@ def _text_of_warning_light(lights_by_side: Mapping[str, JsonValues]) -> str:
             if light["level"] == level
         )
         levels = f"{first['level']} in {first_side}, {second['level']} in {second_side}"
-        return f"{levels}. {worse['sentence']}{_remark_on_imus(first, second)}"
+        return levels, f"{worse['sentence']}{_remark_on_imus(first, second)}"
+    levels = f"{first['level']} in {first_side} and {second_side}"
     if first["sentence"] == second["sentence"]:
-        return f"{first['level']} in {first_side} and {second_side}. {first['sentence']}"
+        return levels, first["sentence"]
     numbers = [motor_number(light.get("subject") or "") for light in (first, second)]
-    are_other_motors = None not in numbers and numbers[0] != numbers[1]
-    remark = ", of different motors" if are_other_motors else ""
-    return (
-        f"{first['level']} in {first_side} and {second_side}{remark}. {first_side}: {first['sentence']} "
-        f"{second_side}: {second['sentence']}{_remark_on_imus(first, second)}"
+    if None not in numbers and numbers[0] != numbers[1]:
+        levels += ", of different motors"
+    sentences = (
+        f"{first_side}: {first['sentence']} {second_side}: {second['sentence']}"
+        f"{_remark_on_imus(first, second)}"
     )
+    return levels, sentences
 
 
 def _remark_on_imus(first_light: JsonValues, second_light: JsonValues) -> str:
@@ -358,8 +377,8 @@ def _sentence_on_watched_motors(reviews: Mapping[str, Review]) -> list[Sentence]
     """
     if not has_motor_difference(reviews):
         return []
-    text = _text_of_warning_light(_lights_of_both(reviews)[Light.MOTORS])
-    return [Sentence(text, f"{Light.MOTORS.capitalize()}:")]
+    levels, reason = _levels_and_reason(_lights_of_both(reviews)[Light.MOTORS])
+    return [Sentence(f"{levels}. {reason}", f"{Light.MOTORS.capitalize()}:")]
 
 
 def sentences_on_watched_lights(reviews: Mapping[str, Review]) -> list[Sentence]:
@@ -1078,8 +1097,13 @@ def _identity_cautions(difference: VehicleDifference) -> Blocks:
 
 
 def _shown_names(names: Names, shared_names: Collection[str]) -> list[str]:
-    """Returns names of vehicles as they are shown: of one by a system id that it is unnamed, as on other pages."""
-    return [vehicle_type(name, "", NO_NAMES, is_shared=name in shared_names) for name in names]
+    """Returns names of vehicles as they are shown: of a serial number both ends, of a system id that it is no name."""
+    return [
+        vehicle_type(name, "", NO_NAMES, is_shared=True)
+        if name in shared_names
+        else short_name(name)
+        for name in names
+    ]
 
 
 def _are_two_vehicles(difference: VehicleDifference) -> bool:

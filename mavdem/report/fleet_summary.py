@@ -39,6 +39,8 @@ MAX_FILE_LENGTH = 40
 def fleet_blocks(
     summaries: Sequence[VehicleSummary],
     names: GivenNames = NO_NAMES,
+    *,
+    lists_follow: bool = False,
 ) -> Blocks:
     """Returns the summary of a fleet: a headline, the flights, and a table of the reasons why logs were not used.
 
@@ -48,6 +50,8 @@ def fleet_blocks(
     Args:
         summaries: summary of the flights under each name.
         names: names that were given to vehicles.
+        lists_follow: whether lists of the vehicles and flights that need a look stand below, as on a page. Of several
+            vehicles the headline then names the most urgent one only, and of several flights none.
 
     Returns:
         Sentences and the table.
@@ -85,7 +89,9 @@ def fleet_blocks(
     shared_names = {summary.name for summary in summaries if summary.has_shared_name}
     blocks = render_section(
         "fleet",
-        health=_health_summary(vehicles_of_headline, names, shared_names),
+        health=_health_summary(
+            vehicles_of_headline, names, shared_names, lists_follow=lists_follow
+        ),
         vehicles=named_count,
         # Otherwise some of the vehicles in the headline are flights under a shared name.
         are_all_named=named_count == len(vehicles_of_headline),
@@ -95,7 +101,7 @@ def fleet_blocks(
         unnamed_flights=unnamed_flights,
         bad_unnamed_flights=bad_count,
         # Of each shared name the latest flight alone is described.
-        bad_names=abbreviated_list(latest_bad),
+        bad_names="" if lists_follow and bad_count > 1 else abbreviated_list(latest_bad),
         are_all_described=len(latest_bad) == bad_count,
     )
     unused_rows = [row for summary in summaries for row in summary.unused if row.is_first]
@@ -175,6 +181,10 @@ def fleet_counts(summaries: Sequence[VehicleSummary]) -> JsonValues:
     }
 
 
+MAX_NAMED_BEFORE_LIST = 2
+"""Vehicles that a headline names before a list of all of them: more would fill the screen of a telephone. A choice."""
+
+
 class HealthSummary(NamedTuple):
     """How many vehicles of a fleet need a look, have recovered, and are healthy."""
 
@@ -195,7 +205,11 @@ class HealthSummary(NamedTuple):
 
 
 def _health_summary(
-    vehicles: Mapping[str, VehicleFlights], names: GivenNames, shared_names: Collection[str]
+    vehicles: Mapping[str, VehicleFlights],
+    names: GivenNames,
+    shared_names: Collection[str],
+    *,
+    lists_follow: bool,
 ) -> HealthSummary:
     """Returns which vehicles need a look, which have recovered, and how many are healthy, for the fleet's headline.
 
@@ -203,6 +217,8 @@ def _health_summary(
         vehicles: summary of each vehicle, by its name in the logs.
         names: names that were given to vehicles.
         shared_names: those of the names in the logs that are system ids, which several vehicles may have.
+        lists_follow: whether a list of the vehicles follows, so that of more than two the most urgent one alone is
+            named.
     """
     urgent = []
     watched_count = 0
@@ -221,9 +237,12 @@ def _health_summary(
             healthy_count += 1
             if vehicle.was_in_trouble:
                 recovered_labels.append(label)
+    urgent_list = abbreviated_list(urgent)
+    if lists_follow and len(urgent) > MAX_NAMED_BEFORE_LIST:
+        urgent_list = f"first {urgent[0]}"
     return HealthSummary(
         urgent_count=len(urgent),
-        urgent_list=abbreviated_list(urgent),
+        urgent_list=urgent_list,
         watched_count=watched_count,
         recovered_list=abbreviated_list(sorted(recovered_labels)),
         healthy_count=healthy_count,

@@ -284,3 +284,25 @@ def test_a_wind_that_is_known_only_roughly_is_an_interval_in_the_table(speed, in
         "quad", 0, wind_speed=speed, wind_speed_interval=interval, wind_direction=1.5 * pi
     )
     assert flight_line([row]).cells[[*COLUMNS].index("wind (m/s)")] == text
+
+
+def test_a_headline_before_a_list_names_the_most_urgent_vehicle_alone():
+    rows = [
+        flight_row(f"quad {number}", 0, headline=f"Fell {number}.", headline_level="bad")
+        for number in range(3)
+    ]
+    rows += [
+        flight_row(
+            "px4-1", number, vehicle_basis="system id", headline="Lost.", headline_level="bad"
+        )
+        for number in (1, 2)
+    ]
+    whole, brief = (
+        plain_text(fleet_blocks(rows, lists_follow=lists_follow)).split("\n")[0]
+        for lists_follow in (False, True)
+    )
+    assert "quad 0" in whole and "quad 2" in whole and "unnamed PX4 quadrotor" in whole
+    assert brief == (
+        "3 of 3 vehicles need a look: first quad 0 (fell 0), and so do 2 bad flights whose vehicle is "
+        "not known."
+    )

@@ -115,8 +115,10 @@ def comparison_page(
         side: review_with_trouble(review, troubles.get(side))
         for side, review in zip(SIDE_COLOURS, reviews, strict=True)
     }
-    legend = {
-        side: _legend_name(side, name, review)
+    # Names of files and dates, which the subtitle has, would fill each chart's legend.
+    legend = {side: side for side in SIDE_COLOURS}
+    names_of_sides = {
+        side: _name_of_side(side, name, review)
         for (side, review), name in zip(reviews_by_side.items(), names, strict=True)
     }
     headline = headline_of_comparison(reviews_by_side, difference, parameters)
@@ -179,7 +181,7 @@ def comparison_page(
         }
         summary += headline_blocks(headlines, headline)
     summary += next_blocks(difference, reviews_by_side)
-    subtitle = f"{legend['A']} and {legend['B']} over each other."
+    subtitle = f"{names_of_sides['A']} and {names_of_sides['B']} over each other."
     return render_document(" and ".join(names), subtitle, summary, chapters, back)
 
 
@@ -267,8 +269,8 @@ def _series_chapter(
     return Chapter("More time series", remarks, groups, folded=True)
 
 
-def _legend_name(side: str, name: str, review: Review) -> str:
-    """Returns the name of a side in legends: its letter, file, and the date of its flight if that is known."""
+def _name_of_side(side: str, name: str, review: Review) -> str:
+    """Returns the name of a side: its letter, file, and the date of its flight if that is known."""
     date = value_at(review, "identity.date")
     return f"{side}: {name}, {date[:ISO_DATE_LENGTH]}" if date else f"{side}: {name}"
 

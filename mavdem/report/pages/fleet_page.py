@@ -97,7 +97,7 @@ def fleet_page(
     lines = _newest_first(summaries)
     cells = [_named_cells(line, names) for line in lines]
     vehicles = _vehicle_sections(summaries, changes or {}, charts, names)
-    blocks = fleet_blocks(summaries, names)
+    blocks = fleet_blocks(summaries, names, lists_follow=True)
     # The headline and what was flown; without a flight there is nothing but the reasons.
     first_blocks = SUMMARY_BLOCKS if vehicles else len(blocks)
     return render_page(

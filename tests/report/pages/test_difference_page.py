@@ -116,6 +116,29 @@ def test_vehicles_without_a_name_are_called_so():
     assert blocks[0].text.startswith("The logs name no vehicle, only a MAVLink system id (px4-1),")
 
 
+def test_two_vehicles_with_serial_numbers_are_told_apart_by_these():
+    names = ("003b002f3039511333343932", "0005002f3039511333c19d7")
+    first, *_ = headline_of_comparison(
+        {}, vehicle_difference(*([flight_row(name, 0)] for name in names))
+    )
+    assert "two vehicles: 003b…343932 and 0005…3c19d7." in first.text
+
+
+def test_a_crash_that_makes_several_lights_bad_is_stated_once(difference):
+    crashed = {"level": "bad", "sentence": "It crashed."}
+    sound = {"level": "good", "sentence": "Fine."}
+    reviews = {
+        side: {"lights": {"motors": light, "tracking": light}}
+        for side, light in {"A": crashed, "B": sound}.items()
+    }
+    motors, tracking, *_ = headline_of_comparison(reviews, difference)
+    assert motors.text == "bad in A, good in B. It crashed."
+    assert (tracking.lead, tracking.text) == (
+        "Tracking:",
+        "bad in A, good in B, for the same reason.",
+    )
+
+
 def test_still_air_comes_from_nowhere():
     wind = {"speed": 1.3, "speed_interval": [0.0, 3.1], "direction": 110.0}
     wind |= {"direction_interval": 12.0, "status": {"speed": "reported", "direction": "reported"}}
