@@ -280,8 +280,8 @@ def _bad_lights(reviews: Mapping[str, Review]) -> list[_BadLight]:
             side for side, light in lights_by_side.items() if light["level"] == Level.BAD
         )
         axis = value_at(lights_by_side[bad_sides[0]], "figures.axis") or ""
-        levels, reason = _levels_and_reason(lights_by_side)
-        bad_lights.append(_BadLight(name, bad_sides, axis, levels, reason))
+        levels_of_sides, reason = _levels_and_reason(lights_by_side)
+        bad_lights.append(_BadLight(name, bad_sides, axis, levels_of_sides, reason))
     return bad_lights
 
 
