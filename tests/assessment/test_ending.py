@@ -605,7 +605,8 @@ def test_the_climb_of_its_command_is_the_first_evidence_for_a_weak_motor():
     assert figures["others_share"] == approx(figures["others_share_before"], abs=0.02)
     text = evidence_text(ending)
     assert text.startswith(f"Why: the command of {NAMES[1]} rose from its usual ")
-    assert "; then the attitude was" in text
+    assert "; then the gyro measured " in text
+    assert text.index("the gyro measured") < text.index("the attitude was ")
 
 
 def test_of_a_motor_without_output_the_evidence_is_that_its_command_fell():
