@@ -4,6 +4,7 @@ import re
 import socket
 import threading
 from contextlib import contextmanager
+from dataclasses import replace
 from http.client import HTTPConnection
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from unittest.mock import Mock
@@ -17,6 +18,7 @@ from mavdem.facts.session import TimeUse, VehicleFact
 from mavdem.live import clock
 from mavdem.live.history import LiveHistory
 from mavdem.live.session_status import SessionStatus
+from mavdem.motors.motor_changes import MotorChange
 from mavdem.serve.guard import POLICY_HEADER
 from mavdem.serve.live_pages import PAGE_SECONDS, SessionPage
 from mavdem.serve.live_server import LiveServer
@@ -135,7 +137,7 @@ def test_the_dashboard_names_the_vehicle_and_may_ask_nothing_of_other_machines(v
         _, _, text = answer(server, "/dashboard")
         assert f"<title>{LINK} in Rerun</title>" in text.decode()
         server.report(flying_session(), STATUS)
-        assert '<a href="/dashboard" class="wide">' in server.page.html
+        assert '<a href="/dashboard" class="on-wide-screen">' in server.page.html
         _, headers, text = answer(server, "/dashboard")
         page = text.decode()
     title = re.search("<h1>(.*?)</h1>", server.page.html)[1]
@@ -185,6 +187,29 @@ def test_a_browser_runs_the_viewer_on_a_wide_screen_and_cannot_report_its_use(vi
         assert tab.run("viewer_options.url") == [viewer.url]
         assert tab.run("viewer_options.theme") == "dark"
         tab.until("!document.getElementById('viewer_status').textContent")
+
+
+@mark.slow
+def test_the_headline_of_the_session_stands_above_its_dashboard_until_nothing_answers(
+    viewer, browser
+):
+    loss = MotorChange(58.0, 56.0, 2, "motor 2", 0.3, 0.99, loss=(0.2, 0.4))
+    alarmed = replace(STATUS, motor_alarms=(loss,), motor_alarms_of_flight=(loss,))
+    headline = "document.getElementById('session_headline')"
+    with live_server(viewer) as server, browser.tab() as tab:
+        server.report(flying_session(), STATUS)
+        tab.size(1280)
+        tab.open(f"{server.address}/dashboard")
+        tab.until(f"{headline}.textContent")
+        assert not tab.run(f"{headline}.classList.contains('bad')")
+        server.page = SessionPage("", clock.monotonic())
+        server.report(flying_session(), alarmed)
+        tab.until(f"{headline}.textContent.includes('otor 2 lost 20 to 40')")
+        assert tab.run(f"{headline}.classList.contains('bad')")
+        assert "otor 2" in tab.run("document.title")
+        assert tab.run("document.getElementById('silence').hidden")
+        server.close()
+        tab.until("!document.getElementById('silence').hidden")
 
 
 @mark.slow

@@ -3,6 +3,8 @@
 (() => {
   // Pixels of width from which the panels of a dashboard stand beside each other and can be read.
   const MIN_WIDTH = 900, BYTES_PER_MEGABYTE = 1e6, CRASH_CHECK_MILLISECONDS = 1000;
+  // Milliseconds until an answer on the session is given up, and from a failure to the next request.
+  const PATIENCE = 8000, RETRY = 1000;
   const canvas = document.getElementById("viewer"), status = document.getElementById("viewer_status"), narrow = document.getElementById("narrow");
   const tell = (text, isProblem = false) => {
     status.textContent = text;
@@ -64,5 +66,30 @@
     });
   };
   window.showInRerun = showInRerun;
-  if (canvas.dataset.address) showInRerun(canvas.dataset.address);
+
+  // The headline of a live session stands above its dashboard, which itself looks the same whether data come or not.
+  const followSession = async () => {
+    const headline = document.getElementById("session_headline"), silence = document.getElementById("silence");
+    let tag = "";
+    for (;;) {
+      try {
+        const answer = await fetch("/live/update", { cache: "no-store", signal: AbortSignal.timeout(PATIENCE), headers: tag ? { "If-None-Match": tag } : {} });
+        const page = answer.ok ? new DOMParser().parseFromString(await answer.text(), "text/html") : null;
+        silence.hidden = true;
+        if (page) {
+          tag = answer.headers.get("ETag");
+          document.title = page.title;
+          headline.textContent = page.querySelector("#result .headline").textContent;
+          headline.classList.toggle("bad", page.getElementById("result").classList.contains("doubted"));
+        }
+      } catch {
+        silence.hidden = false;
+        await new Promise(resolve => setTimeout(resolve, RETRY));
+      }
+    }
+  };
+  if (canvas.dataset.address) {
+    showInRerun(canvas.dataset.address);
+    followSession();
+  }
 })();
