@@ -1,6 +1,7 @@
 """The pictures of README and docs, which tools/pictures makes, are as new as what they show; and so are the screens."""
 
 import ast
+import contextlib
 import hashlib
 import io
 import json
@@ -77,10 +78,34 @@ def learned_pictures():
     assert main(["learn", "flight.tlog", "--rrd"]) == 0
     sample_log = ROOT / "logs" / "first_flight_ardupilot.tlog"
     assert main(["review", str(sample_log), "--out", "sample"]) == 0
+    assert main(["fly", "wind_legs", "--out", "wind_legs.tlog"]) == 0
+    assert main(["wind", "wind_legs.tlog", "--out", "wind"]) == 0
+    # The flights of tools/pictures: the first without its propeller that chips.
+    description = _described("first_flight_px4")
+    Path("sound.toml").write_text(description.replace("\nmotor = 3 ", "\nmotor = 0 "))
+    assert main(["fly", "sound.toml", "--seed", "204", "--out", "thursday.tlog"]) == 0
+    assert main(["fly", "first_flight_px4", "--seed", "205", "--out", "friday.tlog"]) == 0
+    assert main(["diff", "thursday.tlog", "friday.tlog", "--out", "compared"]) == 0
     return {
         "dashboard": recording_words("flight/flight.rrd"),
         "browser": page_words(Path("sample/report.html")),
+        "wind": page_words(Path("wind/wind.html")),
+        "comparison": page_words(Path("compared/diff.html")),
     }
+
+
+def _described(scenario):
+    """A scenario as a .toml file, as ``fly --describe`` prints it."""
+    described = io.StringIO()
+    with contextlib.redirect_stdout(described):
+        assert main(["fly", scenario, "--describe"]) == 0
+    return described.getvalue()
+
+
+def template(name):
+    """A digest of a page's template."""
+    text = (ROOT / "mavdem" / "report" / name).read_text()
+    return hashlib.sha256(text.encode()).hexdigest()[:16]
 
 
 @mark.slow
@@ -97,10 +122,12 @@ def test_a_picture_is_as_new_as_what_it_shows(here, request):
         "live_dashboard": recording_words("live.rrd"),
         "simulated_flight": NUMBER.sub("", recording_words("blown.rrd")),
         "loops": code("report/charts/flight_charts.py"),
+        "library": template("serve/lines.html"),
+        "fleet": template("fleet.html"),
     }
     kept = json.loads(PICTURES.read_text())
     made = os.environ.get("PICTURES", "").split()
-    if request.config.getoption("--in-full") or {"dashboard", "browser"} & {*made}:
+    if request.config.getoption("--in-full") or {"dashboard", "browser", "wind", "comparison"} & {*made}:
         shown |= learned_pictures()
     if request.config.getoption("--write-golden"):
         kept |= {name: " ".join(shown[name].split()) for name in made}
