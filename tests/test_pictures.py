@@ -82,7 +82,8 @@ def learned_pictures():
     assert main(["wind", "wind_legs.tlog", "--out", "wind"]) == 0
     # The flights of tools/pictures: the first without its propeller that chips.
     description = _described("first_flight_px4")
-    Path("sound.toml").write_text(description.replace("\nmotor = 3 ", "\nmotor = 0 "))
+    sound = description.replace("\nmotor = 3 ", "\nmotor = 0 ")
+    Path("sound.toml").write_text(sound, encoding="utf-8")
     assert main(["fly", "sound.toml", "--seed", "204", "--out", "thursday.tlog"]) == 0
     assert main(["fly", "first_flight_px4", "--seed", "205", "--out", "friday.tlog"]) == 0
     assert main(["diff", "thursday.tlog", "friday.tlog", "--out", "compared"]) == 0
@@ -127,7 +128,8 @@ def test_a_picture_is_as_new_as_what_it_shows(here, request):
     }
     kept = json.loads(PICTURES.read_text())
     made = os.environ.get("PICTURES", "").split()
-    if request.config.getoption("--in-full") or {"dashboard", "browser", "wind", "comparison"} & {*made}:
+    of_flights = {"dashboard", "browser", "wind", "comparison"}
+    if request.config.getoption("--in-full") or of_flights & {*made}:
         shown |= learned_pictures()
     if request.config.getoption("--write-golden"):
         kept |= {name: " ".join(shown[name].split()) for name in made}
