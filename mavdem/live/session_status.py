@@ -315,10 +315,10 @@ class SessionStatus(ImmutableResult):
     @property
     def further_alarms(self) -> Facts:
         """The active alarms that the headline does not state, with these figures or with newer ones."""
-        headline = _cause_of_alarm(self.overall_judgement.headline)
+        headline = cause_of_alarm(self.overall_judgement.headline)
         further = []
         for alarm in self.active_alarms:
-            cause = _cause_of_alarm(alarm)
+            cause = cause_of_alarm(alarm)
             if (cause.code, cause.subject) != (headline.code, headline.subject):
                 further.append(alarm)
         return tuple(further)
@@ -625,13 +625,17 @@ class SessionStatus(ImmutableResult):
         return replace(self, prediction_band=angle_band, useful_horizon=useful_horizon)
 
 
-def _cause_of_alarm(fact: Fact) -> Fact:
-    """Returns what an alarm is about, also one before a lost link, such as a weak motor; any other fact as it is."""
-    if fact.code is SessionFact.ALARM:
+def cause_of_alarm(fact: Fact) -> Fact:
+    """Returns what an alarm is about, such as a weak motor; any other fact as it is.
+
+    Args:
+        fact: an alarm, the end of one, a link that was lost after one, or another fact.
+    """
+    if fact.code in (SessionFact.ALARM, WatchFact.ALARM_OVER):
         reason: Fact = fact.figures["reason"]
         return reason
     if fact.code is LinkFact.LOST_IN_FLIGHT and fact.figures["cause"] is not None:
-        return _cause_of_alarm(fact.figures["cause"])
+        return cause_of_alarm(fact.figures["cause"])
     return fact
 
 

@@ -10,6 +10,7 @@ from mavdem.facts.assessment import Headline, NextStep
 from mavdem.facts.event import Event
 from mavdem.facts.lights import Unjudged
 from mavdem.facts.session import SessionFact, TimeUse
+from mavdem.facts.watch import WatchFact
 from mavdem.fleet.names import GivenNames
 from mavdem.live.history import REPORTED_HORIZON, HorizonErrors, LiveHistory
 from mavdem.live.session_status import SessionStatus
@@ -118,7 +119,8 @@ def live_alarm(status: SessionStatus) -> str:
         status: state of the session.
     """
     judgement = status.overall_judgement
-    is_alarmed = status.is_flying and not status.is_over and judgement.headline.is_bad
+    is_over = status.is_over or judgement.headline.code is WatchFact.ALARM_OVER
+    is_alarmed = status.is_flying and not is_over and judgement.headline.is_bad
     alarm = None
     if judgement.next_step.code is NextStep.LAND_NOW:
         alarm = judgement.next_step.figures["reason"]

@@ -58,6 +58,8 @@ def test_a_live_page_has_its_newest_alarm_beside_the_headline_unless_that_states
     head = Head(Level.BAD, {}, [other, alarm], is_newest_first=True, is_in_flight=True)
     assert head.newest_alarm is alarm
     assert head._replace(events=[alarm._replace(is_headline=True)]).newest_alarm is None
+    # One that is over asks for nothing any more.
+    assert head._replace(events=[alarm._replace(is_over=True)]).newest_alarm is None
     # On the ground the headline has what to do, and an alarm's "land now" is over.
     assert head._replace(is_in_flight=False).newest_alarm is None
 

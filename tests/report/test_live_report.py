@@ -1,14 +1,21 @@
 """The report of a live session: what its time was spent on."""
 
+from dataclasses import replace
+
 from mavdem.facts import Fact, Level
 from mavdem.facts.assessment import Headline
+from mavdem.facts.event import Event
+from mavdem.facts.lights import Light
+from mavdem.facts.motors import MotorsLight
 from mavdem.facts.session import SessionFact, TimeUse
+from mavdem.facts.watch import WatchFact
 from mavdem.fleet.names import GivenNames
 from mavdem.live.history import LiveHistory
 from mavdem.live.session_status import SessionStatus
 from mavdem.live.vehicle_state import VehicleState
 from mavdem.report.blocks import Table
-from mavdem.report.live import live_report, live_title, statement_of_headline
+from mavdem.report.live import live_alarm, live_report, live_title, statement_of_headline
+from mavdem.report.pages.flight_page import live_page
 
 
 def test_the_table_of_time_adds_up():
@@ -37,3 +44,24 @@ def test_the_headline_of_a_live_flight_leaves_what_was_checked_to_the_lights_bes
     text = "No alarm so far; too little was checked: motors were checked."
     assert statement_of_headline(text, nothing_wrong) == "No alarm so far; too little was checked."
     assert statement_of_headline("Bad: this.", Fact(SessionFact.NOT_FLYING)) == "Bad: this."
+
+
+def test_an_alarm_that_is_over_is_neither_in_the_title_nor_beside_the_headline():
+    limit = Fact(MotorsLight.MOTORS_AT_LIMIT, Level.BAD, time=9.0, names=("motor 1", "motor 2"))
+    alarm = Fact(SessionFact.ALARM, time=9.0, reason=limit)
+    history = LiveHistory()
+    history.events.append(Event(9.0, alarm, reception=0.0))
+    account = dict.fromkeys(TimeUse, 0.0)
+    lasting = SessionStatus(
+        "1:1",
+        is_flying=True,
+        message_age=0.0,
+        active_alarms=(limit,),
+        worst_lights={Light.MOTORS: limit},
+    )
+    over = Fact(WatchFact.ALARM_OVER, Level.BAD, time=20.0, reason=limit)
+    past = replace(lasting, active_alarms=(over,), worst_lights={Light.MOTORS: over})
+    assert live_alarm(lasting).startswith("⚠") and live_alarm(past) == ""
+    page = live_page("udp", "roll", history, past, account, None)
+    # The alarm of before is an event, and asks for nothing beside the headline.
+    assert "Over since 20 s" in page and page.count("Alarm: motor 1 and motor 2") == 1

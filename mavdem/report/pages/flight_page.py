@@ -31,6 +31,7 @@ from mavdem.facts.identifiability import Status
 from mavdem.facts.lights import Light, Unjudged
 from mavdem.facts.loops import GainFact, LoopAction
 from mavdem.facts.session import TimeUse
+from mavdem.facts.watch import WatchFact
 from mavdem.fleet.names import NO_NAMES, GivenNames
 from mavdem.loops.advice import AdviceByAxis
 from mavdem.loops.resonance import controller_if_known
@@ -713,7 +714,7 @@ def live_page(
     if timeline is not None:
         timeline = timeline._replace(takeoff=status.takeoff_position)
     chapters = _live_chapters(axis, history, status, account, learned)
-    page_events = _numbered_live_events(history.events, judgement.headline)
+    page_events = _numbered_live_events(history.events, judgement.headline, status.alarms)
     if timeline is not None:
         numbers = [event.number for event in page_events]
         labels = tuple("" if number is None else str(number) for number in numbers)
@@ -814,19 +815,28 @@ def _live_chapters(
     return chapters
 
 
-def _numbered_live_events(events: Sequence[Event], headline: Fact) -> list[PageEvent]:
+def _numbered_live_events(
+    events: Sequence[Event], headline: Fact, alarms: Facts
+) -> list[PageEvent]:
     """Returns the events of a live session as its page lists them; those that its charts have are numbered.
 
     Args:
         events: the events in the order in which they were reported.
         headline: the headline of the page.
+        alarms: the alarms that last.
 
     Returns:
         The events in this order.
     """
     # Imported here: a page of a log needs nothing of live sessions.
+    from mavdem.live.session_status import cause_of_alarm
     from mavdem.report.live import moment_text
 
+    lasting_causes = set()
+    for alarm in alarms:
+        if alarm.code is not WatchFact.ALARM_OVER:
+            cause = cause_of_alarm(alarm)
+            lasting_causes.add((cause.code, cause.subject))
     page_events = []
     count = 0
     for event in events:
@@ -834,12 +844,18 @@ def _numbered_live_events(events: Sequence[Event], headline: Fact) -> list[PageE
         if event.has_time:
             count += 1
             number = count
-        # An alarm has the fact that caused it as its reason, which the headline may state in other words.
-        reason = event.fact.figures.get("reason")
-        stated_fact = reason if isinstance(reason, Fact) else event.fact
-        is_headline = (stated_fact.code, stated_fact.subject) == (headline.code, headline.subject)
+        # The headline may state the cause of an alarm in other words.
+        cause = cause_of_alarm(event.fact)
+        stated_cause = cause_of_alarm(headline)
         page_events.append(
-            PageEvent(event, number, is_headline=is_headline, moment=moment_text(event))
+            PageEvent(
+                event,
+                number,
+                is_headline=(cause.code, cause.subject)
+                == (stated_cause.code, stated_cause.subject),
+                is_over=(cause.code, cause.subject) not in lasting_causes,
+                moment=moment_text(event),
+            )
         )
     return page_events
 

@@ -140,6 +140,9 @@ class PageEvent(NamedTuple):
     is_headline: bool = False
     """Whether the headline of a live page states it."""
 
+    is_over: bool = False
+    """Whether it is an alarm of a live session that does not last any more."""
+
     repeated: frozenset[str] = frozenset()
     """Texts that the page has above it, and that are not repeated: what to do about it, and what shows it."""
 
@@ -268,14 +271,14 @@ class Head(NamedTuple):
 
     @property
     def newest_alarm(self) -> PageEvent | None:
-        """The newest alarm of a vehicle in flight.
+        """The newest alarm of a vehicle in flight that lasts.
 
-        None if there is no alarm, if the headline states it already, on the ground, and on the page of a log.
+        None if there is no such alarm, if the headline states it already, on the ground, and on the page of a log.
         """
         if not self.is_in_flight:
             return None
         for page_event in self.events:
-            if page_event.event.is_alarm:
+            if page_event.event.is_alarm and not page_event.is_over:
                 return None if page_event.is_headline else page_event
         return None
 
