@@ -122,9 +122,12 @@
     if (newest > alarms) sound(880, 5);
     alarms = newest;
     document.title = title;
-    colourIcon(main.dataset.level);
+    colourIcon(main.dataset.level ?? "unknown");
   };
   announce();
+
+  // The last page of a session does not change any more: nothing follows, and nobody is asked for it.
+  const isLast = () => main.dataset.level === undefined;
 
   const show = text => {
     const newer = new DOMParser().parseFromString(text, "text/html"), flight = charts.groups.flight;
@@ -160,6 +163,7 @@
   line.setAttribute("role", "alert");
   document.body.prepend(line);
   const tell = () => {
+    if (isLast()) return;
     const silence = Math.round((Date.now() - answerTime) / 1000), age = Math.round((Date.now() - stateTime) / 1000);
     const words = refusal ? `mavdem does not show the session: ${refusal}`
       : silence >= LONGEST_SILENCE ? `No answer from mavdem for ${silence} s.`
@@ -178,7 +182,7 @@
   setInterval(tell, 1000);
 
   const followSession = async () => {
-    for (;;) {
+    while (!isLast()) {
       try { await request(); } catch { await new Promise(resolve => setTimeout(resolve, RETRY)); }
       tell();
     }

@@ -160,6 +160,7 @@ def session_page(
     back: PageLink | None = None,
     links: Sequence[PageLink] = (),
     saved_flight: PageLink | None = None,
+    is_last: bool = False,
 ) -> str:
     """Returns the HTML page of a live session.
 
@@ -170,6 +171,7 @@ def session_page(
         back: link to the page that leads here, if any.
         links: links to other pages, such as that of the flight before.
         saved_flight: link to the page of this session's flight in the library; None while the session goes on.
+        is_last: whether the server ends after it, so that a browser is to keep it and to ask for no other.
     """
     # Sentences for a browser must not advise options of `mavdem live`, which its reader cannot give.
     with sentences_for(Medium(has_terminal=False)):
@@ -184,5 +186,5 @@ def session_page(
             links=links,
             saved_flight=saved_flight,
             names=names,
-            refresh_seconds=PAGE_SECONDS,
+            refresh_seconds=None if is_last else PAGE_SECONDS,
         )

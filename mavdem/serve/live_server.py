@@ -95,7 +95,9 @@ class LiveServer:
             return
         self._event_count = event_count
         links = [] if self._viewer is None else [DASHBOARD_LINK]
-        html = session_page(session, status, links=links)
+        # After another vehicle's messages a session with a page of its own follows, at the same address.
+        is_last = status.is_over and session.successor is None
+        html = session_page(session, status, links=[] if is_last else links, is_last=is_last)
         self.page = SessionPage(html, clock.monotonic())
 
     def close(self) -> None:

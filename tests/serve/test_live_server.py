@@ -81,6 +81,7 @@ def flying_session():
     session.link.name = LINK
     session.stream.axis = "roll"
     session.time_account.return_value = dict.fromkeys(TimeUse, 0.0)
+    session.successor = None
     return session
 
 
@@ -210,6 +211,30 @@ def test_the_headline_of_the_session_stands_above_its_dashboard_until_nothing_an
         assert tab.run("document.getElementById('silence').hidden")
         server.close()
         tab.until("!document.getElementById('silence').hidden")
+
+
+@mark.slow
+def test_the_last_page_of_a_session_stays_in_the_browser_without_a_warning(browser):
+    session = flying_session()
+    with live_server() as server, browser.tab() as tab:
+        server.report(session, STATUS)
+        tab.size(1280)
+        tab.open(f"{server.address}/live")
+        server.report(session, replace(STATUS, is_over=True))
+        tab.until("document.querySelector('main').dataset.level === undefined")
+        # The script takes no notice of its clock any more.
+        tab.run("Date.now = () => 1e15")
+        tab.run("new Promise(passed => setTimeout(passed, 1200))")
+        assert tab.run("document.getElementById('unanswered').hidden")
+
+
+def test_a_session_that_another_one_follows_goes_on_at_the_same_address():
+    session = flying_session()
+    with live_server() as server:
+        for successor, goes_on in (("2:1", True), (None, False)):
+            session.successor = successor
+            server.report(session, replace(STATUS, is_over=True))
+            assert ("data-level" in server.page.html) is goes_on
 
 
 @mark.slow

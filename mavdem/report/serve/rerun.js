@@ -81,6 +81,8 @@
           document.title = page.title;
           headline.textContent = page.querySelector("#result .headline").textContent;
           headline.classList.toggle("bad", page.getElementById("result").classList.contains("doubted"));
+          // As in live.js: the last page of a session has no level of now, and nothing follows it.
+          if (page.querySelector("main").dataset.level === undefined) return tell("The session is over.");
         }
       } catch {
         silence.hidden = false;

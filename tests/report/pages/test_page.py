@@ -28,7 +28,7 @@ from mavdem.facts.vibration import VibrationLight
 from mavdem.ingest import read_log
 from mavdem.live.history import LiveHistory
 from mavdem.live.session_status import SessionStatus
-from mavdem.report.blocks import headline_sentence
+from mavdem.report.blocks import Table, headline_sentence
 from mavdem.report.charts.chart import Group, Line, over_time
 from mavdem.report.charts.timeline import Timeline, assessment_timeline, live_timeline
 from mavdem.report.pages.flight_page import (
@@ -408,6 +408,14 @@ def test_events_of_a_live_page_have_the_same_numbers_in_its_list_and_in_its_char
     timeline = re.search(r'"marks": *(\[\[.*?\]\])', page)
     assert '[0.6,"1",' in timeline[1].replace(" ", "")
     assert '[1.6,"8",' in timeline[1].replace(" ", "")
+
+
+@mark.slow
+def test_a_table_of_many_columns_is_on_a_telephone_too(tmp_path, browser):
+    page = render_document("a.tlog", "", [Table([*"abcdefgh"], [["1"] * 8])])
+    height = "document.querySelector('.scroll.wide').offsetHeight"
+    _, shown_height = browser.shown(page, height, tmp_path, 390)
+    assert shown_height > 20
 
 
 @mark.slow
