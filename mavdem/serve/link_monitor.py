@@ -27,7 +27,7 @@ from mavdem.live.session import LiveSession
 from mavdem.live.session_loop import run_session
 from mavdem.live.session_status import SessionStatus
 from mavdem.live.vehicle_selection import Component
-from mavdem.report.pages.page import PageLink
+from mavdem.report.pages.page_link import PageLink
 from mavdem.report.templates import Medium, sentences_for
 from mavdem.serve.library import Library
 from mavdem.serve.live_pages import (

@@ -18,7 +18,8 @@ from mavdem.live import clock
 from mavdem.live.session import LiveSession
 from mavdem.live.session_status import SessionStatus
 from mavdem.report.pages.flight_page import live_page
-from mavdem.report.pages.page import PageLink, page_update
+from mavdem.report.pages.page import page_update
+from mavdem.report.pages.page_link import PageLink
 from mavdem.report.templates import Medium, sentences_for
 from mavdem.serve.rights import Rights
 

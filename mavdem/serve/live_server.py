@@ -20,7 +20,7 @@ from mavdem.live.session_status import SessionStatus
 from mavdem.machine import LOOPBACK, require_free_port
 from mavdem.report.live import live_title
 from mavdem.report.pages.library_page import render_server_page, script, script_hashes
-from mavdem.report.pages.page import PageLink
+from mavdem.report.pages.page_link import PageLink
 from mavdem.serve.guard import POLICY_HEADER, Guard
 from mavdem.serve.listening import MAX_SHUTDOWN_SECONDS, listening_socket, server_config, server_url
 from mavdem.serve.live_pages import (

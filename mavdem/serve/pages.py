@@ -41,7 +41,7 @@ from mavdem.report.pages.library_page import (
     with_toolbar,
 )
 from mavdem.report.pages.motor_trouble import motor_trouble
-from mavdem.report.pages.page import PageLink
+from mavdem.report.pages.page_link import PageLink
 from mavdem.results import PAGE_FILE, RECORDING_FILE, RECORDINGS
 from mavdem.serve.guard import POLICY_HEADER
 from mavdem.serve.index import LibraryEntry

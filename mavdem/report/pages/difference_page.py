@@ -45,7 +45,8 @@ from mavdem.report.difference import (
 from mavdem.report.loops import LOOP_FIGURES, TUNED_FIGURES
 from mavdem.report.numbers import counted, rounded
 from mavdem.report.pages.motor_trouble import MotorTrouble, review_with_trouble
-from mavdem.report.pages.page import Chapter, PageLink, render_document
+from mavdem.report.pages.page import Chapter, render_document
+from mavdem.report.pages.page_link import PageLink
 from mavdem.report.palette import PREDICTED, TRUTH
 from mavdem.report.templates import render_section, rounded_up
 

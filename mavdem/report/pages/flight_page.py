@@ -64,10 +64,10 @@ from mavdem.report.pages.page import (
     Chapter,
     Head,
     PageEvent,
-    PageLink,
     anchor_of,
     render_document,
 )
+from mavdem.report.pages.page_link import PageLink
 from mavdem.report.pages.parameter_chapter import parameters_chapter
 from mavdem.report.review import review_title
 from mavdem.report.screen import (

@@ -20,7 +20,7 @@ from mavdem.report.blocks import Sentence
 from mavdem.report.difference import Review
 from mavdem.report.fleet import HEALTH_LEVELS, TROUBLED_HEALTHS, motors_level
 from mavdem.report.pages.environment import environment, render_page
-from mavdem.report.pages.page import PageLink
+from mavdem.report.pages.page_link import PageLink
 from mavdem.report.templates import render_section
 
 RESULT = re.compile(

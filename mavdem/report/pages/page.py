@@ -25,6 +25,7 @@ from mavdem.report.lights import earlier_lights
 from mavdem.report.notch_trial import NotchTrial
 from mavdem.report.numbers import display_unit, name_with_unit, rounded
 from mavdem.report.pages.environment import environment, render_page
+from mavdem.report.pages.page_link import PageLink
 from mavdem.report.screen import flight_title, model_screen
 from mavdem.report.templates import without_full_stop
 from mavdem.report.why import evidence_text
@@ -37,19 +38,6 @@ MAX_NEWEST_EVENTS = 5
 
 _WORD = re.compile("[a-z0-9]+")
 """A word of a title in lower case."""
-
-
-class PageLink(NamedTuple):
-    """A link to another page."""
-
-    name: str
-    """Text of the link."""
-
-    address: str
-    """Address of the page, relative to the one with the link."""
-
-    needs_wide_screen: bool = False
-    """Whether the other page is of no use on a telephone, which then has no link to it."""
 
 
 class Section(NamedTuple):
