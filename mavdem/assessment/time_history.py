@@ -24,6 +24,7 @@ from mavdem.facts import Facts
 from mavdem.facts.event import Event
 from mavdem.wind_velocity.from_log import WindEvidence
 from mavdem.wind_velocity.velocity import WindVelocity
+from mavdem.witnesses.height import height_comparison
 
 SECONDS_AROUND_FLIGHT = 5.0
 """Time before arming and after disarming, s: a choice."""
@@ -101,6 +102,8 @@ class TimeHistory:
     """The boot on whose clock the times are, with the first and the last time that is shown."""
     height: TimeSeries | None
     """Height (N,), m."""
+    barometer_height: TimeSeries | None
+    """Height (L,) by the barometer alone, m; None without a usable barometer. It shows where the height diverged."""
     motors: MotorHistory | None
     """Outputs of the motors; None if they were not recorded."""
     voltages: Mapping[str, TimeSeries | None]
@@ -150,6 +153,7 @@ def time_history(
     return TimeHistory(
         segment=shown_time.segment,
         height=shown_time.within(signals.height),
+        barometer_height=shown_time.within(_barometer_height(signals)),
         motors=_motor_history(signals, shown_time),
         voltages=_battery_voltages(signals, shown_time),
         axes={axis: _axis_history(signals.for_axis(axis), shown_time) for axis in AXES},
@@ -157,6 +161,36 @@ def time_history(
         modes=_mode_intervals(signals, shown_time),
         events=tuple(event for event in shown_events if event is not None),
         position=position,
+    )
+
+
+def _barometer_height(signals: Signals) -> TimeSeries | None:
+    """Returns the height by the barometer alone, which begins in each boot at the height that the autopilot has then.
+
+    A barometer measures height above an arbitrary level.
+
+    Args:
+        signals: logged time series of the vehicle, with its height.
+
+    Returns:
+        The height (N,), m, averaged over a second; None if no boot has a height and a usable barometer.
+    """
+    if signals.height is None:
+        return None
+    parts = []
+    for boot in np.unique(signals.height.boot).tolist():
+        height = signals.height.of_boot(boot)
+        altitude = height_comparison(signals, boot).barometer
+        if altitude is not None:
+            start = max(height.time[0], altitude.time[0])
+            level = altitude.value_at(start) - height.value_at(start)
+            parts.append(replace(altitude, values=altitude.values - level))
+    if not parts:
+        return None
+    return TimeSeries(
+        np.concatenate([part.time for part in parts]),
+        np.concatenate([part.boot for part in parts]),
+        np.concatenate([part.values for part in parts]),
     )
 
 

@@ -1,6 +1,6 @@
 """The evidence for an event in one sentence: which measurements confirm it (its witnesses), and which contradict it."""
 
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable
 from math import inf
 from typing import TYPE_CHECKING
 
@@ -147,6 +147,34 @@ def margin_sentences(fact: Fact, loops: "LoopsByAxis", margins: Iterable[Fact]) 
 def evidence_text(fact: Fact) -> str:
     """Returns the evidence for an event as text with its lead, for a table; empty if the event was not checked."""
     return text_with_leads(evidence_sentences(fact))
+
+
+def evidence_texts(fact: Fact) -> frozenset[str]:
+    """Returns what a list need not say again of an event: its evidence as a whole, without its cause's, and that alone.
+
+    Args:
+        fact: the event.
+    """
+    own = fact.replace(cause=None) if "cause" in fact.figures else fact
+    texts = (evidence_text(fact), evidence_text(own), text_with_leads(cause_sentences(fact)))
+    return frozenset(filter(None, texts))
+
+
+def unrepeated_evidence(fact: Fact, repeated: Collection[str]) -> str:
+    """Returns the evidence for an event as text, without what stands above it already.
+
+    Args:
+        fact: the event.
+        repeated: texts that stand above it, such as :func:`evidence_texts` of the events before.
+
+    Returns:
+        All evidence, or that for its cause alone if the rest is repeated; empty if all is.
+    """
+    own = fact.replace(cause=None) if "cause" in fact.figures else fact
+    text = evidence_text(fact)
+    if evidence_text(own) in repeated:
+        text = text_with_leads(cause_sentences(fact)) if own is not fact else ""
+    return "" if text in repeated else text
 
 
 def text_with_leads(sentences: Iterable[Sentence]) -> str:

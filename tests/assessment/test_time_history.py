@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 from hover import Hover, asking, changed, columns
+from instrumented import instrumented
 from numpy.testing import assert_allclose
 from partial_records import partial_record
 from pytest import approx
@@ -63,6 +64,20 @@ def test_motors_are_in_percent_of_their_range_and_of_their_mean():
     assert motors.outputs.values[hovering].mean() == approx(60.0, abs=5.0)
     assert_allclose(motors.deviations.values.mean(axis=1), 0.0, atol=1e-9)
     assert_allclose(np.diff(motors.deviations.values), np.diff(motors.outputs.values), atol=1e-9)
+
+
+def test_the_barometer_begins_at_the_height_and_shows_where_that_diverged():
+    telemetry = instrumented()
+    place = telemetry.messages["LOCAL_POSITION_NED"]
+    runaway = np.where(place["time"] > 30.0, 3.0 * (place["time"] - 30.0), 0.0)
+    history = history_of(changed(telemetry, "LOCAL_POSITION_NED", z=place["z"] + runaway))
+    height, barometer = history.height, history.barometer_height
+    assert barometer.values[0] == approx(height.values[0], abs=0.5)
+    assert barometer.value_at(29.0) == approx(height.value_at(29.0), abs=0.5)
+    # The estimate dives, and the barometer does not.
+    assert barometer.value_at(36.0) - height.value_at(36.0) == approx(18.0, abs=1.0)
+    without = changed(telemetry, "SCALED_PRESSURE", altitude=120.0)
+    assert history_of(without).barometer_height is None
 
 
 def test_the_flights_of_all_boots_are_drawn_one_after_the_other():

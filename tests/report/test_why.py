@@ -13,8 +13,10 @@ from mavdem.report.why import (
     cause_sentences,
     evidence_sentences,
     evidence_text,
+    evidence_texts,
     headline_evidence,
     margin_sentences,
+    unrepeated_evidence,
 )
 from mavdem.witnesses.sensor_facts import (
     checked_event,
@@ -62,6 +64,11 @@ def test_what_shows_the_cause_comes_before_what_followed_and_alone_on_the_termin
     assert evidence_text(lost) == f"Why: {clause}; then the barometer sank at 4.0 m/s at 2.5 s."
     (alone,) = cause_sentences(lost)
     assert alone.text == f"{clause}."
+    # Below the event with the same witnesses, only what shows the cause is new.
+    above = evidence_texts(hit(SANK))
+    assert unrepeated_evidence(lost, above) == f"Why: {clause}."
+    assert unrepeated_evidence(lost, above | evidence_texts(lost)) == ""
+    assert unrepeated_evidence(hit(SANK), evidence_texts(lost)) == ""
     # What followed a loss is no evidence for a cause that is not known.
     assert not cause_sentences(lost.replace(cause=None))
     assert cause_sentences(hit(SANK, KNOCKED)) == evidence_sentences(hit(SANK, KNOCKED))

@@ -254,7 +254,10 @@ def _flight_charts(history: TimeHistory) -> Iterator[Chart]:
     Args:
         history: signals of one flight over time.
     """
-    yield over_time("Height", "m", _lines_of_columns(history.height, ["height"]))
+    # The barometer, which is behind the height, shows where that diverged.
+    barometer = _lines_of_columns(history.barometer_height, ["barometer"], [MEASURED])
+    height = _lines_of_columns(history.height, ["height"])
+    yield over_time("Height", "m", [*barometer, *height])
     motors = history.motors
     if motors is not None:
         names = [without_remark(name) for name in motors.names]

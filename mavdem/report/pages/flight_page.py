@@ -88,7 +88,7 @@ from mavdem.report.templates import (
 from mavdem.report.trust import trust_table
 from mavdem.report.truth import truth_blocks
 from mavdem.report.why import (
-    evidence_text,
+    evidence_texts,
     headline_evidence,
     margin_sentences,
     text_with_leads,
@@ -356,7 +356,7 @@ def _numbered_events(
         if fact.remedy in next_step:
             texts_above.add(fact.remedy)
         texts_above_event = frozenset(texts_above)
-        texts_above |= {fact.remedy, evidence_text(fact)}
+        texts_above |= {fact.remedy, *evidence_texts(fact)}
         page_event = PageEvent(Event(nan, fact), repeated=texts_above_event)
         if fact.time is not None:
             number += 1

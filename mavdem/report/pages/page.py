@@ -28,7 +28,7 @@ from mavdem.report.pages.environment import environment, render_page
 from mavdem.report.pages.page_link import PageLink
 from mavdem.report.screen import flight_title, model_screen
 from mavdem.report.templates import without_full_stop
-from mavdem.report.why import evidence_text
+from mavdem.report.why import evidence_text, unrepeated_evidence
 
 MAX_BRIEF_EVENTS = 4
 """Events that a page shows at first: a choice, so that the list takes less room than the charts."""
@@ -157,8 +157,7 @@ class PageEvent(NamedTuple):
     @property
     def why(self) -> str:
         """What shows it; empty if nothing does, or if the page has that already."""
-        text = evidence_text(self.event.fact)
-        return "" if text in self.repeated else text
+        return unrepeated_evidence(self.event.fact, self.repeated)
 
     @property
     def seconds(self) -> float:
