@@ -8,7 +8,7 @@ from mavdem.dem import Estimate, Learned
 from mavdem.errors import failure_fact
 from mavdem.facts import Fact
 from mavdem.facts.event import Event
-from mavdem.facts.session import SessionFact
+from mavdem.facts.session import LinkFact, SessionFact
 from mavdem.facts.watch import WatchFact
 from mavdem.live import clock
 from mavdem.live.display import Display, DisplayRow
@@ -244,7 +244,8 @@ class Presentation:
 def _repetition_key(fact: Fact) -> tuple[object, ...]:
     """Returns a key that repeated reports of the same thing share: code, subject, and a detail.
 
-    The detail is the text of a message from the autopilot, or the alarm of another vehicle; otherwise None.
+    The detail is the text of a message from the autopilot, the alarm of another vehicle, or the level of a lost link;
+    otherwise None.
 
     Args:
         fact: the fact that is reported to the user.
@@ -255,6 +256,9 @@ def _repetition_key(fact: Fact) -> tuple[object, ...]:
     detail = fact.figures.get("text")
     if fact.code is WatchFact.OTHER_VEHICLE_ALARM:
         detail = fact.figures["reason"]
+    elif fact.code is LinkFact.LOST_IN_FLIGHT:
+        # A link that is lost for long is worse news than one that has just been lost.
+        detail = fact.level
     return fact.code, fact.subject, detail
 
 
