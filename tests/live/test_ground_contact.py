@@ -1,6 +1,8 @@
 """A vehicle that loses control and hits the ground: both are said in their order, and as its log says them."""
 
 from dataclasses import replace
+from pathlib import Path
+from typing import NamedTuple
 
 from pytest import fixture, mark
 
@@ -60,20 +62,26 @@ def test_a_vehicle_that_sinks_with_a_motor_at_its_limit_is_said_to_before_it_hit
     assert "motor 3 (front left)" in session.status().loss.sentence
 
 
-def test_the_wind_before_a_loss_stays_known(flown):
-    stream = LiveStream()
-    mean = None
-    for stamp, frame in read_stream(flown).stamped_frames():
-        stream.feed(stamp / 1e6, frame)
-        if stream.status().loss is None:
-            mean = stream.wind.mean
-    assert mean is not None
-    assert stream.wind.mean is mean and stream.wind.latest is None
-    assert stream.wind.no_estimate_reason is None
+class Replay(NamedTuple):
+    """What a live session says of a flight that it receives message by message."""
+
+    path: Path
+    """The log."""
+    stream: LiveStream
+    """The stream at the end."""
+    wind_before_loss: object
+    """The mean wind at the last message before the loss."""
+    losses: list
+    """The alarms of losses and impacts."""
+    down_texts: list
+    """The texts of the vehicle after its impact, while it counts as flying."""
 
 
-def test_a_loss_is_said_before_its_impact_and_no_lost_vehicle_is_in_flight(flown):
+@fixture(scope="module")
+def replayed(flown):
+    """The flight, replayed once with its status after each message."""
     stream = LiveStream()
+    wind_before_loss = None
     losses = []
     down_texts = []
     for stamp, frame in read_stream(flown).stamped_frames():
@@ -84,11 +92,26 @@ def test_a_loss_is_said_before_its_impact_and_no_lost_vehicle_is_in_flight(flown
             if is_alarm and reason.code in (Ending.CONTROL_LOST, Ending.CRASHED, MotionEvent.HIT):
                 losses.append(event.fact)
         status = replace(stream.status(), state=stream.vehicle_state())
+        if status.loss is None:
+            wind_before_loss = stream.wind.mean
         if status.ground_contact is not None and status.is_flying:
             down_texts.append(vehicle_text(status))
+    return Replay(flown, stream, wind_before_loss, losses, down_texts)
+
+
+def test_the_wind_before_a_loss_stays_known(replayed):
+    wind = replayed.stream.wind
+    assert replayed.wind_before_loss is not None
+    assert wind.mean is replayed.wind_before_loss and wind.latest is None
+    assert wind.no_estimate_reason is None
+
+
+def test_a_loss_is_said_before_its_impact_and_no_lost_vehicle_is_in_flight(replayed):
+    losses = replayed.losses
+    down_texts = replayed.down_texts
     assert down_texts
     assert all("down since" in text and "in flight" not in text for text in down_texts)
-    reviewed = mavdem.review(flown)
+    reviewed = mavdem.review(replayed.path)
     [hit] = [event for event in reviewed.events if event.code is MotionEvent.HIT]
     codes = [alarm.figures["reason"].code for alarm in losses]
     if reviewed.headline.code is Ending.CRASHED:
