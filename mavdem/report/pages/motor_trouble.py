@@ -7,8 +7,9 @@ the trouble.
 """
 
 import re
+from collections.abc import Mapping
 from functools import partial
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from mavdem.containers import JsonValues
 from mavdem.facts import Level
@@ -17,7 +18,6 @@ from mavdem.facts.motors import MotorHealth
 from mavdem.fleet.report_columns import value_at
 from mavdem.fleet.row import FlightRow
 from mavdem.report.blocks import Sentence
-from mavdem.report.difference import Review
 from mavdem.report.fleet import HEALTH_LEVELS, TROUBLED_HEALTHS, motors_level
 from mavdem.report.pages.environment import environment, render_page
 from mavdem.report.pages.page_link import PageLink
@@ -96,7 +96,9 @@ def motor_trouble(row: FlightRow | None) -> MotorTrouble | None:
     )
 
 
-def review_with_trouble(review: Review, trouble: MotorTrouble | None) -> Review:
+def review_with_trouble(
+    review: Mapping[str, Any], trouble: MotorTrouble | None
+) -> Mapping[str, Any]:
     """Returns the review of a flight with trouble as the light of its motors, its headline and its next step.
 
     So the flight is compared with another one by the same judgement as lists and its own page show.
