@@ -1,7 +1,9 @@
 """How a server listens: its socket and its URL, and connections that are closed if they are too many or too slow."""
 
 import asyncio
+import signal
 import socket
+import threading
 
 import h11
 import uvicorn
@@ -10,7 +12,7 @@ from uvicorn.protocols.http.h11_impl import H11Protocol, RequestResponseCycle
 
 from mavdem.errors import Unreadable, error_message
 from mavdem.facts.serve import StartFailure
-from mavdem.processes import max_open_files
+from mavdem.processes import TERMINATION_SIGNALS, max_open_files
 from mavdem.serve.uploads import MAX_CHUNK_DELAY
 
 MAX_CONNECTIONS = 1000
@@ -27,6 +29,22 @@ ACCEPTED_AT_ONCE = 100
 
 MAX_SHUTDOWN_SECONDS = 3
 """Seconds that answers which are being sent may take after the server was asked to end."""
+
+
+def end_by_all_signals(server: uvicorn.Server) -> None:
+    """Lets each signal that ends a program end the server in order, so that what a live session recorded is kept.
+
+    uvicorn itself handles Ctrl-C and SIGTERM. A terminal that is closed sends SIGHUP; ignored signals stay ignored.
+
+    Args:
+        server: server that will run in this thread. In another one than the main thread nothing is changed.
+    """
+    if threading.current_thread() is not threading.main_thread():
+        return
+    for number in TERMINATION_SIGNALS:
+        is_handled = number in (signal.SIGINT, signal.SIGTERM)
+        if not is_handled and signal.getsignal(number) is not signal.SIG_IGN:
+            signal.signal(number, server.handle_exit)
 
 
 def server_config(app: Starlette, *, is_behind_proxy: bool = False) -> uvicorn.Config:

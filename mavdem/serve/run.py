@@ -18,7 +18,12 @@ from mavdem.serve.app import Server
 from mavdem.serve.field_store import FieldStore
 from mavdem.serve.library import Library
 from mavdem.serve.link_monitor import LinkMonitor
-from mavdem.serve.listening import listening_socket, server_config, server_url
+from mavdem.serve.listening import (
+    end_by_all_signals,
+    listening_socket,
+    server_config,
+    server_url,
+)
 from mavdem.serve.reading import read_for_library
 from mavdem.serve.reading_threads import ReadingThreads
 from mavdem.serve.rights import LOOPBACK_HOSTS, rights_for_host
@@ -115,5 +120,7 @@ def serve(
     report_address(url)
     if opens_browser:
         threading.Thread(target=webbrowser.open, args=(url,), daemon=True).start()
+    http_server = uvicorn.Server(config)
+    end_by_all_signals(http_server)
     with closing(viewer), suppress(KeyboardInterrupt):
-        uvicorn.Server(config).run(sockets=[listener])
+        http_server.run(sockets=[listener])

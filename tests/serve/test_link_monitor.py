@@ -1,6 +1,7 @@
 """A server that is attached to a link: the page of the session, its log in the library, and what ends it."""
 
 import errno
+import signal
 import socket
 import time
 from dataclasses import replace
@@ -34,6 +35,7 @@ from mavdem.report.pages.page import PageLink
 from mavdem.serve import link_monitor, live_pages
 from mavdem.serve.library import Library
 from mavdem.serve.link_monitor import LinkMonitor
+from mavdem.serve.listening import end_by_all_signals
 
 FRAMES = FLIGHT.read_bytes()[:100_000]
 
@@ -385,3 +387,18 @@ def test_each_flight_of_a_vehicle_that_restarts_after_landing_is_a_log(idle, mon
         (vehicle,) = read_log(live._library.log_path(entry)).vehicles
         attitudes.append(len(vehicle.messages["ATTITUDE"]["time"]))
     assert sorted(attitudes) == ([9, 9] if lands else [18])
+
+
+@mark.skipif(not hasattr(signal, "SIGHUP"), reason="there are no terminals that hang up")
+def test_a_closed_terminal_ends_the_server_in_order():
+    former = signal.getsignal(signal.SIGHUP)
+    server = Mock()
+    try:
+        end_by_all_signals(server)
+        signal.raise_signal(signal.SIGHUP)
+        [(number, _)] = [call.args for call in server.handle_exit.call_args_list]
+        signal.signal(signal.SIGHUP, signal.SIG_IGN)
+        end_by_all_signals(server)
+        assert number == signal.SIGHUP and signal.getsignal(signal.SIGHUP) is signal.SIG_IGN
+    finally:
+        signal.signal(signal.SIGHUP, former)
