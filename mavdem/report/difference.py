@@ -253,7 +253,7 @@ def _sentences_on_bad_lights(lights: Iterable[_BadLight]) -> list[Sentence]:
     for light in lights:
         text = f"{light.levels}. {light.reason}"
         if light.reason in stated_reasons:
-            text = f"{light.levels}, for the same reason."
+            text = f"{light.levels}; bad for the reason above."
         stated_reasons.add(light.reason)
         sentences.append(Sentence(text, f"{light.name.capitalize()}:"))
     return sentences

@@ -135,7 +135,7 @@ def test_a_crash_that_makes_several_lights_bad_is_stated_once(difference):
     assert motors.text == "bad in A, good in B. It crashed."
     assert (tracking.lead, tracking.text) == (
         "Tracking:",
-        "bad in A, good in B, for the same reason.",
+        "bad in A, good in B; bad for the reason above.",
     )
 
 
