@@ -48,10 +48,11 @@ MAX_PROCESSOR_SHARE = 0.1
 PIECE_SECONDS = 10.0
 """Duration of the pieces in which messages are kept and forgotten, s: a choice."""
 
-MAX_BYTES = 1 << 24
-"""Bytes of messages that are kept, 16 MiB: a quarter of an hour with attitude, setpoints and outputs at 100 Hz.
+MAX_BYTES = 6 << 20
+"""Bytes of messages that are kept, 6 MiB: six minutes with attitude, setpoints and outputs of ArduPilot at 100 Hz.
 
-A choice, which bounds the memory, and the time of a review; of a longer flight the beginning is forgotten.
+A choice. It bounds the time of a review, and the memory of the process that does it, which needs 20 to 30 times as
+many bytes. Of a longer flight the beginning is forgotten.
 """
 
 UNNAMED_RECORDING = "FILE.tlog"
