@@ -24,6 +24,7 @@ from mavdem.facts.assessment import NextStep
 from mavdem.facts.ending import Ending, MotionEvent
 from mavdem.facts.events import ReportedEvent
 from mavdem.facts.lights import Light, Unjudged
+from mavdem.facts.margins import MarginsLight
 from mavdem.facts.power import PowerLight
 from mavdem.facts.session import LinkFact, MissingMessages, RowsFact, SessionFact, VehicleFact
 from mavdem.facts.vibration import VibrationLight
@@ -59,6 +60,9 @@ MAX_ALARM_DELAY = 3.0
 EMPTYING_BATTERY = (ReportedEvent.BATTERY_WARNED, PowerLight.BATTERY_LOW, PowerLight.CHARGE_LOW)
 """Lights of the power that advise a landing in flight, even if they are to be watched only."""
 
+
+FAULTS_SINCE_TAKEOFF = (MarginsLight.LOOP_MARGINS,)
+"""Bad findings with which the vehicle has flown since its take-off, so that the landing need not be at once."""
 
 FALLS = (WatchFact.FALLS_AT_IDLE, WatchFact.STOPPED_IN_AIR, WatchFact.SINKS_AT_LIMIT)
 """Facts that a vehicle loses its height against its will."""
@@ -437,7 +441,9 @@ class SessionStatus(ImmutableResult):
             judgement: judgement of the flight so far, with the next step after its landing.
         """
         headline = self._most_urgent_headline(judgement.headline)
-        is_urgent = headline.is_bad or headline in self.active_alarms
+        is_urgent = headline in self.active_alarms
+        if headline.is_bad and headline.code not in FAULTS_SINCE_TAKEOFF:
+            is_urgent = True
         if self.no_model_reason is not None and not self._is_received:
             # Whether the vehicle still flies, and how, is not known.
             judgement = replace(judgement, lights=self._lights_in_silence(judgement.lights))
@@ -488,7 +494,8 @@ class SessionStatus(ImmutableResult):
 
         1. to land soon, if the battery is getting empty;
         2. to watch the vehicle itself, if alarms come later than ``MAX_ALARM_DELAY``;
-        3. to fly on, or to let it land if it lands by itself, and do then what the headline advises, if it warns;
+        3. to fly on, or to land soon if the headline is bad, or to let it land if it lands by itself, and do then what
+           the headline advises, if it warns;
         4. to let it land if it lands by itself;
         5. to fly on, if a model was judged, or if the reason why there is none has no remedy;
         6. otherwise what has to happen before a model can be learned, which is the next step so far.
@@ -505,6 +512,8 @@ class SessionStatus(ImmutableResult):
             return Fact(NextStep.FLY_BY_SIGHT, delay=self.analysis_delay)
         if headline.warns:
             advice_after_landing = choose_next_step(headline, judgement.lights, None)
+            if headline.is_bad and not is_landing:
+                flight_step = NextStep.LAND_SOON
             return Fact(flight_step, reason=advice_after_landing)
         if is_landing:
             return Fact(NextStep.LET_LAND, reason=None)
