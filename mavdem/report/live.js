@@ -166,8 +166,8 @@
     if (isLast()) return;
     const silence = Math.round((Date.now() - answerTime) / 1000), age = Math.round((Date.now() - stateTime) / 1000);
     const words = refusal ? `mavdem does not show the session: ${refusal}`
-      : silence >= LONGEST_SILENCE ? `No answer from mavdem for ${silence} s.`
-      : age >= LONGEST_PAUSE ? `mavdem answers, but has had nothing new for ${age} s.` : "";
+      : silence >= LONGEST_SILENCE ? `No answer from mavdem for ${silence}\u00a0s.`
+      : age >= LONGEST_PAUSE ? `mavdem answers, but has had nothing new for ${age}\u00a0s.` : "";
     if (words && line.hidden) {
       sound(440, 2);
       colourIcon("unknown");
@@ -176,7 +176,7 @@
     line.hidden = !words;
     root.classList.toggle("unanswered", !!words);
     if (!words) return;
-    line.textContent = `${words} What is below is ${age} s old.`;
+    line.textContent = `${words} What is below is ${age}\u00a0s old.`;
     document.title = `⚠ ${words} — ${title}`;
   };
   setInterval(tell, 1000);

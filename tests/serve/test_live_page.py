@@ -132,7 +132,7 @@ def test_a_page_without_an_answer_keeps_its_state_says_for_how_long_and_recovers
     tab.command("Network.enable")
     offline = {"latency": 0, "downloadThroughput": -1, "uploadThroughput": -1}
     tab.command("Network.emulateNetworkConditions", offline=True, **offline)
-    tab.until(f"/^No answer from mavdem for \\d+ s/.test({LOUD_LINE})")
+    tab.until(f"/^No answer from mavdem for \\d+\\ss/.test({LOUD_LINE})")
     first = tab.run(LOUD_LINE)
     tab.until(f"{LOUD_LINE} !== {first!r}")
     assert tab.run(HEADLINE) == headline
