@@ -6,7 +6,7 @@ too uncertain, so that margins in flight and those of the review of the recordin
 
 from collections import deque
 from collections.abc import Sequence
-from concurrent.futures import CancelledError, Executor, Future
+from concurrent.futures import Executor, Future
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from io import BytesIO
@@ -278,7 +278,8 @@ class MarginReview:
     def _take_result(self, pending: Future[ReviewedMargins]) -> None:
         """Takes the result of a review that the executor has finished, and sets when the next one may begin.
 
-        A review that failed is dropped, and the result before it stays: the next one may succeed.
+        A review that failed is dropped, and the result before it stays: the next one may succeed. Whatever fails in the
+        other process, such as too little memory, must not end the session, which watches the vehicle.
 
         Args:
             pending: the review that the executor computes.
@@ -287,7 +288,7 @@ class MarginReview:
             return
         self._pending = None
         pause = REVIEW_PERIOD
-        with suppress(ValueError, RuntimeError, CancelledError):
+        with suppress(Exception):
             self.light, processor_seconds = pending.result()
             pause = max(pause, processor_seconds / MAX_PROCESSOR_SHARE)
         self._next_time = self._start_time + pause

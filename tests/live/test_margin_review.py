@@ -235,12 +235,13 @@ def test_without_rate_setpoints_or_time_nothing_is_reviewed(review, stream):
     assert review.has_rate_setpoint
 
 
-def test_a_failed_review_leaves_the_one_before(review, stream):
+@mark.parametrize("error", [ValueError("no"), MemoryError(), KeyError("no")])
+def test_a_failed_review_leaves_the_one_before(review, stream, error):
     update(review, stream, 0, FIRST)
     review._executor.futures[0].set_result(REVIEWED)
     second = FIRST + round(REVIEW_PERIOD)
     update(review, stream, FIRST, second)
-    review._executor.futures[1].set_exception(ValueError("no"))
+    review._executor.futures[1].set_exception(error)
     assert update(review, stream, second, 90) == [FIRST_REVIEW_SECONDS + 2 * REVIEW_PERIOD]
     assert review.light is BAD
 
