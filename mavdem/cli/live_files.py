@@ -30,18 +30,18 @@ def written_file_lines(
     lines = []
     if record is not None:
         count = f"{frame_count:,} messages"
-        lines.append(f"Recording: {record}, {count}. Judge it: `mavdem {_word(record)}`")
+        lines.append(f"Recording: {record}, {count}. Judge it: `mavdem {_shell_word(record)}`")
     if rrd is not None:
-        lines.append(f"Dashboard: {rrd}. Open it: `rerun {_word(rrd)}`")
+        lines.append(f"Dashboard: {rrd}. Open it: `rerun {_shell_word(rrd)}`")
     if page is not None:
         lines.append(f"Page: {page}. Open it in a browser.")
     if model is not None:
-        lines.append(f"Model: {model}. For the next flight: `--prior {_word(model)}`")
+        lines.append(f"Model: {model}. For the next flight: `--prior {_shell_word(model)}`")
     return lines
 
 
 def gains_line(advice: Facts | None, account: Mapping[TimeUse, float]) -> str:
-    """Returns a line on the gains that a session advises: their files, or why there are none.
+    """Returns a line on the gains that a session advises: their file, or why there are none.
 
     Args:
         advice: the facts of the latest advice; None where nothing was recorded to compute gains from.
@@ -60,7 +60,11 @@ def gains_line(advice: Facts | None, account: Mapping[TimeUse, float]) -> str:
 
 
 def _reason_without_gains(advice: Sequence[Fact]) -> Fact:
-    """Returns the fact of an advice without gains that says why there are none."""
+    """Returns the fact with the reason why an advice has no gains.
+
+    Args:
+        advice: facts of the advice, of which there is at least one.
+    """
     for fact in advice:
         if fact.code is GainFact.GAINS_LEFT:
             reason: Fact = fact.figures["reason"]
@@ -68,6 +72,6 @@ def _reason_without_gains(advice: Sequence[Fact]) -> Fact:
     return advice[0]
 
 
-def _word(path: Path) -> str:
-    """Returns a path as one word of a command line."""
+def _shell_word(path: Path) -> str:
+    """Returns a path as one word of a command line, in quotation marks if a shell would split it."""
     return quote(str(path))

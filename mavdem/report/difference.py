@@ -243,7 +243,7 @@ class _BadLight(NamedTuple):
     """Levels of both sides, such as "bad in A, good in B"."""
 
     reason: str
-    """The sentence of each bad one."""
+    """Sentence of the bad light; sentences of both lights where both are bad for different reasons."""
 
 
 def _sentences_on_bad_lights(lights: Iterable[_BadLight]) -> list[Sentence]:
@@ -332,19 +332,16 @@ def _levels_and_reason(lights_by_side: Mapping[str, JsonValues]) -> tuple[str, s
     first_side, second_side = STATE_NAMES
     first, second = lights_by_side[first_side], lights_by_side[second_side]
     if first["level"] != second["level"]:
-        worse = next(
-            light
-            for level in WARNING_LEVELS
-            for light in (first, second)
-            if light["level"] == level
-        )
+        second_is_worse = second["level"] == Level.BAD or first["level"] not in WARNING_LEVELS
+        worse_light = second if second_is_worse else first
         levels = f"{first['level']} in {first_side}, {second['level']} in {second_side}"
-        return levels, f"{worse['sentence']}{_remark_on_imus(first, second)}"
+        return levels, f"{worse_light['sentence']}{_remark_on_imus(first, second)}"
     levels = f"{first['level']} in {first_side} and {second_side}"
     if first["sentence"] == second["sentence"]:
         return levels, first["sentence"]
-    numbers = [motor_number(light.get("subject") or "") for light in (first, second)]
-    if None not in numbers and numbers[0] != numbers[1]:
+    first_motor = motor_number(first.get("subject") or "")
+    second_motor = motor_number(second.get("subject") or "")
+    if None not in (first_motor, second_motor) and first_motor != second_motor:
         levels += ", of different motors"
     sentences = (
         f"{first_side}: {first['sentence']} {second_side}: {second['sentence']}"
@@ -468,36 +465,41 @@ def motor_table(reviews: Mapping[str, Review], difference: VehicleDifference) ->
     warnings_by_side = {side: _motor_warnings(reviews.get(side, {})) for side in STATE_NAMES}
     if not any(warnings_by_side.values()):
         return []
-    changes = {
-        (change.quantity.kind, change.quantity.motor): change
-        for change in difference.changes
-        if change.quantity.is_of_motor
-    }
-    kinds = [kind for kind in (SHARE, EFFECT) if any(kind == known for known, _ in changes)]
-    numbers = {motor for _, motor in changes}
+    motor_numbers = set[int]()
     for side, warnings in warnings_by_side.items():
-        names = value_at(reviews[side], "condition.hover.motors") if warnings else None
-        numbers |= {*warnings, *range(1, len(names or ()) + 1)}
+        hover_motors = value_at(reviews[side], "condition.hover.motors") if warnings else None
+        motor_numbers |= {*warnings, *range(1, len(hover_motors or ()) + 1)}
+    changes_by_kind: dict[str, dict[int, QuantityChange]] = {SHARE: {}, EFFECT: {}}
+    for change in difference.changes:
+        if change.quantity.is_of_motor:
+            motor_numbers.add(change.quantity.motor)
+            changes_by_kind[change.quantity.kind][change.quantity.motor] = change
+    # A quantity that was compared for no motor gets no column.
+    shown_kinds = [kind for kind, changes in changes_by_kind.items() if changes]
     rows = []
-    for motor in sorted(numbers):
+    for motor in sorted(motor_numbers):
         cells = [
             _motor_cell(reviews[side], warnings_by_side[side].get(motor)) for side in STATE_NAMES
         ]
-        for kind in kinds:
-            change = changes.get((kind, motor))
-            cells.append("" if change is None else _change_with_interval(change))
+        for kind in shown_kinds:
+            change_of_motor = changes_by_kind[kind].get(motor)
+            cells.append("" if change_of_motor is None else _change_with_interval(change_of_motor))
         rows.append([f"motor {motor}", *cells])
-    titles = [SHOWN_QUANTITIES[kind].name for kind in kinds]
+    titles = [SHOWN_QUANTITIES[kind].name for kind in shown_kinds]
     return [Table(["", *STATE_NAMES, *titles], rows, words=True)]
 
 
 def _motor_warnings(review: Review) -> dict[int, JsonValues]:
-    """Returns the worst fact of a review about each motor that it warns of, by the number of the motor.
+    """Returns the worst warning of a review about each motor, by the number of the motor, from 1 on.
 
-    Of equally bad facts the light's one is taken, or else the first event.
+    Motors without a warning are left out. Of equally bad warnings that of the motors' light is taken, or else the first
+    event.
 
     Args:
-        review: review document of a log; empty of a fleet.
+        review: review document of a log; empty for a fleet.
+
+    Returns:
+        The warnings as facts of the document, with keys such as "level", "subject" and "sentence".
     """
     facts = [value_at(review, f"lights.{Light.MOTORS}"), *review.get("events", ())]
     warnings: dict[int, JsonValues] = {}
@@ -510,26 +512,26 @@ def _motor_warnings(review: Review) -> dict[int, JsonValues]:
 
 
 def _motor_cell(review: Review, fact: JsonValues | None) -> str:
-    """Returns what a flight shows of one motor, in few words, with the level.
+    """Returns the cell of one motor in one flight: its warning, shortened and with its level, or that there is none.
 
     Args:
-        review: review document of the log; empty of a fleet.
-        fact: the worst fact about the motor; None if the review does not warn of it.
+        review: review document of the log; empty for a fleet.
+        fact: the worst warning about the motor (:func:`_motor_warnings`); None without one.
     """
     if fact is None:
         level = Level(value_at(review, f"lights.{Light.MOTORS}.level") or Level.UNKNOWN)
-        (words,) = render_section(
+        [sentence] = render_section(
             "difference_motor", is_known=level is not Level.UNKNOWN, loss=None
         )
-        return words.text
-    (words,) = render_section(
+        return sentence.text
+    [sentence] = render_section(
         "difference_motor",
         is_known=True,
         loss=value_at(fact, "figures.loss"),
         time=fact.get("time"),
         sentence=MOTOR_AT_START.sub("", fact["sentence"]),
     )
-    text = without_full_stop(shortened(words.text, MAX_MOTOR_CHARACTERS))
+    text = without_full_stop(shortened(sentence.text, MAX_MOTOR_CHARACTERS))
     return Rated(text, Level(fact["level"]))
 
 
@@ -1097,13 +1099,23 @@ def _identity_cautions(difference: VehicleDifference) -> Blocks:
 
 
 def _shown_names(names: Names, shared_names: Collection[str]) -> list[str]:
-    """Returns names of vehicles as they are shown: of a serial number both ends, of a system id that it is no name."""
-    return [
-        vehicle_type(name, "", NO_NAMES, is_shared=True)
-        if name in shared_names
-        else short_name(name)
-        for name in names
-    ]
+    """Returns names of vehicles as they are shown to the reader.
+
+    Args:
+        names: names of the vehicles in their logs.
+        shared_names: those of the names that are MAVLink system ids, which several vehicles may have.
+
+    Returns:
+        For a system id what the vehicle is, such as "unnamed PX4 vehicle"; for a serial number its first and last
+        characters; any other name as it is.
+    """
+    shown_names = []
+    for name in names:
+        if name in shared_names:
+            shown_names.append(vehicle_type(name, "", NO_NAMES, is_shared=True))
+        else:
+            shown_names.append(short_name(name))
+    return shown_names
 
 
 def _are_two_vehicles(difference: VehicleDifference) -> bool:

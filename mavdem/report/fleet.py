@@ -116,14 +116,14 @@ def is_serial(name: str) -> bool:
 
 
 def short_name(name: str) -> str:
-    """Returns a vehicle's name as far as a line has room: of a serial number both ends, which tell boards apart."""
+    """Returns the name of a vehicle; a serial number is shortened to its first and last characters, as a line needs."""
     if not is_serial(name):
         return name
     return f"{name[:SERIAL_START_LENGTH]}…{name[-SERIAL_END_LENGTH:]}"
 
 
 def unnamed_vehicle(autopilot: str, frame: str) -> str:
-    """Returns what a vehicle is called that nothing identifies, such as "unnamed PX4 quadrotor".
+    """Returns the description of a vehicle whose logs do not identify it, such as "unnamed PX4 quadrotor".
 
     Args:
         autopilot: MAV_AUTOPILOT without its prefix; empty where it is not known.
@@ -135,10 +135,10 @@ def unnamed_vehicle(autopilot: str, frame: str) -> str:
 
 
 def vehicle_type(name: str, frame: str, names: GivenNames, *, is_shared: bool = False) -> str:
-    """Returns what a vehicle is called at the beginning of its line: its name or, where that is a serial, its type.
+    """Returns the name of a vehicle at the beginning of its line; its type if its logs have only a serial number.
 
     Args:
-        name: what its logs call it.
+        name: name of the vehicle in its logs.
         frame: kind of its frame, such as "QUADROTOR"; empty where it is not known.
         names: names that were given to vehicles.
         is_shared: whether its logs have a system id only, which several vehicles may have.
@@ -153,10 +153,10 @@ def vehicle_type(name: str, frame: str, names: GivenNames, *, is_shared: bool = 
 
 
 def vehicle_label(name: str, frame: str, names: GivenNames, *, is_shared: bool = False) -> str:
-    """Returns what a vehicle is called in a sentence: its name, or its type and both ends of its serial number.
+    """Returns the name of a vehicle in a sentence; its type and a shortened serial number if it has no other name.
 
     Args:
-        name: what its logs call it.
+        name: name of the vehicle in its logs.
         frame: kind of its frame, such as "QUADROTOR"; empty where it is not known.
         names: names that were given to vehicles.
         is_shared: whether its logs have a system id only, which several vehicles may have.

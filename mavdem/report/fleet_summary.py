@@ -57,8 +57,9 @@ def fleet_blocks(
         Sentences and the table.
     """
     vehicles = vehicles_with_section(summaries)
-    # Of a shared name only the health of the motors is that of one vehicle: a bad flight under it counts as a flight.
-    several = {
+    # A bad flight under a shared name counts as a flight and not as a vehicle, unless the health of its motors was
+    # compared, which a user asks for where all flights under this name are of one vehicle.
+    names_without_vehicle = {
         summary.name
         for summary in summaries
         if summary.has_shared_name
@@ -66,7 +67,7 @@ def fleet_blocks(
         and vehicles[summary.name].health not in TROUBLED_HEALTHS
     }
     vehicles_of_headline = {
-        name: vehicle for name, vehicle in vehicles.items() if name not in several
+        name: vehicle for name, vehicle in vehicles.items() if name not in names_without_vehicle
     }
     # Vehicles whose logs name them, those among them whose motors no flight judges, and flights of other vehicles.
     named_count = 0
@@ -80,7 +81,7 @@ def fleet_blocks(
             if summary.vehicle.health == UNKNOWN:
                 unjudged_count += 1
     latest_bad = []
-    for name in sorted(several):
+    for name in sorted(names_without_vehicle):
         last_flight = vehicles[name].last
         if last_flight.badge_level is Level.BAD:
             label = vehicle_label(name, last_flight.frame, names, is_shared=True)

@@ -93,7 +93,11 @@ def _file_name(flight: AxisRows) -> str:
 
 
 def _vehicle(flight: AxisRows) -> str:
-    """Returns the name of a flight's vehicle; of one by a system id what it is, as "unnamed PX4 quadrotor"."""
+    """Returns the name of a flight's vehicle, or what it is if its log has only a system id ("unnamed PX4 quadrotor").
+
+    Args:
+        flight: rows of one flight in the fleet's table, one for each axis.
+    """
     row = log_row(flight)
     if row.vehicle_basis != SYSTEM_ID_BASIS:
         return row.vehicle

@@ -150,14 +150,20 @@ def evidence_text(fact: Fact) -> str:
 
 
 def evidence_texts(fact: Fact) -> frozenset[str]:
-    """Returns what a list need not say again of an event: its evidence as a whole, without its cause's, and that alone.
+    """Returns the texts with evidence that a list need not repeat once it has shown an event.
+
+    They are all evidence for the event, that without the evidence for its cause, and that for its cause alone; those
+    for which there is no evidence are left out.
 
     Args:
         fact: the event.
     """
-    own = fact.replace(cause=None) if "cause" in fact.figures else fact
-    texts = (evidence_text(fact), evidence_text(own), text_with_leads(cause_sentences(fact)))
-    return frozenset(filter(None, texts))
+    texts = (
+        evidence_text(fact),
+        evidence_text(_without_cause(fact)),
+        text_with_leads(cause_sentences(fact)),
+    )
+    return frozenset(text for text in texts if text)
 
 
 def unrepeated_evidence(fact: Fact, repeated: Collection[str]) -> str:
@@ -170,11 +176,16 @@ def unrepeated_evidence(fact: Fact, repeated: Collection[str]) -> str:
     Returns:
         All evidence, or that for its cause alone if the rest is repeated; empty if all is.
     """
-    own = fact.replace(cause=None) if "cause" in fact.figures else fact
     text = evidence_text(fact)
-    if evidence_text(own) in repeated:
-        text = text_with_leads(cause_sentences(fact)) if own is not fact else ""
+    if evidence_text(_without_cause(fact)) in repeated:
+        has_cause = "cause" in fact.figures
+        text = text_with_leads(cause_sentences(fact)) if has_cause else ""
     return "" if text in repeated else text
+
+
+def _without_cause(fact: Fact) -> Fact:
+    """Returns an event without its cause, whose evidence is then that of the event alone."""
+    return fact.replace(cause=None) if "cause" in fact.figures else fact
 
 
 def text_with_leads(sentences: Iterable[Sentence]) -> str:

@@ -820,40 +820,42 @@ def _numbered_live_events(
 ) -> list[PageEvent]:
     """Returns the events of a live session as its page lists them; those that its charts have are numbered.
 
+    Events, alarms and headline are matched by their causes, since the headline may state the cause of an alarm in other
+    words.
+
     Args:
         events: the events in the order in which they were reported.
         headline: the headline of the page.
-        alarms: the alarms that last.
+        alarms: the alarms that are active.
 
     Returns:
-        The events in this order.
+        The events in this order, each with whether the headline states it, and whether it is no longer active.
     """
     # Imported here: a page of a log needs nothing of live sessions.
     from mavdem.live.session_status import cause_of_alarm
     from mavdem.report.live import moment_text
 
-    lasting_causes = set()
+    headline_cause = cause_of_alarm(headline)
+    active_causes = set()
     for alarm in alarms:
         if alarm.code is not WatchFact.ALARM_OVER:
             cause = cause_of_alarm(alarm)
-            lasting_causes.add((cause.code, cause.subject))
+            active_causes.add((cause.code, cause.subject))
     page_events = []
-    count = 0
+    numbered_count = 0
     for event in events:
         number = None
         if event.has_time:
-            count += 1
-            number = count
-        # The headline may state the cause of an alarm in other words.
+            numbered_count += 1
+            number = numbered_count
         cause = cause_of_alarm(event.fact)
-        stated_cause = cause_of_alarm(headline)
+        code_and_subject = (cause.code, cause.subject)
         page_events.append(
             PageEvent(
                 event,
                 number,
-                is_headline=(cause.code, cause.subject)
-                == (stated_cause.code, stated_cause.subject),
-                is_over=(cause.code, cause.subject) not in lasting_causes,
+                is_headline=code_and_subject == (headline_cause.code, headline_cause.subject),
+                is_over=code_and_subject not in active_causes,
                 moment=moment_text(event),
             )
         )

@@ -76,7 +76,7 @@ class MotorTrouble(NamedTuple):
 
 
 def motor_trouble(row: FlightRow | None) -> MotorTrouble | None:
-    """Returns the trouble with the motors that a flight shows beside the other flights of its vehicle.
+    """Returns the trouble with the motors that comparison of a flight with others of its vehicle has shown, if any.
 
     Args:
         row: row in the fleet's table of the flight's axis with the worst health; None if the flight is not compared.
@@ -88,7 +88,7 @@ def motor_trouble(row: FlightRow | None) -> MotorTrouble | None:
         return None
     next_step: list[Sentence] = []
     motor = f"motor {row.suspect_motor}" if row.suspect_motor else ""
-    # A fault has one even where the motor is not known.
+    # A fault has a next step even where the motor is not known; a drift has one only for a suspected motor.
     if row.health == MotorHealth.FAULT or motor:
         next_step = [*render_section("difference_next", motor=motor, is_weaker=bool(motor))]
     return MotorTrouble(
@@ -99,16 +99,17 @@ def motor_trouble(row: FlightRow | None) -> MotorTrouble | None:
 def review_with_trouble(
     review: Mapping[str, Any], trouble: MotorTrouble | None
 ) -> Mapping[str, Any]:
-    """Returns the review of a flight with trouble as the light of its motors, its headline and its next step.
+    """Returns the review of a flight with its motors judged by the other flights of the vehicle, too.
 
-    So the flight is compared with another one by the same judgement as lists and its own page show.
+    A comparison of two flights then shows the same judgement of each as lists and the flight's own page. The trouble
+    with the motors replaces their status light, and the headline and the next step unless the headline is bad already.
 
     Args:
-        review: review document of the flight, by its log alone; it stays as it is.
-        trouble: trouble with the motors beside other flights; None if there is none.
+        review: review document of the flight, by its log alone; it is not modified.
+        trouble: trouble with the motors that comparison with other flights shows; None if there is none.
 
     Returns:
-        A changed copy; the review itself if its motors are as bad by the log alone.
+        A changed copy; the review itself without trouble, or if its motors are as bad by the log alone.
     """
     if trouble is None:
         return review
@@ -116,15 +117,16 @@ def review_with_trouble(
     level_of_log = Level(value_at(lights, f"{Light.MOTORS}.level") or Level.UNKNOWN)
     if motors_level(level_of_log, trouble.level) is level_of_log:
         return review
-    changed: JsonValues = {}
+    changed_parts: JsonValues = {}
+    judgement: JsonValues = {"level": trouble.level, "sentence": trouble.reason}
     if Light.MOTORS in lights:
-        light: JsonValues = {"level": trouble.level, "subject": trouble.motor}
-        changed["lights"] = lights | {Light.MOTORS: light | {"sentence": trouble.reason}}
+        motors_light = judgement | {"subject": trouble.motor}
+        changed_parts["lights"] = lights | {Light.MOTORS: motors_light}
     if value_at(review, "headline.level") != Level.BAD:
-        changed["headline"] = {"level": trouble.level, "sentence": trouble.reason}
+        changed_parts["headline"] = judgement
         for step in trouble.next_step:
-            changed["next_step"] = {"sentence": step.text}
-    return {**review, **changed}
+            changed_parts["next_step"] = {"sentence": step.text}
+    return {**review, **changed_parts}
 
 
 def with_motor_trouble(page: str, trouble: MotorTrouble | None) -> str:
