@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import ExitStack, closing, nullcontext, suppress
+from contextlib import ExitStack, closing, suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 from time import monotonic
@@ -607,13 +607,17 @@ def _run_and_show_status(
     period = PRINTED_STATUS_PERIOD
     if STDERR.is_terminal and not plain:
         terminal_text = Live(console=STDERR, auto_refresh=False, transient=True)
+        terminal_text.start()
         period = STATUS_PERIOD
-    with terminal_text or nullcontext():
-        status_lines.terminal_text = terminal_text
-        try:
-            run_session(session, is_end_requested, duration, period, status_lines.show)
-        finally:
-            status_lines.terminal_text = None
+    status_lines.terminal_text = terminal_text
+    try:
+        run_session(session, is_end_requested, duration, period, status_lines.show)
+    finally:
+        status_lines.terminal_text = None
+        if terminal_text is not None:
+            # A terminal that was closed takes no text any more.
+            with suppress(OSError):
+                terminal_text.stop()
 
 
 def _final_model(session: LiveSession, session_end: ExitStack) -> Learned | None:

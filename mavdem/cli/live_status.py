@@ -258,7 +258,9 @@ class StatusLines:
         if unwatched_text:
             last_line.append(f" {unwatched_text}")
         parts.append(last_line)
-        self.terminal_text.update(Group(*parts), refresh=True)
+        # A terminal that was closed takes no text any more; the session ends by its signal, and in order.
+        with suppress(OSError):
+            self.terminal_text.update(Group(*parts), refresh=True)
 
     def _print_watch_changes(self, watch_facts: Facts) -> None:
         """Prints which quantities are watched now, or no longer, and why, if that has changed since it was printed.

@@ -891,3 +891,9 @@ def test_the_terminal_rings_once_for_each_alarm_and_never_elsewhere(monkeypatch)
     for event in (note, alarm, note):
         lines.print_event(event)
     assert shown.getvalue().count("\a") == 1
+
+
+def test_a_terminal_that_was_closed_does_not_end_the_session():
+    terminal_text = Mock(**{"update.side_effect": OSError("Input/output error")})
+    StatusLines(terminal_text).show(Mock(status=SessionStatus("1:1")))
+    assert terminal_text.update.called
