@@ -7,13 +7,15 @@ from contextlib import contextmanager
 from dataclasses import replace
 from http.client import HTTPConnection
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
-from unittest.mock import Mock
+from unittest.mock import Mock, PropertyMock
 
 from patience import until
 from pytest import fixture, mark
 
+from mavdem.errors import Refusal
 from mavdem.facts import Fact
 from mavdem.facts.event import Event
+from mavdem.facts.serve import RefusalReason
 from mavdem.facts.session import TimeUse, VehicleFact
 from mavdem.live import clock
 from mavdem.live.history import LiveHistory
@@ -211,6 +213,29 @@ def test_the_headline_of_the_session_stands_above_its_dashboard_until_nothing_an
         assert tab.run("document.getElementById('silence').hidden")
         server.close()
         tab.until("!document.getElementById('silence').hidden")
+
+
+@mark.slow
+def test_a_dashboard_whose_session_is_not_shown_says_so_and_asks_once_a_second(viewer, browser):
+    silence = "document.getElementById('silence')"
+    with live_server(viewer) as server, browser.tab() as tab:
+        server.report(flying_session(), STATUS)
+        tab.size(1280)
+        tab.open(f"{server.address}/dashboard")
+        tab.until("document.getElementById('session_headline').textContent")
+        tab.run("window.requests = 0; const ask = fetch; fetch = (...all) => { requests++; return ask(...all); }")
+        # Nothing new is made, as if the session hung.
+        server.page = SessionPage(server.page.html, clock.monotonic() - 20.0)
+        tab.until(f"!{silence}.hidden")
+        server.page = SessionPage(server.page.html, clock.monotonic())
+        tab.until(f"{silence}.hidden")
+        refused = Refusal(RefusalReason.NO_SUCH_FLIGHT)
+        server.page = Mock(spec=SessionPage)
+        type(server.page).tag = PropertyMock(side_effect=refused)
+        tab.until(f"!{silence}.hidden")
+        tab.run("requests = 0")
+        tab.run("new Promise(passed => setTimeout(passed, 2500))")
+        assert 1 <= tab.run("requests") <= 3 and not tab.run(f"{silence}.hidden")
 
 
 @mark.slow

@@ -5,6 +5,8 @@
   const MIN_WIDTH = 900, BYTES_PER_MEGABYTE = 1e6, CRASH_CHECK_MILLISECONDS = 1000;
   // Milliseconds until an answer on the session is given up, and from a failure to the next request.
   const PATIENCE = 8000, RETRY = 1000;
+  // Seconds with answers that have nothing new after which the page says so, as in live.js.
+  const LONGEST_PAUSE = 15;
   const canvas = document.getElementById("viewer"), status = document.getElementById("viewer_status"), narrow = document.getElementById("narrow");
   const tell = (text, isProblem = false) => {
     status.textContent = text;
@@ -74,8 +76,10 @@
     for (;;) {
       try {
         const answer = await fetch("/live/update", { cache: "no-store", signal: AbortSignal.timeout(PATIENCE), headers: tag ? { "If-None-Match": tag } : {} });
+        // The answer 304 has nothing new. Any other is none on the session, and must not be asked for at once again.
+        if (!answer.ok && answer.status !== 304) throw new Error(answer.statusText);
         const page = answer.ok ? new DOMParser().parseFromString(await answer.text(), "text/html") : null;
-        silence.hidden = true;
+        silence.hidden = answer.headers.get("Age") < LONGEST_PAUSE;
         if (page) {
           tag = answer.headers.get("ETag");
           document.title = page.title;
