@@ -223,7 +223,8 @@ def test_a_dashboard_whose_session_is_not_shown_says_so_and_asks_once_a_second(v
         tab.size(1280)
         tab.open(f"{server.address}/dashboard")
         tab.until("document.getElementById('session_headline').textContent")
-        tab.run("window.requests = 0; const ask = fetch; fetch = (...all) => { requests++; return ask(...all); }")
+        tab.run("window.ask = window.fetch; window.requests = 0")
+        tab.run("window.fetch = (...all) => { requests++; return ask(...all); }")
         # Nothing new is made, as if the session hung.
         server.page = SessionPage(server.page.html, clock.monotonic() - 20.0)
         tab.until(f"!{silence}.hidden")
