@@ -22,6 +22,7 @@ from mavdem.cli.open import load
 from mavdem.errors import Unreadable
 from mavdem.extras import EXTRAS, MissingExtra, PackageFact, require_extra
 from mavdem.facts import Fact
+from mavdem.live.session_status import SessionStatus
 from mavdem.log_formats import FORMAT_SIGNATURES, Format
 
 ROOT = Path(__file__).parents[1]
@@ -93,6 +94,17 @@ def test_without_rerun_browsers_get_the_page_of_a_live_session_alone(monkeypatch
         address = f"http://127.0.0.1:{live_dashboard.PAGE_PORT}"
         assert dashboard.advice.startswith(f"Open {address} in a browser of this machine.")
         assert dashboard.advice.endswith(INSTALL) and dashboard.view is None
+
+
+def test_a_live_page_that_cannot_be_rendered_does_not_end_the_session(monkeypatch, capsys):
+    without_modules(monkeypatch, "rerun")
+    monkeypatch.setattr(live_dashboard, "PAGE_PORT", free_port())
+    dashboard = Dashboard("udpin:127.0.0.1:0", "roll", None, serve=True, connect=None)
+    with closing(dashboard):
+        for _ in range(2):
+            # A session without a history has no page.
+            dashboard.report(Mock(history=None), SessionStatus())
+    assert capsys.readouterr().err.count("The display failed") == 1
 
 
 def test_without_the_server_browsers_get_the_page_of_rerun_alone(monkeypatch):

@@ -10,7 +10,7 @@ import click
 
 from mavdem.cli.streams import print_to_stderr
 from mavdem.dataset.axes import model_outputs
-from mavdem.errors import Unreadable
+from mavdem.errors import Unreadable, failure_fact
 from mavdem.extras import missing_extra_fact, require_extra
 from mavdem.facts import Fact
 from mavdem.facts.session import SessionFact
@@ -176,18 +176,23 @@ class Dashboard:
         return self.view
 
     def report(self, session: LiveSession, status: SessionStatus) -> None:
-        """Shows the status of the session, and prints each new problem of the view once on standard error.
+        """Shows the status of the session, and prints each new problem of page and view once on standard error.
 
         Args:
             session: The session, with the history of its flight.
             status: Its state now, or at its end.
         """
+        problems = set()
         if self._server is not None:
-            self._server.report(session, status)
-        if self.view is None:
-            return
-        self.view.status(status)
-        for problem in set(self.view.problems) - self._reported_problems:
+            try:
+                self._server.report(session, status)
+            except Exception as error:
+                # A page that cannot be rendered must not end the session, which watches the vehicle.
+                problems.add(str(failure_fact(SessionFact.DISPLAY_FAILED, error)))
+        if self.view is not None:
+            self.view.status(status)
+            problems.update(self.view.problems)
+        for problem in problems - self._reported_problems:
             print_to_stderr(problem)
             self._reported_problems.add(problem)
 
