@@ -216,9 +216,9 @@ class BootClock:
         first_stamp = stamps[0]
         fell_far = first_stamp < self.now - MAX_LATE_SECONDS
         is_restart = fell_far and first_stamp <= MAX_RESTART_TIME
-        # Before the first attitude the clock is NaN, which no number is less than: then any stamps begin it.
-        is_ahead = not first_stamp < self.now
-        if is_restart or is_ahead:
+        # Before the first attitude the clock is NaN, and any stamps begin it.
+        is_first_clock = isnan(self.now)
+        if is_restart or is_first_clock or first_stamp >= self.now:
             return True
         return stamps[-1] - first_stamp >= MAX_LATE_SECONDS
 

@@ -50,9 +50,9 @@ class MotorAlarms:
         self._flight_start = nan
 
     def restart(self, *, was_flying: bool = False) -> None:
-        """Forgets what is active, at a reboot, after which the clock begins again; the latest changes stay.
+        """Resets the test, its reference and the active alarms after a reboot, since their times are of another clock.
 
-        The test and its reference are forgotten too: their times are of another clock.
+        The latest changes of the motors' balance, which the report of the session needs, are kept.
 
         Args:
             was_flying: whether the vehicle flew when the former boot ended, so that its flight goes on.

@@ -331,9 +331,8 @@ class LiveWind:
         """Adds a velocity, and estimates the wind at the steps of the filter that it completes.
 
         Velocities are taken from one message at a time, at most every ``MIN_SAMPLE_STEP``, and only while they are
-        possible and the estimator calls them valid. After a silence the filter is given up, as the wind may have
-        changed. Every ``FIRST_FIT_SECONDS`` it is checked that the vehicle flies freely, which also begins the filter.
-        The filter then goes on in its own steps as far as both attitude and velocity have come.
+        possible and the estimator calls them valid. Every ``FIRST_FIT_SECONDS`` it is checked that the vehicle flies
+        freely, which also begins the filter.
 
         Args:
             name: name of the message, one of ``VELOCITY_MESSAGES``.
@@ -350,23 +349,41 @@ class LiveWind:
         is_valid = horizontal_velocity_valid(self.estimator_flags)
         if not (is_possible and is_valid and self._attitudes):
             return None
-        # After a silence the filter begins again with the next check, once there are enough samples for it.
         if self._velocities and time - self._velocities[-1].time > SILENCE_SECONDS:
-            self._filter = None
-            self.latest = None
-            self._check_time = time + FIRST_FIT_SECONDS
+            self._end_filter_after_silence(time)
         self._velocities.append(_VelocitySample(time, north, east, down))
         if time >= self._check_time:
             self._check_time = time + FIRST_FIT_SECONDS
             self._check_free_flight(time)
-        # A step is complete when velocity, and but for one sample attitude, have reached its end.
-        while self._step_end <= min(time, self._attitudes[-1].time + MIN_SAMPLE_STEP):
-            self._estimate_step(self._step_end)
-            self._step_end += self._step
+        self._estimate_complete_steps(time)
         if self.latest is None or self._is_reported:
             return None
         self._is_reported = True
         return Fact(SessionFact.WIND_KNOWN, reason=self.latest.facts)
+
+    def _end_filter_after_silence(self, time: float) -> None:
+        """Ends the filter after a silence, in which the wind may have changed.
+
+        It begins again with the next check of free flight, once there are enough samples for it.
+
+        Args:
+            time: time of the first velocity after the silence, s of the boot clock.
+        """
+        self._filter = None
+        self.latest = None
+        self._check_time = time + FIRST_FIT_SECONDS
+
+    def _estimate_complete_steps(self, time: float) -> None:
+        """Estimates the wind at the steps of the filter that both velocity and attitude have reached.
+
+        The attitude may be one sample behind the velocity.
+
+        Args:
+            time: time of the latest velocity, s of the boot clock.
+        """
+        while self._step_end <= min(time, self._attitudes[-1].time + MIN_SAMPLE_STEP):
+            self._estimate_step(self._step_end)
+            self._step_end += self._step
 
     def _selects_velocity(self, name: str, time: float) -> bool:
         """Returns whether a velocity is to be used, by its message and its time, and stores the time if so.

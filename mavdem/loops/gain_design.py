@@ -85,8 +85,11 @@ MAX_ANGLE_GAIN = {"roll": 12.0, "pitch": 12.0, "yaw": 5.0}
 
 MAX_GAIN_STEP = 1.5
 """Factor by which a gain grows or falls at most between two flights: tuners change a gain by a quarter to a half."""
-STEP_SHARES = (1.0, 0.75, 0.5, 0.25)
-"""Parts of the largest step that are tried one after another, until a step costs no margin: a choice."""
+STEP_EXPONENTS = (1.0, 0.75, 0.5, 0.25)
+"""Exponents of the factors on the gains, tried one after another until a step costs no margin: a choice.
+
+They are the parts of the largest step that are taken, by logarithms.
+"""
 MAX_DESIGN_FACTOR = 4.0
 """Factor by which P of the design may differ from the logged one, over several flights: a choice."""
 GAIN_ROUNDING = 0.005
@@ -242,7 +245,7 @@ class GainSearch:
         else:
             design = self.angle_design()
         design = self._without_small_changes(design)
-        gains = self._one_step(stage, design)
+        gains = self._gains_for_next_flight(stage, design)
         bounds = self._bound_on_higher_gains(stage, design)
         notes = (*bounds, *self._notes_on_gains(stage, gains))
         return GainStep(stage, gains, design, self._flights_to(design), notes)
@@ -453,13 +456,11 @@ class GainSearch:
                 return design
         return {}
 
-    def _one_step(self, stage: Stage, design: Parameters) -> Parameters:
+    def _gains_for_next_flight(self, stage: Stage, design: Parameters) -> Parameters:
         """Returns the gains for the next flight: at most one step from the logged ones, towards a design.
 
-        Each gain is multiplied by its factor to the design, but by no more than ``MAX_GAIN_STEP``. Some gains may then
-        have arrived while others have not, so that the gains do not match and the rate loop may lose margin. In that
-        case all factors are raised to a power below 1 (``STEP_SHARES``), which makes the step shorter. If the attitude
-        loop would have less margin than its target and than it has now, the attitude gain is lowered too.
+        Each gain is multiplied by its factor to the design, but by no more than ``MAX_GAIN_STEP``. Where gains of the
+        rate loop change, neither loop may lose margin that it needs by that.
 
         Args:
             stage: stage of tuning, which decides the gains that change.
@@ -473,29 +474,59 @@ class GainSearch:
             factor = value / self.loop.controller.parameters[name]
             factors[name] = min(max(factor, 1 / MAX_GAIN_STEP), MAX_GAIN_STEP)
         if stage is Stage.ANGLE or not design:
-            return self._multiplied_gains(factors, 1.0)
-        gains: Parameters = {}
+            return self._multiplied_gains(factors, exponent=1.0)
+        rate_gains = self._largest_step_with_rate_margins(factors)
+        return self._with_attitude_margins(rate_gains)
+
+    def _largest_step_with_rate_margins(self, factors: Parameters) -> Parameters:
+        """Returns the gains after the largest step with which the rate loop loses no margin that it needs.
+
+        Factors are limited one by one, so that some gains reach the design while others do not. Such gains do not match
+        each other, and the rate loop may lose margin. All factors are then raised to a power below 1, which makes the
+        step shorter.
+
+        Args:
+            factors: limited factor of each gain, by the autopilot's name.
+
+        Returns:
+            Gains by the autopilot's name, rounded; those of the shortest step if each step costs margin.
+        """
         # A score of 1 means that the loop just has its margins. If it lacks margin already, the step need not improve
         # it, but must not make it worse.
         needed_score = min(1.0, self.margin_score(self.models.rate))
-        for step_share in STEP_SHARES:
-            gains = self._multiplied_gains(factors, step_share)
-            models_with_gains = self.models.with_parameters(gains)
-            if self.margin_score(models_with_gains.rate) >= needed_score:
+        gains: Parameters = {}
+        for exponent in STEP_EXPONENTS:
+            gains = self._multiplied_gains(factors, exponent)
+            rate_loops = self.models.with_parameters(gains).rate
+            if self.margin_score(rate_loops) >= needed_score:
                 break
-        needed_attitude_score = min(1.0, self._attitude_score(self.models))
-        if self._attitude_score(models_with_gains) < needed_attitude_score:
-            logged_gain = self.logged_gains["angle_gain"]
-            [(name, gain)] = self.angle_design(gains, largest=logged_gain).items()
-            gains = {**gains, name: round_gain(max(gain, logged_gain / MAX_GAIN_STEP))}
         return gains
 
-    def _multiplied_gains(self, factors: Parameters, step_share: float) -> Parameters:
+    def _with_attitude_margins(self, rate_gains: Parameters) -> Parameters:
+        """Adds a lower attitude gain to new gains of the rate loop, if the attitude loop needs it.
+
+        It does if it would have less margin than its target, and less than now. The gain falls by one step at most.
+
+        Args:
+            rate_gains: new gains of the rate controller, by the autopilot's name.
+        """
+        needed_score = min(1.0, self._attitude_score(self.models))
+        if self._attitude_score(self.models.with_parameters(rate_gains)) >= needed_score:
+            return rate_gains
+        logged_gain = self.logged_gains["angle_gain"]
+        lowest_gain = logged_gain / MAX_GAIN_STEP
+        attitude_gain = {
+            name: round_gain(max(gain, lowest_gain))
+            for name, gain in self.angle_design(rate_gains, largest=logged_gain).items()
+        }
+        return {**rate_gains, **attitude_gain}
+
+    def _multiplied_gains(self, factors: Parameters, exponent: float) -> Parameters:
         """Returns the logged gains, each multiplied by a power of its factor.
 
         Args:
             factors: factor of each gain, by the autopilot's name.
-            step_share: exponent of the factors, 0 to 1: how much of the step, by logarithms, is taken.
+            exponent: exponent of the factors, 0 to 1, one of ``STEP_EXPONENTS``.
 
         Returns:
             The rounded gains by the autopilot's name.
@@ -503,7 +534,7 @@ class GainSearch:
         logged = self.loop.controller.parameters
         gains = {}
         for name, factor in factors.items():
-            gains[name] = round_gain(logged[name] * factor**step_share)
+            gains[name] = round_gain(logged[name] * factor**exponent)
         return gains
 
     def _flights_to(self, design: Parameters) -> int:

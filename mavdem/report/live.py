@@ -113,20 +113,26 @@ def live_title(status: SessionStatus, link: str, names: GivenNames) -> str:
 
 
 def live_alarm(status: SessionStatus) -> str:
-    """Returns the alarm of a vehicle in flight in a few words, such as "⚠ Motor 1: land now"; empty without one.
+    """Returns the alarm of a vehicle in flight in a few words, such as "⚠ Motor 1: land now".
+
+    Without an alarm to land for, it is the headline if that is bad.
 
     Args:
         status: state of the session.
+
+    Returns:
+        The text; empty if nothing is bad now, on the ground, and after the session.
     """
     judgement = status.overall_judgement
-    is_over = status.is_over or judgement.headline.code is WatchFact.ALARM_OVER
-    is_alarmed = status.is_flying and not is_over and judgement.headline.is_bad
+    headline = judgement.headline
+    is_alarm_over = headline.code is WatchFact.ALARM_OVER
+    if status.is_over or is_alarm_over or not (status.is_flying and headline.is_bad):
+        return ""
+    # The alarm is the reason to land; without one the section has the headline.
     alarm = None
     if judgement.next_step.code is NextStep.LAND_NOW:
         alarm = judgement.next_step.figures["reason"]
-    sentences = render_section(
-        "live_alarm", is_alarmed=is_alarmed, alarm=alarm, headline=judgement.headline
-    )
+    sentences = render_section("live_alarm", alarm=alarm, headline=headline)
     return " ".join(sentence.text for sentence in sentences)
 
 
@@ -239,11 +245,11 @@ def _time_table(seconds_by_activity: Mapping[TimeUse, float]) -> Table:
 def _error_table(errors: Sequence[HorizonErrors], axis: str) -> Table:
     """Returns a table of prediction errors: a row for each horizon, three columns each for angle and rate.
 
-    The columns are the RMSE in degrees or degrees/s, that of the baseline, and the share of the measurements in the
-    90 % band.
+    The three are the RMSE in degrees or degrees/s, that of the baseline, and the percentage of the measurements that
+    lay within the 90 % band of the predictions.
 
     Args:
-        errors: mean squared errors at each horizon, rad² and rad²/s², and shares in the band.
+        errors: errors at each horizon: mean squares, rad² and rad²/s², and fractions within the band.
         axis: name of the axis, the first output.
     """
     header = ["RMSE of predictions"]
