@@ -201,7 +201,9 @@ def test_a_silent_vehicle_is_succeeded_by_the_one_that_sends(now, keeps_vehicle)
         assert one.successor is None and one.status.message_age == approx(21.0, abs=0.3)
         return
     assert one.successor.name == "4:1" and codes.count(VehicleFact.VEHICLE_SUCCEEDED) == 1
-    assert said[-1].sentence == (
+    # By then the first vehicle's lost link is an alarm, too.
+    (succession,) = (fact for fact in said if fact.code is VehicleFact.VEHICLE_SUCCEEDED)
+    assert succession.sentence == (
         "Nothing came from 1:1 for 10 s: its session ends, and vehicle 4:1 (QUADROTOR, "
         "ARDUPILOTMEGA) is followed."
     )
