@@ -629,6 +629,7 @@ class Library:
     def claim(self) -> LibraryEntry | None:
         """Claims the log that has waited longest: marks it as being read by this server.
 
+        Logs that the disk had no room for, which have a problem, come after all others, which may need less.
         It is found and marked in one SQL statement, so that no two threads or servers get the same log.
 
         Returns:
@@ -637,7 +638,8 @@ class Library:
         with self.transaction() as db:
             row = db.execute(
                 """update entries set stage = ?, claimed = ? where id =
-                (select id from entries where stage = ? and digest glob ? order by received limit 1)
+                (select id from entries where stage = ? and digest glob ?
+                   order by problem != '', received limit 1)
                 returning *""",
                 [Stage.READING, self.name, Stage.WAITING, DIGEST_GLOB],
             ).fetchone()
@@ -682,7 +684,7 @@ class Library:
         has_page = (self.results_folder(entry) / PAGE_FILE).is_file()
         has_new_page = any(row.page for row in outcome.rows)
         keeps_earlier_results = has_page and not has_new_page
-        columns: JsonValues = {"stage": Stage.DONE, "claimed": ""}
+        columns: JsonValues = {"stage": Stage.DONE, "claimed": "", "problem": ""}
         if not keeps_earlier_results:
             columns = self._columns_of_outcome(entry, outcome)
         # With the ending "source" the log itself is not the cause: its file could not be opened, or a package that its

@@ -802,10 +802,12 @@ def test_a_flight_whose_page_cannot_be_made_anew_keeps_log_rows_and_page(served)
     id = served.add("old.ulg", "Good.")
     entry = served.library.entry(id)
     assert served.library.request_new_page(entry)
+    served.library.change(id, problem="The disk of the server is full.")
     job = Job(str(served.library.log_path(entry)))
     outcome = failed(job, "time", Fact(ReadingFact.NO_VEHICLE))
     served.library.finish_reading(served.library.claim(), outcome, LIMITS)
-    assert served.library.entry(id).stage == Stage.DONE
+    done = served.library.entry(id)
+    assert (done.stage, done.problem) == (Stage.DONE, "")
     assert "Good." in served.get(f"/f/{id}").text
     assert {row.headline for row in served.library.flight_rows([entry])} == {"Good."}
     assert served.get(f"/f/{id}/log").status == 200

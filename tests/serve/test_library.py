@@ -603,6 +603,13 @@ def test_a_log_waits_for_a_cluster_that_has_gone(library, tmp_path, monkeypatch)
     assert [*tmp_path.rglob("*.parquet")]
 
 
+def test_a_log_that_the_disk_had_no_room_for_does_not_hold_up_others(library):
+    large, small = received(library), received(library, "Two.")
+    library.change(large.id, received="2026-11-20T10:00:00", problem="The disk is full.")
+    library.change(small.id, received="2026-11-21T10:00:00")
+    assert [library.claim().id for _ in range(2)] == [small.id, large.id]
+
+
 def test_a_log_that_the_disk_had_no_room_for_is_read_when_there_is_some(library, monkeypatch):
     monkeypatch.setattr("mavdem.serve.reading_threads.RETRY_SECONDS", 0.01)
     monkeypatch.setattr("mavdem.serve.reading_threads.FULL_DISK_SECONDS", 0.05)
