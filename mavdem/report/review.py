@@ -171,7 +171,7 @@ def _last_lines(assessment: Assessment, light_line_count: int, columns: int) -> 
 
 
 def _evidence_lines(event: Fact, columns: int) -> Iterator[str]:
-    """Yields the lines with what shows the cause of the headline; none if nothing does.
+    """Yields the lines with the evidence for the cause of the headline, such as a failed motor; none without any.
 
     Args:
         event: the headline of the review.

@@ -85,7 +85,7 @@ class _IncomingRecording(NamedTuple):
     """Path of its file."""
 
     first_pieces: Sequence[ReceivedPiece] = ()
-    """What it has already: messages of its vehicle that came while the vehicle of the session before was silent."""
+    """Messages that it has already: those of its vehicle that came during the session before."""
 
 
 class LinkMonitor:
@@ -212,32 +212,9 @@ class LinkMonitor:
             OSError: the recording cannot be written any more.
             Refusal: the library has no room.
         """
-        recording, path, first_pieces = self._next_recording or self._new_recording()
+        incoming = self._next_recording or self._new_recording()
         self._next_recording = None
-        session = LiveSession(
-            self._link,
-            LiveStream(
-                MODEL_AXIS,
-                self._next_vehicle or self._chosen_vehicle,
-                rates_requested=self._request_rate is not None,
-            ),
-            Settings(),
-            _ignore,
-            _ignore,
-            self._take_event,
-            executor,
-            recording,
-            self._request_rate,
-            # An empty name: the user finds the recording in the library when the session has ended.
-            recording_name="",
-            keeps_vehicle=self._chosen_vehicle is not None,
-            first_pieces=first_pieces,
-        )
-        self._silent_pages = 0
-        self._frames_at_last_page = 0
-        self._next_vehicle = None
-        self._has_landed = False
-        self._has_restarted = False
+        session = self._new_session(incoming, executor)
         try:
             try:
                 self._update_page(session)
@@ -250,10 +227,7 @@ class LinkMonitor:
                 )
                 # A flight whose landing was reported is not reported again.
                 session.report_end(session.status, None)
-                # Where the server ends, no other session follows.
-                successor = None if self._is_stopping.is_set() else session.successor
-                if successor is None and self._has_restarted and not self._is_stopping.is_set():
-                    successor = session.stream.followed_vehicle
+                successor = self._vehicle_of_next_session(session)
                 if successor is None:
                     session.intake.record_rest()
                 else:
@@ -263,25 +237,92 @@ class LinkMonitor:
             vehicle = session.stream.followed_vehicle
             if successor is not None and vehicle is not None:
                 restart = session.stream.latest_restart if self._has_restarted else None
-                self._next_recording = self._recording_of_successor(recording, vehicle, restart)
+                self._next_recording = self._recording_of_successor(
+                    incoming.recording, vehicle, restart
+                )
         finally:
-            newly_lost = self._link.dropped_datagrams - self._lost_datagrams
-            self._lost_datagrams += newly_lost
-            if newly_lost > 0:
-                self._warn(Fact(LinkFact.DATAGRAMS_LOST, count=newly_lost))
-            if recording.frame_count:
-                # The session may have waited for its vehicle for hours.
-                first_time = datetime.fromtimestamp(recording.first_stamp, UTC)
-                entry = self._library.add(path, _recording_name(first_time))
-                self._latest_flight = PageLink(f"Latest flight: {entry.name}", f"/f/{entry.id}")
-                self._log_added()
-                self._report_saved_flight(f"/f/{entry.id}")
-                if session.stream.followed_vehicle is not None and not self._is_stopping.is_set():
-                    self._finished_page = _finished_page(
-                        session, self._library.names, PageLink(entry.name, f"/f/{entry.id}")
-                    )
+            self._warn_of_lost_datagrams()
+            if incoming.recording.frame_count:
+                self._store_recording(session, incoming)
             else:
-                path.unlink()
+                incoming.path.unlink()
+
+    def _new_session(self, incoming: _IncomingRecording, executor: LearningProcess) -> LiveSession:
+        """Begins a session, and resets what the monitor has noted of the session before.
+
+        Args:
+            incoming: recording of the session.
+            executor: the process in which models are learned.
+        """
+        session = LiveSession(
+            self._link,
+            LiveStream(
+                MODEL_AXIS,
+                self._next_vehicle or self._chosen_vehicle,
+                rates_requested=self._request_rate is not None,
+            ),
+            Settings(),
+            _ignore,
+            _ignore,
+            self._take_event,
+            executor,
+            incoming.recording,
+            self._request_rate,
+            # An empty name: the user finds the recording in the library when the session has ended.
+            recording_name="",
+            keeps_vehicle=self._chosen_vehicle is not None,
+            first_pieces=incoming.first_pieces,
+        )
+        self._silent_pages = 0
+        self._frames_at_last_page = 0
+        self._next_vehicle = None
+        self._has_landed = False
+        self._has_restarted = False
+        return session
+
+    def _vehicle_of_next_session(self, session: LiveSession) -> Component | None:
+        """Returns the vehicle that the next session follows: another one, or the same one after its restart.
+
+        Args:
+            session: the session that ends.
+
+        Returns:
+            The vehicle; None if the server ends, or if the next session waits for any vehicle.
+        """
+        if self._is_stopping.is_set():
+            return None
+        if session.successor is None and self._has_restarted:
+            return session.stream.followed_vehicle
+        return session.successor
+
+    def _warn_of_lost_datagrams(self) -> None:
+        """Warns of the datagrams that the link has lost since the session before, if any."""
+        newly_lost = self._link.dropped_datagrams - self._lost_datagrams
+        self._lost_datagrams += newly_lost
+        if newly_lost > 0:
+            self._warn(Fact(LinkFact.DATAGRAMS_LOST, count=newly_lost))
+
+    def _store_recording(self, session: LiveSession, incoming: _IncomingRecording) -> None:
+        """Adds the recording of a session to the library, reports where, and links to its flight from now on.
+
+        Args:
+            session: the session, which has ended.
+            incoming: its recording, with at least one frame.
+
+        Raises:
+            Refusal: the library has no room.
+        """
+        # The session may have waited for its vehicle for hours.
+        first_time = datetime.fromtimestamp(incoming.recording.first_stamp, UTC)
+        entry = self._library.add(incoming.path, _recording_name(first_time))
+        address = f"/f/{entry.id}"
+        self._latest_flight = PageLink(f"Latest flight: {entry.name}", address)
+        self._log_added()
+        self._report_saved_flight(address)
+        if session.stream.followed_vehicle is not None and not self._is_stopping.is_set():
+            self._finished_page = _finished_page(
+                session, self._library.names, PageLink(entry.name, address)
+            )
 
     def _new_recording(self) -> _IncomingRecording:
         """Creates the recording of a session, among the incoming files of the library."""

@@ -116,11 +116,19 @@ class LivePages:
         return HTMLResponse(page.html)
 
     async def live_session_update(self, request: HttpRequest) -> Response:
-        """Answers with what is new in the live session, for a browser in which its page is open.
+        """Answers with the newest content of the session's page, for a browser in which an earlier one is open.
 
-        The header If-None-Match has the tag of the page that the browser shows. While that is the newest one, the
-        answer waits for ``MAX_UPDATE_WAIT``, and then is 304, as it is before the first page. Its header Age has the
-        seconds since the newest page was made.
+        This is long polling with entity tags (RFC 9110, sec. 8.8.3). While the browser shows the newest page, the
+        answer waits for ``MAX_UPDATE_WAIT`` at most, and then has the status 304, as it has before the first page.
+
+        Args:
+            request: the request, whose header If-None-Match has the tag of the page that the browser shows.
+
+        Returns:
+            Title and main part of the page; its header Age has the time since the page was made, s.
+
+        Raises:
+            Refusal: the sender has no right, the server has no link, or no session runs any more.
         """
         shown_tag = request.headers.get("if-none-match", "")
         page = await self._newest_page(request, MAX_UPDATE_WAIT, shown_tag)

@@ -155,7 +155,7 @@ def _visitor_values(request: HttpRequest) -> JsonValues:
     """Returns the values that the templates of all pages need: everybody on this machine may read, and nothing else.
 
     Args:
-        request: the request, which makes no difference.
+        request: the request; the values are the same for all.
     """
     return {
         "may_read": True,
@@ -168,7 +168,7 @@ def _visitor_values(request: HttpRequest) -> JsonValues:
 
 
 def _to_live_page(request: HttpRequest) -> Response:
-    """Answers the address that is printed with the way to the page of the session."""
+    """Redirects a browser from the server's address, which the terminal shows, to the page of the session."""
     return RedirectResponse(LIVE_PATH, HTTPStatus.SEE_OTHER)
 
 

@@ -176,11 +176,14 @@ class Pages:
     def _flights_to_compare(
         self, entries: Sequence[LibraryEntry], troubles: Mapping[str, FlightRow]
     ) -> dict[str, LibraryEntry]:
-        """Returns with which flight each one is best compared that has trouble with its motors, by its id.
+        """Finds for each flight of a list with troubled motors the sound flight that it is best compared with.
 
         Args:
-            entries: flights of a list.
-            troubles: rows of those with a fault or drift of the motors beside other flights, by their ids.
+            entries: flights of the list.
+            troubles: rows of those with a fault or drift of the motors, compared with other flights, by their ids.
+
+        Returns:
+            The sound flight by the id of the troubled one.
         """
         troubled_entries = [entry for entry in entries if entry.id in troubles]
         return self._visible_library.flights_to_compare(troubled_entries)
@@ -238,7 +241,11 @@ class Pages:
         )
 
     def _comparison_link(self, entry: LibraryEntry) -> PageLink | None:
-        """Returns the link to the comparison of a flight with the flight before that its motors differ from, if any."""
+        """Returns the link to the comparison of a flight with troubled motors with a sound flight before it, if any.
+
+        Args:
+            entry: index entry of the flight with troubled motors.
+        """
         other = self._visible_library.flights_to_compare([entry]).get(entry.id)
         if other is None:
             return None
@@ -256,11 +263,14 @@ class Pages:
         return HTMLResponse(render_server_page("flight", first_plots=first_plots, **values))
 
     def _requests_new_page(self, entry: LibraryEntry, html: str) -> bool:
-        """Has the page of a flight made anew from its log if the server forbids a script in it, and returns whether so.
+        """Requests a new page of a flight if the server's security policy forbids a script in the present one.
 
         Args:
             entry: index entry of the flight.
             html: its page, which an earlier version may have written.
+
+        Returns:
+            Whether a new page was requested, so that the log waits to be read again.
         """
         if script_hashes_of_page(html) <= self._scripts:
             return False

@@ -147,24 +147,24 @@ class VisibleLibrary:
         return self.library.find(condition, values, limit, order=ListingOrder.FLIGHT).entries
 
     def flights_to_compare(self, entries: Sequence[LibraryEntry]) -> dict[str, LibraryEntry]:
-        """Returns with which flight each flight is best compared that differs from its vehicle's other flights.
+        """Finds for each flight with troubled motors the sound flight that it is best compared with.
 
-        It is the last one before it that does not differ from the others itself.
+        That is the latest of the ``MAX_EARLIER_FLIGHTS`` flights of the vehicle before it that has no such trouble.
 
         Args:
             entries: flights with a fault or drift of the motors (:meth:`rows_with_trouble`).
 
         Returns:
-            The other flight by the flight's id; flights without such a one are left out.
+            The sound flight by the id of the troubled one; flights for which there is none are left out.
         """
-        flights = {}
+        sound_flights = {}
         for entry in entries:
             earlier_entries = self._earlier_flights(entry, MAX_EARLIER_FLIGHTS)
             troubles = self.rows_with_trouble(earlier_entries)
             sound_entries = [other for other in earlier_entries if other.id not in troubles]
             if sound_entries:
-                flights[entry.id] = sound_entries[0]
-        return flights
+                sound_flights[entry.id] = sound_entries[0]
+        return sound_flights
 
     def rows_with_trouble(self, entries: Sequence[LibraryEntry]) -> dict[str, FlightRow]:
         """Finds the flights with a fault or drift of the motors, compared with other flights of their vehicle.
