@@ -45,6 +45,7 @@ STATUS_MESSAGES = (
     "VIBRATION",
     "GPS_RAW_INT",
     "AVAILABLE_MODES",
+    "AUTOPILOT_VERSION",
 )
 """Slow messages about the autopilot itself. They get the time of the message before them: some have another clock."""
 

@@ -921,8 +921,8 @@ class Watchdog:
             The signals. Their landed state is what the reviews so far have found, until ``now``.
         """
         columns = self._recent.columns((*STATUS_MESSAGES, *ESTIMATOR_FLAG_MESSAGES), start_time)
-        # The names of flight modes come once, when a ground station asks for them.
-        columns |= self._recent.columns(["AVAILABLE_MODES"])
+        # The names of flight modes and the firmware's version come once, when a ground station asks for them.
+        columns |= self._recent.columns(["AVAILABLE_MODES", "AUTOPILOT_VERSION"])
         landed_state = self._landed_states.series(
             now, self._recent.boot, was_flying=self._was_flying
         )

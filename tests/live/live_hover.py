@@ -30,6 +30,7 @@ class Flight:
     version: int = 2
     quaternion: bool = False
     kind: str = "QUADROTOR"
+    autopilot: str = "ARDUPILOTMEGA"
 
     def frames(self, start=3.0, end=39.0):
         """What is sent from ``start`` to ``end`` of the hover's time, in its order."""
@@ -61,7 +62,7 @@ class Flight:
             yield time + 0.0002, "SERVO_OUTPUT_RAW", {"time_usec": stamp} | fields
 
     def _heartbeats(self, start, end):
-        identity = {"type": MAV_TYPES[self.kind], "autopilot": MAV_AUTOPILOTS["ARDUPILOTMEGA"]}
+        identity = {"type": MAV_TYPES[self.kind], "autopilot": MAV_AUTOPILOTS[self.autopilot]}
         for time in ticks(start, end, 1.0):
             armed = ARMED * (5.0 <= time < self.hover.landed + 1.0)
             yield time + 0.0003, "HEARTBEAT", identity | {"base_mode": armed}

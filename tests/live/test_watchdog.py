@@ -172,6 +172,18 @@ def test_a_low_battery_vibration_and_warnings_are_said_as_they_come():
     assert {fact.subject for fact in made.stream.status().watch_facts} == {*WatchedQuantity}
 
 
+@mark.slow
+@mark.parametrize("version, is_known", [(0x010C03FF, False), (0x010D00FF, True)])
+def test_a_version_that_came_once_says_what_the_vibration_of_px4_is(version, is_known):
+    flight = Flight(Hover(hovering=70.0), attitude=20.0, motors=20.0, autopilot="PX4")
+    levels = [(at, message("VIBRATION", vibration_z=0.1)) for at in ticks(4.0, 75.0, 2.0)]
+    sent = [(3.5, message("AUTOPILOT_VERSION", flight_sw_version=version)), *levels]
+    made = replay(by_time(flight.frames(end=75.0), sent))
+    light = made.stream.status().worst_lights[Light.VIBRATION]
+    assert (light.code is VibrationLight.VIBRATION_MEASURED) is is_known
+    assert light.is_good is is_known
+
+
 def test_the_estimator_is_judged_in_flight_as_in_a_log():
     reports = {
         at: {"velocity_variance": 0.1, "pos_horiz_variance": 1.6 if 12.0 < at < 15.0 else 0.1}
