@@ -36,7 +36,8 @@ def position_validity(signals: Signals) -> TimeSeries | None:
     """Determines at which times the estimator reports a horizontal position.
 
     It is the validity flag of PX4's vehicle_local_position, or the flags of the estimator status. An ArduPilot that
-    never sets these flags has no position while it assumes a standstill.
+    never sets these flags, but once the one of an assumed standstill, fills them in and never has a position: not where
+    it assumes no standstill either, since its filter is then unhealthy.
 
     Args:
         signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.
@@ -58,7 +59,7 @@ def position_validity(signals: Signals) -> TimeSeries | None:
                 return TimeSeries(flags.time, flags.boot, has_position.astype(float))
     standstill = assumed_standstill(signals)
     if standstill is not None and standstill.values.any():
-        return replace(standstill, values=1.0 - standstill.values)
+        return replace(standstill, values=np.zeros_like(standstill.values))
     return None
 
 

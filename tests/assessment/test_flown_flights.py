@@ -115,11 +115,12 @@ def test_an_estimator_that_stays_at_its_origin_gives_no_distance():
 
 
 def test_an_estimator_that_assumes_a_standstill_gives_no_distance():
-    """It integrates accelerations, so that its position moves."""
+    """It integrates accelerations, so that its position moves; an unhealthy filter does not report that."""
     telemetry = flying_north()
     time = telemetry.messages["LOCAL_POSITION_NED"]["time"]
     velocity_and_height = 1 | 4 | 32
-    for standstill, is_known in ((128, False), (0, True)):
+    until_unhealthy = np.where(time < 8.0, 128, 0)
+    for standstill, is_known in ((128, False), (until_unhealthy, False), (0, True)):
         status = columns(time, flags=velocity_and_height | standstill)
         flights = flown_flights(Signals(changed(telemetry, "EKF_STATUS_REPORT", **status)))
         assert (total_distance(flights) is not None) is is_known
