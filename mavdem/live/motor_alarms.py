@@ -182,8 +182,10 @@ class MotorAlarms:
     def _activate(self, change: MotorChange) -> None:
         """Makes the losses of all motors that are weak now the active alarms, after a change of one of them.
 
+        If no motor is weak any more, the change is a recovery, which becomes active in the place of alarms.
+
         Args:
-            change: the change. If no motor is weak any more, it is a recovery, which is shown in the place of alarms.
+            change: the change of one motor.
         """
         assert self._detector is not None
         self.change_time = change.onset_time

@@ -142,38 +142,59 @@ def headline_of_comparison(
     changed_axes = {
         change.quantity.axis for change in changes if change.quantity.kind in LOOP_KINDS
     }
-    all_gains = _gains_by_relevance(parameters, ())
-    gains = _gains_by_relevance(parameters, bad_axes | changed_axes) or all_gains
-    shown_gains = [_parameter_text(gain) for gain in gains[:MAX_HEADLINE_GAINS]]
-    axes_of_gains = {axis for gain in gains for axis in axes_of_parameter(gain.name)}
-    effects = []
-    for change in changes:
-        if difference.follows_from_gains(change) and change.quantity.axis in axes_of_gains:
-            effects.append(change_text(change, difference))
+    gain_sentences = _sentences_on_gains(difference, changes, parameters, bad_axes | changed_axes)
     result = _result_sentences(
         difference,
         changes,
         has_bad_light=bool(bad_lights),
         has_motor_difference=has_motor_difference(reviews),
     )
-    gain_sentences = render_section(
+    sentences: list[Sentence] = []
+    if _are_two_vehicles(difference):
+        sentences += _identity_cautions(difference)
+    sentences += light_sentences
+    if _changes_by_cause(difference, changes).unexplained:
+        sentences += [*result, *gain_sentences]
+    else:
+        # The result is then that no figure changed which the gains do not explain, so that it follows them.
+        sentences += [*gain_sentences, *result]
+    return [*sentences, *sentences_on_watched_lights(reviews)]
+
+
+def _sentences_on_gains(
+    difference: VehicleDifference,
+    changes: Sequence[QuantityChange],
+    parameters: Sequence[ParameterChange],
+    relevant_axes: Collection[str],
+) -> list[Sentence]:
+    """Returns the sentence of the headline on changed gains, and on the changes of quantities that follow from them.
+
+    Args:
+        difference: comparison of the two states.
+        changes: the changed quantities, the most relevant first.
+        parameters: parameters of the autopilot that changed.
+        relevant_axes: axes of loops with a bad margin or a changed quantity, whose gains are named; if none of these
+            changed, all changed gains are.
+
+    Returns:
+        A list with one sentence; empty if no parameter changed.
+    """
+    gains = _gains_by_relevance(parameters, relevant_axes)
+    if not gains:
+        gains = _gains_by_relevance(parameters, ())
+    shown_gains = [_parameter_text(gain) for gain in gains[:MAX_HEADLINE_GAINS]]
+    axes_of_gains = {axis for gain in gains for axis in axes_of_parameter(gain.name)}
+    effects = []
+    for change in changes:
+        if difference.follows_from_gains(change) and change.quantity.axis in axes_of_gains:
+            effects.append(change_text(change, difference))
+    return render_section(
         "difference_gains",
         gains=shown_gains,
         further_count=len(parameters) - len(shown_gains),
         effects=effects[:MAX_HEADLINE_EFFECTS],
         are_two_vehicles=_are_two_vehicles(difference),
     )
-    # That no other figure changed follows what the gains explain.
-    has_named_change = bool(_changes_by_cause(difference, changes).unexplained)
-    ordered_sentences = (
-        [*result, *gain_sentences] if has_named_change else [*gain_sentences, *result]
-    )
-    return [
-        *(_identity_cautions(difference) if _are_two_vehicles(difference) else ()),
-        *light_sentences,
-        *ordered_sentences,
-        *sentences_on_watched_lights(reviews),
-    ]
 
 
 def difference_blocks(
@@ -1076,7 +1097,7 @@ def _signed(number: str) -> str:
     return f"+{number}"
 
 
-def _identity_cautions(difference: VehicleDifference) -> Blocks:
+def _identity_cautions(difference: VehicleDifference) -> list[Sentence]:
     """Returns the warning that the compared flights may be of different vehicles; empty if they are of one vehicle.
 
     The reader is warned if a log does not name its vehicle, if the logs name two vehicles, or if the name is a MAVLink

@@ -9,6 +9,7 @@ import numpy as np
 from markupsafe import Markup
 
 from mavdem.arrays import Array
+from mavdem.containers import Numbers
 from mavdem.facts import Fact, Level
 from mavdem.facts.motors import motor_number
 from mavdem.motors.change_hypotheses import FAULT_RISE
@@ -21,6 +22,7 @@ if TYPE_CHECKING:
     from mavdem.assessment.condition import Condition
     from mavdem.assessment.motor_failure import FailureCommands
     from mavdem.dataset.motor_outputs import MotorOutputs
+    from mavdem.motors.hover import HoverFigures
     from mavdem.wind_velocity.velocity import WindVelocity
 
 RADIUS = 100.0
@@ -54,6 +56,48 @@ A choice: a steady hover moves by some decimetres, and fills a good part of it.
 """
 
 
+class _DrawnCommands(NamedTuple):
+    """Commands of the k motors that the drawing of the vehicle shows, with the texts on it."""
+
+    title: str
+    """Title of the drawing."""
+
+    description: str
+    """Kind of the commands and of the remarks."""
+
+    commands: Array
+    """(k,) Commands as fractions of the motors' range."""
+
+    remarks: list[str]
+    """Remark on each motor, such as its headroom."""
+
+    imbalance: Numbers
+    """(k,) Trim deviation of each motor (:attr:`HoverFigures.imbalance`), %; 0 where it is not drawn."""
+
+    @classmethod
+    def of_hover(cls, hover: HoverFigures) -> _DrawnCommands:
+        """Returns the mean commands in the hover, with the headroom of each motor."""
+        return cls(
+            title="From above, in settled flight",
+            description="Mean command, of its range, and headroom",
+            commands=np.array(hover.trim_of_range),
+            remarks=[f"{100 * headroom:.0f} % left" for headroom in hover.headroom],
+            imbalance=hover.imbalance,
+        )
+
+    @classmethod
+    def of_failure(cls, failure: FailureCommands) -> _DrawnCommands:
+        """Returns the commands when a motor failed, with the usual command of each motor."""
+        start, end = failure.interval
+        return cls(
+            title=f"From above, at the failure ({start:.1f} to {end:.1f} s)",
+            description="Median command at the failure, of its range, and in the flight before",
+            commands=failure.at_failure,
+            remarks=[f"usual {100 * usual:.0f} %" for usual in failure.usual],
+            imbalance=(0.0,) * len(failure.at_failure),
+        )
+
+
 def frame_plan(
     motors: MotorOutputs | None,
     condition: Condition | None,
@@ -62,15 +106,14 @@ def frame_plan(
 ) -> Plan | None:
     """Returns the vehicle from above: each motor at its position, with its command in the hover or at a failure.
 
-    The commands are as flown, with what lean and manoeuvres ask for. How unevenly the motors work without that is for
-    the light to say.
+    The commands are as flown, so that they include those for lean and manoeuvres. The light judges how unevenly the
+    motors work without these.
 
     Args:
         motors: outputs with the geometry of the motors; None if they were not logged.
         condition: condition of the vehicle with its hover, the outputs in steady flight; None if it is not known.
         light: status light of the motors: a fact with its level.
-        failure: commands when a motor failed; None if none did. They are then drawn instead of those of the hover, and
-            the usual command in the place of the headroom.
+        failure: commands when a motor failed, which are drawn instead of those of the hover; None if none failed.
 
     Returns:
         The drawing; None if the positions or the commands of all motors are not known.
@@ -79,27 +122,18 @@ def frame_plan(
         return None
     hover = None if condition is None else condition.hover
     if failure is not None:
-        start, end = failure.interval
-        title = f"From above, at the failure ({start:.1f} to {end:.1f} s)"
-        description = "Median command at the failure, of its range, and in the flight before"
-        commands = failure.at_failure
-        remarks = [f"usual {100 * usual:.0f} %" for usual in failure.usual]
-        imbalance = np.zeros(len(commands))
+        drawn = _DrawnCommands.of_failure(failure)
     elif hover is not None:
-        title = "From above, in settled flight"
-        description = "Mean command, of its range, and headroom"
-        commands = np.array(hover.trim_of_range)
-        remarks = [f"{100 * headroom:.0f} % left" for headroom in hover.headroom]
-        imbalance = np.array(hover.imbalance)
+        drawn = _DrawnCommands.of_hover(hover)
     else:
         return None
-    count = len(commands)
-    if len(motors.geometry.positions) != count:
+    motor_count = len(drawn.commands)
+    if len(motors.geometry.positions) != motor_count:
         return None
     # The outermost motor lies at RADIUS from the centre.
     positions = np.array(motors.geometry.positions, np.float64)
     positions *= RADIUS / max(np.hypot(*positions.T).max(), 1e-9)
-    levels = motor_levels(light, imbalance)
+    levels = motor_levels(light, np.array(drawn.imbalance))
     drawn_motors = []
     for number, (forward, right) in enumerate(positions.tolist()):
         drawn_motors.append(
@@ -107,10 +141,10 @@ def frame_plan(
                 "name": number + 1,
                 "x": round(right, 1),
                 "y": round(-forward, 1),
-                # The disc's area, not its radius, is the motor's share of its range.
-                "share": float(commands[number]) ** 0.5,
-                "command": f"{100 * commands[number]:.0f} %",
-                "remark": remarks[number],
+                # The disc's area, not its radius, is proportional to the command.
+                "relative_radius": float(drawn.commands[number]) ** 0.5,
+                "command": f"{100 * drawn.commands[number]:.0f} %",
+                "remark": drawn.remarks[number],
                 "level": levels[number],
             }
         )
@@ -118,8 +152,8 @@ def frame_plan(
         f"motor {motor['name']} {motor['command']}, {motor['remark']}" for motor in drawn_motors
     ]
     # The radius of the discs, in the units of the drawing: those of eight motors on a circle still do not overlap.
-    svg = figure_as_svg("frame", motors=drawn_motors, size=150.0 / count**0.9)
-    return Plan(title, f"{description}: {listed(motor_texts)}.", svg)
+    svg = figure_as_svg("frame", motors=drawn_motors, size=150.0 / motor_count**0.9)
+    return Plan(drawn.title, f"{drawn.description}: {listed(motor_texts)}.", svg)
 
 
 def motor_levels(light: Fact, imbalance: Array) -> list[Level]:
