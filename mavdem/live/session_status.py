@@ -311,7 +311,7 @@ class SessionStatus(ImmutableResult):
         """
         judgement = self._judgement_with_all_lights
         headline = self._most_urgent_headline(judgement.headline)
-        if headline.is_bad or headline in self.active_alarms:
+        if self._is_urgent(headline):
             return headline
         power = judgement.lights[Light.POWER]
         return power if power.warns else None
@@ -441,9 +441,7 @@ class SessionStatus(ImmutableResult):
             judgement: judgement of the flight so far, with the next step after its landing.
         """
         headline = self._most_urgent_headline(judgement.headline)
-        is_urgent = headline in self.active_alarms
-        if headline.is_bad and headline.code not in FAULTS_SINCE_TAKEOFF:
-            is_urgent = True
+        is_urgent = self._is_urgent(headline)
         if self.no_model_reason is not None and not self._is_received:
             # Whether the vehicle still flies, and how, is not known.
             judgement = replace(judgement, lights=self._lights_in_silence(judgement.lights))
@@ -471,6 +469,16 @@ class SessionStatus(ImmutableResult):
         if reason is not None and reason.subject == MissingMessages.MOTION:
             return lights_before_silence(lights, self.motion_age, MissingMessages.MOTION)
         return lights_before_silence(lights, self.message_age, MissingMessages.MESSAGES)
+
+    def _is_urgent(self, headline: Fact) -> bool:
+        """Returns whether a headline in flight is an alarm, or a fault that has begun since the take-off.
+
+        Args:
+            headline: the headline.
+        """
+        if headline in self.active_alarms:
+            return True
+        return headline.is_bad and headline.code not in FAULTS_SINCE_TAKEOFF
 
     def _most_urgent_headline(self, headline: Fact) -> Fact:
         """Returns the headline to show in flight: an active alarm, if that is more urgent than the given headline.

@@ -15,12 +15,14 @@ from mavdem.facts.assessment import NextStep
 from mavdem.facts.lights import Light
 from mavdem.facts.loops import LoopFact
 from mavdem.facts.margins import MarginsLight
+from mavdem.facts.session import LinkFact
 from mavdem.facts.sources import SourceFact
 from mavdem.ingest import read_log
 from mavdem.ingest.formats import read_stream
 from mavdem.ingest.mavlink.frame_reader import FrameReader
 from mavdem.ingest.tlog import tlog_from_bytes
 from mavdem.live import LiveStream, margin_review
+from mavdem.live.link_loss import LONG_LOSS_SECONDS
 from mavdem.live.margin_review import (
     FIRST_REVIEW_SECONDS,
     MAX_PROCESSOR_SHARE,
@@ -325,3 +327,15 @@ def test_the_status_shows_margins_of_the_flight_until_the_recording_is_judged():
         is_recording_judged=True,
     )
     assert judged._lights_without_model.get(Light.MARGINS) is None
+
+
+def test_margins_that_lack_since_the_take_off_make_no_short_silence_an_alarm():
+    lost = Fact(LinkFact.CONNECTION_LOST, cause=None, reopening=False)
+    for age, level in ((2.0, Level.WATCH), (LONG_LOSS_SECONDS, Level.BAD)):
+        silent = SessionStatus(
+            vehicle="1:1", is_flying=True, margins=BAD, no_model_reason=lost, message_age=age
+        )
+        headline = silent.overall_judgement.headline
+        assert (headline.code, headline.level) == (LinkFact.LOST_IN_FLIGHT, level)
+        assert headline.figures["cause"] is None
+        assert silent.overall_judgement.lights[Light.MARGINS] is BAD
