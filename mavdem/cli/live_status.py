@@ -440,7 +440,7 @@ def print_fact(fact: Fact, moment: str = "") -> None:
 
 
 def print_event(event: Event) -> None:
-    """Prints an event of a live session after the time of day and that of the vehicle's clock.
+    """Prints an event of a live session, with the time of day and the time on the vehicle's clock before it.
 
     An event of ``LEARNING_STATES`` is not printed.
     """
@@ -459,7 +459,7 @@ def line_with_time(text: str, moment: str = "") -> str:
 
 
 def _style(*facts: Fact) -> str:
-    """Returns the style of a text about facts, in Rich's words: that of the worst level if one of them warns."""
+    """Returns the style for Rich of a text about facts: that of the worst level that warns; empty if none warns."""
     for level in (Level.BAD, Level.WATCH):
         if any(fact.level is level for fact in facts):
             return LEVEL_STYLES[level]

@@ -381,7 +381,7 @@ def _content_hashes_of_log(rows: FlightRows, subject: str) -> set[str]:
 
 
 def _file_names(path: str) -> Names:
-    """Returns the names by which a user may mean a log: its path or URL, and what comes after its folder."""
+    """Returns the names by which a user may refer to a log: its path or URL, and the name of its file."""
     return path, PurePath(path).name
 
 

@@ -26,7 +26,7 @@ def link_loss_fact(
     cause: Fact | None,
     is_over: bool,
 ) -> Fact:
-    """Returns the fact that no messages of a flying vehicle come, or none of its motion, with what was known last.
+    """Returns the fact that a flying vehicle has fallen silent, or sends no motion, with its last known state.
 
     Args:
         reason: the silence of the link: which messages do not come.

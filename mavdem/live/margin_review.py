@@ -160,7 +160,7 @@ def review_margins(
 
 
 def _refusal_of_judged_loop(assessment: Assessment, light: Fact) -> Fact | None:
-    """Returns why the loop by which the margins are judged was not identified by setpoints; None if it was.
+    """Returns the reason why setpoints did not identify the loop that decides the margins; None if they did.
 
     Args:
         assessment: the assessment of the log.

@@ -172,7 +172,7 @@ class MotorAlarms:
             self._begin_flight(time, boot)
 
     def _begin_flight(self, time: float, boot: int) -> None:
-        """Ends what was active in the flight before, since a new one has begun; arguments as of ``note_unsettled``."""
+        """Begins a flight: alarms of the flight before are no longer active. Arguments as of ``note_unsettled``."""
         self._flight_boot = boot
         self._flight_start = time
         if self.has_landed:

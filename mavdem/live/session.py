@@ -602,7 +602,7 @@ class LiveSession:
         return self.stream.has_rate_setpoint or self._margin_review.has_rate_setpoint
 
     def report_end(self, status: SessionStatus, model: Learned | None) -> None:
-        """Reports what the flight has shown, unless that was reported at its landing.
+        """Reports the findings of the flight at the end of the session, unless its landing was reported with them.
 
         Args:
             status: status of the session, with the judgement of the final model.

@@ -278,7 +278,7 @@ class SessionStatus(ImmutableResult):
 
     @property
     def link_loss(self) -> Fact | None:
-        """That a flying vehicle is silent, with what was known of it last; None while its messages and motion come.
+        """The fact that a flying vehicle is silent, with its last known state; None while messages and motion come.
 
         A vehicle whose loss is known is not missed: it has met the ground, or is about to.
         """
@@ -531,7 +531,7 @@ class SessionStatus(ImmutableResult):
 
     @property
     def _followed_watch_facts(self) -> dict[str, Fact]:
-        """The ``watch_facts`` of the followed vehicle, by what is watched.
+        """The ``watch_facts`` of the followed vehicle, by the quantity that is watched.
 
         Facts on other vehicles of the link have the figure "vehicle", and are left out.
         """
@@ -539,7 +539,7 @@ class SessionStatus(ImmutableResult):
 
     @property
     def _watched_names(self) -> tuple[str, ...]:
-        """Names of what is watched without a model on the followed vehicle."""
+        """Names of the quantities of the followed vehicle that are watched without a model."""
         facts = self._followed_watch_facts
         return tuple(name for name, fact in facts.items() if fact.code is WatchFact.WATCHED)
 
@@ -643,7 +643,7 @@ class SessionStatus(ImmutableResult):
 
 
 def cause_of_alarm(fact: Fact) -> Fact:
-    """Returns what an alarm is about, such as a weak motor; any other fact as it is.
+    """Returns the fact that is the cause of an alarm, such as a weak motor; any other fact is returned as it is.
 
     Args:
         fact: an alarm, the end of one, a link that was lost after one, or another fact.

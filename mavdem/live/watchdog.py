@@ -805,7 +805,7 @@ class Watchdog:
                 review.facts[WatchedQuantity.MOTOR_LIMITS] = sinking
 
     def _judge_heights_on_ground(self, review: _Review, moment: FlightMoment) -> list[Fact]:
-        """Judges what drifted, barometer or satellites, by the heights at rest before and after the latest flight.
+        """Judges whether barometer or satellites drifted, by the heights at rest before and after the latest flight.
 
         The vehicle must rest both times. So the heights are compared in each thorough review after the landing until
         they show that, for ``MAX_WAIT_SECONDS`` at most.
@@ -856,7 +856,7 @@ class Watchdog:
             self._fall = None
 
     def _loss_at_end_of_flight(self, end: FlightEnd, review: _Review) -> Fact | None:
-        """Returns how the vehicle was lost whose flight has ended.
+        """Returns the fact of how a flight that has just ended was lost, such as by a crash.
 
         Args:
             end: how the flight ended.

@@ -323,7 +323,7 @@ def reasons_for_no_gains(loop: Loop, *, for_higher_gains: bool = False) -> Facts
 
 
 def _unknown_stability(loop: Loop) -> Fact | None:
-    """Returns the reason why gains cannot be designed for a loop whose stability the flight does not determine.
+    """Returns why no gains can be designed for a loop, if the flight leaves open whether the loop is stable.
 
     Some draws of its plant are unstable, although the vehicle flew, and others have all margins. Then the lower ends of
     the margins' intervals mean nothing.
@@ -336,16 +336,16 @@ def _unknown_stability(loop: Loop) -> Fact | None:
         surely too small, however uncertain they are.
     """
     scores = margin_scores(MARGIN_TARGETS["default"], loop.rate, loop.attitude)[DRAWS]
-    unstable_share = float(np.mean(np.isneginf(scores)))
-    sound_share = float(np.mean(scores >= 1))
+    unstable_fraction = float(np.mean(np.isneginf(scores)))
+    fraction_with_margins = float(np.mean(scores >= 1))
     low_probability = 1 - INTERVAL_QUANTILES[1]
-    if min(unstable_share, sound_share) <= low_probability:
+    if min(unstable_fraction, fraction_with_margins) <= low_probability:
         return None
     return Fact(
         GainFact.STABILITY_UNKNOWN,
         subject=loop.axis,
-        unstable_share=unstable_share,
-        sound_share=sound_share,
+        unstable_share=unstable_fraction,
+        sound_share=fraction_with_margins,
     )
 
 

@@ -55,7 +55,7 @@ def log_blocks(contents: JsonValues) -> Blocks:
 
 
 def vehicle_contents(vehicle: JsonValues) -> Blocks:
-    """Returns the report on what a log contains of a vehicle, and whether a model of it can be learned.
+    """Returns the report on the messages of a vehicle in a log, and on whether a model can be learned from them.
 
     The sentences give the vehicle; the tier of the log, which is the kind of model that its message rates allow;
     cautions; repairs, which are what the reader corrected in the log, such as a clock that went back; and the settled

@@ -111,7 +111,7 @@ def headline_of_comparison(
     difference: VehicleDifference,
     parameters: Sequence[ParameterChange] = (),
 ) -> list[Sentence]:
-    """Returns the sentences that head a comparison on the terminal and on pages: what matters of all that differs.
+    """Returns the sentences at the head of a comparison, on the terminal and on pages: the differences that matter.
 
     They come in this order; where A and B are the same flight, only that is said.
 
@@ -400,7 +400,7 @@ def _sentence_on_watched_motors(reviews: Mapping[str, Review]) -> list[Sentence]
 
 
 def sentences_on_watched_lights(reviews: Mapping[str, Review]) -> list[Sentence]:
-    """Returns a sentence on each light of the vehicle that is to be watched on one side, and good on the other.
+    """Returns a sentence on each light of the vehicle with the level "watch" on one side, and "good" on the other.
 
     The lights of the wind and of the log are left out: they judge the day and the recording, and not the vehicle. That
     of the motors stands before them (:func:`_sentence_on_watched_motors`).
@@ -835,7 +835,7 @@ def _limit_text(kind: str, limit: float) -> str:
 
 
 def _amount_text(kind: str, amount: float) -> str:
-    """Returns an amount of a kind of quantity with its unit, such as "2 %"; of a logarithm it is that of a ratio."""
+    """Returns an amount of a kind of quantity with its unit, such as "2 %"; a logarithm is given as a ratio."""
     shown_form = SHOWN_QUANTITIES[kind]
     if kind in LOGARITHMIC_KINDS:
         return f"{rounded(100 * amount)} %"
@@ -1140,7 +1140,7 @@ def _shown_names(names: Names, shared_names: Collection[str]) -> list[str]:
 
 
 def _are_two_vehicles(difference: VehicleDifference) -> bool:
-    """Returns whether the states are known to be of two vehicles, whose figures differ without any change.
+    """Returns whether the states are known to be of two vehicles, so that differences need not be changes.
 
     Args:
         difference: comparison of two states, with the names of the vehicles of each.

@@ -136,7 +136,7 @@ def _count_bad_unnamed_flights(
 
 
 def vehicles_with_section(summaries: Sequence[VehicleSummary]) -> dict[str, VehicleFlights]:
-    """Returns what is known of each vehicle on which a fleet's page has a section, by its name."""
+    """Returns the summary of each vehicle that has a section on a fleet's page, by the vehicle's name."""
     vehicles = {}
     for summary in summaries:
         if summary.vehicle is not None and summary.vehicle.has_section:

@@ -137,7 +137,7 @@ def live_alarm(status: SessionStatus) -> str:
 
 
 def statement_of_headline(headline_text: str, headline_fact: Fact) -> str:
-    """Returns the headline of a live flight without what was checked, which the lights beside it say.
+    """Returns the headline of a live flight without the list of checked parts, which the lights next to it show.
 
     Args:
         headline_text: the headline in words.

@@ -143,7 +143,7 @@ def _unstated_remedies(
 
 
 def tune_details(tuning: Tuning) -> Blocks:
-    """Returns all margins of the axes with an identified loop, and what they and the advised gains rest on.
+    """Returns all margins of the axes with an identified loop, and the basis of these and of the advised gains.
 
     Args:
         tuning: advice for each axis, or the fact that says why there is none.
@@ -208,7 +208,7 @@ def _group_key(tuning: Tuning, axis: str) -> tuple[str, ...]:
 
 
 def _facts_on_axis(tuning: Tuning, axis: str) -> list[Fact]:
-    """Returns what is reported of an axis: the rating of its margins, what to do with its gains, and why.
+    """Returns the facts that are reported of an axis: the rating of its margins, the advice on its gains, and why.
 
     Args:
         tuning: advice on the gains of each axis, or the fact why there is none.

@@ -84,7 +84,7 @@ def summary(learned: Learned) -> str:
 
 
 def analysis_blocks(assessment: Assessment) -> Blocks:
-    """Returns the report of a log: headline, what was found, and next step.
+    """Returns the report of a log: headline, findings, and next step.
 
     Args:
         assessment: all results on a vehicle of the log: events, status lights, model, loops and wind.
@@ -101,7 +101,7 @@ def analysis_blocks(assessment: Assessment) -> Blocks:
 
 
 def analysis_body(analysis: LogAnalysis, assessment: Assessment) -> Blocks:
-    """Returns what was found in a log: lights that warn, the model or why there is none, condition, and wind.
+    """Returns the findings of a log: lights that warn, the model or why there is none, condition, and wind.
 
     A light is the judgement of one subject, such as the motors. Without a full model, sentences take its place on the
     tier of the log, which is the kind of model that its message rates allow, and on the vehicle's condition.

@@ -624,7 +624,7 @@ def time_of_day(seconds: float) -> str:
 
 
 def _land_now(alarm: Fact) -> str:
-    """Returns what to do at once about what an alarm found in flight."""
+    """Returns the sentence on what the pilot must do at once about the cause of an alarm in flight."""
     return Fact(NextStep.LAND_NOW, reason=alarm).sentence
 
 

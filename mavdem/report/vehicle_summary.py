@@ -229,7 +229,7 @@ def summary_of_vehicle(name: str, rows: FlightRows) -> VehicleSummary:
 
 @cache
 def summary_adapter() -> TypeAdapter[VehicleSummary]:
-    """Returns what turns summaries into JSON and back."""
+    """Returns the type adapter of Pydantic that converts summaries to JSON and back."""
     return TypeAdapter(VehicleSummary)
 
 
@@ -264,7 +264,7 @@ def _flown_flights(name: str, flights: Flights) -> FlownFlights:
 
 
 def _vehicle_flights(name: str, flights: Flights) -> VehicleFlights:
-    """Summarizes what the flights of a vehicle show of it, for a fleet's page.
+    """Returns the summary of a vehicle by its flights, for a fleet's page.
 
     Args:
         name: name of the vehicle.

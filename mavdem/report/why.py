@@ -65,7 +65,7 @@ def _witness_time(witness: Fact) -> float:
 
 
 def cause_sentences(fact: Fact) -> list[Sentence]:
-    """Returns the sentence with the evidence for what an event is about: that for its cause or, without one, its own.
+    """Returns the sentence with the evidence for the cause of an event or, without a cause, for the event itself.
 
     Args:
         fact: the event.
@@ -167,7 +167,7 @@ def evidence_texts(fact: Fact) -> frozenset[str]:
 
 
 def unrepeated_evidence(fact: Fact, repeated: Collection[str]) -> str:
-    """Returns the evidence for an event as text, without what stands above it already.
+    """Returns the evidence for an event as text, without the evidence that a list has shown above it.
 
     Args:
         fact: the event.

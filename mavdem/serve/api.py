@@ -102,7 +102,7 @@ class Api:
         viewer: RecordingViewer | None,
         fields: FieldStore,
     ) -> None:
-        """Takes what the endpoints work on.
+        """Stores the library, the viewer and the columns of logs on which the endpoints work.
 
         Args:
             visible: the library, with the access rights.

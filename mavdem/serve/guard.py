@@ -74,7 +74,7 @@ class Guard:
         scripts: Names,
         visitor_values: Callable[[HttpRequest], JsonValues],
     ) -> None:
-        """Takes what the answers depend on.
+        """Stores the rights, the security headers of all responses, and the source of the templates' values.
 
         Args:
             rights: who may read, upload and change flights.
@@ -191,7 +191,7 @@ class Guard:
 
 
 def _policy_text(policy: Mapping[str, str]) -> str:
-    """Returns a content security policy, the sources by directive, as its header has it."""
+    """Returns the text of the header for a content security policy, given as the sources by directive."""
     return "; ".join(f"{directive} {sources}" for directive, sources in policy.items())
 
 

@@ -522,7 +522,7 @@ class Library:
         return name
 
     def assign_vehicle(self, entry: LibraryEntry, name: str) -> LibraryEntry:
-        """Assigns a vehicle to a flight whose log does not identify it; an empty name takes the vehicle away.
+        """Assigns a vehicle to a flight whose log does not identify it; an empty name removes the assignment.
 
         Args:
             entry: index entry of the flight.

@@ -76,7 +76,7 @@ LIBRARY_LINK = PageLink("Flights", "/")
 
 
 class _IncomingRecording(NamedTuple):
-    """The recording of a session before the library has it."""
+    """The recording of a session before it is added to the library."""
 
     recording: RawRecording
     """The recording."""

@@ -101,7 +101,7 @@ class LivePages:
     """The endpoints of a server that answer with the page of a live session, and with what is new in it."""
 
     def __init__(self, rights: Rights, session_pages: SessionPages | None) -> None:
-        """Takes what the answers depend on.
+        """Stores the rights, and the source of the session's pages.
 
         Args:
             rights: who may read the page.

@@ -114,7 +114,7 @@ class Pages:
         is_live: bool,
         scripts: Collection[str],
     ) -> None:
-        """Takes what the pages show.
+        """Stores the library and the settings of the server that the pages show.
 
         Args:
             visible: the library, with the access rights.

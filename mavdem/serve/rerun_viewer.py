@@ -49,7 +49,7 @@ class ViewerFiles:
     """Endpoints with the program of Rerun's viewer, and the script that starts it."""
 
     def __init__(self, rights: Rights, program_port: Callable[[], int | None]) -> None:
-        """Takes what the answers depend on.
+        """Stores the rights, and the source of the port of the viewer's process.
 
         Args:
             rights: who may see recordings.

@@ -12,7 +12,7 @@ from mavdem.serve.rights import COOKIE_NAME, Rights
 
 
 class SignIn:
-    """Endpoints by which a browser gets, and loses, the cookie with which it may read."""
+    """Endpoints that set and delete the cookie with which a browser may read all flights."""
 
     def __init__(self, rights: Rights) -> None:
         """Takes the access ``rights`` of the server."""

@@ -285,7 +285,7 @@ class LiveWriter:
         lines.send(self._recording, time, values)
 
     def _store_range(self, lines: Lines, time: float, values: Array) -> None:
-        """Stores the range of new values in a plot of the first tab, whose axis :meth:`_widen_axes` chooses by it.
+        """Stores the range of new values in a plot of the first tab, from which :meth:`_widen_axes` chooses its axis.
 
         Args:
             lines: the lines that the values are drawn by; for lines of another tab nothing is stored.

@@ -151,7 +151,7 @@ class Sink:
         """
 
     def close(self) -> None:
-        """Ends what was started for the sink, after the recording is disconnected."""
+        """Ends the sink, with a process that was started for it, after the recording is disconnected."""
 
 
 class RecordingFile(Sink):

@@ -84,7 +84,7 @@ def longest_flight(signals: Signals) -> FlightInterval | None:
 
 
 def flight_series(signals: Signals) -> FlightSeries:
-    """Returns what is drawn of the longest flight of a log beside that of another one.
+    """Returns the time series of a log's longest flight that a comparison draws over those of another log.
 
     A quantity that was not recorded, or has no two samples in the flight, is left out.
 

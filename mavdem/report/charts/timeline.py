@@ -149,7 +149,7 @@ class Timeline(NamedTuple):
         return full_width_group, Group(tuple(columns), is_flat=True)
 
     def _overview_of(self, unmarked_charts: Charts) -> Charts:
-        """Returns charts of this flight with what is marked in all of them, below the strip of flight modes."""
+        """Returns charts of this flight, with the marks of all its charts, below the strip of flight modes."""
         charts = tuple(self.marked(chart) for chart in unmarked_charts)
         if not self.modes:
             return charts

@@ -187,7 +187,7 @@ def comparison_page(
 
 
 def _change_chapter(difference: VehicleDifference) -> Chapter:
-    """Returns the chapter of what changed between the flights: a drawing of the vehicle, and the rest in sentences.
+    """Returns the chapter on the changes between the flights: a drawing of the vehicle, and further ones in sentences.
 
     Args:
         difference: differences between the vehicles.
@@ -277,7 +277,7 @@ def _name_of_side(side: str, name: str, review: Review) -> str:
 
 
 def _table_chapter(title: str, header: str, rows: list[list[str]]) -> Chapter:
-    """Returns a chapter with a table of both sides, without rows of which nothing is known.
+    """Returns a chapter with a table of figures of both flights, without rows in which no figure is known.
 
     Args:
         title: title of the chapter.

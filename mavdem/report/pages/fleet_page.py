@@ -457,7 +457,7 @@ def _note_on_vehicle(vehicle: VehicleFlights) -> str:
 
 
 def _bar_count(vehicles: Mapping[str, VehicleFlights]) -> int:
-    """Returns for how many bars each vehicle has room: for those of the vehicle with most of them, and not too few."""
+    """Returns the number of bars for which each vehicle gets room: ``MIN_BARS``, or the most of any vehicle."""
     return max([MIN_BARS, *(len(vehicle.levels) for vehicle in vehicles.values())])
 
 

@@ -754,7 +754,7 @@ def live_page(
 
 
 def _live_subtitle(status: SessionStatus, link: str, axis: str) -> str:
-    """Returns what stands below the title of a live page: the state of the vehicle now, or what the page is about.
+    """Returns the text below the title of a live page: the present state of the vehicle, or the subject of the page.
 
     Args:
         status: state of the session now, or at its end.

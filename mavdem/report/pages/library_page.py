@@ -188,7 +188,7 @@ class _FlightOfVehicle(Protocol):
 
 
 def _unnamed_vehicle(flight: _FlightOfVehicle) -> str:
-    """Returns what the vehicle of a flight is called that nothing identifies, such as "unnamed PX4 quadrotor"."""
+    """Returns the description of a flight's vehicle that its log does not identify, such as "unnamed PX4 quadrotor"."""
     return unnamed_vehicle(flight.autopilot, flight.frame)
 
 

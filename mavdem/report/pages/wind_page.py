@@ -77,7 +77,7 @@ def wind_page(
 
 
 def _wind_level(wind_evidence: WindEvidence, assessment: Assessment) -> Level:
-    """Returns the level of the light of the wind by the estimate of this page, or that of the log if it did not fly.
+    """Returns the level of the wind's light by the estimate of this page; the level of the log if nothing flew.
 
     The two may differ: this page may use the vehicle's drag from an earlier flight, by which the wind is known better.
 
