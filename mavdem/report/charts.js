@@ -524,12 +524,18 @@
       chart.setData(columns, false);
     }
   };
-  // After charts were renewed: those that showed all show all, those zoomed to the end follow it, others stay.
+  // After charts were renewed: those that showed all show all, those zoomed to the end follow it, others stay. Where no
+  // chart is left, as between two flights, the next ones begin with their own span.
   const follow = group => {
+    if (!group.charts.length) {
+      group.whole = group.span = undefined;
+      return;
+    }
     const [first, last] = group.whole, [min, max] = group.span ?? group.whole, wholes = group.charts.map(({ data_ }) => wholeOf(data_));
     const newest = [Math.min(...wholes.map(([start]) => start)), Math.max(...wholes.map(([, end]) => end))], later = newest[1] - last;
     group.whole = newest;
-    if (min <= first && max >= last) zoom(group, ...newest); else if (max >= last) zoom(group, min + later, max + later); else zoom(group, min, max);
+    const isOutside = max <= newest[0] || min >= newest[1];
+    if (isOutside || min <= first && max >= last) zoom(group, ...newest); else if (max >= last) zoom(group, min + later, max + later); else zoom(group, min, max);
   };
   // The time under the cursor of a group's charts; null where there is none, or the mouse holds it at its place.
   const cursorOf = group => {

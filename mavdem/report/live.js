@@ -137,7 +137,7 @@
     title = newer.title;
     renew(main, newer.querySelector("main"));
     announce();
-    for (const group of Object.values(charts.groups)) if (group.charts.length) charts.follow(group);
+    for (const group of Object.values(charts.groups)) charts.follow(group);
     if (time != null) charts.setCursor(flight, time);
     root.dispatchEvent(new Event("renewed"));
   };

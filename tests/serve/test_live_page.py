@@ -127,6 +127,22 @@ def test_what_shows_the_whole_flight_or_its_end_follows_the_flight(session, tab)
     tab.until(f"{FLIGHT}.span[1] > 111 && {FLIGHT}.span[0] > 108")
 
 
+def test_a_page_that_stays_open_shows_the_next_flight_from_its_own_beginning(session, tab):
+    session.fly(8.0)
+    tab.until(f"{FLIGHT}.span[1] > 111")
+    # The next vehicle has not taken off yet: there is nothing to draw.
+    session.history = LiveHistory()
+    session.show(SessionStatus("1:1", message_age=0.0))
+    tab.until(f"{FLIGHT}.charts.length === 0")
+    # Its clock is within the flight before.
+    session.end = 101.0
+    for end in (102, 103, 104):
+        session.fly(1.0)
+        tab.until(f"{FLIGHT}.charts.length > 0 && {FLIGHT}.whole[1] > {end - 0.1}")
+    assert tab.run(f"{FLIGHT}.span") == tab.run(f"{FLIGHT}.whole")
+    assert tab.run(f"{FLIGHT}.whole[0]") >= 101.0
+
+
 def test_a_page_without_an_answer_keeps_its_state_says_for_how_long_and_recovers(session, tab):
     headline = tab.run(HEADLINE)
     tab.command("Network.enable")
