@@ -498,31 +498,33 @@ class SessionStatus(ImmutableResult):
     def _next_step_in_flight(self, judgement: Judgement) -> Fact:
         """Returns what the pilot of a vehicle in flight without an active alarm should do.
 
-        It is the first of these that applies:
+        The first of these conditions that applies decides:
 
-        1. to land soon, if the battery is getting empty;
-        2. to watch the vehicle itself, if alarms come later than ``MAX_ALARM_DELAY``;
-        3. to fly on, or to land soon if the headline is bad, or to let it land if it lands by itself, and do then what
-           the headline advises, if it warns;
-        4. to let it land if it lands by itself;
-        5. to fly on, if a model was judged, or if the reason why there is none has no remedy;
-        6. otherwise what has to happen before a model can be learned, which is the next step so far.
+        1. The battery is getting empty: to land soon.
+        2. Alarms come later than ``MAX_ALARM_DELAY``: to watch the vehicle itself.
+        3. The headline warns: to follow its advice after the landing, and until then to let the vehicle land if it
+           lands by itself, to land soon if the headline is bad, or to fly on.
+        4. The vehicle lands by itself: to let it land.
+        5. A model was judged, or there is none for a reason without a remedy: to fly on.
+        6. Otherwise: what has to happen before a model can be learned, which is the next step of ``judgement``.
 
         Args:
             judgement: judgement of the flight so far.
         """
         headline = judgement.headline
         is_landing = self.state is not None and self.state.lands_by_itself
-        flight_step = NextStep.LET_LAND if is_landing else NextStep.FLY_ON
         if judgement.lights[Light.POWER].code in EMPTYING_BATTERY:
             return Fact(NextStep.LAND_SOON)
         if self.analysis_delay >= MAX_ALARM_DELAY:
             return Fact(NextStep.FLY_BY_SIGHT, delay=self.analysis_delay)
         if headline.warns:
             advice_after_landing = choose_next_step(headline, judgement.lights, None)
-            if headline.is_bad and not is_landing:
-                flight_step = NextStep.LAND_SOON
-            return Fact(flight_step, reason=advice_after_landing)
+            step_until_landing = NextStep.FLY_ON
+            if is_landing:
+                step_until_landing = NextStep.LET_LAND
+            elif headline.is_bad:
+                step_until_landing = NextStep.LAND_SOON
+            return Fact(step_until_landing, reason=advice_after_landing)
         if is_landing:
             return Fact(NextStep.LET_LAND, reason=None)
         if self.model_judgement is not None or not self._reason_without_model.remedy:

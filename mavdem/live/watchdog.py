@@ -329,10 +329,10 @@ class Watchdog:
         return reported_facts
 
     def _take_report(self, report: Fact, now: float) -> Fact:
-        """Judges a new report of the autopilot in flight: a warning is stored, and may be an alarm.
+        """Judges a new report of the autopilot in flight, such as a failsafe; a warning is stored, and may be an alarm.
 
         Args:
-            report: a new report of the autopilot, on anything.
+            report: a new report of the autopilot, on any part of the vehicle.
             now: present time on the boot clock, s.
 
         Returns:

@@ -915,15 +915,17 @@ def _gains_first(parameters: Sequence[ParameterChange]) -> list[ParameterChange]
 def next_blocks(
     difference: VehicleDifference, reviews: Mapping[str, Review] = NO_REVIEWS
 ) -> list[Sentence]:
-    """Returns the next steps after a comparison, the first of these that applies.
+    """Returns the next steps after a comparison.
 
-    1. None, if A and B are the same flight.
-    2. The next step of each log's own review in which a light is bad; of the earlier log, only if the later one does
-       not show that this was mended.
-    3. None, if the states are of two vehicles: their differences are no faults.
-    4. What to check, if a quantity changed that new gains do not explain.
-    5. To fly again, if a change is doubtful; before that to inspect the motor that perhaps became weaker.
-    6. None.
+    The first of these conditions that applies decides:
+
+    1. A and B are the same flight: no step.
+    2. A light is bad: the next step of that log's own review; for the earlier log, only if the later one does not show
+       that its fault was mended.
+    3. The states are of two vehicles: no step, since their differences are no faults.
+    4. A quantity changed that new gains do not explain: to check the part that this points to.
+    5. A change is doubtful: to inspect the motor that perhaps became weaker, if there is one, and to fly again.
+    6. Otherwise: no step.
 
     Args:
         difference: comparison of two states, quantity by quantity.

@@ -508,20 +508,30 @@ def _tracking_blocks(light: Fact, axes: NamedFacts, headline: Fact) -> Iterator[
         yield Sentence(str(light), "Tracking:")
     rows = []
     for axis, fact in axes.items():
-        cells = []
-        for key in TRACKING_FIGURES:
-            value = fact.figures.get(key)
-            if value is not None:
-                cells.append(with_unit(value, display_unit(fact.units[key])))
-            elif key in fact.figures and any(cells):
-                # The axis has an error but no delay: its setpoint moved too little to show one.
-                cells.append("not known")
-            else:
-                cells.append("")
+        cells = _tracking_cells(fact)
         if any(cells):
             rows.append([axis, *cells])
     if rows:
         yield Table(["tracking", *TRACKING_FIGURES.values()], rows)
+
+
+def _tracking_cells(fact: Fact) -> list[str]:
+    """Returns the cells of an axis in the table of tracking errors, one for each of ``TRACKING_FIGURES``.
+
+    Args:
+        fact: the fact on how well the axis tracks, with figures that may be None.
+    """
+    cells: list[str] = []
+    for key in TRACKING_FIGURES:
+        value = fact.figures.get(key)
+        if value is not None:
+            cells.append(with_unit(value, display_unit(fact.units[key])))
+        elif key in fact.figures and any(cells):
+            # The axis has an error but no delay: its setpoint moved too little to show one.
+            cells.append("not known")
+        else:
+            cells.append("")
+    return cells
 
 
 def _notch_trial(name: str, assessment: Assessment, evidence: Evidence) -> NotchTrial | None:
