@@ -242,8 +242,8 @@ class MotorAlarms:
             loss: the loss as of the latest search.
 
         Returns:
-            The event of the loss, if it is that of another motor than the reported one, or has grown since its report
-            by ``MIN_REPORTED_GROWTH``; otherwise nothing.
+            The event of the loss, if another motor lost thrust than in the latest report, or if the loss is
+            ``MIN_REPORTED_GROWTH`` times as large as in that report; otherwise nothing.
         """
         reported_loss = self._reported_loss
         if reported_loss is None or reported_loss.name != loss.name:

@@ -154,7 +154,7 @@ def _identified_loop(signals: Signals, flights: tuple[Flight, ...]) -> _Identifi
         # Windows overlap by half, so n of them take n + 1 half windows.
         least_duration = (MIN_WINDOWS + 1) * SPECTRUM_SECONDS / 2
         raise NotLearnable(LoopFact.LOOP_TOO_SHORT, least_duration=least_duration)
-    saturated_share = _saturated_share(messages, window_starts)
+    saturated_share = _saturated_power_fraction(messages, window_starts)
     known_controller = KnownController(
         partial(controller_response, controller),
         partial(gyro_response, controller),
@@ -340,7 +340,7 @@ def _rows_of_window(stream: Messages, start: float) -> slice:
     return slice(first, end)
 
 
-def _saturated_share(messages: _LoopMessages, window_starts: Array) -> float:
+def _saturated_power_fraction(messages: _LoopMessages, window_starts: Array) -> float:
     """Computes the fraction of the output's power that came while a motor was at a limit.
 
     While an output is at its limit, the loop is open: it responds neither to wind nor to the setpoint. The power is the

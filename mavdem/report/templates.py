@@ -499,7 +499,7 @@ def period(time: float | None, end_time: float | None = None) -> str:
 
 
 def interval(time: float, end_time: float | None = None) -> str:
-    """Returns how long something lasted, to follow a clause: " from 3.2 s", " from 3.2 s to 4.0 s", " until 4.0 s".
+    """Returns the text on an interval of time that follows a clause, such as " from 3.2 s to 4.0 s" or " until 4.0 s".
 
     Args:
         time: its start, s since boot; infinite if it started before the record.
@@ -507,7 +507,9 @@ def interval(time: float, end_time: float | None = None) -> str:
     """
     if not isfinite(time):
         return " throughout the record" if end_time is None else period(time, end_time)
-    return f" from {time:.1f} s" + ("" if end_time is None else f" to {end_time:.1f} s")
+    if end_time is None:
+        return f" from {time:.1f} s"
+    return f" from {time:.1f} s to {end_time:.1f} s"
 
 
 def as_clause(text: object) -> str:
