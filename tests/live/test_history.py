@@ -1,12 +1,12 @@
 """The history of a live flight: errors as they are by hand, lines with their gaps, and bounded memory."""
 
 import numpy as np
-from live_rows import REPORTED_HORIZON, flown
+from live_rows import DT, REPORTED_HORIZON, flown
 from numpy.testing import assert_allclose
 from pytest import approx, mark
 
 from mavdem.live import history as live_history
-from mavdem.live.history import LiveHistory
+from mavdem.live.history import TIME_COLUMN, LiveHistory
 from mavdem.report.charts.timeline import live_timeline
 
 
@@ -44,6 +44,18 @@ def test_slow_samples_after_rows_are_drawn():
     chart = live_timeline(history, "roll").flight_charts[0]
     [measured] = [line for line in chart.thinned(2000).lines if line.name == "measured"]
     assert np.isfinite(measured.y[measured.x < 107.8]).all() and measured.x[-1] > 107.8
+
+
+def test_rows_of_a_time_that_samples_have_shown_are_not_drawn_again():
+    history = LiveHistory()
+    flown(history, 2.0, learnt=False)
+    # The first rows come together, a second later than the samples that stood for them.
+    flown(history, 3.0, segment=1, start=101.0)
+    times = history.table[:, TIME_COLUMN]
+    assert np.all(np.diff(times) > 0)
+    assert times[-1] == approx(104.0, abs=2 * DT)
+    # What was learned from does not depend on what is drawn.
+    assert history.learned_intervals[0][0] == approx(101.0)
 
 
 def test_the_timeline_goes_on_after_a_reboot():
