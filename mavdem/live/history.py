@@ -262,12 +262,12 @@ class LiveHistory:
         """Keeps a row, or skips it: a full history halves its resolution over the whole flight, and from then on.
 
         Samples that were added while there were no rows stand for the times of the first rows, which come together
-        later: so rows that are not later than the latest one are skipped, too, and the time of the kept ones increases.
+        later: so rows that are earlier than the latest one are skipped, too, and the times of the kept ones never go back.
 
         Args:
             row: values of the columns of ``table``.
         """
-        if self._rows and row[TIME_COLUMN] <= self._rows[-1][TIME_COLUMN]:
+        if self._rows and row[TIME_COLUMN] < self._rows[-1][TIME_COLUMN]:
             return
         self._row_count += 1
         if self._row_count % self._stride != 0:
