@@ -262,7 +262,7 @@ class LiveHistory:
         """Keeps a row, or skips it: a full history halves its resolution over the whole flight, and from then on.
 
         Samples that were added while there were no rows stand for the times of the first rows, which come together
-        later: so rows that are earlier than the latest one are skipped, too, and the times of the kept ones never go back.
+        later. So rows that are earlier than the latest one are skipped, too: the times of kept rows never go back.
 
         Args:
             row: values of the columns of ``table``.
