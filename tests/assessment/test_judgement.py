@@ -263,6 +263,16 @@ def test_a_bad_light_ranks_above_a_log_that_ends_in_the_air(name):
     assert headline(known, events=(ended,)) is known[name]
 
 
+def test_a_hard_landing_ranks_above_lights_to_watch_and_below_those_that_are_bad():
+    landed = event(MotionEvent.LANDED_HARD, speed=2.8)
+    known = lights(estimator="watch")
+    worst = headline(known, events=(landed,))
+    assert worst is landed
+    assert str(choose_next_step(worst, known, None)).startswith("Check legs, arms and propellers")
+    known = lights(motors="bad")
+    assert headline(known, events=(landed,)) is known[Light.MOTORS]
+
+
 @mark.parametrize(
     "levels, code, level, light",
     [
