@@ -79,7 +79,7 @@ def test_without_a_light_the_headline_is_that_nothing_has_alarmed(slow):
     assert str(headline) == str(SLOW)
     power = {Light.POWER: Fact(Unjudged.NOT_JUDGED, reason=None)}
     checked = replace(slow, worst_lights=power).overall_judgement.headline
-    assert str(checked) == "No alarm so far; oscillation and motor limits are watched."
+    assert str(checked) == "No alarm now; oscillation and motor limits are watched."
 
 
 def test_rates_that_suffice_are_a_good_log(slow):

@@ -41,8 +41,8 @@ def test_the_title_of_a_live_page_names_the_vehicle_as_its_owner_does():
 
 def test_the_headline_of_a_live_flight_leaves_what_was_checked_to_the_lights_beside_it():
     nothing_wrong = Fact(Headline.NOTHING_WRONG, Level.GOOD)
-    text = "No alarm so far; too little was checked: motors were checked."
-    assert statement_of_headline(text, nothing_wrong) == "No alarm so far; too little was checked."
+    text = "No alarm now; too little was checked: motors were checked."
+    assert statement_of_headline(text, nothing_wrong) == "No alarm now; too little was checked."
     assert statement_of_headline("Bad: this.", Fact(SessionFact.NOT_FLYING)) == "Bad: this."
 
 
