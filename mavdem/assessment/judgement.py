@@ -20,6 +20,7 @@ from mavdem.assessment.lights import REGISTRY, RegisteredLight
 from mavdem.assessment.next_step import choose_next_step
 from mavdem.facts import Fact, Facts, NamedFacts
 from mavdem.facts.assessment import Headline, NextStep
+from mavdem.facts.ending import MotionEvent
 from mavdem.facts.lights import Light, Unjudged
 from mavdem.immutable import ImmutableResult, ReadOnlyDict
 
@@ -144,6 +145,7 @@ def loop_decisions(evidence: Evidence, motors_light: Fact) -> DecisionsByAxis:
     if evidence.not_flown is not None or evidence.other_vehicle is not None:
         return {}
     repairs = repairs_before_tuning(evidence, motors_light)
+    swings = [event for event in evidence.events if event.code is MotionEvent.ATTITUDE_SWUNG]
     decisions = dict[str, LoopDecision]()
     for margins in evidence.margins:
         observations = LoopObservations(
@@ -154,6 +156,8 @@ def loop_decisions(evidence: Evidence, motors_light: Fact) -> DecisionsByAxis:
             vehicle_doubts=repairs,
             parameters=evidence.signals.telemetry.parameters,
             tune_arguments=tuple(evidence.command_arguments),
+            # A bad one, far from its setpoint, ranks above others.
+            attitude_swing=max(swings, key=lambda swing: swing.is_bad, default=None),
         )
         decisions[margins.axis] = decide_on_loops(observations)
     return decisions

@@ -16,7 +16,7 @@ from mavdem.assessment.axis.loop_decision import (
 )
 from mavdem.assessment.axis.margins import AxisMargins, response_comparison
 from mavdem.facts import Fact, Level
-from mavdem.facts.ending import Ending
+from mavdem.facts.ending import Ending, MotionEvent
 from mavdem.facts.loops import GainFact, LoopAction, LoopFact, ResponseFact, StepResponseFact
 from mavdem.facts.margins import MarginsLight, TrackingLight
 from mavdem.loops.advice import advise, gain_reduction_advice
@@ -44,7 +44,7 @@ def falls_short(at_limit_share):
     return Fact(TrackingLight.RATE_FALLS_SHORT, Level.WATCH, axis="roll", **figures)
 
 
-def decided(loop=NOT_STEERED, tracking=FOLLOWS, parameters=PX4, doubts=(), **margins):
+def decided(loop=NOT_STEERED, tracking=FOLLOWS, parameters=PX4, doubts=(), swing=None, **margins):
     """The decision on roll, with these sources of its margins."""
     known = {"response": None, "peak": None, "injected": None, **margins}
     observations = LoopObservations(
@@ -55,6 +55,7 @@ def decided(loop=NOT_STEERED, tracking=FOLLOWS, parameters=PX4, doubts=(), **mar
         vehicle_doubts=doubts,
         parameters=parameters,
         tune_arguments=("my.tlog",),
+        attitude_swing=swing,
     )
     return decide_on_loops(observations)
 
@@ -64,6 +65,26 @@ def changed_gains(decision):
     changes = decision.action.figures["changes"]
     assert all(after < before for _, before, after in changes)
     return {name: round(after, 6) for name, _, after in changes}
+
+
+@mark.parametrize(
+    "level, swing, advised",
+    [
+        (Level.WATCH, {}, "position controller"),
+        (Level.WATCH, None, "motors, propellers and load"),
+        # An attitude that is far from its setpoint is no matter of the position controller.
+        (Level.BAD, {}, "motors, propellers and load"),
+        (Level.BAD, {"angle_error": 0.8}, "gains of the attitude controller"),
+    ],
+)
+def test_an_error_of_a_swinging_attitude_is_remedied_as_the_swing(level, swing, advised):
+    event = None
+    if swing is not None:
+        figures = {"angle": 0.4, "count": 4, "period": 3.2, **swing}
+        event = Fact(MotionEvent.ATTITUDE_SWUNG, time=5.0, end_time=9.8, subject="roll", **figures)
+    decision = decided(tracking=MISSES.replace(level), swing=event)
+    assert decision.diagnosis is LoopDiagnosis.FOLLOWS_BADLY
+    assert advised in decision.action.sentence
 
 
 def test_a_loop_with_its_margins_stays_as_it_is():

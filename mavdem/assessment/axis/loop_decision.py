@@ -106,6 +106,8 @@ class LoopObservations(NamedTuple):
     """The autopilot's parameters by name."""
     tune_arguments: Names
     """Arguments with which `mavdem tune` reads the log."""
+    attitude_swing: Fact | None = None
+    """The event that roll or pitch swung to and fro in an automatic mode; None if neither did."""
 
 
 def decide_on_loops(observations: LoopObservations) -> LoopDecision:
@@ -330,7 +332,10 @@ def _decision_by_tracking(observations: LoopObservations) -> LoopDecision | None
 
     An identified loop with enough margin would follow well, so that it cannot be right, and no gains are computed from
     it. The exception is an axis whose body rate only falls short of its setpoint: such a loop may be right but slow.
-    The action depends on what is wrong: an overshoot, amplified setpoints, or a large error for another reason.
+    The action depends on what is wrong: an overshoot, amplified setpoints, or a large error for another reason. In an
+    automatic mode whose setpoints swing by tens of degrees, no attitude is near its setpoint, so that the error is a
+    consequence of the swing, and its remedy the action. An error that is bad by itself has other reasons, unless the
+    swing was far from its setpoint too.
 
     Args:
         observations: margins, tracking and doubts that the flight shows of the axis.
@@ -341,13 +346,15 @@ def _decision_by_tracking(observations: LoopObservations) -> LoopDecision | None
     tracking = observations.tracking
     if not tracking.warns:
         return None
-    axis = observations.margins.axis
+    axis, swing = observations.margins.axis, observations.attitude_swing
     if tracking.code is TrackingLight.RATE_FALLS_SHORT:
         return _decision_on_slow_rate(observations)
     if tracking.code is TrackingLight.OVERSHOOTS_SETPOINT:
         action = _advice_to_lower_gains(observations, "attitude")
     elif tracking.code is TrackingLight.AMPLIFIES_SETPOINT:
         action = Fact(LoopAction.FLY_DOUBLETS, axis=axis, is_biased=False)
+    elif swing is not None and (not tracking.is_bad or "angle_error" in swing.figures):
+        action = _action_to_remedy(swing)
     else:
         action = Fact(
             LoopAction.CHECK_VEHICLE,
