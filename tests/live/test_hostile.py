@@ -40,7 +40,10 @@ def test_frames_of_random_content_from_the_vehicle_itself_raise_nothing():
             )
         )
     made = replay(by_time(FLIGHT.frames(end=20.0), forged), vehicle="1:1")
-    assert np.isfinite(made.table()).all()
+    # A forged heartbeat may give the vehicle another number of motors, and so another segment.
+    assert made.rows
+    for row in made.rows:
+        assert np.isfinite([row.time, *row.inputs, *row.outputs]).all()
     assert made.stream.status().vehicle == "1:1"
     made.stream.parameters  # noqa: B018
     settled_uniform(made)
