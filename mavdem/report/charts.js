@@ -381,6 +381,12 @@
 
   // The number with the unit that its axis has in brackets: "12.3 s" of "time since boot (s)".
   const onAxis = (value, axis) => axis.names.length ? axis.names[Math.round(value)] ?? "" : `${digits(Number(value.toPrecision(4)))} ${/\(([^()]*)\)$/.exec(axis.label)?.[1] ?? ""}`.trim();
+  // A value under the cursor as text, to about the five-hundredth part of the axis that is shown: a pixel shows no more.
+  const valueText = (value, scale) => {
+    if (value == null) return "";
+    const rounded = Number(value.toPrecision(4)), decimals = Math.ceil(-Math.log10((scale.max - scale.min) / 500));
+    return digits(scale.distr === 3 ? rounded : Number(rounded.toFixed(Math.max(0, Math.min(decimals, 20)))));
+  };
   // Pixels between the cursor and a value under it: a step of a line with few points, at least some.
   const nearby = (count, width) => Math.max(20, width / count);
   const showValues = (figure, data, chart) => {
@@ -392,7 +398,7 @@
       // Of a chart that begins later or ends earlier, the nearest value is none of the cursor's.
       const isNear = inside && Math.abs(chart.valToPos(data.columns[idx], "x") - left) <= nearby(data.columns.length, chart.over.clientWidth);
       data.at.textContent = isNear ? onAxis(data.columns[idx], data.x) : "";
-      data.lines.forEach((line, i) => data.values[i].textContent = isNear ? digits(line.y[idx] == null ? null : Number(line.y[idx].toPrecision(4))) : "");
+      data.lines.forEach((line, i) => data.values[i].textContent = isNear ? valueText(line.y[idx], chart.scales[line.right ? "beside" : "y"]) : "");
       return;
     }
     const { heat, rows, ends, range } = data.lines[0], hovered = inside && (chart.touched || chart.over.matches(":hover"));

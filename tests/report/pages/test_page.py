@@ -288,6 +288,46 @@ def test_an_event_moves_the_plots_and_back_the_cursor_reads_them_and_a_link_open
     assert re.match(r"\d+\.\d s", now) and is_opened
 
 
+PHONE = """(async () => {
+const root = document.documentElement, tick = () => new Promise(done => setTimeout(done, 50));
+while (!(root.charts.groups.flight?.charts.length > 3)) await tick();
+const isShown = name => [...document.querySelectorAll(name)].some(part => part.checkVisibility());
+const links = [...document.querySelectorAll(".events td:first-child a, dt a")].filter(link => link.checkVisibility());
+return [isShown(".with-mouse"), isShown(".by-touch"), Math.min(...links.map(link => link.offsetHeight))];
+})()"""
+
+
+@mark.slow
+def test_a_page_of_a_phone_speaks_of_fingers_and_has_links_that_they_hit(flight, tmp_path, browser):
+    """WCAG 2.2, 2.5.8: a target is at least 24 px high. The browser of this phone reports a mouse."""
+    _, (speaks_of_mouse, speaks_of_fingers, least_height) = browser.shown(
+        flight, PHONE, tmp_path, 390
+    )
+    assert speaks_of_fingers and not speaks_of_mouse
+    assert least_height >= 24
+
+
+AT_CURSOR = """(async () => {
+const root = document.documentElement, tick = () => new Promise(done => setTimeout(done, 50));
+while (!root.charts.groups.flight) await tick();
+const {flight} = root.charts.groups;
+root.charts.setCursor(flight, 5.0);
+return flight.charts.map(chart => chart.data_.values[0].textContent);
+})()"""
+
+
+def test_values_under_the_cursor_have_the_decimals_that_their_axis_shows(tmp_path, browser):
+    time = np.linspace(0.0, 10.0, 11)
+    charts = []
+    for value, largest in ((-2e-4, 30.0), (-0.3332, 30.0), (-2e-4, 1e-3), (1234.5678, 2000.0)):
+        values = np.where(time == 5.0, value, largest * np.sin(time))
+        charts.append(over_time("Roll", "°", [Line("roll", "#1f7ad6", time, values)]))
+    head = Head(Level.GOOD, {}, timeline=Timeline(tuple(charts), (0.0, 10.0)))
+    page = render_document("x", "", [], head=head)
+    _, values = browser.shown(page, AT_CURSOR, tmp_path, 1200)
+    assert values == ["0", "−0.3", "−2e−4", "1235"]
+
+
 ON_PAPER = """(() => {
 dispatchEvent(new Event("beforeprint"));
 const box = element => element.getBoundingClientRect();
@@ -305,6 +345,7 @@ const result = {
   folded: folded.length,
   fields: document.getElementById("fields").open,
   menu: getComputedStyle(document.querySelector(".contents")).display,
+  breaks: ["#flight .charts", "#flight figure.chart"].map(name => getComputedStyle(document.querySelector(name)).breakInside),
 };
 dispatchEvent(new Event("afterprint"));
 return { ...result, screen: getComputedStyle(document.querySelector(".contents")).display };
@@ -337,6 +378,8 @@ def test_a_page_is_laid_out_anew_for_light_paper_and_prints_all_of_it(flight, tm
         "folded": 0,
         "fields": False,
         "menu": "none",
+        # Between plots a page may end, in none of them: what is free below the events has plots.
+        "breaks": ["auto", "avoid"],
         "screen": "block",
     }
 
