@@ -345,7 +345,9 @@ const result = {
   folded: folded.length,
   fields: document.getElementById("fields").open,
   menu: getComputedStyle(document.querySelector(".contents")).display,
-  breaks: ["#flight .charts", "#flight figure.chart"].map(name => getComputedStyle(document.querySelector(name)).breakInside),
+  breaks: ["#flight .charts", "#flight figure.chart"].map(
+    name => getComputedStyle(document.querySelector(name)).breakInside
+  ),
 };
 dispatchEvent(new Event("afterprint"));
 return { ...result, screen: getComputedStyle(document.querySelector(".contents")).display };
