@@ -101,7 +101,12 @@
     document.querySelector("#flight .charts")?.scrollIntoView({ block: "nearest" });
   };
   addEventListener("hashchange", followAddress);
-  root.addEventListener("drawn", followAddress);
+  root.addEventListener("drawn", () => {
+    // The plots of a lost flight open around the loss, unless the address says what to show.
+    const span = document.querySelector("[data-opens-at]")?.dataset.opensAt.split(" ").map(Number);
+    if (span && flight()) zoom(flight(), ...span);
+    followAddress();
+  });
   // A second click on an event goes back.
   onClick("tr[data-at]", (row, event) => {
     const address = row.querySelector("a").hash;

@@ -12,8 +12,10 @@ from typing import NamedTuple
 
 from mavdem.arrays import Array
 from mavdem.assessment.axis import LogAnalysis
+from mavdem.dataset.intervals import TimeInterval
 from mavdem.dem import Learned
 from mavdem.facts import Fact, Level, NamedFacts
+from mavdem.facts.ending import Ending
 from mavdem.facts.event import Event
 from mavdem.flight import Flight
 from mavdem.report.blocks import Block, Sentence, Table
@@ -176,6 +178,14 @@ class PageEvent(NamedTuple):
         return None if boot is None else int(boot)
 
 
+SECONDS_BEFORE_LOSS = 15.0
+"""Time before the loss of a flight, s, with which its plots open; a choice: a motor that fails works harder for some
+seconds before."""
+
+SECONDS_AFTER_LOSS = 5.0
+"""Time after the loss of a flight, s, with which its plots open; a choice: a fall takes some seconds."""
+
+
 class Head(NamedTuple):
     """The top of a flight's page: level of the headline, status lights, events, and charts over time."""
 
@@ -230,6 +240,24 @@ class Head(NamedTuple):
 
     day_in_name: date | None = None
     """Day in the name of the log's file, which is shown where the log has no date; None without one."""
+
+    @property
+    def opening_span(self) -> TimeInterval | None:
+        """First and last time, s, that the plots of a lost flight show at first: around the loss, within the record.
+
+        In the range of the whole flight, a tumble of a second hides the motion before it. None for other flights, for a
+        live session, and for a loss in another boot than that of the charts.
+        """
+        if self.timeline is None or not self.has_log:
+            return None
+        start, end = self.timeline.span
+        for page_event in self.events:
+            is_in_charts = page_event.has_time and page_event.is_on_clock_of_charts
+            if page_event.event.fact.code in Ending and is_in_charts:
+                first_time = page_event.seconds - SECONDS_BEFORE_LOSS
+                last_time = page_event.seconds + SECONDS_AFTER_LOSS
+                return (max(start, first_time), min(end, last_time))
+        return None
 
     @property
     def earlier_lights(self) -> dict[str, str]:

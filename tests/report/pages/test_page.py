@@ -620,6 +620,34 @@ def test_a_section_shows_its_sentence_and_opens_where_it_is_to_be_watched():
     assert "longest gap in flight 1.5 s, from 15.0 s." in recording
 
 
+SPAN = """(async () => {
+const root = document.documentElement, tick = () => new Promise(done => setTimeout(done, 50));
+while (!root.charts.groups.flight?.span) await tick();
+const opened = root.charts.groups.flight.span;
+document.getElementById("whole").click();
+return [opened, root.charts.groups.flight.span];
+})()"""
+
+
+def test_the_plots_of_a_lost_flight_open_around_the_loss(tmp_path, browser):
+    time = np.linspace(0.0, 80.0, 200)
+    chart = over_time("Roll", "°", [Line("roll", "#1f7ad6", time, time)])
+    loss = Fact(
+        Ending.CRASHED, time=77.0, height=0.0, speed=5.0, cause=None, mode="", word=None, boot=0
+    )
+    head = Head(
+        Level.BAD, {}, [PageEvent(Event(77.0, loss))], timeline=Timeline((chart,), (0.0, 80.0))
+    )
+    page = render_document("x", "", [], head=head)
+    _, (opened, whole) = browser.shown(page, SPAN, tmp_path, 1280)
+    assert (opened, whole) == ([62.0, 80.0], [0.0, 80.0])
+    assert "The plots open around the loss." in page
+    for other in (head._replace(has_log=False), head._replace(events=())):
+        assert other.opening_span is None
+    in_other_boot = [PageEvent(Event(77.0, loss), is_on_clock_of_charts=False)]
+    assert head._replace(events=in_other_boot).opening_span is None
+
+
 @mark.slow
 def test_a_phone_shows_what_happened_before_plots_and_closes_further_plots(tmp_path, browser):
     time = np.linspace(0.0, 10.0, 50)
