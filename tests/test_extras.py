@@ -130,11 +130,22 @@ def test_without_both_there_is_nothing_for_browsers(monkeypatch):
 def test_what_was_started_for_browsers_ends_where_the_page_cannot_be_served(monkeypatch):
     viewer = Mock()
     monkeypatch.setattr("mavdem.view.WebServer", Mock(return_value=viewer))
-    with socket.create_server(("127.0.0.1", 0)) as other:
-        monkeypatch.setattr(live_dashboard, "PAGE_PORT", other.getsockname()[1])
-        with raises(Unreadable, match="is taken"):
-            Dashboard("udpin:127.0.0.1:0", "roll", None, serve=True, connect=None)
+    taken = OSError("port 9090 of 127.0.0.1 is taken")
+    monkeypatch.setattr("mavdem.serve.live_server.LiveServer", Mock(side_effect=taken))
+    with raises(Unreadable, match="is taken"):
+        Dashboard("udpin:127.0.0.1:0", "roll", None, serve=True, connect=None)
     viewer.close.assert_called_once_with()
+
+
+def test_a_second_session_has_its_page_at_another_port(monkeypatch):
+    without_modules(monkeypatch, "rerun")
+    with socket.create_server(("127.0.0.1", 0)) as other:
+        taken_port = other.getsockname()[1]
+        monkeypatch.setattr(live_dashboard, "PAGE_PORT", taken_port)
+        dashboard = Dashboard("udpin:127.0.0.1:0", "roll", None, serve=True, connect=None)
+        with closing(dashboard):
+            assert "Open http://127.0.0.1:" in dashboard.advice
+            assert f":{taken_port} " not in dashboard.advice
 
 
 @mark.parametrize(

@@ -17,7 +17,7 @@ from mavdem.facts.session import SessionFact
 from mavdem.live import RowFormat, SessionStatus
 from mavdem.live.history import horizon_steps
 from mavdem.live.session import LiveSession
-from mavdem.machine import free_port, has_screen
+from mavdem.machine import free_port, has_screen, require_free_port
 
 if TYPE_CHECKING:
     from mavdem.serve.live_server import LiveServer
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from mavdem.view.sinks import RecordingFile, WebServer
 
 PAGE_PORT = 9090
-"""Port of this machine at which browsers find the session; that of Rerun's own page, too."""
+"""Port of this machine at which browsers find the session; that of Rerun's own page, too. A choice."""
 
 NO_SCREEN_ADVICE = (
     "There is no screen here: use --rrd FILE to record, or --serve for browsers of this machine."
@@ -209,6 +209,15 @@ def _with_missing_extra(advice: str, missing_extra: Fact | None) -> str:
     return advice if missing_extra is None else f"{advice} {missing_extra}"
 
 
+def _page_port() -> int:
+    """Returns the port of the page for browsers: ``PAGE_PORT``, or a free one while another session has that."""
+    try:
+        require_free_port(PAGE_PORT)
+    except OSError:
+        return free_port()
+    return PAGE_PORT
+
+
 def _started_web_server(*, has_own_page: bool) -> WebServer:
     """Starts the process of Rerun that has the data of the dashboard, and the program of the viewer, for browsers.
 
@@ -221,7 +230,7 @@ def _started_web_server(*, has_own_page: bool) -> WebServer:
     from mavdem.view import WebServer
 
     if has_own_page:
-        return WebServer(page_port=PAGE_PORT)
+        return WebServer(page_port=_page_port())
     return WebServer(free_port(), free_port())
 
 
@@ -238,4 +247,4 @@ def _started_live_server(link: str, web_server: WebServer | None) -> LiveServer:
     # The web framework takes a second to import.
     from mavdem.serve.live_server import LiveServer
 
-    return LiveServer(link, PAGE_PORT, web_server)
+    return LiveServer(link, _page_port(), web_server)

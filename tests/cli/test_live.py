@@ -1,6 +1,5 @@
 """``mavdem live``: what it refuses, what it keeps, and that it ends as it should, beside a simulated vehicle."""
 
-import contextlib
 import os
 import re
 import signal
@@ -48,16 +47,6 @@ from sitl_scenarios.simulation import Simulation
 def test_what_cannot_be_is_refused_in_a_sentence(line, said, capsys, here):
     assert said in refused(capsys, 2, "live", *line.split())
     assert list(here.iterdir()) == []
-
-
-def test_a_view_that_is_served_already_is_said_in_a_sentence(capsys):
-    with socket.socket() as other:
-        other.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-        with contextlib.suppress(OSError):  # whoever has it will do
-            other.bind(("127.0.0.1", 9090))
-            other.listen()
-        said = refused(capsys, 2, "live", f"udpin:127.0.0.1:{free_port()}", "--serve")
-    assert "port 9090 of 127.0.0.1 is taken" in said and said.endswith("view.\n")
 
 
 @mark.slow
