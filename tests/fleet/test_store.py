@@ -348,6 +348,7 @@ def test_an_older_store_is_read_before_a_run_has_opened_it(tmp_path):
     assert row.vehicle == FULL.vehicle
 
 
+@mark.slow
 def test_two_runs_may_open_an_older_store_at_a_time(tmp_path):
     fleet_of(tmp_path, [FULL])
     make_older(tmp_path)

@@ -77,6 +77,7 @@ def test_a_barometer_that_drifted_is_reported_after_the_landing(drift):
         assert estimator == drifts[0]
 
 
+@mark.slow
 def test_a_barometer_that_drifts_is_reported_in_flight_by_satellites():
     flight = Flight(Still(), attitude=25.0, motors=25.0).frames(start=0.5, end=40.0)
     made = replay(by_time(flight, pressure_messages(40.0, -10.0), position_messages(40.0)))

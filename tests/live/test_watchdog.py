@@ -346,6 +346,7 @@ def test_a_supply_that_falls_before_a_vehicle_vanishes_is_an_alarm_and_the_headl
     assert "radio" in str(watched.overall_judgement.next_step)
 
 
+@mark.slow
 def test_an_empty_battery_is_not_said_to_be_over_after_the_landing():
     hover = Hover(hovering=4.0)
     batteries = [
@@ -830,6 +831,7 @@ def test_the_message_that_is_missing_is_that_of_the_autopilot(autopilot, name):
     assert reasons[WatchedQuantity.ESTIMATOR].figures["name"] == name
 
 
+@mark.slow
 def test_a_battery_whose_voltage_comes_is_never_said_to_be_unmeasured():
     reasons = []
     stream = LiveStream()

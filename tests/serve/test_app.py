@@ -549,6 +549,7 @@ def test_size_number_queue_and_patience_have_limits(tmp_path, monkeypatch):
         assert list((tmp_path / "incoming").iterdir()) == []
 
 
+@mark.slow
 def test_who_asks_nothing_and_who_is_one_too_many_is_hung_up_on(tmp_path, monkeypatch):
     monkeypatch.setattr(listening, "MAX_CONNECTIONS", 2)
     monkeypatch.setattr(listening, "MAX_REQUEST_DELAY", 0.2)
@@ -742,6 +743,7 @@ def test_the_command_serves_as_it_is_told(tmp_path, monkeypatch):
     assert options.limits.megabytes == 1000 and known == {"opens_browser": True}
 
 
+@mark.slow
 def test_a_wrong_secret_of_any_kind_is_answered_late(guarded, monkeypatch):
     monkeypatch.setattr("mavdem.serve.rights.WRONG_TOKEN_DELAY", 0.2)
     guesses = (

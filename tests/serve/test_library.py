@@ -263,6 +263,7 @@ def test_servers_of_earlier_versions_are_seen_and_see_this_one(library, tmp_path
         FileLock(tmp_path / "servers" / library.name, blocking=False).acquire()
 
 
+@mark.slow
 def test_a_log_that_comes_again_while_it_is_deleted_stays(library, monkeypatch):
     first = received(library)
     claimed = library.claim()

@@ -87,6 +87,7 @@ def test_a_download_waits_for_the_recording(tmp_path, monkeypatch):
         assert answers == ["flight.mcap of a.ulg"] * 2
 
 
+@mark.slow
 def test_a_failure_is_one_sentence_and_the_next_request_tries_again(tmp_path):
     with serving(tmp_path) as server:
         id = server.add("a.ulg", f"{MODEL} no room")

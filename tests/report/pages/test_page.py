@@ -316,6 +316,7 @@ return flight.charts.map(chart => chart.data_.values[0].textContent);
 })()"""
 
 
+@mark.slow
 def test_values_under_the_cursor_have_the_decimals_that_their_axis_shows(tmp_path, browser):
     time = np.linspace(0.0, 10.0, 11)
     charts = []
@@ -629,6 +630,7 @@ return [opened, root.charts.groups.flight.span];
 })()"""
 
 
+@mark.slow
 def test_the_plots_of_a_lost_flight_open_around_the_loss(tmp_path, browser):
     time = np.linspace(0.0, 80.0, 200)
     chart = over_time("Roll", "°", [Line("roll", "#1f7ad6", time, time)])
