@@ -14,6 +14,7 @@ import numpy as np
 from mavdem.arrays import Array
 from mavdem.assessment.flights import RECOVERY_SECONDS, flights_in_boot, loss_onset
 from mavdem.assessment.motor_events import LASTING_SECONDS
+from mavdem.containers import Names
 from mavdem.dataset.intervals import TimeInterval
 from mavdem.dataset.quality import samples_at_limits
 from mavdem.dataset.signals import Signals
@@ -22,6 +23,7 @@ from mavdem.facts import Fact, Facts
 from mavdem.facts.ending import Ending, FailedFirst, MotionEvent
 from mavdem.facts.motors import MotorWatchFact
 from mavdem.facts.witnesses import SensorFact
+from mavdem.ingest.output_scale import OutputScale
 from mavdem.witnesses.sensor_facts import supporting_fact
 
 CAUSES_BY_WEAK_MOTOR = (FailedFirst.LIMIT_FIRST, FailedFirst.THRUST_MISSING_FIRST)
@@ -81,23 +83,8 @@ def failure_commands(signals: Signals, failure: Fact) -> FailureCommands | None:
     Returns:
         The commands; None if the fact is neither of these, or there is no sample in flight before it or at it.
     """
-    motors = signals.motors
-    interval = _interval_at_failure(failure)
-    if motors is None or interval is None or failure.subject not in motors.geometry.names:
-        return None
-    commands = motors.range_fractions(failure.figures["boot"])
-    motor = motors.geometry.names.index(failure.subject)
-    before = _usual_commands(signals, commands, failure)
-    at_failure = commands.within(interval).values
-    if not len(before.time) or not len(at_failure):
-        return None
-    end = min(interval[1], float(commands.time[-1]))
-    return FailureCommands(
-        motor,
-        (interval[0], end),
-        usual=np.median(before.values, axis=0),
-        at_failure=np.median(at_failure, axis=0),
-    )
+    logged = _logged_commands(signals, failure)
+    return None if logged is None else logged.medians(failure.subject)
 
 
 def with_evidence_of_cause(
@@ -120,11 +107,14 @@ def with_evidence_of_cause(
     cause = None if ending is None else ending.figures.get("cause")
     if ending is None or cause is None:
         return ending
-    evidence = (
-        *_evidence_of_causing_event(ending, cause, events),
-        *_change_of_commands(signals, ending),
-        *_change_of_mean_command(signals, ending),
-    )
+    evidence = _evidence_of_causing_event(ending, cause, events)
+    logged = _logged_commands(signals, ending)
+    if logged is not None and signals.motors is not None:
+        evidence = (
+            *evidence,
+            *_change_of_commands(logged, ending, signals.motors.scale),
+            *_change_of_mean_command(logged, ending),
+        )
     return ending.replace(cause=cause.replace(witnesses=evidence)) if evidence else ending
 
 
@@ -151,7 +141,67 @@ def _interval_at_failure(failure: Fact) -> TimeInterval | None:
     return start, end
 
 
-def _usual_commands(signals: Signals, commands: TimeSeries, failure: Fact) -> TimeSeries:
+class _LoggedCommands(NamedTuple):
+    """Logged commands of k motors around a failure, as fractions of their range."""
+
+    motor_names: Names
+    """(k,) names of the motors."""
+
+    commands: TimeSeries
+    """(N, k) all commands of the boot."""
+
+    interval: TimeInterval
+    """Time that shows what failed, s since boot."""
+
+    usual: TimeSeries
+    """(M, k) those of the flight before, at least one."""
+
+    at_failure: TimeSeries
+    """(L, k) those of ``interval``, at least one."""
+
+    def medians(self, motor: str) -> FailureCommands | None:
+        """Returns the medians before and at the failure of a motor; None of another subject, such as the vehicle.
+
+        Args:
+            motor: name of the motor that failed.
+        """
+        if motor not in self.motor_names:
+            return None
+        start, end = self.interval
+        return FailureCommands(
+            self.motor_names.index(motor),
+            (start, min(end, float(self.commands.time[-1]))),
+            usual=np.median(self.usual.values, axis=0),
+            at_failure=np.median(self.at_failure.values, axis=0),
+        )
+
+
+def _logged_commands(signals: Signals, failure: Fact) -> _LoggedCommands | None:
+    """Returns the commands of all motors around a failure.
+
+    Args:
+        signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.
+        failure: how the flight was lost, or that a motor lost thrust.
+
+    Returns:
+        The commands; None if no motor failed, or there is no sample in flight before the failure or at it.
+    """
+    interval = _interval_at_failure(failure)
+    if signals.motors is None or interval is None:
+        return None
+    boot = failure.figures["boot"]
+    commands = signals.motors.range_fractions(boot)
+    usual = _usual_commands(signals, commands, boot, interval[0])
+    at_failure = commands.within(interval)
+    if not len(usual.time) or not len(at_failure.time):
+        return None
+    names = signals.motors.geometry.names
+    return _LoggedCommands(names, commands, interval, usual, at_failure)
+
+
+def _usual_commands(
+    signals: Signals, commands: TimeSeries, boot: int, failure_time: float
+) -> TimeSeries:
     """Selects the commands of the flight before a motor failed.
 
     The last twice ``RECOVERY_SECONDS`` are left out, in which the motor may have begun to fail, unless the flight is
@@ -160,40 +210,37 @@ def _usual_commands(signals: Signals, commands: TimeSeries, failure: Fact) -> Ti
     Args:
         signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.
         commands: commands (N, k) of the k motors in the boot of the failure.
-        failure: how the flight was lost, or that a motor lost thrust.
+        boot: number of that boot.
+        failure_time: time of the failure, s since boot.
 
     Returns:
         The commands; without samples if the failure was in no flight.
     """
-    interval = _interval_at_failure(failure)
-    start = failure.start_time if interval is None else interval[0]
-    for take_off, landing in flights_in_boot(signals, failure.figures["boot"]):
+    for take_off, landing in flights_in_boot(signals, boot):
         # An autopilot that stops the motors in the air ends the flight by that.
-        if take_off <= start <= landing + RECOVERY_SECONDS:
-            before = commands.within((take_off, start - 2 * RECOVERY_SECONDS))
-            return (
-                before if len(before.time) else commands.within((take_off, start - LASTING_SECONDS))
-            )
+        if take_off <= failure_time <= landing + RECOVERY_SECONDS:
+            before = commands.within((take_off, failure_time - 2 * RECOVERY_SECONDS))
+            if len(before.time):
+                return before
+            return commands.within((take_off, failure_time - LASTING_SECONDS))
     return commands.select(slice(0))
 
 
-def _change_of_commands(signals: Signals, ending: Fact) -> Facts:
+def _change_of_commands(logged: _LoggedCommands, ending: Fact, scale: OutputScale) -> Facts:
     """Returns the fact how the command of the motor that failed changed, and those of the others.
 
     Args:
-        signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.
+        logged: commands of all motors around the failure.
         ending: event with which the flight was lost; its subject is the motor.
+        scale: range of the commands, with the limits that the autopilot sets.
 
     Returns:
-        One fact; empty if no motor failed, or its commands are not known.
+        One fact; empty if the subject is not a motor.
     """
-    change = failure_commands(signals, ending)
+    change = logged.medians(ending.subject)
     if change is None:
         return ()
-    motors = signals.motors
     cause = ending.figures["cause"]
-    assert motors is not None
-    commands = motors.range_fractions(ending.figures["boot"])
     start, _ = change.interval
     end_time: float | None = None
     share = change.at_failure[change.motor]
@@ -201,15 +248,15 @@ def _change_of_commands(signals: Signals, ending: Fact) -> Facts:
     if cause.code in CAUSES_BY_WEAK_MOTOR:
         # The controller drove the motor up before the vehicle fell, which changes the commands of all motors.
         end_time = start
-        until_failure = commands.within((-inf, end_time))
-        before = _usual_commands(signals, commands, ending)
-        start = _start_of_climb(before, until_failure, change.motor)
+        until_failure = logged.commands.within((-inf, end_time))
+        start = _start_of_climb(logged.usual, until_failure, change.motor)
         last_commands = until_failure.within((end_time - AVERAGING_SECONDS, end_time))
         others_share = change.others(np.median(last_commands.values, axis=0))
         # The cause may begin in the sample before that with the highest command.
-        highest = commands.within((start, end_time + LASTING_SECONDS)).values[:, change.motor].max()
+        until_soon_after = logged.commands.within((start, end_time + LASTING_SECONDS))
+        highest = until_soon_after.values[:, change.motor].max()
         share = cause.figures.get("share") or highest
-    is_at_limit, _ = samples_at_limits(np.array(share), motors.scale)
+    is_at_limit, _ = samples_at_limits(np.array(share), scale)
     fact = supporting_fact(
         SensorFact.COMMANDS_CHANGED,
         subject=ending.subject,
@@ -224,30 +271,23 @@ def _change_of_commands(signals: Signals, ending: Fact) -> Facts:
     return (fact,)
 
 
-def _change_of_mean_command(signals: Signals, ending: Fact) -> Facts:
+def _change_of_mean_command(logged: _LoggedCommands, ending: Fact) -> Facts:
     """Returns the fact how the mean command of all motors fell when they idled.
 
     Args:
-        signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.
+        logged: commands of all motors around the loss.
         ending: event with which the flight was lost, with its cause.
 
     Returns:
-        One fact; empty if another cause was found, or there is no sample in flight before it or at it.
+        One fact; empty if another cause was found.
     """
-    cause = ending.figures["cause"]
-    interval = _interval_at_failure(ending)
-    if signals.motors is None or interval is None or cause.code not in CAUSES_BY_ALL_MOTORS:
-        return ()
-    commands = signals.motors.range_fractions(ending.figures["boot"])
-    before = _usual_commands(signals, commands, ending).values
-    at_failure = commands.within(interval).values
-    if not len(before) or not len(at_failure):
+    if ending.figures["cause"].code not in CAUSES_BY_ALL_MOTORS:
         return ()
     fact = supporting_fact(
         SensorFact.COMMANDS_CHANGED,
-        time=interval[0],
-        share_before=float(np.median(before.mean(axis=1))),
-        share=float(np.median(at_failure.mean(axis=1))),
+        time=logged.interval[0],
+        share_before=float(np.median(logged.usual.values.mean(axis=1))),
+        share=float(np.median(logged.at_failure.values.mean(axis=1))),
         is_at_limit=False,
     )
     return (fact,)
