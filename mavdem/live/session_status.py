@@ -272,8 +272,9 @@ class SessionStatus(ImmutableResult):
             return judgement
         if not self.is_over:
             return self._judgement_in_flight(judgement)
-        if self.link_loss is not None and not judgement.headline.is_bad:
-            return _judgement_with_headline(self.link_loss, judgement.lights)
+        link_loss = self.link_loss
+        if link_loss is not None and not judgement.headline.is_bad:
+            return _judgement_with_headline(link_loss, judgement.lights)
         return judgement
 
     @property
@@ -285,10 +286,9 @@ class SessionStatus(ImmutableResult):
         reason = self.no_model_reason
         if reason is None or reason.code not in SILENT_LINK or not self.is_flying or self.loss:
             return None
-        is_motion = reason.subject == MissingMessages.MOTION
         return link_loss_fact(
             reason,
-            self.motion_age if is_motion else self.message_age,
+            self._missing_age(reason),
             self.last_reception,
             self.displacement_from_takeoff,
             None if self.state is None else self.state.voltage,
@@ -299,8 +299,9 @@ class SessionStatus(ImmutableResult):
     @property
     def alarms(self) -> Facts:
         """What is bad now, or lasts from before: the active alarms, and a link that was lost in flight for long."""
-        if self.link_loss is not None and self.link_loss.is_bad:
-            return (self.link_loss, *self.active_alarms)
+        link_loss = self.link_loss
+        if link_loss is not None and link_loss.is_bad:
+            return (link_loss, *self.active_alarms)
         return self.active_alarms
 
     @property
@@ -442,14 +443,19 @@ class SessionStatus(ImmutableResult):
         """
         headline = self._most_urgent_headline(judgement.headline)
         is_urgent = self._is_urgent(headline)
-        if self.no_model_reason is not None and not self._is_received:
+        reason = self.no_model_reason
+        if reason is not None and not self._is_received:
             # Whether the vehicle still flies, and how, is not known.
-            judgement = replace(judgement, lights=self._lights_in_silence(judgement.lights))
-            next_step = Fact(NextStep.DO_AS_ADVISED, reason=self.link_loss or self.no_model_reason)
+            is_motion = reason.subject == MissingMessages.MOTION
+            missing = MissingMessages.MOTION if is_motion else MissingMessages.MESSAGES
+            lights = lights_before_silence(judgement.lights, self._missing_age(reason), missing)
+            judgement = replace(judgement, lights=lights)
+            link_loss = self.link_loss
+            next_step = Fact(NextStep.DO_AS_ADVISED, reason=link_loss or reason)
             if is_urgent:
                 next_step = Fact(NextStep.LAND_NOW, reason=headline)
-            if self.link_loss is not None or not is_urgent:
-                headline = self.link_loss or self.no_model_reason
+            if link_loss is not None or not is_urgent:
+                headline = link_loss or reason
             return replace(judgement, headline=headline, next_step=next_step)
         if headline.code is HeadlineCode.NOTHING_WRONG:
             # Of a vehicle in flight the pilot asks first whether there is an alarm.
@@ -459,16 +465,13 @@ class SessionStatus(ImmutableResult):
             return replace(judgement, next_step=Fact(NextStep.LAND_NOW, reason=headline))
         return replace(judgement, next_step=self._next_step_in_flight(judgement))
 
-    def _lights_in_silence(self, lights: NamedFacts) -> dict[str, Fact]:
-        """Returns the lights of a flying vehicle whose messages, or those of its motion, do not come.
+    def _missing_age(self, reason: Fact) -> float | None:
+        """Returns the time since the last of the messages that do not come, s; None where that is not known.
 
         Args:
-            lights: the lights at the last message, by the name of the part.
+            reason: the reason without a model, whose subject is all messages or those of the motion.
         """
-        reason = self.no_model_reason
-        if reason is not None and reason.subject == MissingMessages.MOTION:
-            return lights_before_silence(lights, self.motion_age, MissingMessages.MOTION)
-        return lights_before_silence(lights, self.message_age, MissingMessages.MESSAGES)
+        return self.motion_age if reason.subject == MissingMessages.MOTION else self.message_age
 
     def _is_urgent(self, headline: Fact) -> bool:
         """Returns whether a headline in flight is an alarm, or a fault that has begun since the take-off.
