@@ -242,7 +242,7 @@ def _started_live_server(link: str, web_server: WebServer | None) -> LiveServer:
         web_server: Process of Rerun that has the data of the dashboard; None without a dashboard.
 
     Raises:
-        OSError: Its port is taken.
+        Unreadable: Its port is taken.
     """
     # The web framework takes a second to import.
     from mavdem.serve.live_server import LiveServer

@@ -17,7 +17,7 @@ from mavdem.fleet.names import NO_NAMES
 from mavdem.live import clock
 from mavdem.live.session import LiveSession
 from mavdem.live.session_status import SessionStatus
-from mavdem.machine import LOOPBACK, require_free_port
+from mavdem.machine import LOOPBACK
 from mavdem.report.live import live_title
 from mavdem.report.pages.library_page import render_server_page, script, script_hashes
 from mavdem.report.pages.page_link import PageLink
@@ -62,9 +62,8 @@ class LiveServer:
             viewer: process of Rerun that has the data of the dashboard; None without a dashboard.
 
         Raises:
-            OSError: the port is taken.
+            Unreadable: the port is taken.
         """
-        require_free_port(port)
         self._link = link
         self._viewer = viewer
         self._status: SessionStatus | None = None
