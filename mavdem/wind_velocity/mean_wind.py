@@ -65,6 +65,16 @@ class MeanWind(NamedTuple):
     noise_sd: float
     """Standard deviation by noise alone, along one direction, m/s."""
 
+    @property
+    def figures(self) -> dict[str, float]:
+        """The figures that are reported of a part of a flight: ``speed``, ``low``, ``high`` and ``direction``."""
+        return {
+            "speed": self.speed,
+            "low": self.low,
+            "high": self.high,
+            "direction": self.direction,
+        }
+
 
 def running_means(values: Array, steps: int) -> Array:
     """Returns the means of each column of values (T, N) over successive ``steps``, as (T − steps + 1, N)."""
@@ -121,10 +131,7 @@ def mean_wind_by_minute(
         mean = mean_wind_of_steps(winds[rows], variances[rows], step)
         parts.append(
             {
-                "speed": mean.speed,
-                "low": mean.low,
-                "high": mean.high,
-                "direction": mean.direction,
+                **mean.figures,
                 "start": float(time[rows[0]]),
                 "end": float(time[rows[-1]]),
             }
@@ -159,10 +166,7 @@ def wind_profile(
         layers.append(
             {
                 "height": float(heights[rows].mean()),
-                "speed": mean.speed,
-                "low": mean.low,
-                "high": mean.high,
-                "direction": mean.direction,
+                **mean.figures,
             }
         )
     if len(layers) < 2:
