@@ -93,38 +93,42 @@ class _ErrorMessage(NamedTuple):
 
 
 def status_texts(telemetry: Telemetry) -> list[StatusText]:
-    """Returns all texts that the autopilot sent, in the order of the stream, with long ones joined.
+    """Returns all texts that the autopilot sent as MAVLink messages STATUSTEXT, in the order of the stream.
 
-    A MAVLink message STATUSTEXT holds 50 characters. A longer text comes in chunks: they have a common ``id`` that is
-    not 0, and are numbered by ``chunk_seq`` from 0. Short texts have the id 0.
+    One message holds 50 characters. A longer text is sent in chunks, one message each, which are joined here: the
+    chunks of a text have the same ``id``, which is not 0, and are numbered by ``chunk_seq`` from 0. A text that fits
+    into one message has the id 0.
 
     Args:
         telemetry: messages of the vehicle.
 
     Returns:
-        The texts with time (s since boot), boot and severity of their first chunk.
+        The texts, each with the time (s since boot), boot and severity of its first chunk; empty if none was logged.
     """
     columns = telemetry.messages.get("STATUSTEXT", {})
     if "text" not in columns:
         return []
-    # Fields that a log lacks, such as ``id`` in older ones, count as 0.
-    zeros = [0] * len(columns["time"])
-    fields = [
-        columns[name].tolist() if name in columns else zeros
-        for name in ("time", "boot", "severity", "id", "chunk_seq", "text")
-    ]
+    message_count = len(columns["time"])
+    fields = []
+    for field_name in ("time", "boot", "severity", "id", "chunk_seq", "text"):
+        if field_name in columns:
+            fields.append(columns[field_name].tolist())
+        else:
+            # Older logs lack some fields, such as ``id``. They count as 0.
+            fields.append([0] * message_count)
     texts: list[StatusText] = []
     # The index in ``texts`` of the latest text with each id.
     latest_index = dict[int, int]()
     for time, boot, severity, text_id, chunk_number, content in zip(*fields, strict=True):
-        words = content.decode(errors="replace") if isinstance(content, bytes) else content
-        # A chunk with a number above 0 continues the text with its id. Ids are used again, so a chunk 0 begins another.
-        if text_id and chunk_number and text_id in latest_index:
+        chunk = content.decode(errors="replace") if isinstance(content, bytes) else content
+        # Autopilots use an id again for another text, whose first chunk has the number 0.
+        continues_text = text_id != 0 and chunk_number != 0 and text_id in latest_index
+        if continues_text:
             index = latest_index[text_id]
-            texts[index] = texts[index]._replace(text=texts[index].text + words)
+            texts[index] = texts[index]._replace(text=texts[index].text + chunk)
         else:
             latest_index[text_id] = len(texts)
-            texts.append(StatusText(time, boot, severity, words))
+            texts.append(StatusText(time, boot, severity, chunk))
     return [text._replace(text=text.text.strip()) for text in texts]
 
 
@@ -258,8 +262,9 @@ def _problems_of_errors(telemetry: Telemetry) -> Iterator[Fact]:
     """Yields the problems that ArduPilot logs as ERR messages, each as a fact with its start and end.
 
     An ERR message has the number of a subsystem and an error code. The code 0 means that an error of this subsystem is
-    over, so a problem lasts until the same subsystem logs 0 in the same boot. One subsystem is different: the primary
-    lane of the EKF has the number of the new lane as code, so 0 is a lane too, and the change has no end.
+    over, so a problem lasts until the same subsystem logs 0 in the same boot. One subsystem is different: it reports
+    which lane (instance) of the EKF is the primary one, with the number of the lane as code. There 0 is a lane too, and
+    the change has no end.
 
     Args:
         telemetry: messages of the vehicle.
@@ -270,20 +275,39 @@ def _problems_of_errors(telemetry: Telemetry) -> Iterator[Fact]:
         is_lane_change = message.subsystem == PRIMARY_FILTER_SUBSYSTEM
         if message.error_code == 0 and not is_lane_change:
             continue
-        # Subsystems are numbered from 1. One that is not in the list is reported by its number.
-        code, subject = ReportedEvent.AUTOPILOT_ERROR, f"{message.subsystem}"
-        if 1 <= message.subsystem <= len(_MEANINGS["subsystems"]):
-            code, subject = _MEANINGS["subsystems"][message.subsystem - 1]
+        event_code, subject = _event_of_subsystem(message.subsystem)
+        if is_lane_change:
+            subject = f"lane {message.error_code}"
+            end_time = None
+        else:
+            end_time = _end_of_error(message, messages)
         yield Fact(
-            ReportedEvent(code),
+            ReportedEvent(event_code),
             time=message.time,
-            end_time=None if is_lane_change else _end_of_error(message, messages),
-            subject=f"lane {message.error_code}" if is_lane_change else subject,
+            end_time=end_time,
+            subject=subject,
             error_code=message.error_code,
             boot=message.boot,
             basis=("ERR",),
             severity=ERROR_SEVERITY,
         )
+
+
+def _event_of_subsystem(subsystem: int) -> tuple[str, str]:
+    """Returns as which event an error of one of ArduPilot's subsystems is reported, and what the event is about.
+
+    Args:
+        subsystem: number of the subsystem in ERR messages, from 1.
+
+    Returns:
+        The code of the event, and its subject, such as "compass". A subsystem that is not in the table of meanings is
+        a general error of the autopilot, whose subject is the number of the subsystem.
+    """
+    subsystems = _MEANINGS["subsystems"]
+    if 1 <= subsystem <= len(subsystems):
+        event_code, subject = subsystems[subsystem - 1]
+        return event_code, subject
+    return ReportedEvent.AUTOPILOT_ERROR, f"{subsystem}"
 
 
 def _end_of_error(error: _ErrorMessage, messages: Sequence[_ErrorMessage]) -> float | None:

@@ -200,22 +200,28 @@ def _largest_of_first_kind(bad_facts: Sequence[Fact]) -> Fact:
 
 
 def _urgent_warnings(evidence: Evidence) -> list[Fact]:
-    """Returns the events of ``URGENT_EVENTS`` with the level "watch", the most important first.
+    """Returns the losses, failsafes, restarts and impacts (``URGENT_EVENTS``) that are only to be watched.
 
-    Events that the motion shows are included at any time, since a vehicle that hit the ground is no longer in flight.
-    Events that the autopilot reports are included only if they happened in flight.
+    Bad ones are left out here, since they come earlier in the headline's order. An event that the motion shows counts
+    at any time, because a vehicle that hit the ground is no longer in flight. An event that only the autopilot reports
+    counts if it happened in flight.
 
     Args:
         evidence: signals, events and measurements of the vehicle.
 
     Returns:
-        Events in the order of ``URGENT_EVENTS``.
+        The events of the level "watch", the most important first.
     """
-    reported_warnings = list(evidence.warnings_in_flight(URGENT_EVENTS))
-    motion = [event for event in evidence.events if isinstance(event.code, MotionEvent)]
-    urgent = [fact for fact in (*motion, *reported_warnings) if fact.code in URGENT_EVENTS]
-    warnings_to_watch = [fact for fact in urgent if fact.level is Level.WATCH]
-    return sorted(warnings_to_watch, key=lambda fact: URGENT_EVENTS.index(fact.code))
+    warnings = []
+    for event in evidence.events:
+        if isinstance(event.code, MotionEvent) and event.code in URGENT_EVENTS:
+            warnings.append(event)
+    for event in evidence.warnings_in_flight(URGENT_EVENTS):
+        if event.code in URGENT_EVENTS:
+            warnings.append(event)
+    warnings_to_watch = [event for event in warnings if event.level is Level.WATCH]
+    warnings_to_watch.sort(key=lambda event: URGENT_EVENTS.index(event.code))
+    return warnings_to_watch
 
 
 def headline_by_lights(lights: NamedFacts) -> Fact:
@@ -245,36 +251,52 @@ def _first_fact_to_watch(facts: Iterable[Fact], lights: NamedFacts) -> Fact:
 
 
 def _nothing_wrong_fact(lights: NamedFacts) -> Fact:
-    """Returns the fact that nothing is wrong as far as it was checked, or the reason why nothing could be checked.
+    """Returns the headline that nothing is wrong as far as it was checked, or why nothing could be checked.
 
     Args:
-        lights: the status lights by name; no light of the vehicle is bad or to be watched.
+        lights: the facts of the status lights by name; no light of the vehicle is bad or to be watched.
 
     Returns:
-        A fact with the lights that are good and those that are unknown. It is good only if the motors and at least
-        ``MIN_CHECKED_LIGHTS`` were checked. For a vehicle that is not a multirotor it has the ``kind``.
+        A fact with the names of the lights that are good and of those that are unknown. It is good only if the motors
+        and at least ``MIN_CHECKED_LIGHTS`` lights were checked. For a vehicle that is not a multirotor it has the
+        ``kind`` of vehicle.
     """
     checked_lights = [name for name in VEHICLE_LIGHTS if lights[name].is_good]
     unchecked_lights = [name for name in VEHICLE_LIGHTS if name not in checked_lights]
     if not checked_lights:
-        # A log that lacks data is the reason. If it has all that is needed, the most urgent light says why it is
-        # unknown.
-        reason = lights[unchecked_lights[0] if lights[Light.LOG].is_good else Light.LOG]
-        if reason.code in PARTIAL_CHECKS and reason.figures["reason"] is not None:
-            # What a check has shown so far is not the reason why the rest of its light is unknown.
-            reason = reason.figures["reason"]
-        return Fact(Headline.NOTHING_CHECKED, reason=reason)
+        return Fact(Headline.NOTHING_CHECKED, reason=_reason_nothing_checked(lights))
     # The motors must be among the checked lights, since only their light shows a motor or propeller that is about to
     # fail. But that light alone is not enough.
     is_enough = Light.MOTORS in checked_lights and len(checked_lights) >= MIN_CHECKED_LIGHTS
-    level = Level.GOOD if is_enough else Level.UNKNOWN
-    motors = lights[Light.MOTORS]
-    kind = motors.figures["kind"] if motors.code is Unjudged.MULTIROTORS_ONLY else None
+    motors_light = lights[Light.MOTORS]
+    vehicle_kind = None
+    if motors_light.code is Unjudged.MULTIROTORS_ONLY:
+        vehicle_kind = motors_light.figures["kind"]
     return Fact(
         Headline.NOTHING_WRONG,
-        level,
+        Level.GOOD if is_enough else Level.UNKNOWN,
         names=checked_lights,
         missing=unchecked_lights,
-        most_loss=motors.figures.get("most_loss"),
-        kind=kind,
+        most_loss=motors_light.figures.get("most_loss"),
+        kind=vehicle_kind,
     )
+
+
+def _reason_nothing_checked(lights: NamedFacts) -> Fact:
+    """Returns the reason why no light of the vehicle could be judged.
+
+    A log that lacks data is the reason. If it has all that is needed, the most important light says why it is unknown.
+
+    Args:
+        lights: the facts of the status lights by name; all lights of the vehicle are unknown.
+    """
+    if not lights[Light.LOG].is_good:
+        reason = lights[Light.LOG]
+    else:
+        reason = lights[VEHICLE_LIGHTS[0]]
+    if reason.code in PARTIAL_CHECKS:
+        # What one check has shown so far is not the reason why the rest of its light is unknown.
+        reason_of_unknown_rest: Fact | None = reason.figures["reason"]
+        if reason_of_unknown_rest is not None:
+            return reason_of_unknown_rest
+    return reason

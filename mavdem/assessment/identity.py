@@ -160,7 +160,7 @@ def vehicle_name(telemetry: Telemetry) -> NameWithBasis:
 
 
 def _calibration_values(parameters: Parameters, name_formats: str) -> list[float]:
-    """Returns the calibration of a sensor: offsets along X, Y and Z, and then scale factors.
+    """Returns the calibration of a sensor, which differs between vehicles and so is part of their identity.
 
     Args:
         parameters: parameters of the autopilot by name.
@@ -168,17 +168,23 @@ def _calibration_values(parameters: Parameters, name_formats: str) -> list[float
             then scale factors, such as "INS_ACCOFFS_{} INS_ACCSCAL_{}".
 
     Returns:
-        The values; empty if one is missing, or the sensor was never calibrated, or is a simulator's.
+        The offsets along X, Y and Z, and then the scale factors along X, Y and Z. Empty if a parameter is missing, the
+        sensor was never calibrated, or its offsets are those of a simulator, which all simulated vehicles have.
     """
-    names = [name.format(axis) for name in name_formats.split() for axis in "XYZ"]
-    if not all(name in parameters for name in names):
+    parameter_names = []
+    for name_format in name_formats.split():
+        for axis in "XYZ":
+            parameter_names.append(name_format.format(axis))
+    if not all(name in parameters for name in parameter_names):
         return []
-    values = [parameters[name] for name in names]
-    # The offsets are 0 if the sensor was never calibrated.
-    offsets_by_axis = values[: len("XYZ")]
+    calibration = [parameters[name] for name in parameter_names]
+    offsets_by_axis = calibration[: len("XYZ")]
     offsets = tuple(round(offset, OFFSET_DECIMALS) for offset in offsets_by_axis)
-    is_calibrated = any(offsets) and offsets not in SIMULATOR_OFFSETS
-    return values if is_calibrated else []
+    # A sensor that was never calibrated has the offsets 0.
+    is_calibrated = any(offsets)
+    if not is_calibrated or offsets in SIMULATOR_OFFSETS:
+        return []
+    return calibration
 
 
 def _board_number_in_messages(telemetry: Telemetry) -> str:

@@ -306,7 +306,7 @@ def _receiver_instances(evidence: Evidence) -> Iterator[Instance]:
 
 
 def _barometer_instances(evidence: Evidence) -> Iterator[Instance]:
-    """Yields the barometers with their altitude, m, or their pressure, hPa, if the log has no altitude.
+    """Yields the barometers with their altitude in flight, m, or their pressure, hPa, if the log has no altitude.
 
     ArduPilot's ``BAROMETER_PARAMETER`` names the one in use; without it, that is not known. The altitude of every other
     barometer is compared with the one in use, or with the first one.
@@ -315,35 +315,38 @@ def _barometer_instances(evidence: Evidence) -> Iterator[Instance]:
         evidence: signals, events and measurements of the vehicle.
     """
     telemetry = evidence.signals.telemetry
-    primary = telemetry.parameters.get(BAROMETER_PARAMETER)
+    number_in_use = telemetry.parameters.get(BAROMETER_PARAMETER)
     reference_number = primary_barometer(telemetry)
     reference = recorded_series(telemetry, BAROMETERS[reference_number], "altitude")
     for number, message in enumerate(BAROMETERS):
-        altitude = recorded_series(telemetry, message, "altitude")
-        unit = "m"
-        if altitude is None:
-            altitude = recorded_series(telemetry, message, "press_abs")
-            unit = "hPa"
-        if altitude is None:
+        quantity, unit = "altitude", "m"
+        measured = recorded_series(telemetry, message, "altitude")
+        if measured is None:
+            quantity, unit = "pressure", "hPa"
+            measured = recorded_series(telemetry, message, "press_abs")
+        if measured is None:
             continue
-        values = _values_in_flight(evidence, altitude)
-        state = _measured_state(values)
-        is_comparable = number != reference_number and unit == "m"
-        if is_comparable and reference is not None:
-            difference = _largest_difference(evidence, altitude, reference)
+        values_in_flight = _values_in_flight(evidence, measured)
+        state = _measured_state(values_in_flight)
+        is_compared = quantity == "altitude" and number != reference_number
+        if is_compared and reference is not None:
+            difference = _largest_difference(evidence, measured, reference)
             if difference > MAX_HEIGHT_DIFFERENCE:
                 # Messages are numbered from 0, names of barometers from 1.
                 reference_name = f"barometer {reference_number + 1}"
                 state = Fact(InstanceState.DISAGREES, height=difference, name=reference_name)
+        fraction_of_use = None
+        if number_in_use is not None:
+            fraction_of_use = float(number == number_in_use)
         yield Instance(
             kind="barometer",
             name=f"barometer {number + 1}",
-            quantity="altitude" if unit == "m" else "pressure",
+            quantity=quantity,
             unit=unit,
-            low=values.min(),
-            high=values.max(),
+            low=values_in_flight.min(),
+            high=values_in_flight.max(),
             state=state,
-            used_share=None if primary is None else float(primary == number),
+            used_share=fraction_of_use,
         )
 
 
@@ -401,7 +404,7 @@ def _compass_instances(evidence: Evidence) -> Iterator[Instance]:
 
 
 def _imu_instances(evidence: Evidence) -> Iterator[Instance]:
-    """Yields the IMUs with their vibration, m/s², as the autopilot reports it: the largest of its axes at each time.
+    """Yields the IMUs with their vibration in flight, m/s², as the autopilot reports it, of the most shaken axis.
 
     For an IMU whose vibration is not reported, the values are the size of its specific force, m/s², instead. Its state
     says whether its accelerometer measured gravity at rest, if the log shows that.
@@ -413,14 +416,16 @@ def _imu_instances(evidence: Evidence) -> Iterator[Instance]:
     accelerometers = _accelerometers_by_imu(evidence)
     for number in sorted(vibrations.keys() | accelerometers.keys()):
         accelerometer = accelerometers.get(number)
-        quantity = "vibration"
-        values = vibrations.get(number)
-        if values is None:
+        if number in vibrations:
+            quantity = "vibration"
+            values_in_flight = vibrations[number]
+        else:
             assert accelerometer is not None
             quantity = "specific force"
-            values = _values_in_flight(evidence, accelerometer.force_size)
-        state = _measured_state(values)
+            values_in_flight = _values_in_flight(evidence, accelerometer.force_size)
+        state = _measured_state(values_in_flight)
         if accelerometer is not None and accelerometer.record.is_sound is False:
+            # A wrong accelerometer that the autopilot does not use is no danger, so its level is unknown.
             level = Level.UNKNOWN if accelerometer.record.is_used is False else None
             gravity = accelerometer.record.gravity_at_rest
             state = Fact(InstanceState.GRAVITY_WRONG, level, acceleration=gravity)
@@ -429,8 +434,8 @@ def _imu_instances(evidence: Evidence) -> Iterator[Instance]:
             name=f"IMU {number}",
             quantity=quantity,
             unit="m/s²",
-            low=values.min(),
-            high=values.max(),
+            low=values_in_flight.min(),
+            high=values_in_flight.max(),
             state=state,
             used_share=None if accelerometer is None else accelerometer.used_share,
         )

@@ -90,32 +90,35 @@ def failure_commands(signals: Signals, failure: Fact) -> FailureCommands | None:
 def with_evidence_of_cause(
     signals: Signals, ending: Fact | None, events: Sequence[Fact]
 ) -> Fact | None:
-    """Adds to the cause of a loss what shows it; the sensor facts of the loss itself show only what followed.
+    """Adds the evidence for the cause of a lost flight to the event of the loss.
 
-    Of a motor this is what it and the others were commanded (:func:`failure_commands`), and of all motors their mean
-    command. If the cause is an event of its own, such as a motor that stood still by its speed controller, or a height
-    estimate that diverged, it is the evidence for that event.
+    If the cause is an event of its own, such as a motor that stood still according to its speed controller, or a height
+    estimate that diverged, the evidence for that event comes first. If a motor failed, what this motor and the others
+    were commanded follows (:func:`failure_commands`); if all motors idled, their mean command. The sensor facts of the
+    loss itself, such as the gyro's, are no evidence for its cause: they show only what followed.
 
     Args:
         signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.
-        ending: event with which the flight was lost, with its cause; None if it was not.
+        ending: event with which the flight was lost, with its cause as the figure ``cause``; None if it was not lost.
         events: events of the log, among them the one that is the cause.
 
     Returns:
-        The event, whose cause has this evidence as its figure ``witnesses``, as far as there is any.
+        The event, with the evidence as the figure ``witnesses`` of its cause: a tuple of facts. It is unchanged if the
+        cause or evidence for it was not found.
     """
-    cause = None if ending is None else ending.figures.get("cause")
-    if ending is None or cause is None:
+    if ending is None:
+        return None
+    cause = ending.figures.get("cause")
+    if cause is None:
         return ending
-    evidence = _evidence_of_causing_event(ending, cause, events)
-    logged = _logged_commands(signals, ending)
-    if logged is not None and signals.motors is not None:
-        evidence = (
-            *evidence,
-            *_change_of_commands(logged, ending, signals.motors.scale),
-            *_change_of_mean_command(logged, ending),
-        )
-    return ending.replace(cause=cause.replace(witnesses=evidence)) if evidence else ending
+    evidence = list(_evidence_of_causing_event(ending, cause, events))
+    logged_commands = _logged_commands(signals, ending)
+    if logged_commands is not None and signals.motors is not None:
+        evidence += _change_of_commands(logged_commands, ending, signals.motors.scale)
+        evidence += _change_of_mean_command(logged_commands, ending)
+    if not evidence:
+        return ending
+    return ending.replace(cause=cause.replace(witnesses=tuple(evidence)))
 
 
 def _interval_at_failure(failure: Fact) -> TimeInterval | None:
@@ -227,7 +230,10 @@ def _usual_commands(
 
 
 def _change_of_commands(logged: _LoggedCommands, ending: Fact, scale: OutputScale) -> Facts:
-    """Returns the fact how the command of the motor that failed changed, and those of the others.
+    """Returns the fact of how the command of the motor that failed changed, and the mean command of the others.
+
+    A motor that stopped is shown by the median commands after it stopped. A motor that lost thrust is shown before the
+    vehicle fell, while the controller drove it up: from when its command climbed above the others' until the failure.
 
     Args:
         logged: commands of all motors around the failure.
@@ -235,105 +241,128 @@ def _change_of_commands(logged: _LoggedCommands, ending: Fact, scale: OutputScal
         scale: range of the commands, with the limits that the autopilot sets.
 
     Returns:
-        One fact; empty if the subject is not a motor.
+        One fact with the commands before and at the failure, as fractions of their range; empty if the subject is not a
+        motor.
     """
     change = logged.medians(ending.subject)
     if change is None:
         return ()
     cause = ending.figures["cause"]
-    start, _ = change.interval
+    start_time, _ = change.interval
     end_time: float | None = None
-    share = change.at_failure[change.motor]
-    others_share = change.others(change.at_failure)
+    command = change.at_failure[change.motor]
+    mean_of_others = change.others(change.at_failure)
     if cause.code in CAUSES_BY_WEAK_MOTOR:
-        # The controller drove the motor up before the vehicle fell, which changes the commands of all motors.
-        end_time = start
+        end_time = start_time
         until_failure = logged.commands.within((-inf, end_time))
-        start = _start_of_climb(logged.usual, until_failure, change.motor)
+        start_time = _start_of_climb(logged.usual, until_failure, change.motor)
         last_commands = until_failure.within((end_time - AVERAGING_SECONDS, end_time))
-        others_share = change.others(np.median(last_commands.values, axis=0))
-        # The cause may begin in the sample before that with the highest command.
-        until_soon_after = logged.commands.within((start, end_time + LASTING_SECONDS))
-        highest = until_soon_after.values[:, change.motor].max()
-        share = cause.figures.get("share") or highest
-    is_at_limit, _ = samples_at_limits(np.array(share), scale)
+        mean_of_others = change.others(np.median(last_commands.values, axis=0))
+        # The command may be the highest one sample after the cause began.
+        until_soon_after = logged.commands.within((start_time, end_time + LASTING_SECONDS))
+        highest_command = until_soon_after.values[:, change.motor].max()
+        command = cause.figures.get("share") or highest_command
+    is_at_limit, _ = samples_at_limits(np.array(command), scale)
     fact = supporting_fact(
         SensorFact.COMMANDS_CHANGED,
         subject=ending.subject,
-        time=start,
+        time=start_time,
         end_time=end_time,
         share_before=change.usual[change.motor],
-        share=share,
+        share=command,
         others_share_before=change.others(change.usual),
-        others_share=others_share,
+        others_share=mean_of_others,
         is_at_limit=bool(is_at_limit),
     )
     return (fact,)
 
 
 def _change_of_mean_command(logged: _LoggedCommands, ending: Fact) -> Facts:
-    """Returns the fact how the mean command of all motors fell when they idled.
+    """Returns the fact of how far the mean command of all motors fell when all of them idled.
 
     Args:
         logged: commands of all motors around the loss.
-        ending: event with which the flight was lost, with its cause.
+        ending: event with which the flight was lost, with its cause as the figure ``cause``.
 
     Returns:
-        One fact; empty if another cause was found.
+        One fact with the median of the mean command before and at the failure, as fractions of its range; empty if the
+        cause is not that all motors idled (``CAUSES_BY_ALL_MOTORS``).
     """
     if ending.figures["cause"].code not in CAUSES_BY_ALL_MOTORS:
         return ()
+    failure_time, _ = logged.interval
+    mean_commands_before = logged.usual.values.mean(axis=1)
+    mean_commands_at_failure = logged.at_failure.values.mean(axis=1)
     fact = supporting_fact(
         SensorFact.COMMANDS_CHANGED,
-        time=logged.interval[0],
-        share_before=float(np.median(logged.usual.values.mean(axis=1))),
-        share=float(np.median(logged.at_failure.values.mean(axis=1))),
+        time=failure_time,
+        share_before=float(np.median(mean_commands_before)),
+        share=float(np.median(mean_commands_at_failure)),
         is_at_limit=False,
     )
     return (fact,)
 
 
 def _start_of_climb(usual: TimeSeries, until_failure: TimeSeries, motor: int) -> float:
-    """Returns the time, s since boot, since which the command of a motor was farther above the others than usual.
+    """Returns when the command of a motor began to climb above the others', before the motor failed.
+
+    That is the first sample after the last one at which the command exceeded the mean of the others by no more than
+    usual, which is the ``USUAL_QUANTILE`` of the excess in the flight before.
 
     Args:
         usual: commands (N, k) of the k motors in the flight before.
         until_failure: commands (M, k) of the boot until the failure, at least one.
         motor: index of the motor.
+
+    Returns:
+        The time, s since boot; that of the first sample if the command was always higher than usual, and of the last
+        one if it is as usual there.
     """
-    usual_excess = _mean_excess(usual, motor)
+    usual_limit = np.quantile(_mean_excess(usual, motor), USUAL_QUANTILE)
     excess = _mean_excess(until_failure, motor)
-    usual_rows = np.flatnonzero(excess <= np.quantile(usual_excess, USUAL_QUANTILE))
-    first_row = usual_rows[-1] + 1 if len(usual_rows) else 0
-    return float(until_failure.time[min(first_row, len(excess) - 1)])
+    usual_samples = np.flatnonzero(excess <= usual_limit)
+    if not len(usual_samples):
+        return float(until_failure.time[0])
+    last_sample = len(excess) - 1
+    first_sample_of_climb = min(usual_samples[-1] + 1, last_sample)
+    return float(until_failure.time[first_sample_of_climb])
 
 
 def _mean_excess(commands: TimeSeries, motor: int) -> Array:
-    """Returns the command of a motor above the mean of the others (N,), averaged over ``AVERAGING_SECONDS``.
+    """Returns by how much the command of one motor exceeds the mean command of the other motors, over time.
 
     Args:
-        commands: commands (N, k) of k motors in a boot.
+        commands: commands (N, k) of k motors in a boot, as fractions of their range.
         motor: index of the motor.
+
+    Returns:
+        The excess (N,), averaged over ``AVERAGING_SECONDS``; negative where the motor is commanded less.
     """
-    excess = commands.values[:, motor] - np.delete(commands.values, motor, axis=1).mean(axis=1)
+    mean_of_others = np.delete(commands.values, motor, axis=1).mean(axis=1)
+    excess = commands.values[:, motor] - mean_of_others
     return moving_average(TimeSeries(commands.time, commands.boot, excess))
 
 
 def _evidence_of_causing_event(ending: Fact, cause: Fact, events: Sequence[Fact]) -> Facts:
-    """Returns the evidence for the event that caused a loss; empty if the cause is not an event, or has no evidence.
+    """Returns the evidence for the event that caused the loss of a flight.
+
+    Two causes are events with evidence of their own: a height estimate that diverged, and a motor that stood still.
 
     Args:
         ending: event with which the flight was lost.
         cause: what failed first.
         events: events of the log, each a fact (a coded finding) with its time.
+
+    Returns:
+        Facts about what sensors show of the event; empty if the cause is none of these events, or has no evidence.
     """
     if cause.code is FailedFirst.HEIGHT_DIVERGED_FIRST:
         return tuple(cause.figures["cause"].figures.get("witnesses", ()))
+    if cause.code is not FailedFirst.MOTOR_STOOD_STILL_FIRST:
+        return ()
     for event in events:
         is_standstill = event.code is MotionEvent.MOTOR_STOOD_STILL and event.is_bad
-        is_cause = (
-            cause.code is FailedFirst.MOTOR_STOOD_STILL_FIRST and event.subject == cause.subject
-        )
-        if is_standstill and is_cause and event.figures["boot"] == ending.figures["boot"]:
+        is_same_motor = event.subject == cause.subject
+        if is_standstill and is_same_motor and event.figures["boot"] == ending.figures["boot"]:
             return tuple(event.figures.get("witnesses", ()))
     return ()

@@ -184,7 +184,7 @@ def with_motors_limited_before(ending: Fact | None, events: Sequence[Fact]) -> F
     limit long before the others came near theirs.
 
     Args:
-        ending: event with which the flight was lost, with its cause; None if it was not.
+        ending: event with which the flight was lost, with its cause as the figure ``cause``; None if it was not lost.
         events: events of the log (facts with a time), among them those of motors at their limit.
 
     Returns:
@@ -192,22 +192,26 @@ def with_motors_limited_before(ending: Fact | None, events: Sequence[Fact]) -> F
         when all thrust was used up, and ``limited_since``, the earliest of these times, s since boot. It is unchanged
         if there is no such motor, or another cause.
     """
-    cause = None if ending is None else ending.figures.get("cause")
-    if ending is None or cause is None or cause.code is not FailedFirst.THRUST_SPENT_FIRST:
+    if ending is None:
+        return None
+    cause = ending.figures.get("cause")
+    if cause is None or cause.code is not FailedFirst.THRUST_SPENT_FIRST:
         return ending
-    latest_start = cause.time - MIN_LIMIT_SECONDS
-    limits = []
+    latest_start_time = cause.time - MIN_LIMIT_SECONDS
+    limited_motors = []
+    start_times = []
     for event in events:
-        is_limit = event.code is MotionEvent.MOTOR_AT_ITS_STOP and event.time is not None
-        if is_limit and event.figures["boot"] == ending.figures["boot"]:
-            if event.start_time <= latest_start and event.latest_time >= cause.time:
-                limits.append(event)
-    if not limits:
+        if event.code is not MotionEvent.MOTOR_AT_ITS_STOP or event.time is None:
+            continue
+        if event.figures["boot"] != ending.figures["boot"]:
+            continue
+        # The motor must have come to its limit early enough, and must still have been there.
+        if event.start_time <= latest_start_time and event.latest_time >= cause.time:
+            limited_motors.append(event.subject)
+            start_times.append(event.start_time)
+    if not limited_motors:
         return ending
-    cause = cause.replace(
-        limited_names=tuple(event.subject for event in limits),
-        limited_since=min(event.start_time for event in limits),
-    )
+    cause = cause.replace(limited_names=tuple(limited_motors), limited_since=min(start_times))
     return ending.replace(cause=cause)
 
 

@@ -269,36 +269,39 @@ def _outputs_in_message(telemetry: Telemetry, message: str) -> MotorOutputs | Fa
         The outputs; or a fact with the reason why the message does not have them: the outputs of all motors are
         constant, or channels of motors are missing or constant.
     """
-    name = telemetry.name_in_source(message)
     ports = _outputs_by_port(message, telemetry.messages[message], telemetry.autopilot)
     port_of_channel = {}
     for port in ports:
-        port_of_channel.update(dict.fromkeys(port.channels, port))
-    moving_channels = [
-        channel for channel, port in port_of_channel.items() if _is_moving(port.outputs(channel))
-    ]
+        for channel in port.channels:
+            port_of_channel[channel] = port
+    moving_channels = []
+    for channel, port in port_of_channel.items():
+        if _is_moving(port.outputs(channel)):
+            moving_channels.append(channel)
     # Of a parameter that changed, the first value counts, so that a motor that is disabled in flight keeps its channel.
     parameters = {**telemetry.parameters, **telemetry.initial_parameters}
     geometry = motor_geometry(
         telemetry.vehicle, telemetry.autopilot, parameters, moving_channels, len(ports[0].channels)
     )
+    message_name = telemetry.name_in_source(message)
     if geometry is None or not moving_channels:
-        return Fact(UnusableOutputs.MOTORS_CONSTANT, name=name, remedy=RECORD_A_FLIGHT)
+        return Fact(UnusableOutputs.MOTORS_CONSTANT, name=message_name, remedy=RECORD_A_FLIGHT)
     missing_channels = sorted(set(geometry.channels) - port_of_channel.keys())
-    if missing_channels or not set(geometry.channels) & set(moving_channels):
-        return Fact(
-            UnusableOutputs.CHANNELS_MISSING
-            if missing_channels
-            else UnusableOutputs.CHANNELS_CONSTANT,
-            name=name,
-            basis=geometry.basis,
-            channels=sorted(geometry.channels),
-            missing=missing_channels,
-            moving=sorted(moving_channels),
-            remedy=RECORD_A_FLIGHT,
-        )
-    return _combined_outputs(
-        telemetry, message, geometry, [port_of_channel[channel] for channel in geometry.channels]
+    is_any_motor_moving = any(channel in moving_channels for channel in geometry.channels)
+    if not missing_channels and is_any_motor_moving:
+        ports_of_motors = [port_of_channel[channel] for channel in geometry.channels]
+        return _combined_outputs(telemetry, message, geometry, ports_of_motors)
+    reason = UnusableOutputs.CHANNELS_CONSTANT
+    if missing_channels:
+        reason = UnusableOutputs.CHANNELS_MISSING
+    return Fact(
+        reason,
+        name=message_name,
+        basis=geometry.basis,
+        channels=sorted(geometry.channels),
+        missing=missing_channels,
+        moving=sorted(moving_channels),
+        remedy=RECORD_A_FLIGHT,
     )
 
 

@@ -19,6 +19,7 @@ from multiprocessing import active_children, current_process, get_context, paren
 from multiprocessing.connection import Connection
 from multiprocessing.process import BaseProcess
 from threading import Lock, Thread, active_count, current_thread, main_thread
+from types import FrameType
 from typing import Any, Generic, Literal, Protocol, TypeVar
 
 from mavdem.facts import Fact
@@ -427,24 +428,30 @@ def _send_result(
 
 @contextmanager
 def blocked_signals(*numbers: signal.Signals) -> Iterator[None]:
-    """Postpones signals until the block is left; processes that are started in the block inherit the mask.
+    """Postpones operating-system signals, such as SIGINT, until the block of the ``with`` statement is left.
 
-    The mask holds for this thread only. If another thread receives a signal, Python calls its handler in the main
-    thread, so that the handler is replaced as well. Windows has no mask, and no signals to other threads.
+    Processes that are started in the block inherit the mask, so that they too are not interrupted while they start. The
+    mask holds for this thread only. If another thread receives a signal, Python calls its handler in the main thread,
+    so that the handlers are replaced as well: they only note the signal, which is raised again at the end of the block.
+    Windows has no mask, and no signals to other threads.
 
     Args:
         *numbers: The signals.
     """
     # Signals that were received in the block, in their order.
-    postponed_signals = []
+    postponed_signals = list[int]()
     original_handlers = {}
+
+    def postpone(signal_number: int, _frame: FrameType | None) -> None:
+        """Notes a signal instead of handling it."""
+        postponed_signals.append(signal_number)
+
+    # Only the main thread may set handlers.
     if current_thread() is main_thread():
         for number in numbers:
             # An ignored signal remains ignored, and a handler that Python did not install cannot be replaced.
             if signal.getsignal(number) not in (None, signal.SIG_IGN):
-                original_handlers[number] = signal.signal(
-                    number, lambda signal_number, _: postponed_signals.append(signal_number)
-                )
+                original_handlers[number] = signal.signal(number, postpone)
     if sys.platform != "win32":
         original_mask = signal.pthread_sigmask(signal.SIG_BLOCK, numbers)
     try:

@@ -371,10 +371,10 @@ class Comparison:
 def overall_summary(method: str, flight_summaries: Sequence[JsonValues]) -> JsonValues:
     """Averages the summaries of one method over several flights, so that each flight counts the same.
 
-    Error ratios are averaged geometrically, shares arithmetically, and numbers of windows are added up. The paired test
-    asks whether the method's error differs from the error of the reference, which is the first method of the
-    comparison, in flights in general: its pairs are flights and not windows, since windows of one flight resemble each
-    other.
+    Error ratios are averaged geometrically, fractions of samples inside the 90 % band arithmetically, and numbers of
+    windows are added up. The paired test asks whether the method's error differs from the error of the reference, which
+    is the first method of the comparison, in flights in general: its pairs are flights and not windows, since windows
+    of one flight resemble each other.
 
     Args:
         method: name of the method.
@@ -387,23 +387,27 @@ def overall_summary(method: str, flight_summaries: Sequence[JsonValues]) -> Json
     # each of them, so it is kept, with the shorter horizons that all flights have.
     horizon_count = min(len(summary["horizons"]) for summary in flight_summaries)
     last_horizon = -1
+    horizon_indices = [*range(horizon_count - 1), last_horizon]
     error_ratios = []
-    inside_shares = []
-    for horizon in (*range(horizon_count - 1), last_horizon):
-        values_of_flights = [summary["horizons"][horizon] for summary in flight_summaries]
-        error_ratios.append(geometric_mean([values["relative"] for values in values_of_flights]))
-        inside_shares.append(known_mean(values["inside"] for values in values_of_flights))
-    # The median error ratio to the reference in each flight. They are equally good if it is 1.
-    ratios_to_reference = [
-        summary["horizons"][last_horizon]["reference"].ratio for summary in flight_summaries
-    ]
+    fractions_inside = []
+    for index in horizon_indices:
+        at_horizon = [summary["horizons"][index] for summary in flight_summaries]
+        error_ratios.append(geometric_mean([values["relative"] for values in at_horizon]))
+        fractions_inside.append(known_mean(values["inside"] for values in at_horizon))
+    # The median ratio of the method's error to the reference's in each flight; 1 if they are equally good.
+    ratios_to_reference = []
+    for summary in flight_summaries:
+        ratios_to_reference.append(summary["horizons"][last_horizon]["reference"].ratio)
+    counts = {}
+    for name in COUNTS:
+        counts[name] = sum(summary[name] for summary in flight_summaries)
     return {
         "method": method,
         "flights": len(flight_summaries),
         "relative": geometric_mean([summary["relative"] for summary in flight_summaries]),
         "horizons": error_ratios,
-        "inside": inside_shares,
-        **{name: sum(summary[name] for summary in flight_summaries) for name in COUNTS},
+        "inside": fractions_inside,
+        **counts,
         "mspe_total": np.sum([summary["mspe_total"] for summary in flight_summaries]),
         "reference": paired(ratios_to_reference, np.ones(len(flight_summaries))),
     }

@@ -27,7 +27,7 @@ from mavdem.dem.record import FoldPiece, cross_validation_folds
 from mavdem.errors import fact_from_error
 from mavdem.experiments.scores import error_over
 from mavdem.experiments.window import part_samples
-from mavdem.facts import Facts
+from mavdem.facts import Fact, Facts
 from mavdem.facts.forecasts import HeldOutForecast
 from mavdem.facts.model import ModelName
 from mavdem.flight import Flight
@@ -392,28 +392,35 @@ def forecast_block(
 
 
 def joined_results(results: Sequence[HeldOut]) -> HeldOut:
-    """Joins the held-out windows of all folds to one result, in the order of time.
+    """Joins the held-out windows of all folds of a cross-validation to one result, in the order of time.
 
     Args:
         results: results of single blocks of a flight, with the same number of samples in each window.
 
     Returns:
         All windows. Each fold has training data of its own, so the variance, which is the unit of errors, is the mean
-        of their variances.
+        of their variances. Each reason why a window failed is contained once.
     """
     start_times = np.concatenate([result.time[:, 0] for result in results])
-    order = np.argsort(start_times, kind="stable")
+    windows_by_time = np.argsort(start_times, kind="stable")
+
+    def joined(arrays: Sequence[Array]) -> Array:
+        """Joins arrays with a row for each window, in the order of time."""
+        return np.concatenate(arrays)[windows_by_time]
+
     forecasts = {}
     for name in HeldOutForecast:
-        forecasts[name] = np.concatenate([result.forecasts[name] for result in results])[order]
-    # Several blocks may fail for the same reason. A dictionary keeps the order of the first ones.
-    failures = dict.fromkeys(failure for result in results for failure in result.failures)
+        forecasts[name] = joined([result.forecasts[name] for result in results])
+    failures = list[Fact]()
+    for result in results:
+        failures += result.failures
     return HeldOut(
-        time=np.concatenate([result.time for result in results])[order],
-        measured=np.concatenate([result.measured for result in results])[order],
+        time=joined([result.time for result in results]),
+        measured=joined([result.measured for result in results]),
         forecasts=forecasts,
-        band=np.concatenate([result.band for result in results])[order],
-        expected=np.concatenate([result.expected for result in results])[order],
+        band=joined([result.band for result in results]),
+        expected=joined([result.expected for result in results]),
         variance=np.mean([result.variance for result in results], axis=0),
-        failures=tuple(failures),
+        # A dictionary keeps one of equal failures, in their order.
+        failures=tuple(dict.fromkeys(failures)),
     )

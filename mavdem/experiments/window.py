@@ -156,7 +156,7 @@ def windows(
 ) -> tuple[Window, ...]:
     """Cuts a flight into overlapping windows, each a training part followed by a test part.
 
-    Windows begin every ``hop`` samples as long as they fit into the flight; none does if it is too short.
+    Windows begin every ``hop`` samples as long as they fit into the flight.
 
     Args:
         name: name of the flight.
@@ -172,22 +172,27 @@ def windows(
         ValueError: a number of samples is not positive.
     """
     default_train, default_test = part_samples(flight.dt)
-    train = default_train if train is None else train
-    test = default_test if test is None else test
-    hop = max(1, (train + test) // 2) if hop is None else hop
+    if train is None:
+        train = default_train
+    if test is None:
+        test = default_test
+    window_length = train + test
+    if hop is None:
+        hop = max(1, window_length // 2)
     if min(train, test, hop) < 1:
         raise ValueError(f"train, test and hop must be at least 1, not {train}, {test} and {hop}")
+    last_start = len(flight) - window_length
     windows_of_flight = []
-    for start in range(0, len(flight) - train - test + 1, hop):
+    for start in range(0, last_start + 1, hop):
         test_start = start + train
-        windows_of_flight.append(
-            Window(
-                flight=name,
-                start=start,
-                train=flight[start:test_start],
-                test=flight[test_start : test_start + test],
-            )
+        test_end = test_start + test
+        window = Window(
+            flight=name,
+            start=start,
+            train=flight[start:test_start],
+            test=flight[test_start:test_end],
         )
+        windows_of_flight.append(window)
     return tuple(windows_of_flight)
 
 

@@ -326,9 +326,10 @@ def _weak_motor(
 ) -> HealthAssessment:
     """Returns the assessment of a flight in which one motor is probably weak: fault or drift.
 
-    The motor is named only if its conditional probability, given that some motor is weak, is at least
-    ``MIN_NAMED_PROBABILITY``: to name a sound motor is the worse mistake. Beside a single flight that nobody has named
-    as healthy, a weak motor is never a fault: that flight may have been the worse one.
+    A motor that lost thrust is commanded more than in the healthy flights. The motor is named only if its conditional
+    probability, given that some motor is weak, is at least ``MIN_NAMED_PROBABILITY``: to name a sound motor is the
+    worse mistake. Compared with a single flight that nobody has named as healthy, a weak motor is never a fault: that
+    flight may have been the worse one.
 
     Args:
         flight: Measured motor balance of the flight, the names of its motors, and the mixer of the vehicle.
@@ -341,24 +342,31 @@ def _weak_motor(
     suspect_probability = change.fault_probabilities[suspect]
     is_named = suspect_probability >= MIN_NAMED_PROBABILITY * change.fault_probability
     # (3,) mean and ends of the 90 % interval of the rise of the suspect's command.
-    rise = change.rises[:, suspect]
-    has_healthy_flights = comparison["are_chosen"] or comparison["flights"] >= MIN_HEALTHY_FLIGHTS
-    is_fault = has_healthy_flights and change.fault_probability >= MIN_FAULT_PROBABILITY
+    command_rise = change.rises[:, suspect]
+    is_comparison_reliable = (
+        comparison["are_chosen"] or comparison["flights"] >= MIN_HEALTHY_FLIGHTS
+    )
+    is_probable = change.fault_probability >= MIN_FAULT_PROBABILITY
+    if is_comparison_reliable and is_probable:
+        health, level = MotorHealth.FAULT, Level.BAD
+    else:
+        health, level = MotorHealth.DRIFT, Level.WATCH
     fact = Fact(
         MotorsBetween.MOTOR_WEAK,
-        Level.BAD if is_fault else Level.WATCH,
+        level,
         subject=flight.motors[suspect] if is_named else "",
         probability=change.fault_probability,
         motor_probability=suspect_probability,
-        rise=rise,
-        loss=lost_thrust(rise, flight.signatures.own_rise_ratios[suspect]),
+        rise=command_rise,
+        loss=lost_thrust(command_rise, flight.signatures.own_rise_ratios[suspect]),
         **comparison,
     )
     return HealthAssessment(
-        MotorHealth.FAULT if is_fault else MotorHealth.DRIFT,
+        health,
         fact=fact,
         fault_probability=change.fault_probability,
         change_probability=change_probability,
+        # Motors are numbered from 1.
         suspect_motor=suspect + 1 if is_named else None,
     )
 

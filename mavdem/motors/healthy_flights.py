@@ -123,7 +123,8 @@ def healthy_flights(flights: HealthFlights, baseline: HealthFlights | None = Non
     """Returns the healthy flights of a vehicle, with which its other flights are compared, each of them once.
 
     The user may name them (``baseline``). Otherwise they are the vehicle's first flights by date, before motors and
-    propellers wore, that are sound: no motor at its limit, no oscillation, no fault.
+    propellers wore, that are sound: no motor at its limit, no oscillation, no fault. A flight whose motors cannot be
+    judged is left out in either case.
 
     Args:
         flights: Measured motor balance and date of each recorded flight of one vehicle.
@@ -131,18 +132,18 @@ def healthy_flights(flights: HealthFlights, baseline: HealthFlights | None = Non
             flights of each motor geometry are the healthy ones.
 
     Returns:
-        The healthy flights whose motors can be judged, without second records of the same flight.
+        The healthy flights, without second records of the same flight.
     """
     if baseline is not None:
         return distinct_flights([flight for flight in baseline if not flight.missing])
-    usable_flights = [
-        flight
-        for flight in flights
-        if flight.sound and flight.date is not None and not flight.missing
-    ]
+    usable_flights = []
+    for flight in flights:
+        # ``missing`` says what a flight lacks so that its motors can be judged.
+        if flight.sound and flight.date is not None and not flight.missing:
+            usable_flights.append(flight)
     flights_by_date = sorted(distinct_flights(usable_flights), key=lambda flight: flight.start_time)
-    healthy: list[HealthFigures] = []
     flights_by_geometry = group_by(flights_by_date, lambda flight: flight.geometry_key)
+    healthy: list[HealthFigures] = []
     for flights_of_geometry in flights_by_geometry.values():
         healthy += flights_of_geometry[:DEFAULT_HEALTHY_FLIGHTS]
     return tuple(healthy)

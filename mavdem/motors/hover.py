@@ -85,14 +85,15 @@ def hover(path: AnyPath, vehicle: str | None = None) -> HoverFigures:
 
 
 def hover_of(signals: Signals, components: Sequence[Component] = ()) -> HoverFigures:
-    """Computes how hard each motor of a vehicle works in settled flight.
+    """Computes how hard each motor of a vehicle works in settled flight, when the vehicle hovers or moves slowly.
 
     Args:
         signals: Signals of the vehicle with the motors as model inputs.
         components: All components in the log, for the advice if there is no settled flight.
 
     Returns:
-        Trim, headroom and shares at the limits of each motor, and the mean lean of the vehicle, degrees.
+        Trim, headroom and the fraction of time at the limits of each motor, and the mean lean of the vehicle in roll
+        and pitch, degrees.
 
     Raises:
         NotLearnable: There is no settled flight with motor outputs, the motors never ran, or the vehicle is not a
@@ -100,12 +101,13 @@ def hover_of(signals: Signals, components: Sequence[Component] = ()) -> HoverFig
     """
     segments = settled_segments(signals)
     motors = signals.motors
-    if not segments or motors is None or signals.telemetry.vehicle not in POSSIBLE_MULTIROTORS:
+    may_be_multirotor = signals.telemetry.vehicle in POSSIBLE_MULTIROTORS
+    if not segments or motors is None or not may_be_multirotor:
         raise NotLearnable(learnability_of(signals, components).reason)
     mean_lean = {}
     for axis, tilt in zip(TILT_AXES, signals.tilts, strict=True):
-        angle = tilt.angle[in_segments(tilt, *segments)]
-        mean_lean[axis] = float(np.degrees(angle.mean()))
+        settled_angles = tilt.angle[in_segments(tilt, *segments)]
+        mean_lean[axis] = float(np.degrees(settled_angles.mean()))
     return hover_figures(
         motors.geometry.names,
         motors.scale,

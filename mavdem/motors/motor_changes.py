@@ -128,7 +128,7 @@ def event_or_alarm(fact: Fact, time: float) -> Fact:
 
 
 def thrust_losses(changes: Sequence[MotorChange]) -> list[Fact]:
-    """Returns the losses of thrust in a flight, the worst first.
+    """Returns the losses of thrust in a flight as facts, the worst first.
 
     Of several losses of a motor before it recovers, only the largest is returned. There are three cases:
 
@@ -141,18 +141,21 @@ def thrust_losses(changes: Sequence[MotorChange]) -> list[Fact]:
         changes: All changes of the flight, in the order of time.
 
     Returns:
-        The facts. Each has the names of all motors whose losses are bad.
+        The facts: bad ones before the others, and both by descending rise of the motor's command. Each has the names of
+        all motors whose losses are bad.
     """
     lasting_losses, ended_losses = _losses_by_outcome(changes)
     smallest_lasting_size = min((loss.size for loss in lasting_losses), default=inf)
-    losses = [loss.fact for loss in lasting_losses]
+    facts = [loss.fact for loss in lasting_losses]
     for loss, end_time in ended_losses:
         level = Level.BAD if loss.size > smallest_lasting_size else Level.WATCH
-        losses.append(loss.fact.replace(level, end_time=end_time))
-    # Bad losses are sorted before others, and within each group by descending rise.
-    losses.sort(key=lambda loss: (loss.level is Level.WATCH, -loss.figures["rise"]))
-    bad_motors = dict.fromkeys(loss.subject for loss in losses if loss.is_bad)
-    return [loss.replace(names=tuple(bad_motors)) for loss in losses]
+        facts.append(loss.fact.replace(level, end_time=end_time))
+    facts.sort(key=lambda fact: fact.figures["rise"], reverse=True)
+    # Python's sorting is stable: it keeps the order by rise among facts of the same level.
+    facts.sort(key=lambda fact: fact.level is Level.WATCH)
+    # A motor may have several losses, but is named once.
+    bad_motors = tuple(dict.fromkeys(fact.subject for fact in facts if fact.is_bad))
+    return [fact.replace(names=bad_motors) for fact in facts]
 
 
 def is_much_larger(slow_loss: MotorChange, sudden_changes: Sequence[MotorChange]) -> bool:

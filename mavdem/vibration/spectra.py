@@ -248,11 +248,10 @@ class _Samples(NamedTuple):
 
 
 def _recorded_samples(signals: Signals) -> Iterator[_Samples]:
-    """Yields all recorded samples of sensors, body rates and demand; there may be several of one name.
+    """Yields all recorded samples of sensors, body rates and demand.
 
-    The same quantity may be in several messages at different rates, of which the caller chooses the fastest. Body rates
-    are measured after the gyro's filters. They are in the messages of the rate controllers, with their setpoints, or in
-    the messages of the attitude, and are used if all three axes have the same number of samples.
+    The same quantity may be in several messages at different rates, of which the caller chooses the fastest. So several
+    samples may have one name.
 
     Args:
         signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.
@@ -264,6 +263,22 @@ def _recorded_samples(signals: Signals) -> Iterator[_Samples]:
         series = recorded_series(signals.telemetry, message, *fields)
         if series is not None:
             yield _Samples(name, message, series)
+    yield from _recorded_body_rates(signals)
+    demand = signals.telemetry.messages.get(DEMAND_MESSAGE)
+    if demand is not None:
+        demands = demand["controls"][:, : len(AXES)]
+        yield _Samples("demand", DEMAND_MESSAGE, clean_series(demand, demands))
+
+
+def _recorded_body_rates(signals: Signals) -> Iterator[_Samples]:
+    """Yields the body rates about all three axes, which are measured by the gyro and filtered by the autopilot.
+
+    They are in the messages of the rate controllers, with their setpoints, and in the messages of the attitude. Either
+    is used only if all three axes have the same number of samples, so that they fit into one table.
+
+    Args:
+        signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.
+    """
     controller_rates = []
     attitude_rates = []
     for axis in AXES:
@@ -274,15 +289,12 @@ def _recorded_samples(signals: Signals) -> Iterator[_Samples]:
         if axis_signals.attitude is not None:
             attitude_rates.append(axis_signals.attitude.rate_series)
     for rates in (controller_rates, attitude_rates):
-        lengths = {len(rate.time) for rate in rates}
-        if len(rates) == len(AXES) and len(lengths) == 1:
-            table = np.column_stack([rate.values for rate in rates])
-            series = TimeSeries(rates[0].time, rates[0].boot, table)
-            yield _Samples("gyro", RATE_MESSAGE, series)
-    demand = signals.telemetry.messages.get(DEMAND_MESSAGE)
-    if demand is not None:
-        demands = demand["controls"][:, : len(AXES)]
-        yield _Samples("demand", DEMAND_MESSAGE, clean_series(demand, demands))
+        sample_counts = {len(rate.time) for rate in rates}
+        if len(rates) != len(AXES) or len(sample_counts) != 1:
+            continue
+        rate_table = np.column_stack([rate.values for rate in rates])
+        series = TimeSeries(rates[0].time, rates[0].boot, rate_table)
+        yield _Samples("gyro", RATE_MESSAGE, series)
 
 
 def _spectrum(samples: _Samples, signals: Signals, segments: Segments) -> Spectrum | None:

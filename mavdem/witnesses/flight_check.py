@@ -62,7 +62,7 @@ class FlightCheck:
 
 @cached_per_vehicle()
 def flight_check(signals: Signals, boot: int) -> FlightCheck:
-    """Checks whether a vehicle flew while its motors could carry it.
+    """Checks by sensors whether a vehicle flew while its motors ran fast enough to carry it.
 
     Three facts of sensors support or contradict a flight: the rise of the height, whether roll and pitch follow their
     setpoints, and rotation.
@@ -78,15 +78,15 @@ def flight_check(signals: Signals, boot: int) -> FlightCheck:
     powered_spans = powered_intervals(signals, boot)
     if not powered_spans:
         return FlightCheck(None, (), had_power=False)
-    # The height is the barometer's or, without a usable one, of the estimate, which may drift.
     barometer = height_comparison(signals, boot).barometer
+    height_source = "barometer"
     height = barometer
-    source = "barometer"
     if height is None:
+        # Without a usable barometer, the height is the estimator's, which may drift.
+        height_source = "estimate"
         height = series_of_boot(signals.height, boot)
-        source = "estimate"
     rise = None if height is None else _rise_under_power(height, powered_spans)
-    sensor_facts = (*_rise_facts(rise, source), *_rotation_facts(signals, boot))
+    sensor_facts = (*_rise_facts(rise, height_source), *_rotation_facts(signals, boot))
     support = supporting_facts(sensor_facts)
     contradictions = contradicting_facts(sensor_facts)
     has_flown = _has_flown(

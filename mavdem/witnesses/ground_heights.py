@@ -59,7 +59,9 @@ class GroundHeights:
 def ground_heights(
     signals: Signals, boot: int, flight_interval: TimeInterval, rests: Intervals | None = None
 ) -> GroundHeights | None:
-    """Compares the heights at rest before a flight and after it.
+    """Compares the heights at rest before a flight and after it, by barometer and satellites.
+
+    The ground does not move. If the barometer says that it did, and the satellites do not, the barometer drifted.
 
     Args:
         signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.
@@ -69,8 +71,8 @@ def ground_heights(
         rests: when the vehicle rested before and after the flight, s since boot; None to find that in the signals.
 
     Returns:
-        The heights before and after; None if the vehicle did not rest both times, the barometer is missing or not
-        usable, or no satellite receiver had a fix both times.
+        The changes of height, m, from before to after, and the distance of the two places, m. None if the vehicle did
+        not rest both times, the barometer is missing or not usable, or no satellite receiver had a fix both times.
     """
     barometer = series_of_boot(barometer_altitude(signals), boot)
     position = series_of_boot(satellite_position(signals), boot)
@@ -78,26 +80,26 @@ def ground_heights(
         return None
     if rests is None:
         rests = rest_intervals(signals, boot)
-    before, after = _rests_around(rests, flight_interval)
-    if before is None or after is None:
+    rest_before, rest_after = _rests_around(rests, flight_interval)
+    if rest_before is None or rest_after is None:
         return None
-    heights_before = _values_in(barometer, before)
-    heights_after = _values_in(barometer, after)
-    positions_before = _values_in(position, before)
-    positions_after = _values_in(position, after)
+    heights_before = _values_in(barometer, rest_before)
+    heights_after = _values_in(barometer, rest_after)
     if min(len(heights_before), len(heights_after)) < MIN_SAMPLES:
         return None
+    positions_before = _values_in(position, rest_before)
+    positions_after = _values_in(position, rest_after)
     if not len(positions_before) or not len(positions_after):
         return None
-    take_off = np.median(positions_before, axis=0)
-    landing = np.median(positions_after, axis=0)
-    _, _, altitude_change = landing - take_off
+    take_off_place = np.median(positions_before, axis=0)
+    landing_place = np.median(positions_after, axis=0)
+    _, _, altitude_change = landing_place - take_off_place
     return GroundHeights(
         barometer_change=float(heights_after.mean() - heights_before.mean()),
         barometer_scatter=float(max(heights_before.std(), heights_after.std())),
-        frozen_since=_frozen_since(barometer, rest=after),
+        frozen_since=_frozen_since(barometer, rest=rest_after),
         satellite_change=float(altitude_change),
-        distance=horizontal_distance(take_off, landing),
+        distance=horizontal_distance(take_off_place, landing_place),
     )
 
 

@@ -30,43 +30,46 @@ def processor_fact(evidence: Evidence) -> Fact | None:
     """Returns the fact about load and memory of the autopilot's processor in flight.
 
     The load is the largest mean over 2 s, the time that PX4 waits before it warns. The level is "watch" if load or
-    memory reach the limit of the autopilot, which is a parameter of PX4, or the full load of ArduPilot's main loop.
+    memory reach the limit from which the autopilot warns: a parameter of PX4, or the full load of ArduPilot's main
+    loop. It is "good" if neither does, and "unknown" if there is no limit of the load.
 
     Args:
         evidence: signals, events and measurements of the vehicle.
 
     Returns:
-        The fact; None if the load was not recorded in flight.
+        The fact, with load and memory in percent; None if the load was not recorded in flight.
     """
     signals = evidence.signals
-    loads = evidence.averages_in_flight(recorded_quantity(signals, PROCESSOR_LOAD))
-    if not len(loads):
+    mean_loads = evidence.averages_in_flight(recorded_quantity(signals, PROCESSOR_LOAD))
+    if not len(mean_loads):
         return None
+    largest_load = float(mean_loads.max())
     parameters = signals.telemetry.parameters
-    # Load and memory are in percent.
-    load = float(loads.max())
     load_limit: float | None = FULL_LOAD
     if signals.telemetry.autopilot == "PX4":
         load_limit = parameters.get(LOAD_PARAMETER)
-    memory_used = evidence.values_in_flight(recorded_quantity(signals, MEMORY_USED))
-    memory = float(memory_used.max()) if len(memory_used) else None
+    used_memory = evidence.values_in_flight(recorded_quantity(signals, MEMORY_USED))
+    largest_memory = float(used_memory.max()) if len(used_memory) else None
     memory_limit = parameters.get(MEMORY_PARAMETER)
-    is_busy = _reaches(load, load_limit)
-    is_full = _reaches(memory, memory_limit)
-    has_load_limit = load_limit is not None and load_limit > 0
-    level = Level.GOOD if has_load_limit else Level.UNKNOWN
-    if is_busy or is_full:
+    reaches_load_limit = _reaches(largest_load, load_limit)
+    reaches_memory_limit = _reaches(largest_memory, memory_limit)
+    if reaches_load_limit or reaches_memory_limit:
         level = Level.WATCH
-    memory_free = evidence.values_in_flight(recorded_quantity(signals, MEMORY_FREE))
+    elif load_limit is not None and load_limit > 0:
+        level = Level.GOOD
+    else:
+        level = Level.UNKNOWN
+    free_memory = evidence.values_in_flight(recorded_quantity(signals, MEMORY_FREE))
+    # A limit is shown only if it was reached.
     return Fact(
         HardwareFact.PROCESSOR_MEASURED,
         level,
-        load=load,
-        load_usual=float(np.median(loads)),
-        load_limit=load_limit if is_busy else None,
-        memory=memory,
-        memory_share_limit=memory_limit if is_full else None,
-        memory_free=memory_free.min() if len(memory_free) else None,
+        load=largest_load,
+        load_usual=float(np.median(mean_loads)),
+        load_limit=load_limit if reaches_load_limit else None,
+        memory=largest_memory,
+        memory_share_limit=memory_limit if reaches_memory_limit else None,
+        memory_free=free_memory.min() if len(free_memory) else None,
         share=_fraction_of_long_loops(evidence),
     )
 

@@ -308,39 +308,45 @@ def _glitch_facts(evidence: Evidence) -> Iterator[Fact]:
 
 
 def _poor_fixes(evidence: Evidence) -> Iterator[Fact]:
-    """Yields a fact for each flight whose GPS fixes were poor: too few satellites, or too much dilution (HDOP).
+    """Yields a fact for each flight whose GPS fixes were poor: too few satellites, or too much dilution of precision.
 
-    Medians over the flight are compared with the limits, so that a short loss is not reported here. Samples without a
-    3D fix are left out. Of several receivers the one with most satellites is judged: autopilots switch to it, or weigh
-    it most.
+    Medians over the flight are compared with the limits, so that a short loss of satellites is not reported here.
+    Samples without a 3D fix are left out. Of several receivers the one with most satellites is judged: autopilots
+    switch to it, or weigh it most.
 
     Args:
         evidence: signals, events and measurements of the vehicle.
 
     Yields:
-        Facts with the median number of satellites and the dilution; if there are several flights, with the start and
-        end of the flight, s since boot.
+        Facts with the median number of satellites and the horizontal dilution of precision (HDOP); None for a value
+        that the receiver does not report. If there are several flights, with the start and end of the flight, s since
+        boot.
     """
     flights = list(evidence.in_flight(_best_receiver(evidence)))
     for flight in flights:
         has_fix = flight.values[:, FIX_TYPE_COLUMN] >= FIX_3D
         if not has_fix.any():
             continue
-        # GPS_RAW_INT has the dilution in its field ``eph``, in hundredths.
         _, satellites, hundredths_of_dilution = np.median(flight.values[has_fix], axis=0).tolist()
+        # The message GPS_RAW_INT has the dilution in hundredths, in its field ``eph``.
         dilution = None
         if hundredths_of_dilution < UNKNOWN_DILUTION:
             dilution = hundredths_of_dilution / 100
         has_few_satellites = satellites < MIN_SATELLITES
         is_diluted = dilution is not None and dilution > MAX_DILUTION
-        if has_few_satellites or is_diluted:
-            yield Fact(
-                EstimatorLight.FIX_POOR,
-                time=float(flight.time[0]) if len(flights) > 1 else None,
-                end_time=float(flight.time[-1]) if len(flights) > 1 else None,
-                satellites=None if satellites == UNKNOWN_SATELLITES else int(satellites),
-                dilution=dilution,
-            )
+        if not (has_few_satellites or is_diluted):
+            continue
+        start_time = end_time = None
+        if len(flights) > 1:
+            start_time = float(flight.time[0])
+            end_time = float(flight.time[-1])
+        yield Fact(
+            EstimatorLight.FIX_POOR,
+            time=start_time,
+            end_time=end_time,
+            satellites=None if satellites == UNKNOWN_SATELLITES else int(satellites),
+            dilution=dilution,
+        )
 
 
 def _missing_fixes(evidence: Evidence) -> list[Fact]:

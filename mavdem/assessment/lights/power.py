@@ -85,26 +85,27 @@ def power_light(evidence: Evidence) -> Fact:
     """
     batteries = batteries_in_flight(evidence)
     voltages = [battery_voltage(evidence, battery) for battery in batteries]
-    voltages.sort(key=lambda fact: -LEVELS_BY_SEVERITY.index(fact.level))
+    voltages.sort(key=lambda voltage: LEVELS_BY_SEVERITY.index(voltage.level), reverse=True)
+    # The first of equally bad facts is the light. So a spent battery comes before the other reports: it was critical
+    # before it was spent.
     facts = [
         *voltages,
         *_battery_charges(evidence, batteries),
         *_board_voltage(evidence),
-        # The first of equally bad facts is returned: a spent battery is worse than a critical one, which it was before.
         *evidence.warnings_in_flight((ReportedEvent.BATTERY_SPENT,)),
         *evidence.warnings_in_flight(POWER_REPORTS),
     ]
     if not facts:
         # Without a flight, a battery that the autopilot reports as empty becomes the headline, so that the light must
         # show it too.
-        facts += [
-            event for event in evidence.events if event.code in POWER_REPORTS and event.is_bad
-        ]
+        for event in evidence.events:
+            if event.code in POWER_REPORTS and event.is_bad:
+                facts.append(event)
     if not facts:
         return _unmeasured_power(evidence)
     light = worst_fact(facts)
     if len(evidence.signals.batteries) > 1:
-        other_voltages = [fact for fact in voltages if fact is not light]
+        other_voltages = [voltage for voltage in voltages if voltage is not light]
         light = light.replace(batteries=(*other_voltages, *_constant_voltages(evidence, batteries)))
     return light
 

@@ -24,25 +24,31 @@ def tracking_light(evidence: Evidence) -> Fact:
     """
     if evidence.other_vehicle is not None:
         return evidence.other_vehicle
-    tilt_facts = [evidence.tracking[axis] for axis in TILT_AXES]
-    judged_facts = [fact for fact in tilt_facts if fact.code is not TrackingLight.TRACKING_UNKNOWN]
+    judged_facts = []
+    for axis in TILT_AXES:
+        if evidence.tracking[axis].code is not TrackingLight.TRACKING_UNKNOWN:
+            judged_facts.append(evidence.tracking[axis])
     if not judged_facts:
-        return tilt_facts[0]
+        return evidence.tracking[TILT_AXES[0]]
     yaw_fact = evidence.tracking["yaw"]
     if yaw_fact.warns:
         judged_facts.append(yaw_fact)
-    # The function ``worst_fact`` returns the first of several facts with the same level.
-    nearest_to_bad_first = sorted(
-        judged_facts,
-        key=lambda fact: fact.figures["angle_error"] / fact.figures["error_limit"],
-        reverse=True,
-    )
-    light = worst_fact(nearest_to_bad_first)
+    # The function ``worst_fact`` returns the first of several facts with the same level, so the order decides.
+    largest_error_first = sorted(judged_facts, key=_error_relative_to_limit, reverse=True)
+    light = worst_fact(largest_error_first)
     if light.code is TrackingLight.OVERSHOOTS_SETPOINT:
-        overshooting_axes = [
-            fact.figures["axis"] for fact in judged_facts if fact.code is light.code
-        ]
+        overshooting_axes = []
+        for fact in judged_facts:
+            if fact.code is TrackingLight.OVERSHOOTS_SETPOINT:
+                overshooting_axes.append(fact.figures["axis"])
         return light.replace(names=overshooting_axes)
     if evidence.condition.oscillation is not None and light.is_good:
         return light.replace(Level.WATCH)
     return light
+
+
+def _error_relative_to_limit(fact: Fact) -> float:
+    """Returns the error of the angle in a fact about tracking, relative to the limit of a good error."""
+    error: float = fact.figures["angle_error"]
+    limit: float = fact.figures["error_limit"]
+    return error / limit

@@ -135,22 +135,25 @@ def maximise_free_energy(
         iterations: largest number of rounds.
 
     Returns:
-        All iterations, the prior means first.
+        The last posterior, whether F̄ converged, and the course of F̄, θ and λ: one row for each iteration, the prior
+        means first.
 
     Raises:
         numpy.linalg.LinAlgError: a curvature at the prior means is not negative definite.
     """
     iterates, converged = run_rounds(initial_iterate(model, samples), iterations)
-    # The quantities of all iterates are stacked, one row for each iteration.
+    # The terms of F̄ by name, each over the iterations.
+    terms = {}
+    for name in iterates[0].terms:
+        terms[name] = np.array([iterate.terms[name] for iterate in iterates])
     posteriors = [iterate.posterior for iterate in iterates]
-    terms = {
-        name: np.array([iterate.terms[name] for iterate in iterates]) for name in iterates[0].terms
-    }
+    theta_variances = [np.diag(posterior.theta_covariance) for posterior in posteriors]
+    lambda_variances = [np.diag(posterior.lambda_covariance) for posterior in posteriors]
     learning = Learning(
         theta=np.array([posterior.theta for posterior in posteriors]),
-        theta_sd=np.sqrt([np.diag(posterior.theta_covariance) for posterior in posteriors]),
+        theta_sd=np.sqrt(theta_variances),
         lambda_=np.array([posterior.lambda_ for posterior in posteriors]),
-        lambda_sd=np.sqrt([np.diag(posterior.lambda_covariance) for posterior in posteriors]),
+        lambda_sd=np.sqrt(lambda_variances),
     )
     return CoordinateAscent(posteriors[-1], FreeEnergy(terms), learning, converged)
 

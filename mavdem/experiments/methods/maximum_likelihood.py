@@ -114,7 +114,8 @@ class PredictionErrorLikelihood(NamedTuple):
     def with_parameters(self, parameters: Array) -> PredictionErrorLikelihood:
         """Returns the same likelihood with the model and the first states of a parameter vector.
 
-        It is the inverse of :attr:`parameters`: the vector is cut into arrays, which get their shapes back.
+        It is the inverse of :attr:`parameters`, which joins all matrices and vectors to one: the parameter vector is
+        cut into pieces of their sizes, which get their shapes back.
 
         Args:
             parameters: (f,) parameter vector.
@@ -122,14 +123,15 @@ class PredictionErrorLikelihood(NamedTuple):
         Returns:
             A copy of the likelihood with these values.
         """
-        arrays = self._parameter_arrays
-        ends = np.cumsum([array.size for array in arrays])
-        reshaped_arrays = []
-        for values, array in zip(np.split(parameters, ends[:-1]), arrays, strict=True):
-            reshaped_arrays.append(values.reshape(array.shape))
-        A, B, C, K, offset, starts = reshaped_arrays
+        arrays = []
+        start = 0
+        for template in self._parameter_arrays:
+            end = start + template.size
+            arrays.append(parameters[start:end].reshape(template.shape))
+            start = end
+        A, B, C, K, offset, first_states = arrays
         model = replace(self.model, A=A, B=B, C=C, K=K, offset=offset)
-        return self._replace(model=model, starts=starts)
+        return self._replace(model=model, starts=first_states)
 
     def errors(self, parameters: Array) -> Array:
         """Returns the one-step prediction errors of all samples.
