@@ -156,13 +156,16 @@ class _RateDesign(NamedTuple):
     """Factors on the logged P: the largest with which the models of the search have the margins, then smaller ones."""
     bandwidth: float
     """Bandwidth of the rate loop by the estimated plant, Hz."""
-    lean: float
-    """Lean in the flight's wind with the logged gain of the angle, degrees; infinite if that loop is unstable."""
+    angle_deviation: float
+    """Standard deviation of the angle in the flight's wind with the logged attitude gain, degrees; inf if unstable."""
 
 
 @dataclass(frozen=True)
 class GainSearch:
-    """A search on a grid for the gains of one axis, with which its loops have their margins for many plant models."""
+    """A grid search for new gains of one axis with which its loops have stability margins for many plant models.
+
+    Designs are gains at the end of tuning. A plant model is one sample of the posterior of the identified plant.
+    """
 
     loop: Loop
     """The loops with the logged gains."""
@@ -221,19 +224,19 @@ class GainSearch:
         return max(self.logged_gains["angle_gain"], usual_limit)
 
     def step(self, stage: Stage, *, may_lower_bandwidth: bool = True) -> GainStep:
-        """Returns the gains of a stage for the next flight.
+        """Returns the gains to set for the next flight in one stage of tuning, and the design that they lead to.
 
-        A stage of tuning changes some gains, of the rate controller or of the attitude controller. Its design is the
-        set of gains that it aims at. Gains far from the flown ones are less certain, so they change in several flights,
-        in each by at most one step from the logged gains towards the design.
+        The first stage tunes the rate controller (P, I and D), the second the gain of the attitude controller. The
+        gains far from those of the logged flight are less certain. They are therefore reached in several flights, and
+        each flight changes a gain by at most the factor ``MAX_GAIN_STEP``.
 
         Args:
-            stage: stage of tuning, which decides the gains to choose.
-            may_lower_bandwidth: whether the rate loop may lose more than a fifth of its bandwidth, because the logged
+            stage: stage of tuning.
+            may_lower_bandwidth: whether the rate loop may lose more than a fifth of its bandwidth, since the logged
                 gains lack margin.
 
         Returns:
-            The step; without gains if the logged ones should be kept.
+            The step; it has no gains if the logged ones should be kept.
         """
         if stage is Stage.RATE:
             design = self.rate_design()
@@ -251,15 +254,17 @@ class GainSearch:
         return GainStep(stage, gains, design, self._flights_to(design), notes)
 
     def rate_design(self) -> Parameters:
-        """Finds the P, I and D of highest bandwidth with which the rate loop has its margins.
+        """Finds the P, I and D of the rate controller with a high bandwidth and enough stability margin.
 
-        A grid of ratios of D to P and of factors on the logged P is searched. Gains that amplify the gyro's noise too
-        much are skipped. For each ratio the largest P with enough margin is a design. Of the designs whose bandwidth is
-        at least ``NEARLY_AS_FAST`` times the highest, the one with the least deviation of the angle in wind is chosen.
+        1. A grid is searched: ratios of D to P, and factors on the logged P. Gains that pass too much of the gyro's
+           noise to the motors are skipped.
+        2. For each ratio the largest P with which the rate loop has its margins is a design.
+        3. Of the designs with at least ``NEARLY_AS_FAST`` times the highest bandwidth, the one whose angle deviates
+           least in wind is chosen.
 
         Returns:
-            The gains by name. If none have the margins, they are those that come closest; empty if all amplify the
-            noise too much.
+            The gains by the autopilot's name. If none have the margins, they are those that come closest; empty if all
+            pass too much noise.
         """
         designs = []
         gains_without_margins = []
@@ -277,42 +282,43 @@ class GainSearch:
                 gains_without_margins.append(gains)
         if not designs:
             return self._closest_rate_gains(self.models, gains_without_margins)
-        highest_bandwidth = max(design.bandwidth for design in designs)
-        fast_designs = [
-            design for design in designs if design.bandwidth >= NEARLY_AS_FAST * highest_bandwidth
-        ]
-        steadiest = min(fast_designs, key=lambda design: design.lean)
-        return self._gains_for_all_models(steadiest)
+        least_bandwidth = NEARLY_AS_FAST * max(design.bandwidth for design in designs)
+        fast_designs = [design for design in designs if design.bandwidth >= least_bandwidth]
+        steadiest_design = min(fast_designs, key=lambda design: design.angle_deviation)
+        return self._gains_for_all_models(steadiest_design)
 
     def _rate_design_of(
         self, loop: Loop, derivative_ratio: float, factors: tuple[float, ...]
     ) -> _RateDesign:
-        """Returns a design of the rate controller with the two figures by which designs are compared.
+        """Computes the two figures by which designs of the rate controller are compared: bandwidth, and error in wind.
 
         Args:
-            loop: loop with the gains of the design, for the plant models of the search.
-            derivative_ratio: ratio of D to P, s.
-            factors: factor on the logged P, and the smaller ones that may be tried instead.
+            loop: loops with the gains of the design, for the plant models of the search.
+            derivative_ratio: ratio of D to P of the design, s.
+            factors: factor of the design on the logged P, followed by the smaller ones, which are tried if this one
+                lacks margin with further plant models.
 
         Returns:
-            The design, with the bandwidth of the rate loop, Hz, and the deviation of the angle in wind, degrees, which
-            is infinite if the attitude loop is unstable.
+            The design with the bandwidth of its rate loop, Hz, and the standard deviation of the angle in wind,
+            degrees, which is infinite if the attitude loop is unstable.
         """
-        lean = inf
+        angle_deviation = inf
         if loop.attitude.is_stable:
-            lean = loop.angle_deviation(self.models.wind)
-        return _RateDesign(derivative_ratio, factors, bandwidth_of_estimate(loop.rate), lean)
+            angle_deviation = loop.angle_deviation(self.models.wind)
+        bandwidth = bandwidth_of_estimate(loop.rate)
+        return _RateDesign(derivative_ratio, factors, bandwidth, angle_deviation)
 
     def _gains_for_all_models(self, design: _RateDesign) -> Parameters:
-        """Lowers P, I and D of a design until the rate loop has its margins with all models that choose gains.
+        """Lowers P, I and D of a design until the rate loop has its margins with all plant models of the choice.
 
-        To save time, the search itself uses only some of these models.
+        The search before it uses only some of these models (``SEARCH_DRAWS``), since it would take too long with all.
 
         Args:
-            design: the design, with the factors on the logged P to try, from the largest on.
+            design: the design. Its factors on the logged P are tried in their order, from the largest on.
 
         Returns:
-            The gains with the largest such factor; if none has the margins, those that come closest.
+            The gains with the first factor that has the margins, by the autopilot's name. If none has them, those that
+            come closest.
         """
         gains_without_margins = []
         for factor in design.factors:
@@ -341,10 +347,14 @@ class GainSearch:
     def angle_design(
         self, rate_gains: Parameters | None = None, largest: float = inf
     ) -> Parameters:
-        """Returns the largest gain of the attitude controller with which the attitude loop has its margins.
+        """Finds the largest gain of the attitude controller with which the attitude loop has its stability margins.
+
+        Factors on the logged gain are tried from the largest on. A factor whose gain was tried before, since both are
+        limited to the highest gain that is allowed, is skipped.
 
         Args:
-            rate_gains: gains of the rate controller that differ from the logged ones, by the autopilot's name.
+            rate_gains: gains of the rate controller that differ from the logged ones, by the autopilot's name; None if
+                all are the logged ones.
             largest: largest gain to return, 1/s.
 
         Returns:
@@ -352,14 +362,15 @@ class GainSearch:
         """
         name = self.loop.controller.parameter_names["angle_gain"]
         logged_gain = self.logged_gains["angle_gain"]
-        limit = min(self.highest_angle_gain, largest)
+        highest_gain = min(self.highest_angle_gain, largest)
         loop = self.models.with_parameters(rate_gains or {})
         gains_without_margins: list[float] = []
         for factor in FACTORS:
-            gain = round_gain(min(factor * logged_gain, limit))
+            gain = round_gain(min(factor * logged_gain, highest_gain))
             if gain in gains_without_margins:
                 continue
-            if self.has_margins(_attitude_loops_alone(loop.with_parameters({name: gain}))):
+            attitude_loop = _attitude_loops_alone(loop.with_parameters({name: gain}))
+            if self.has_margins(attitude_loop):
                 return {name: gain}
             gains_without_margins.append(gain)
         closest_gain = max(
@@ -369,15 +380,17 @@ class GainSearch:
         return {name: closest_gain}
 
     def has_margins(self, open_loop: OpenLoop) -> bool:
-        """Returns whether all but ``SEARCH_MISS_SHARE`` of the models have their margins: a :meth:`margin_score` of 1.
+        """Returns whether the loop has all its stability margins with nearly all plant models.
 
-        Ms is judged first: it takes a tenth of the time of all margins, and most gains of a search exceed its target.
+        All but the fraction ``SEARCH_MISS_SHARE`` of the models must reach a :meth:`margin_score` of 1. The maximum
+        sensitivity Ms is checked first: it takes a tenth of the time of all margins, and most gains of a search fail by
+        it.
 
         Args:
-            open_loop: rate or attitude loop of all models, at each effectiveness.
+            open_loop: rate or attitude loop of all models, at each control effectiveness.
         """
-        ms_scores = scores_of_models(self.target.ms / open_loop.max_sensitivity)
-        if np.quantile(ms_scores, SEARCH_MISS_SHARE) < 1:
+        sensitivity_scores = scores_of_models(self.target.ms / open_loop.max_sensitivity)
+        if np.quantile(sensitivity_scores, SEARCH_MISS_SHARE) < 1:
             return False
         return self.margin_score(open_loop) >= 1
 
@@ -440,31 +453,34 @@ class GainSearch:
         return gains
 
     def _without_small_changes(self, design: Parameters) -> Parameters:
-        """Discards a design that changes no gain by the factor ``MIN_GAIN_CHANGE`` or more.
+        """Discards a design if none of its gains differs from the logged one by the factor ``MIN_GAIN_CHANGE`` or more.
+
+        The integral gain is not counted, since it always follows P.
 
         Args:
             design: gains by the autopilot's name.
 
         Returns:
-            The design; empty if it was discarded.
+            The unchanged design; empty if it was discarded.
         """
-        parameters = self.loop.controller.parameters
-        names = self.loop.controller.parameter_names
+        logged = self.loop.controller.parameters
+        integral_name = self.loop.controller.parameter_names["i"]
         for name, value in design.items():
-            # A change of I alone is not worthwhile: I always follows P.
-            if name != names["i"] and _change(value, parameters[name]) >= log(MIN_GAIN_CHANGE):
+            is_large = _change(value, logged[name]) >= log(MIN_GAIN_CHANGE)
+            if is_large and name != integral_name:
                 return design
         return {}
 
     def _gains_for_next_flight(self, stage: Stage, design: Parameters) -> Parameters:
-        """Returns the gains for the next flight: at most one step from the logged ones, towards a design.
+        """Returns the gains for the next flight: at most one step from the logged gains towards a design.
 
-        Each gain is multiplied by its factor to the design, but by no more than ``MAX_GAIN_STEP``. Where gains of the
-        rate loop change, neither loop may lose margin that it needs by that.
+        Each gain is multiplied by the factor that leads to the design, but by no more than ``MAX_GAIN_STEP``. If gains
+        of the rate controller change, neither the rate loop nor the attitude loop around it may lose margin that it
+        needs; the step is made shorter, or the attitude gain lower, until that holds.
 
         Args:
             stage: stage of tuning, which decides the gains that change.
-            design: gains at the end of the stage, by the autopilot's name.
+            design: gains at the end of the stage, by the autopilot's name; empty to change none.
 
         Returns:
             Gains by the autopilot's name, rounded.
@@ -503,23 +519,28 @@ class GainSearch:
         return gains
 
     def _with_attitude_margins(self, rate_gains: Parameters) -> Parameters:
-        """Adds a lower attitude gain to new gains of the rate loop, if the attitude loop needs it.
+        """Adds a lower attitude gain to new gains of the rate controller, if the attitude loop needs it.
 
-        It does if it would have less margin than its target, and less than now. The gain falls by one step at most.
+        It needs it if the new gains would give it less margin than its target and less than it has now. The gain then
+        falls by at most one step, the factor ``MAX_GAIN_STEP``.
 
         Args:
             rate_gains: new gains of the rate controller, by the autopilot's name.
+
+        Returns:
+            The gains, with that of the attitude controller if it is lowered.
         """
+        # A score of 1 means that the loop just has its margins.
         needed_score = min(1.0, self._attitude_score(self.models))
-        if self._attitude_score(self.models.with_parameters(rate_gains)) >= needed_score:
+        new_score = self._attitude_score(self.models.with_parameters(rate_gains))
+        if new_score >= needed_score:
             return rate_gains
         logged_gain = self.logged_gains["angle_gain"]
         lowest_gain = logged_gain / MAX_GAIN_STEP
-        attitude_gain = {
-            name: round_gain(max(gain, lowest_gain))
-            for name, gain in self.angle_design(rate_gains, largest=logged_gain).items()
-        }
-        return {**rate_gains, **attitude_gain}
+        gains = dict(rate_gains)
+        for name, gain in self.angle_design(rate_gains, largest=logged_gain).items():
+            gains[name] = round_gain(max(gain, lowest_gain))
+        return gains
 
     def _multiplied_gains(self, factors: Parameters, exponent: float) -> Parameters:
         """Returns the logged gains, each multiplied by a power of its factor.
@@ -598,54 +619,59 @@ class GainSearch:
         return (fact,)
 
     def _notes_on_gains(self, stage: Stage, gains: Parameters) -> Facts:
-        """Returns notes on what is unusual in new gains of the rate controller.
+        """Returns notes for the user on what is unusual in new gains of the rate controller.
 
-        Unusual are an attitude gain that is lowered with them, an I that falls though P rises, and unusual ratios of I
-        or D to P (:meth:`_notes_on_ratios`).
+        Three things are unusual: the attitude gain must be lowered with them; the integral gain falls although P rises;
+        or a ratio of I or D to P is far from the autopilot's default (:meth:`_notes_on_ratios`).
 
         Args:
             stage: stage of tuning, which decides the gains that change.
             gains: gains to set, by the autopilot's name.
 
         Returns:
-            The notes, from each of which reports make a sentence; empty for the stage of the attitude controller.
+            The notes, coded findings of which reports make sentences; empty for the stage of the attitude controller.
         """
         if stage is not Stage.RATE or not gains:
             return ()
         names = self.loop.controller.parameter_names
         logged = self.loop.controller.parameters
-        p, i = names["p"], names["i"]
+        p_name, i_name = names["p"], names["i"]
         notes = []
         if names["angle_gain"] in gains:
             notes.append(Fact(GainFact.ANGLE_FOLLOWS, name=names["angle_gain"]))
-        if i in gains and gains[i] < logged[i] and gains[p] > logged[p]:
-            notes.append(Fact(GainFact.INTEGRAL_FALLS, name=i))
+        integral_falls = i_name in gains and gains[i_name] < logged[i_name]
+        if integral_falls and gains[p_name] > logged[p_name]:
+            notes.append(Fact(GainFact.INTEGRAL_FALLS, name=i_name))
         return (*notes, *self._notes_on_ratios(gains))
 
     def _notes_on_ratios(self, gains: Parameters) -> Iterator[Fact]:
-        """Yields a note on each ratio, of I or D to P, that is far from the autopilot's default.
+        """Yields a note for the user on each ratio of I or D to P that is far from the default of the autopilot.
+
+        Far means a factor of more than ``MAX_RATIO_CHANGE`` above or below the default.
 
         Args:
             gains: gains of the rate controller to set, P among them, by the autopilot's name.
 
         Yields:
-            A note if the ratio differs from the default by more than the factor ``MAX_RATIO_CHANGE``, either way. It
-            has the new ratio and the logged one, both relative to the default.
+            The note, a coded finding with the new ratio and the logged one, both relative to the default.
         """
         names = self.loop.controller.parameter_names
         logged = self.loop.controller.parameters
-        p = names["p"]
+        p_name = names["p"]
         default_ratios = {"i": self.defaults.ratios.integral, "d": self.defaults.ratios.derivative}
         for field, default_ratio in default_ratios.items():
             name = names[field]
             # A default of 0 has no ratio to compare with.
             if name not in gains or not default_ratio:
                 continue
-            ratio = gains[name] / gains[p] / default_ratio
-            if max(ratio, 1 / ratio) > MAX_RATIO_CHANGE * RATIO_TOLERANCE:
-                logged_ratio = logged[name] / logged[p] / default_ratio
+            relative_ratio = gains[name] / gains[p_name] / default_ratio
+            factor = max(relative_ratio, 1 / relative_ratio)
+            if factor > MAX_RATIO_CHANGE * RATIO_TOLERANCE:
                 yield Fact(
-                    GainFact.RATIO_UNUSUAL, name=name, ratio=ratio, logged_ratio=logged_ratio
+                    GainFact.RATIO_UNUSUAL,
+                    name=name,
+                    ratio=relative_ratio,
+                    logged_ratio=logged[name] / logged[p_name] / default_ratio,
                 )
 
 
@@ -691,13 +717,13 @@ def bandwidth_of_estimate(open_loop: OpenLoop) -> float:
 
 
 def _attitude_loops_alone(models: Loop) -> OpenLoop:
-    """Returns the attitude loops of many plant models, which count as stable by their own responses alone.
+    """Returns the attitude loops of many plant models, judged as if the rate loops inside them were all stable.
 
-    An attitude loop around an unstable rate loop is unstable with any gain of its own, so that its margins would not
-    tell a gain that is too high from one that is not. The rate loops are judged by themselves.
+    Around an unstable rate loop every attitude gain gives an unstable loop, so that the margins would not show whether
+    the attitude gain itself is too high. The stability of the rate loops is judged separately.
 
     Args:
-        models: rate and attitude loop of all models, at each effectiveness.
+        models: rate and attitude loop of all models, at each control effectiveness.
     """
     return replace(models.attitude, is_inner_stable=None)
 

@@ -1,4 +1,4 @@
-"""What changed between two states of a vehicle (before and after): its figures, and its status lights."""
+"""Sentences and tables on what changed between two states of a vehicle, A and B: its figures and its status lights."""
 
 import re
 from collections import Counter
@@ -179,9 +179,9 @@ def _sentences_on_gains(
     Returns:
         A list with one sentence; empty if no parameter changed.
     """
-    gains = _gains_by_relevance(parameters, relevant_axes)
+    gains = _changed_rate_gains(parameters, relevant_axes)
     if not gains:
-        gains = _gains_by_relevance(parameters, ())
+        gains = _changed_rate_gains(parameters, ())
     shown_gains = [_parameter_text(gain) for gain in gains[:MAX_HEADLINE_GAINS]]
     axes_of_gains = {axis for gain in gains for axis in axes_of_parameter(gain.name)}
     effects = []
@@ -268,59 +268,71 @@ class _BadLight(NamedTuple):
 
 
 def _sentences_on_bad_lights(lights: Iterable[_BadLight]) -> list[Sentence]:
-    """Returns a sentence on each bad light; a reason that several have, such as a crash, stands with the first only."""
+    """Returns one sentence for each status light that is bad: its levels in both logs, and the reason.
+
+    One reason, such as a crash, may make several lights bad. It is written out for the first of them only, and the
+    others refer to it.
+
+    Args:
+        lights: the bad lights, in the order of their sentences.
+    """
     sentences = []
     stated_reasons = set[str]()
     for light in lights:
-        text = f"{light.levels}. {light.reason}"
         if light.reason in stated_reasons:
             text = f"{light.levels}; bad for the reason above."
-        stated_reasons.add(light.reason)
-        sentences.append(Sentence(text, f"{light.name.capitalize()}:"))
+        else:
+            text = f"{light.levels}. {light.reason}"
+            stated_reasons.add(light.reason)
+        sentences.append(Sentence(text, lead=f"{light.name.capitalize()}:"))
     return sentences
 
 
 def _bad_lights(reviews: Mapping[str, Review]) -> list[_BadLight]:
-    """Returns the lights that are bad on at least one side, whatever they are on the other.
+    """Returns the status lights that are bad in at least one of the two compared logs.
 
-    A light is the judgement of one subject, such as the motors, with a level. A bad light matters more than a figure
-    that changed.
+    A status light is the judgement of one subject, such as the motors, with a level (good, watch, bad or unknown). A
+    bad light matters more to the reader than a measured quantity that changed.
 
     Args:
-        reviews: review documents of both logs, by side; one without lights, as of a fleet, is compared with nothing.
+        reviews: review documents of both logs, by side, "A" and "B"; one without lights, such as that of a fleet, is
+            compared with nothing.
 
     Returns:
-        The lights, in their order.
+        The bad lights, in the order of the review of A.
     """
     bad_lights = []
     for name, lights_by_side in _lights_of_both(reviews).items():
-        levels = [light["level"] for light in lights_by_side.values()]
-        if Level.BAD not in levels:
+        bad_sides = []
+        for side, light in lights_by_side.items():
+            if light["level"] == Level.BAD:
+                bad_sides.append(side)
+        if not bad_sides:
             continue
-        bad_sides = tuple(
-            side for side, light in lights_by_side.items() if light["level"] == Level.BAD
-        )
-        axis = value_at(lights_by_side[bad_sides[0]], "figures.axis") or ""
-        levels_of_sides, reason = _levels_and_reason(lights_by_side)
-        bad_lights.append(_BadLight(name, bad_sides, axis, levels_of_sides, reason))
+        first_bad_light = lights_by_side[bad_sides[0]]
+        axis = value_at(first_bad_light, "figures.axis") or ""
+        levels, reason = _levels_and_reason(lights_by_side)
+        bad_lights.append(_BadLight(name, tuple(bad_sides), axis, levels, reason))
     return bad_lights
 
 
 def has_motor_difference(reviews: Mapping[str, Review]) -> bool:
-    """Returns whether the motors of both flights differ by their lights: in level, or in the motor that is named.
+    """Returns whether the reviews of two logs judge the motors differently: with another level, or of another motor.
 
-    What a motor lost in flight is a figure of that flight alone, which is not tested together with the compared ones.
-    A light that warns of nothing on both sides, such as a good and an unknown one, is no difference of the motors.
+    The status lights of the motors are compared, and not the measured quantities, since what a motor lost during a
+    flight is known of that flight alone. If neither light warns (one is good and the other unknown, for example), the
+    motors count as equal.
 
     Args:
-        reviews: review documents of both logs, by side; one without lights, as of a fleet, is compared with nothing.
+        reviews: review documents of both logs, by side, "A" and "B"; one without lights, such as that of a fleet, is
+            compared with nothing.
     """
-    lights_by_side = _lights_of_both(reviews).get(Light.MOTORS)
-    if lights_by_side is None:
+    motor_lights = _lights_of_both(reviews).get(Light.MOTORS)
+    if motor_lights is None:
         return False
-    first, second = lights_by_side.values()
-    warns = any(light["level"] in WARNING_LEVELS for light in (first, second))
-    return warns and not _are_equal(first, second)
+    first_light, second_light = motor_lights.values()
+    warns = first_light["level"] in WARNING_LEVELS or second_light["level"] in WARNING_LEVELS
+    return warns and not _are_equal(first_light, second_light)
 
 
 def _lights_of_both(reviews: Mapping[str, Review]) -> dict[str, dict[str, JsonValues]]:
@@ -341,87 +353,104 @@ def _lights_of_both(reviews: Mapping[str, Review]) -> dict[str, dict[str, JsonVa
 
 
 def _levels_and_reason(lights_by_side: Mapping[str, JsonValues]) -> tuple[str, str]:
-    """Returns the levels of a light on both sides, and what makes it bad or to be watched.
+    """Returns two texts on a status light in both logs: its levels, and the reason for the worse one.
 
     Args:
-        lights_by_side: the light of each log's review document, by side; at least one is bad or to be watched.
+        lights_by_side: the light in the review document of each log, by side, "A" and "B"; at least one is bad or to be
+            watched.
 
     Returns:
         The levels, such as "bad in A, good in B", and the reason, such as "Motor 3 lost 19 to 41 % of its thrust at
-        47 s.", with the sentences of both sides if both have the same level and the sentences differ.
+        47 s.". If both lights have the same level for different reasons, both reasons are in the text.
     """
     first_side, second_side = STATE_NAMES
     first, second = lights_by_side[first_side], lights_by_side[second_side]
     if first["level"] != second["level"]:
+        # The lights have different levels, and one of them is bad or "watch". The second is worse if it is bad, or if
+        # it is to be watched and the first is good or unknown.
         second_is_worse = second["level"] == Level.BAD or first["level"] not in WARNING_LEVELS
         worse_light = second if second_is_worse else first
         levels = f"{first['level']} in {first_side}, {second['level']} in {second_side}"
-        return levels, f"{worse_light['sentence']}{_remark_on_imus(first, second)}"
+        return levels, worse_light["sentence"] + _remark_on_imus(first, second)
     levels = f"{first['level']} in {first_side} and {second_side}"
     if first["sentence"] == second["sentence"]:
         return levels, first["sentence"]
     first_motor = motor_number(first.get("subject") or "")
     second_motor = motor_number(second.get("subject") or "")
-    if None not in (first_motor, second_motor) and first_motor != second_motor:
+    are_of_motors = first_motor is not None and second_motor is not None
+    if are_of_motors and first_motor != second_motor:
         levels += ", of different motors"
-    sentences = (
-        f"{first_side}: {first['sentence']} {second_side}: {second['sentence']}"
-        f"{_remark_on_imus(first, second)}"
-    )
-    return levels, sentences
+    reasons = f"{first_side}: {first['sentence']} {second_side}: {second['sentence']}"
+    return levels, reasons + _remark_on_imus(first, second)
 
 
 def _remark_on_imus(first_light: JsonValues, second_light: JsonValues) -> str:
-    """Returns the remark that two lights are of different IMUs, with a space before it; empty if they are not.
+    """Returns a remark for the reader if two status lights are about different IMUs, for example IMU 1 and IMU 3.
 
-    The light of the vibration is of the IMU that vibrates most, and IMUs are mounted in different ways: the difference
-    of two of them is no change of the vehicle.
+    The light on vibration is about the IMU that vibrates most. IMUs are mounted in different ways, so that a difference
+    between two of them does not mean that the vehicle changed.
 
     Args:
-        first_light, second_light: lights of two review documents.
+        first_light, second_light: the same light in the review documents of both logs.
+
+    Returns:
+        The remark with a space before it; empty if both lights are about the same IMU, or about something else.
     """
-    subjects = [light.get("subject") or "" for light in (first_light, second_light)]
-    are_imus = all(subject.startswith("IMU ") for subject in subjects)
-    if not are_imus or subjects[0] == subjects[1]:
+    first_subject = first_light.get("subject") or ""
+    second_subject = second_light.get("subject") or ""
+    are_imus = first_subject.startswith("IMU ") and second_subject.startswith("IMU ")
+    if not are_imus or first_subject == second_subject:
         return ""
-    return f" {subjects[0]} and {subjects[1]} are different sensors: their difference is no change."
+    return (
+        f" {first_subject} and {second_subject} are different sensors: "
+        "their difference is no change."
+    )
 
 
 def _sentence_on_watched_motors(reviews: Mapping[str, Review]) -> list[Sentence]:
-    """Returns the sentence on the motors' light where it differs, and is bad on no side; none otherwise.
+    """Returns the headline's sentence on the motors where the two logs judge them differently.
+
+    It is for motors whose status light is bad in neither log: bad lights have their own sentences.
 
     Args:
-        reviews: review documents of both logs, by side; one without lights, as of a fleet, is compared with nothing.
+        reviews: review documents of both logs, by side, "A" and "B"; one without lights, such as that of a fleet, is
+            compared with nothing.
+
+    Returns:
+        A list with one sentence; empty if the lights of the motors agree.
     """
     if not has_motor_difference(reviews):
         return []
-    levels, reason = _levels_and_reason(_lights_of_both(reviews)[Light.MOTORS])
-    return [Sentence(f"{levels}. {reason}", f"{Light.MOTORS.capitalize()}:")]
+    motor_lights = _lights_of_both(reviews)[Light.MOTORS]
+    levels, reason = _levels_and_reason(motor_lights)
+    return [Sentence(f"{levels}. {reason}", lead=f"{Light.MOTORS.capitalize()}:")]
 
 
 def sentences_on_watched_lights(reviews: Mapping[str, Review]) -> list[Sentence]:
-    """Returns a sentence on each light of the vehicle with the level "watch" on one side, and "good" on the other.
+    """Returns a sentence on each status light that has the level "watch" in one log and "good" in the other.
 
-    The lights of the wind and of the log are left out: they judge the day and the recording, and not the vehicle. That
-    of the motors stands before them (:func:`_sentence_on_watched_motors`).
+    Left out are the lights of the wind and of the log, which judge the day and the recording and not the vehicle, and
+    that of the motors, which has its own sentence (:func:`_sentence_on_watched_motors`).
 
     Args:
-        reviews: review documents of both logs, by side; one without lights, as of a fleet, is compared with nothing.
+        reviews: review documents of both logs, by side, "A" and "B"; one without lights, such as that of a fleet, is
+            compared with nothing.
     """
     sentences = []
     for name, lights_by_side in _lights_of_both(reviews).items():
         if name in (Light.MOTORS, Light.WIND, Light.LOG):
             continue
         levels = {light["level"] for light in lights_by_side.values()}
-        if levels == {Level.GOOD, Level.WATCH}:
-            texts = []
-            for side, light in lights_by_side.items():
-                # The lead has the name of the light already.
-                detail = light["sentence"].removeprefix(f"{name.capitalize()} ")
-                sentence = without_full_stop(shortened(detail, MAX_LIGHT_CHARACTERS))
-                texts.append(f"{light['level']} in {side} ({sentence})")
-            remark = _remark_on_imus(*lights_by_side.values())
-            sentences.append(Sentence(f"{', '.join(texts)}.{remark}", f"{name.capitalize()}:"))
+        if levels != {Level.GOOD, Level.WATCH}:
+            continue
+        texts = []
+        for side, light in lights_by_side.items():
+            # The sentence of a light may begin with its name, which is the lead of the new sentence already.
+            reason = light["sentence"].removeprefix(f"{name.capitalize()} ")
+            short_reason = without_full_stop(shortened(reason, MAX_LIGHT_CHARACTERS))
+            texts.append(f"{light['level']} in {side} ({short_reason})")
+        text = f"{', '.join(texts)}.{_remark_on_imus(*lights_by_side.values())}"
+        sentences.append(Sentence(text, lead=f"{name.capitalize()}:"))
     return sentences
 
 
@@ -470,97 +499,114 @@ def light_blocks(reviews: Mapping[str, Review]) -> Blocks:
 
 
 def motor_table(reviews: Mapping[str, Review], difference: VehicleDifference) -> Blocks:
-    """Returns a table that compares the motors of two flights one by one.
+    """Returns a table that compares the motors of two flights one by one, for a page or the terminal.
 
-    A row has the motor, what the review of each flight warns of about it, such as the thrust that it lost, and the
-    changes of its relative trim and of its control effectiveness, with their 90 % intervals.
+    Each row has the name of the motor, then for each flight the worst warning of its review about this motor, such as a
+    loss of thrust, and then the changes of the motor's relative trim and control effectiveness from A to B, with their
+    90 % intervals.
 
     Args:
-        reviews: review documents of both logs, by side; of a fleet, empty.
+        reviews: review documents of both logs, by side, "A" and "B"; of a fleet, empty.
         difference: comparison of the two states.
 
     Returns:
-        The table; nothing if neither flight has a warning about a single motor, since the changes alone are shown
-        elsewhere.
+        A list with the table; empty if neither flight has a warning about a single motor, since the changes alone are
+        shown elsewhere.
     """
     warnings_by_side = {side: _motor_warnings(reviews.get(side, {})) for side in STATE_NAMES}
     if not any(warnings_by_side.values()):
         return []
-    motor_numbers = set[int]()
+    motors = set[int]()
     for side, warnings in warnings_by_side.items():
-        hover_motors = value_at(reviews[side], "condition.hover.motors") if warnings else None
-        motor_numbers |= {*warnings, *range(1, len(hover_motors or ()) + 1)}
+        motors.update(warnings)
+        if warnings:
+            # All motors of a flight with a warning are listed, so that the sound ones can be compared.
+            hover_motors = value_at(reviews[side], "condition.hover.motors") or ()
+            motors.update(range(1, len(hover_motors) + 1))
     changes_by_kind: dict[str, dict[int, QuantityChange]] = {SHARE: {}, EFFECT: {}}
     for change in difference.changes:
         if change.quantity.is_of_motor:
-            motor_numbers.add(change.quantity.motor)
+            motors.add(change.quantity.motor)
             changes_by_kind[change.quantity.kind][change.quantity.motor] = change
     # A quantity that was compared for no motor gets no column.
     shown_kinds = [kind for kind, changes in changes_by_kind.items() if changes]
     rows = []
-    for motor in sorted(motor_numbers):
-        cells = [
-            _motor_cell(reviews[side], warnings_by_side[side].get(motor)) for side in STATE_NAMES
-        ]
+    for motor in sorted(motors):
+        row = [f"motor {motor}"]
+        for side in STATE_NAMES:
+            row.append(_motor_cell(reviews[side], warnings_by_side[side].get(motor)))
         for kind in shown_kinds:
             change_of_motor = changes_by_kind[kind].get(motor)
-            cells.append("" if change_of_motor is None else _change_with_interval(change_of_motor))
-        rows.append([f"motor {motor}", *cells])
+            row.append("" if change_of_motor is None else _change_with_interval(change_of_motor))
+        rows.append(row)
     titles = [SHOWN_QUANTITIES[kind].name for kind in shown_kinds]
     return [Table(["", *STATE_NAMES, *titles], rows, words=True)]
 
 
 def _motor_warnings(review: Review) -> dict[int, JsonValues]:
-    """Returns the worst warning of a review about each motor, by the number of the motor, from 1 on.
+    """Returns the worst warning of a log's review about each motor, for a table that compares the motors of two logs.
 
-    Motors without a warning are left out. Of equally bad warnings that of the motors' light is taken, or else the first
-    event.
+    Warnings are the status light of the motors and the events of the flight. Of equally bad ones the light is taken, or
+    else the first event.
 
     Args:
         review: review document of a log; empty for a fleet.
 
     Returns:
-        The warnings as facts of the document, with keys such as "level", "subject" and "sentence".
+        The warnings by the number of the motor, from 1 on, as the JSON document has them, with keys such as "level",
+        "subject" and "sentence". Motors without a warning are left out.
     """
-    facts = [value_at(review, f"lights.{Light.MOTORS}"), *review.get("events", ())]
+    motor_light = value_at(review, f"lights.{Light.MOTORS}")
+    findings = [] if motor_light is None else [motor_light]
+    findings += review.get("events", ())
     warnings: dict[int, JsonValues] = {}
+    # The worst level comes first, so that a later and milder warning does not replace the one that is there.
     for level in WARNING_LEVELS:
-        for fact in facts:
-            motor = motor_number((fact or {}).get("subject") or "")
-            if motor is not None and fact["level"] == level:
-                warnings.setdefault(motor, fact)
+        for finding in findings:
+            motor = motor_number(finding.get("subject") or "")
+            if motor is not None and finding["level"] == level:
+                warnings.setdefault(motor, finding)
     return warnings
 
 
-def _motor_cell(review: Review, fact: JsonValues | None) -> str:
-    """Returns the cell of one motor in one flight: its warning, shortened and with its level, or that there is none.
+def _motor_cell(review: Review, warning: JsonValues | None) -> str:
+    """Returns the table cell of one motor in one flight: its warning in few words, or that it has none.
 
     Args:
         review: review document of the log; empty for a fleet.
-        fact: the worst warning about the motor (:func:`_motor_warnings`); None without one.
+        warning: the worst warning about the motor (:func:`_motor_warnings`); None without one.
+
+    Returns:
+        The text, with the level of the warning for its colour. Without a warning it says so, or that the motors were
+        not judged.
     """
-    if fact is None:
-        level = Level(value_at(review, f"lights.{Light.MOTORS}.level") or Level.UNKNOWN)
+    if warning is None:
+        motors_level = value_at(review, f"lights.{Light.MOTORS}.level") or Level.UNKNOWN
         [sentence] = render_section(
-            "difference_motor", is_known=level is not Level.UNKNOWN, loss=None
+            "difference_motor", is_known=Level(motors_level) is not Level.UNKNOWN, loss=None
         )
         return sentence.text
+    # The row has the name of the motor already.
+    sentence_without_motor = MOTOR_AT_START.sub("", warning["sentence"])
     [sentence] = render_section(
         "difference_motor",
         is_known=True,
-        loss=value_at(fact, "figures.loss"),
-        time=fact.get("time"),
-        sentence=MOTOR_AT_START.sub("", fact["sentence"]),
+        loss=value_at(warning, "figures.loss"),
+        time=warning.get("time"),
+        sentence=sentence_without_motor,
     )
     text = without_full_stop(shortened(sentence.text, MAX_MOTOR_CHARACTERS))
-    return Rated(text, Level(fact["level"]))
+    return Rated(text, Level(warning["level"]))
 
 
 def _are_equal(first_light: JsonValues, second_light: JsonValues) -> bool:
-    """Returns whether two lights have one level and, if they warn, say the same of the same motor, IMU or axis.
+    """Returns whether a status light means the same in two logs: the same level and, if it warns, the same reason.
+
+    The reason is the same if the code of the finding is, and the motor, IMU or axis that it is about. Its numbers, such
+    as the thrust that was lost, may differ.
 
     Args:
-        first_light, second_light: lights of two review documents.
+        first_light, second_light: the same light in the review documents of both logs.
     """
     if first_light["level"] != second_light["level"]:
         return False
@@ -580,60 +626,63 @@ def _light_cell(light: JsonValues | None) -> Rated | str:
 def headline_blocks(
     headlines: Mapping[str, str | None], comparison_headline: Sequence[Sentence] = ()
 ) -> Blocks:
-    """Returns the headline of each log's own review as a sentence with the lead "A by itself:" or "B by itself:".
+    """Returns the headline of each log's own review, as a sentence that begins "A by itself:" or "B by itself:".
 
     Args:
         headlines: headline of the review of each log, by side, "A" and "B"; None for a side without one.
-        comparison_headline: sentences that head the comparison, which are shown above.
+        comparison_headline: the sentences above, which head the comparison of both logs.
 
     Returns:
-        A sentence for each side; none for a side whose headline the comparison has stated already.
+        A sentence for each side whose headline the comparison does not contain already.
     """
     blocks = Blocks()
-    for side, sentence in headlines.items():
-        if sentence and not any(sentence in headline.text for headline in comparison_headline):
-            blocks.append(Sentence(sentence, f"{side} by itself:"))
+    for side, headline in headlines.items():
+        is_stated = any(headline and headline in above.text for above in comparison_headline)
+        if headline and not is_stated:
+            blocks.append(Sentence(headline, lead=f"{side} by itself:"))
     return blocks
 
 
 def baseline_blocks(
     latest_row: FlightRow, difference: VehicleDifference, *, has_identity_cautions: bool = True
 ) -> Blocks:
-    """Returns the report on the differences between a vehicle's latest flight and its baseline of healthy flights.
+    """Returns the report on how a vehicle's latest flight differs from its baseline, the earlier healthy flights.
 
     Args:
-        latest_row: row of the latest flight in the fleet's table, for its date and file.
-        difference: difference of that flight from the baseline.
-        has_identity_cautions: whether the report says so if several vehicles may have the name.
+        latest_row: row of the latest flight in the fleet's table; its date and file name are printed.
+        difference: comparison of that flight with the baseline.
+        has_identity_cautions: whether the reader is warned if the flights may be of several vehicles of the same name.
 
     Returns:
         Sentences: which flights are compared, whether anything changed, what changed, and cautions.
     """
-    lead = "Since the baseline:"
+    file = PurePath(latest_row.file).name
     date = "" if latest_row.date is None else f" ({latest_row.date:%Y-%m-%d})"
     baseline_count = counted(difference.flights.before, "flight")
-    file = PurePath(latest_row.file).name
-    text = f"the latest flight, {file}{date}, compared with {baseline_count}."
-    return [
-        Sentence(text, lead),
-        *_result_sentences(difference, _changes_by_relevance(difference)),
-        *_change_sentences(difference),
-        *(_identity_cautions(difference) if has_identity_cautions else ()),
-    ]
+    compared_flights = f"the latest flight, {file}{date}, compared with {baseline_count}."
+    blocks: Blocks = [Sentence(compared_flights, lead="Since the baseline:")]
+    blocks += _result_sentences(difference, _changes_by_relevance(difference))
+    blocks += _change_sentences(difference)
+    if has_identity_cautions:
+        blocks += _identity_cautions(difference)
+    return blocks
 
 
 def _changes_by_relevance(
     difference: VehicleDifference, axes: Collection[str] = ()
 ) -> list[QuantityChange]:
-    """Returns the changed quantities: those of loops of some axes first, then the surest (lowest p-value) first.
+    """Returns the quantities that changed, the most relevant first, for the headline and lists of a comparison.
+
+    First come the quantities of the control loops of some axes, then all others; within both groups the change with the
+    lowest p-value, which is the most certain, comes first.
 
     Args:
         difference: comparison of two groups of flights of a vehicle, quantity by quantity.
-        axes: axes whose margins are bad on one side, so that changes of their loops matter most.
+        axes: axes whose stability margins are bad in one of the groups, so that changes of their loops matter most.
     """
-    changes = difference.changes_with(QuantityOutcome.CHANGED)
     changes_of_bad_loops = []
     other_changes = []
+    changes = difference.changes_with(QuantityOutcome.CHANGED)
     for change in sorted(changes, key=lambda change: change.p):
         if change.quantity.kind in LOOP_KINDS and change.quantity.axis in axes:
             changes_of_bad_loops.append(change)
@@ -655,8 +704,13 @@ class _ChangesByCause(NamedTuple):
 def _changes_by_cause(
     difference: VehicleDifference, changes: Iterable[QuantityChange]
 ) -> _ChangesByCause:
-    """Separates the changes that other gains explain from those that they do not; both keep their order."""
-    changes_by_cause = _ChangesByCause([], [])
+    """Separates the changes that follow from new controller gains from those that may be signs of a fault.
+
+    Args:
+        difference: comparison of two groups of flights, which knows the changed gains.
+        changes: changed quantities; their order is kept in both groups.
+    """
+    changes_by_cause = _ChangesByCause(unexplained=[], by_gains=[])
     for change in changes:
         if difference.follows_from_gains(change):
             changes_by_cause.by_gains.append(change)
@@ -672,33 +726,42 @@ def _result_sentences(
     has_bad_light: bool = False,
     has_motor_difference: bool = False,
 ) -> list[Sentence]:
-    """Returns the result of the comparison in one sentence: the change that matters most, or that nothing changed.
+    """Returns one sentence with the result of a comparison: the change that matters most, or that nothing changed.
 
-    The surest doubtful change is named with it, or in its place: one whose own interval shows a change, which the test
-    of all quantities together does not confirm.
+    The most certain of the doubtful changes is named after it or, if nothing changed for sure, in its place. A change
+    is doubtful if the quantity's own interval excludes "no change", but the test of all quantities together does not
+    confirm it.
 
     Args:
         difference: comparison of two groups of flights of a vehicle, quantity by quantity.
         changes: the changed quantities, the most relevant first.
-        has_bad_light: whether a light is bad on a side, so that it must not be said that nothing differs.
-        has_motor_difference: whether the motors differ by their lights, so that only other figures may not.
+        has_bad_light: whether a status light is bad in one of the logs; then the sentence must not say that nothing
+            differs.
+        has_motor_difference: whether the status lights of the motors differ; then the sentence may only say that
+            nothing else differs.
     """
-    unexplained_changes, by_gains = _changes_by_cause(difference, changes)
-    doubtful = sorted(filter(_is_doubtful, difference.tested), key=lambda change: change.p)
-    candidates = unexplained_changes or doubtful
+    unexplained_changes, changes_by_gains = _changes_by_cause(difference, changes)
+    doubtful_changes = [change for change in difference.tested if _is_doubtful(change)]
+    doubtful_changes.sort(key=lambda change: change.p)
+    # What the sentence names: the first of these, and how many there are besides.
+    candidates = unexplained_changes or doubtful_changes
+    main_change = candidates[0] if candidates else None
+    doubtful_text = ""
+    if unexplained_changes and doubtful_changes:
+        doubtful_text = change_text(doubtful_changes[0], difference)
     outcomes = Counter(change.outcome for change in difference.changes)
     return render_section(
         "difference_conclusion",
-        change=change_text(candidates[0], difference) if candidates else "",
+        change="" if main_change is None else change_text(main_change, difference),
         further_count=len(candidates) - 1,
         is_doubtful=not unexplained_changes,
-        doubtful=change_text(doubtful[0], difference) if unexplained_changes and doubtful else "",
-        p=candidates[0].p if candidates else None,
+        doubtful=doubtful_text,
+        p=None if main_change is None else main_change.p,
         tested_count=len(difference.tested),
         uncertain_count=outcomes[QuantityOutcome.UNCERTAIN],
         same_count=outcomes[QuantityOutcome.SAME],
         has_figures=bool(difference.changes),
-        has_changes_by_gains=bool(by_gains),
+        has_changes_by_gains=bool(changes_by_gains),
         has_bad_light=has_bad_light,
         has_motor_difference=has_motor_difference,
         are_two_vehicles=_are_two_vehicles(difference),
@@ -768,22 +831,24 @@ def _change_sentences(
 
 
 def bound_sentences(difference: VehicleDifference) -> list[Sentence]:
-    """Returns the sentence on how much may have changed, and what would have been found, where no change was found.
+    """Returns the sentence that says, where no change was found, how large a change may have been missed.
+
+    It has two numbers for each kind of quantity: the largest change that its intervals still contain, and the change
+    that nine of ten such comparisons would find.
 
     Args:
         difference: comparison of two states, quantity by quantity.
 
     Returns:
-        The sentence, with the largest change that the intervals of each kind of quantity contain, and the change that
-        nine of ten such comparisons find. It is empty if a tested quantity changed or is doubtful, or if both states
-        are the same flight.
+        A list with the sentence; empty if a tested quantity changed or is doubtful, or if both states are the same
+        flight.
     """
+    if difference.is_of_same_flight:
+        return []
     tested_changes = difference.tested
     for change in tested_changes:
         if change.outcome is QuantityOutcome.CHANGED or _is_doubtful(change):
             return []
-    if difference.is_of_same_flight:
-        return []
     changes_by_kind = group_by(tested_changes, lambda change: change.quantity.kind)
     bounds = []
     for kind, changes in changes_by_kind.items():
@@ -875,21 +940,18 @@ def _texts_of_equal_changes(
         yield f"{listed(motors)}'s {text}" if motors else text
 
 
-def _gains_by_relevance(
+def _changed_rate_gains(
     parameters: Sequence[ParameterChange], axes: Collection[str]
 ) -> list[ParameterChange]:
-    """Returns the changed gains of the rate controllers, those that changed by the largest factor first.
+    """Returns the gains of the rate controllers that changed, the one with the largest factor of change first.
 
     Args:
-        parameters: parameters of the autopilot that changed.
-        axes: axes whose gains are wanted; all axes where it is empty.
-
-    Returns:
-        The gains.
+        parameters: all parameters of the autopilot that changed.
+        axes: only gains that act on one of these axes are returned; empty for those of all axes.
     """
     gains = []
     for parameter in parameters:
-        is_of_axes = not axes or not {*axes}.isdisjoint(axes_of_parameter(parameter.name))
+        is_of_axes = not axes or not set(axes).isdisjoint(axes_of_parameter(parameter.name))
         if RATE_PID_GAINS.match(parameter.name) and is_of_axes:
             gains.append(parameter)
     return sorted(gains, key=_log_factor, reverse=True)
@@ -962,49 +1024,57 @@ def _known_vehicles(difference: VehicleDifference) -> set[str]:
 
 
 def _steps_of_bad_logs(reviews: Mapping[str, Review], *, are_two_vehicles: bool) -> list[Sentence]:
-    """Returns the next step of each log's own review in which a light is bad, that of the later log first.
+    """Returns the next step that each log's own review advises, for the logs with a bad status light.
 
-    The step of the earlier log is left out if each of its bad lights is good in the later log of the same vehicle, or
-    says there the same of the same motor or axis.
+    The step of the log that was flown later comes first. That of the earlier log is left out if the later log of the
+    same vehicle has settled all its bad lights: each is good there, or is bad for the same reason, for which the later
+    log's own step stands.
 
     Args:
         reviews: review documents of both logs, by side, "A" and "B".
-        are_two_vehicles: whether A and B are two vehicles, so that B does not show whether A was mended.
+        are_two_vehicles: whether A and B are two vehicles, so that one does not show whether the other was mended.
     """
     later_side = _later_side(reviews)
     (earlier_side,) = set(STATE_NAMES) - {later_side}
+    is_later_bad = False
+    has_earlier_open_fault = False
+    for light in _bad_lights(reviews):
+        if later_side in light.bad_sides:
+            is_later_bad = True
+        earlier_light = reviews[earlier_side]["lights"][light.name]
+        later_light = reviews[later_side]["lights"][light.name]
+        is_settled = later_light["level"] == Level.GOOD or _are_equal(earlier_light, later_light)
+        if earlier_side in light.bad_sides and (are_two_vehicles or not is_settled):
+            has_earlier_open_fault = True
     sides = []
-    bad_lights = _bad_lights(reviews)
-    if any(later_side in light.bad_sides for light in bad_lights):
+    if is_later_bad:
         sides.append(later_side)
-    for light in bad_lights:
-        earlier, later = (
-            reviews[side]["lights"][light.name] for side in (earlier_side, later_side)
-        )
-        is_open = are_two_vehicles or not (
-            later["level"] == Level.GOOD or _are_equal(earlier, later)
-        )
-        if earlier_side in light.bad_sides and is_open and earlier_side not in sides:
-            sides.append(earlier_side)
+    if has_earlier_open_fault:
+        sides.append(earlier_side)
     steps: list[Sentence] = []
     for side in sides:
         next_step = value_at(reviews[side], "next_step.sentence")
+        # Both logs may advise the same step.
         if next_step and next_step not in [step.text for step in steps]:
-            steps.append(Sentence(next_step, f"Next, by {side}:"))
+            steps.append(Sentence(next_step, lead=f"Next, by {side}:"))
     return steps
 
 
 def _what_to_check(
     changes: Sequence[QuantityChange], difference: VehicleDifference
 ) -> list[Sentence]:
-    """Returns the sentence on what to check after a change: the motor that became weaker or, without one, the surest.
+    """Returns the sentence that says which part to check after a change that new gains do not explain.
+
+    A motor that became weaker comes before all other changes; of several candidates the most certain change, with the
+    lowest p-value, is named.
 
     Args:
         changes: the changed quantities that new gains do not explain, at least one.
         difference: comparison of the vehicle, with the names of its motors.
     """
     weaker_motors = [change for change in changes if _is_weaker(change)]
-    surest_change = min(weaker_motors or changes, key=lambda change: change.p)
+    candidates = weaker_motors or changes
+    surest_change = min(candidates, key=lambda change: change.p)
     motor = ""
     if surest_change.quantity.is_of_motor:
         motor = _motor_name(surest_change, difference)

@@ -21,13 +21,13 @@ if TYPE_CHECKING:
 def evidence_sentences(fact: Fact) -> list[Sentence]:
     """Returns the sentence with the evidence for an event: the measurements that confirm it, then those that do not.
 
-    An event is checked against measurements that are independent of each other. For a collision, for example, the
-    accelerometer shows a shock, and the gyro a fast rotation. What each of them shows is a fact, called a witness. If
-    the cause of the event has witnesses too, such as the command of the motor that failed, they come first: those of
-    the event show only what followed.
+    An event, such as a collision, is checked against measurements that are independent of each other: the accelerometer
+    should show a shock, and the gyro a fast rotation. What each of them shows is a coded finding (a fact), called a
+    witness. If the cause of the event has witnesses too, such as the command of the motor that failed, they come first,
+    since those of the event show only what followed.
 
     Args:
-        fact: the event. Facts of the sensors that confirm or contradict it are its figure ``witnesses``.
+        fact: the event. Its witnesses are its figure ``witnesses``.
 
     Returns:
         A list with one sentence; empty if the event was not checked.
@@ -37,71 +37,84 @@ def evidence_sentences(fact: Fact) -> list[Sentence]:
 
     witnesses = []
     for witness in fact.figures.get("witnesses", ()):
-        # The autopilot may be a witness by its own message, which is then the figure "cause" of the witness. If the
-        # event itself is this message, the witness would only repeat it.
+        # A witness may be a message of the autopilot, which is then its figure "cause". If the event itself is this
+        # message, the witness would only repeat it.
         message = witness.figures.get("cause")
         if message is None or message.code is not fact.code:
             witnesses.append(witness)
+    witnesses.sort(key=_witness_time)
+    causing_witnesses = sorted(_witnesses_of_cause(fact), key=_witness_time)
     return render_section(
         "why",
-        causing=supporting_facts(sorted(_witnesses_of_cause(fact), key=_witness_time)),
-        supporting=supporting_facts(sorted(witnesses, key=_witness_time)),
-        contradicting=contradicting_facts(sorted(witnesses, key=_witness_time)),
+        causing=supporting_facts(causing_witnesses),
+        supporting=supporting_facts(witnesses),
+        contradicting=contradicting_facts(witnesses),
     )
 
 
 def _witness_time(witness: Fact) -> float:
-    """Returns the time by which witnesses are listed, s on the boot clock.
+    """Returns the time by which the findings of sensors about an event are listed, seconds on the boot clock.
 
-    A report of the autopilot is its figure ``cause``, which has its time. What a sensor measured at no time of its own,
-    such as gravity at rest, comes first, and what is known of the end of the log last.
+    A finding without a time of its own has that of the autopilot's message that it repeats, if there is one. Otherwise
+    it comes last (infinity) if it is about the end of the log, and first (minus infinity) if it is not: such is gravity
+    at rest, which is measured over a longer time.
+
+    Args:
+        witness: a coded finding of one sensor that confirms or contradicts the event.
     """
+    if witness.time is not None:
+        return witness.time
     message = witness.figures.get("cause")
-    if witness.time is None and message is not None:
+    if message is not None:
         return message.start_time
-    if witness.time is None:
-        return inf if witness.code in FACTS_OF_END else -inf
-    return witness.time
+    return inf if witness.code in FACTS_OF_END else -inf
 
 
 def cause_sentences(fact: Fact) -> list[Sentence]:
-    """Returns the sentence with the evidence for the cause of an event or, without a cause, for the event itself.
+    """Returns the sentence with the evidence for the cause of an event; for an event without a cause, for itself.
 
     Args:
-        fact: the event.
+        fact: the event, whose figure ``cause`` may be its cause.
 
     Returns:
-        A list with one sentence; empty if neither was checked, or the flight was lost for an unknown cause: what
-        followed is no evidence for it.
+        A list with one sentence. It is empty if neither was checked, and if the event is a flight lost for an unknown
+        cause: what the sensors show of the loss is no evidence for its cause.
     """
     cause_witnesses = _witnesses_of_cause(fact)
     if cause_witnesses:
-        return evidence_sentences(fact.replace(witnesses=()))
-    return [] if fact.code in Ending else evidence_sentences(fact)
+        event_without_witnesses = fact.replace(witnesses=())
+        return evidence_sentences(event_without_witnesses)
+    if fact.code in Ending:
+        return []
+    return evidence_sentences(fact)
 
 
 def headline_evidence(fact: Fact, lights: NamedFacts) -> list[Sentence]:
-    """Returns the sentence with the evidence for a headline: that for its cause or, if that has none, for the event.
+    """Returns the sentence below a page's headline that says which measurements confirm it.
 
-    What followed a known cause stands in the list of events. An event that only the autopilot reports, such as an empty
-    battery, has what its light measured as evidence, if that warns too.
+    If the event in the headline has a cause, the evidence is that for the cause, since what followed is in the list of
+    events. An event that only the autopilot reports, such as an empty battery, has no witnesses. Its evidence is then
+    what the status light of the same subject measured, if that warns too.
 
     Args:
-        fact: the headline.
-        lights: the judgement of each part of the vehicle, a fact with a level, by name.
+        fact: the headline, a coded finding.
+        lights: status lights by name, each the judgement of one part of the vehicle with a level.
 
     Returns:
-        A list with one sentence; empty if nothing shows the headline but itself.
+        A list with one sentence; empty if nothing confirms the headline.
     """
     # Imported here, since pages without a headline need nothing of it.
     from mavdem.assessment.event_lights import light_of_event
 
-    light = light_of_event(fact)
-    measured = None if light is None else lights.get(light)
     sentences = cause_sentences(fact) or evidence_sentences(fact)
-    if sentences or measured is None or not measured.warns or measured.code is fact.code:
+    if sentences:
         return sentences
-    return [Sentence(measured.sentence, "Why:")]
+    light_name = light_of_event(fact)
+    light = None if light_name is None else lights.get(light_name)
+    # A light that states the event itself is no further evidence for it.
+    if light is None or not light.warns or light.code is fact.code:
+        return []
+    return [Sentence(light.sentence, lead="Why:")]
 
 
 def _witnesses_of_cause(fact: Fact) -> Facts:
@@ -111,36 +124,36 @@ def _witnesses_of_cause(fact: Fact) -> Facts:
 
 
 def margin_sentences(fact: Fact, loops: "LoopsByAxis", margins: Iterable[Fact]) -> list[Sentence]:
-    """Returns the sentence that explains margins that are too small: the crossover of their loop, and the goal.
+    """Returns the sentence that explains stability margins that are too small: the loop's crossover, and the targets.
 
     It also names the other axes whose margins are too small.
 
     Args:
-        fact: a finding, such as the headline, which may be about the margins of one axis.
-        loops: identified loops by axis.
-        margins: facts on the margins of all axes.
+        fact: a coded finding, such as the headline, which may be about the margins of one axis.
+        loops: identified control loops by axis.
+        margins: findings on the margins of all axes.
 
     Returns:
-        A list with one sentence; empty if the fact does not warn of margins, or their loop was not identified.
+        A list with one sentence; empty if the finding is no warning about margins, or its loop was not identified.
     """
     # Imported here, since pages without loops need nothing of it.
     from mavdem.loops.axis_loops import MARGIN_TARGETS
 
-    loop = loops.get(str(fact.figures.get("axis")))
-    if fact.code is not MarginsLight.LOOP_MARGINS or not fact.warns or loop is None:
+    axis_loop = loops.get(str(fact.figures.get("axis")))
+    if fact.code is not MarginsLight.LOOP_MARGINS or not fact.warns or axis_loop is None:
         return []
-    others = []
+    other_axes = []
     for other in margins:
-        is_of_other_axis = other.code is fact.code and other.figures["axis"] != loop.axis
+        is_of_other_axis = other.code is fact.code and other.figures["axis"] != axis_loop.axis
         if is_of_other_axis and other.warns:
-            others.append(other.figures)
-    open_loop = loop.attitude if fact.subject == "attitude" else loop.rate
+            other_axes.append(other.figures)
+    open_loop = axis_loop.attitude if fact.subject == "attitude" else axis_loop.rate
     return render_section(
         "why_margins",
         fact=fact.figures,
         crossover=open_loop.crossover,
         target=MARGIN_TARGETS["default"],
-        others=others,
+        others=other_axes,
     )
 
 
@@ -150,13 +163,16 @@ def evidence_text(fact: Fact) -> str:
 
 
 def evidence_texts(fact: Fact) -> frozenset[str]:
-    """Returns the texts with evidence that a list need not repeat once it has shown an event.
+    """Returns the texts of evidence that a list of events need not repeat below an event that it has shown.
 
-    They are all evidence for the event, that without the evidence for its cause, and that for its cause alone; those
-    for which there is no evidence are left out.
+    Later events often have the same evidence. There are up to three texts: all evidence for the event, the evidence
+    without that for its cause, and the evidence for its cause alone.
 
     Args:
         fact: the event.
+
+    Returns:
+        The texts that are not empty.
     """
     texts = (
         evidence_text(fact),
@@ -167,19 +183,19 @@ def evidence_texts(fact: Fact) -> frozenset[str]:
 
 
 def unrepeated_evidence(fact: Fact, repeated: Collection[str]) -> str:
-    """Returns the evidence for an event as text, without the evidence that a list has shown above it.
+    """Returns the evidence for an event as text, without what a list of events has shown for the events above it.
 
     Args:
-        fact: the event.
+        fact: the event, whose figure ``cause`` may be its cause.
         repeated: texts that stand above it, such as :func:`evidence_texts` of the events before.
 
     Returns:
-        All evidence, or that for its cause alone if the rest is repeated; empty if all is.
+        All evidence. If the evidence for the event itself is repeated, only that for its cause; empty if both are, or
+        if the event has no cause.
     """
     text = evidence_text(fact)
     if evidence_text(_without_cause(fact)) in repeated:
-        has_cause = "cause" in fact.figures
-        text = text_with_leads(cause_sentences(fact)) if has_cause else ""
+        text = text_with_leads(cause_sentences(fact)) if "cause" in fact.figures else ""
     return "" if text in repeated else text
 
 

@@ -100,16 +100,16 @@ class Guard:
         return routes
 
     def answer_to_defect(self, request: HttpRequest, error: Exception) -> Response:
-        """Returns the response after an unexpected error, which Starlette raises again to print the traceback.
+        """Returns the response after an unexpected error in an endpoint, a defect of the program or a damaged file.
 
-        The cause is a defect of the program, or a damaged file in the library's folder.
+        Starlette calls it, and raises the error again afterwards, which prints the traceback on the server's terminal.
 
         Args:
             request: the request whose endpoint raised the error.
             error: the error; only the name of its class is sent, since its message may contain paths of this machine.
 
         Returns:
-            A response with the status 500 and the headers of all responses.
+            A response with the status 500 and the security headers.
         """
         fact = Fact(RefusalReason.ANSWER_FAILED, reason=type(error).__name__)
         response = self._answer_to_refusal(request, fact)
@@ -161,17 +161,18 @@ class Guard:
         return answer
 
     def _answer_to_refusal(self, request: HttpRequest, fact: Fact) -> Response:
-        """Returns the response with the reason of a refusal: JSON for programs, a page for browsers.
+        """Returns the response to a refused request: JSON for programs, or an HTML page for browsers.
 
-        The path of the URL decides which of the two is sent. The page for a missing right asks for the token. The
-        caller must add the headers that all responses have (``RESPONSE_HEADERS``, and the policy).
+        The path of the URL decides which of the two is sent. The page for a missing right asks for the access token.
+        The caller must add the headers that all responses have.
 
         Args:
             request: the request that was refused.
-            fact: reason of the refusal, a coded finding whose code selects the HTTP status from ``STATUS_BY_REFUSAL``.
+            fact: reason of the refusal, a coded finding. Its code selects the HTTP status from ``STATUS_BY_REFUSAL``.
 
         Returns:
-            A JSON document of the kind "error", or an HTML page. A status of 503 has the header Retry-After.
+            A JSON document of the kind "error", or an HTML page. A response with the status 503 has the header
+            Retry-After.
         """
         # Codes of other enumerations are reasons why an uploaded file cannot be read as a log.
         default_status = HTTPStatus.UNSUPPORTED_MEDIA_TYPE
@@ -179,12 +180,11 @@ class Guard:
             default_status = HTTPStatus.BAD_REQUEST
         status = STATUS_BY_REFUSAL.get(fact.code, default_status)
         headers = RETRY_HEADERS if status == HTTPStatus.SERVICE_UNAVAILABLE else None
-        # The path is taken from the scope: request.url raises an error if the header Host is no valid address.
+        # ``request.url`` would raise an error if the header Host is no valid address.
         path = request.scope["path"]
         if path.startswith("/api/") or path.endswith("/upload"):
-            return JSONResponse(
-                complete_document("error", {"error": error_values(fact)}), status, headers
-            )
+            document = complete_document("error", {"error": error_values(fact)})
+            return JSONResponse(document, status, headers)
         asks_for_token = fact.code in (RefusalReason.NO_RIGHT, RefusalReason.WRONG_TOKEN)
         html = refusal_page(fact, asks_for_token=asks_for_token, **self._visitor_values(request))
         return HTMLResponse(html, status, headers)

@@ -185,14 +185,17 @@ class LinkMonitor:
         return self._page
 
     def _run_sessions(self) -> None:
-        """Runs in the thread: runs one session after the other until the server ends or a session fails."""
+        """Runs one live session after the other until the server stops or a session fails; the function of the thread.
+
+        If a session fails, the reason is kept in ``problem`` and reported, since no caller of this thread would see the
+        error.
+        """
         try:
             with LearningProcess() as executor:
-                # A recording that has begun is added to the library by its session, however short that is.
+                # If the next recording has messages already, its session must run, so that it is added to the library.
                 while not self._is_stopping.is_set() or self._next_recording is not None:
                     self._run_one_session(executor)
         except Exception as error:
-            # No caller would see the error in this thread, so any kind of it is reported.
             reason = fact_from_error(error)
             self.problem = Fact(RefusalReason.SESSION_FAILED, name=self._link.name, reason=reason)
             self._warn(self.problem)
@@ -281,10 +284,10 @@ class LinkMonitor:
         return session
 
     def _vehicle_of_next_session(self, session: LiveSession) -> Component | None:
-        """Returns the vehicle that the next session follows: another one, or the same one after its restart.
+        """Returns the vehicle that the next session follows: one that sends now, or the same one after its restart.
 
         Args:
-            session: the session that ends.
+            session: the session that ends. Its successor is another vehicle that sends while its own is silent.
 
         Returns:
             The vehicle; None if the server ends, or if the next session waits for any vehicle.
@@ -303,7 +306,10 @@ class LinkMonitor:
             self._warn(Fact(LinkFact.DATAGRAMS_LOST, count=newly_lost))
 
     def _store_recording(self, session: LiveSession, incoming: _IncomingRecording) -> None:
-        """Adds the recording of a session to the library, reports where, and links to its flight from now on.
+        """Adds the recording of an ended session to the library, and reports the address of its page.
+
+        From now on the live page links to this flight. Unless the server stops, it also stays on the page of the ended
+        session until the next vehicle is received.
 
         Args:
             session: the session, which has ended.
@@ -312,7 +318,7 @@ class LinkMonitor:
         Raises:
             Refusal: the library has no room.
         """
-        # The session may have waited for its vehicle for hours.
+        # The name has the time of the first message, since the session may have waited for its vehicle for hours.
         first_time = datetime.fromtimestamp(incoming.recording.first_stamp, UTC)
         entry = self._library.add(incoming.path, _recording_name(first_time))
         address = f"/f/{entry.id}"
@@ -320,9 +326,8 @@ class LinkMonitor:
         self._log_added()
         self._report_saved_flight(address)
         if session.stream.followed_vehicle is not None and not self._is_stopping.is_set():
-            self._finished_page = _finished_page(
-                session, self._library.names, PageLink(entry.name, address)
-            )
+            saved_flight = PageLink(entry.name, address)
+            self._finished_page = _finished_page(session, self._library.names, saved_flight)
 
     def _new_recording(self) -> _IncomingRecording:
         """Creates the recording of a session, among the incoming files of the library."""
@@ -332,40 +337,48 @@ class LinkMonitor:
     def _recording_of_successor(
         self, recording: RawRecording, vehicle: Component, restart: TimeInterval | None = None
     ) -> _IncomingRecording:
-        """Creates the recording of the next session, and moves what came of its vehicle already to it.
+        """Creates the recording of the next session, and moves the messages that belong to it out of the ended one.
+
+        They are those after the last message of the ended session's vehicle, or those since that vehicle restarted.
 
         Args:
             recording: recording of the session that ends.
             vehicle: vehicle of that session.
-            restart: an interval in which it restarted, UNIX s, if its next flight is to be recorded; otherwise None.
+            restart: time interval in which it restarted, UNIX s, if the next session is its next flight; None if the
+                next session follows another vehicle.
+
+        Returns:
+            The new recording, with the pieces of the stream that were moved to it.
 
         Raises:
-            OSError: the frames cannot be moved. Then there is no recording of the next session.
+            OSError: the messages cannot be moved. Then the file of the new recording is deleted.
         """
         next_recording = self._new_recording()
+        new_file = next_recording.recording
         try:
             if restart is None:
-                pieces = recording.move_after(
-                    vehicle.system, vehicle.component, next_recording.recording
-                )
+                pieces = recording.move_after(vehicle.system, vehicle.component, new_file)
             else:
                 pieces = recording.move_since_restart(
-                    restart, vehicle.system, vehicle.component, next_recording.recording
+                    restart, vehicle.system, vehicle.component, new_file
                 )
         except OSError:
-            next_recording.recording.close()
+            new_file.close()
             next_recording.path.unlink()
             raise
         return next_recording._replace(first_pieces=pieces)
 
     def _take_event(self, event: Event) -> None:
-        """Passes on an event of a session that the server's terminal prints: a warning, or one of ``REPORTED_CODES``.
+        """Notes what an event of a session means for the monitor, and reports it on the server's terminal.
+
+        Landing and restart are noted, since after both the next flight gets a session of its own. The terminal shows
+        warnings, and the events with ``REPORTED_CODES``; all others are on the page only.
 
         Args:
             event: event that the session reports.
 
         Raises:
-            OSError: the event is the end of the recording, and this error ends the session.
+            OSError: the event is the failure of the recording. This error ends the session.
         """
         fact = event.fact
         self._has_news = True
@@ -377,7 +390,7 @@ class LinkMonitor:
             # A vehicle that restarts in the air goes on with the same flight.
             self._has_restarted = self._has_landed
         if fact.warns or fact.code in REPORTED_CODES:
-            # What the sentences advise is to be done with this server's options, not with those of `mavdem live`.
+            # The sentences must not advise options of `mavdem live`, which this server does not have.
             with sentences_for(Medium(has_terminal=False)):
                 self._report_event(event)
 
@@ -395,7 +408,10 @@ class LinkMonitor:
         return self._is_stopping.is_set() or self._silent_pages >= MAX_SILENT_PAGES
 
     def _watch_session(self, session: LiveSession) -> None:
-        """Renders the page of a live session again if it is old or lacks an event; called every ``NEWS_SECONDS``.
+        """Updates the page of the running session if it is due; called every ``NEWS_SECONDS``.
+
+        The page is due every ``PAGE_SECONDS``, and sooner if the session has reported an event that the page does not
+        show yet, or if the present status asks for a younger page.
 
         Args:
             session: the running session.
@@ -409,38 +425,39 @@ class LinkMonitor:
             self._render_page(session)
 
     def _update_page(self, session: LiveSession) -> None:
-        """Renders the page of a live session again; called every ``PAGE_SECONDS``.
+        """Renders the page of the running session, and counts how often nothing was received; every ``PAGE_SECONDS``.
 
-        It also counts successive calls between which no frames arrived, in ``_silent_pages``. By that count the caller
-        ends the session when the vehicle is gone.
+        The count ``_silent_pages`` is of successive calls between which the vehicle sent no frame. By it the session
+        ends when the vehicle is gone.
 
         Args:
             session: the running session, which records what it receives.
 
         Raises:
-            Refusal: the disk is nearly full, so the session should end while its recording can still be kept.
+            Refusal: the disk is nearly full, so that the session must end while its recording can still be kept.
         """
         self._update_time = clock.monotonic()
         self._library.check_space(0)
         recording = session.intake.recording
-        # A recording that fails ends the session before its next page.
+        # If writing the recording fails, the session ends before its next page.
         assert recording is not None
         vehicle = session.stream.followed_vehicle
-        # Another vehicle that sends on the same link has its turn once the followed one is silent.
-        frames = recording.frame_count if vehicle is None else vehicle.frame_count
+        # Frames of another vehicle on the same link do not count: it has its turn once the followed one is silent.
+        frame_count = recording.frame_count if vehicle is None else vehicle.frame_count
         # Before the first frame the session waits for a vehicle without a limit.
-        is_silent = frames > 0 and frames == self._frames_at_last_page
+        is_silent = frame_count > 0 and frame_count == self._frames_at_last_page
         if is_silent:
             self._silent_pages += 1
         else:
             self._silent_pages = 0
-        self._frames_at_last_page = frames
+        self._frames_at_last_page = frame_count
         self._render_page(session)
 
     def _render_page(self, session: LiveSession) -> None:
-        """Renders the page of a live session as it is now.
+        """Renders the HTML page of the running session as it is now.
 
-        Until its vehicle is received, the page stays that of the session before, if there was one.
+        Until a vehicle is received, the page of the session before stays, if there was one, so that its end can be
+        read.
 
         Args:
             session: the running session.
@@ -450,10 +467,13 @@ class LinkMonitor:
         self._longest_page_age = longest_page_age(status)
         if self._finished_page and not _awaits_vehicle(status):
             self._finished_page = ""
-        links = [] if self._latest_flight is None else [self._latest_flight]
-        html = self._finished_page or session_page(
-            session, status, self._library.names, back=LIBRARY_LINK, links=links
-        )
+        if self._finished_page:
+            html = self._finished_page
+        else:
+            links = [] if self._latest_flight is None else [self._latest_flight]
+            html = session_page(
+                session, status, self._library.names, back=LIBRARY_LINK, links=links
+            )
         self._page = SessionPage(html, clock.monotonic())
 
 
@@ -473,22 +493,22 @@ def _awaits_vehicle(status: SessionStatus) -> bool:
 
 
 def _finished_page(session: LiveSession, names: GivenNames, saved_flight: PageLink) -> str:
-    """Returns the HTML page of a session that has ended, which links to its flight in the library.
+    """Returns the HTML page of a live session that has ended, which links to the stored flight in the library.
 
-    A session ends after its vehicle was switched off. Then its status says that no messages come, and that nothing can
-    be learned or watched for this reason. The stream still has the status at the last message, which tells more.
+    Most sessions end after the vehicle was switched off. The status of the session says by then only that no messages
+    come. The page therefore shows the rates, checks and learning of the status at the last message.
 
     Args:
-        session: the live session: its link, the vehicle and the model that it learned.
+        session: the ended session.
         names: names that were given to vehicles in the library.
         saved_flight: link to the page of its flight in the library.
     """
     status_at_last_message = session.stream.status()
     status = session.status
-    # The reason why no model was being learned then; if one was, that the flight is over.
+    # Why no model was being learned at the last message; if one was, that the flight is over.
     reason = status_at_last_message.no_model_reason or Fact(SessionFact.FLIGHT_OVER, reason=None)
     if status.link_loss is not None and status.no_model_reason is not None:
-        # Nobody saw it land: that, and where it was last, is what matters.
+        # The link was lost in flight and nobody saw the vehicle land. That, and its last position, matters most.
         reason = status.no_model_reason
     status = replace(
         status,

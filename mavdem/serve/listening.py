@@ -32,27 +32,31 @@ MAX_SHUTDOWN_SECONDS = 3
 
 
 def end_by_all_signals(server: uvicorn.Server) -> None:
-    """Lets each signal that ends a program end the server in order, so that what a live session recorded is kept.
+    """Makes every signal that would end the program end the server in order, so that a live recording is kept.
 
-    uvicorn itself handles Ctrl-C and SIGTERM. A terminal that is closed sends SIGHUP; ignored signals stay ignored.
+    uvicorn itself handles only Ctrl-C (SIGINT) and SIGTERM. A terminal that is closed, for example, sends SIGHUP.
+    Signals that the program ignores stay ignored.
 
     Args:
-        server: server that will run in this thread. In another one than the main thread nothing is changed.
+        server: server that will run in this thread. Signals can be handled in the main thread only, so that in other
+            threads nothing is changed.
     """
     if threading.current_thread() is not threading.main_thread():
         return
     for number in TERMINATION_SIGNALS:
-        is_handled = number in (signal.SIGINT, signal.SIGTERM)
-        if not is_handled and signal.getsignal(number) is not signal.SIG_IGN:
+        is_handled_by_uvicorn = number in (signal.SIGINT, signal.SIGTERM)
+        is_ignored = signal.getsignal(number) is signal.SIG_IGN
+        if not is_handled_by_uvicorn and not is_ignored:
             signal.signal(number, server.handle_exit)
 
 
 def server_config(app: Starlette, *, is_behind_proxy: bool = False) -> uvicorn.Config:
-    """Returns how uvicorn runs an application: with guarded connections, and without headers about itself.
+    """Returns the configuration with which uvicorn runs a server: limits on connections, and no headers about itself.
 
     Args:
-        app: the application.
-        is_behind_proxy: whether a reverse proxy in front of the server says who sends a request.
+        app: the ASGI application.
+        is_behind_proxy: whether a reverse proxy stands in front of the server, whose headers then say from which
+            address a request comes.
     """
     return uvicorn.Config(
         app,

@@ -80,23 +80,27 @@ class LiveServer:
         self._thread.start()
 
     def report(self, session: LiveSession, status: SessionStatus) -> None:
-        """Renders the page of the session again if it is old or lacks an event; called about once a second.
+        """Renders the HTML page of the session again if that is due; the session calls this about once a second.
+
+        It is due if the page has become too old, if an event was reported since, or if the session is over.
 
         Args:
             session: the session, with the history of its flight.
             status: its state now.
         """
-        longest_age = PAGE_SECONDS if self._status is None else longest_page_age(self._status)
+        max_age = PAGE_SECONDS if self._status is None else longest_page_age(self._status)
         self._status = status
         event_count = len(session.history.events)
-        is_old = self.page.age >= longest_age or not self.page.html
+        is_old = self.page.age >= max_age or not self.page.html
         if not is_old and event_count == self._event_count and not status.is_over:
             return
         self._event_count = event_count
-        links = [] if self._viewer is None else [DASHBOARD_LINK]
-        # After another vehicle's messages a session with a page of its own follows, at the same address.
+        # A session that ends because another vehicle sends has a successor, which continues at the same address.
         is_last = status.is_over and session.successor is None
-        html = session_page(session, status, links=[] if is_last else links, is_last=is_last)
+        # The dashboard ends with the last session.
+        has_dashboard = self._viewer is not None and not is_last
+        links = [DASHBOARD_LINK] if has_dashboard else []
+        html = session_page(session, status, links=links, is_last=is_last)
         self.page = SessionPage(html, clock.monotonic())
 
     def close(self) -> None:
@@ -151,10 +155,12 @@ class LiveServer:
 
 
 def _visitor_values(request: HttpRequest) -> JsonValues:
-    """Returns the values that the templates of all pages need: everybody on this machine may read, and nothing else.
+    """Returns what the templates of all pages must know about the visitor of this server, who is on this machine.
+
+    He may read everything; there is no access token, no library of flights, and there are no given names of vehicles.
 
     Args:
-        request: the request; the values are the same for all.
+        request: the request, which changes nothing here; other servers read the visitor's rights from it.
     """
     return {
         "may_read": True,

@@ -75,15 +75,15 @@ def recordings_answer(recordings: Recordings) -> Response:
 
 
 def _changes_from_baseline(name: str, rows: FlightRows, healthy_rows: FlightRows) -> Blocks:
-    """Returns how the latest flight of a vehicle differs from its baseline, the flights marked as healthy.
+    """Returns the part of a vehicle's page that says how its latest flight differs from the flights marked as healthy.
 
     Args:
         name: name of the vehicle in its logs.
         rows: rows of all its flights in the fleet's table.
-        healthy_rows: those of the baseline.
+        healthy_rows: rows of the flights that the owner marked as healthy, the baseline.
 
     Returns:
-        Parts of a page; none without a baseline, or if all flights of the vehicle are in it.
+        Sentences; none without a baseline, or if all flights of the vehicle are in it.
     """
     if not healthy_rows:
         return []
@@ -91,7 +91,7 @@ def _changes_from_baseline(name: str, rows: FlightRows, healthy_rows: FlightRows
     if latest_difference is None:
         return []
     latest_row, difference = latest_difference
-    # The baseline has flights of this vehicle, so that they were compared.
+    # A difference is missing only if the baseline has no flight of this vehicle.
     assert difference is not None
     # The page itself says that several vehicles may have the name.
     return baseline_blocks(latest_row, difference, has_identity_cautions=False)
@@ -263,14 +263,17 @@ class Pages:
         return HTMLResponse(render_server_page("flight", first_plots=first_plots, **values))
 
     def _requests_new_page(self, entry: LibraryEntry, html: str) -> bool:
-        """Requests a new page of a flight if the server's security policy forbids a script in the present one.
+        """Requests a new page of a flight if the stored one has a script that the server's security policy forbids.
+
+        The policy lists the hashes of the scripts of this version of mavdem. A page that an earlier version wrote may
+        have other scripts.
 
         Args:
             entry: index entry of the flight.
-            html: its page, which an earlier version may have written.
+            html: the stored page.
 
         Returns:
-            Whether a new page was requested, so that the log waits to be read again.
+            Whether a new page was requested; then the log waits to be read again.
         """
         if script_hashes_of_page(html) <= self._scripts:
             return False
@@ -443,20 +446,19 @@ class Pages:
     def _unnamed_vehicles(
         self, request: HttpRequest, name: str, entries: Sequence[LibraryEntry]
     ) -> Response:
-        """Returns the page of the flights whose logs have nothing but the same system id to identify the vehicle.
+        """Returns the page of flights whose logs identify the vehicle by nothing but the same MAVLink system id.
 
-        They may be of several vehicles, so that the page does not compare them. It lets the user assign a vehicle to
-        each.
+        Such flights may be of several vehicles, so that the page does not compare them. It lets the user say of which
+        vehicle each flight is.
 
         Args:
-            request: the request, for the sender's rights.
-            name: the name that is made of the system id.
-            entries: the flights.
+            request: the request, for the rights of its sender.
+            name: name that was made of the system id.
+            entries: index entries of the flights.
         """
         visitor = self._visible_library.visitor_values(request)
-        return HTMLResponse(
-            render_server_page("unnamed_vehicles", name=name, entries=entries, **visitor)
-        )
+        html = render_server_page("unnamed_vehicles", name=name, entries=entries, **visitor)
+        return HTMLResponse(html)
 
     def compare(self, request: HttpRequest) -> Response:
         """Answers with the comparison of two flights, whose ids are ``a`` and ``b`` in the query.

@@ -31,12 +31,17 @@ MAX_FILE_WAIT = 10.0
 
 
 def viewer_policy(data_port: int | None = None) -> str:
-    """Returns the directives of the content security policy in which the viewer's page differs from others.
+    """Returns what the content security policy of the page with Rerun's viewer permits beyond that of other pages.
 
-    It may compile the program, and request the recording from the viewer's process.
+    The page may compile the viewer, which is a WebAssembly program, and request the recording from the process that
+    serves it on this machine.
 
     Args:
-        data_port: port of this machine at which that process has the recording; None where it is not known yet.
+        data_port: TCP port at which that process serves the recording; None where it is not known yet, which permits
+            any port of this machine.
+
+    Returns:
+        Directives of the header ``Content-Security-Policy``.
     """
     port = "*" if data_port is None else str(data_port)
     return (

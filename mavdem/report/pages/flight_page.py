@@ -225,22 +225,24 @@ def _margin_sentences(assessment: Assessment) -> list[Sentence]:
 def unfold_chapters_of_warnings(
     chapters: Sequence[Chapter], lights: NamedFacts, headline: Fact
 ) -> Iterator[Chapter]:
-    """Yields the chapters of a page with their levels, and opens those that explain the worst lights.
+    """Yields the chapters of a page with their levels; those that explain the worst status lights are open.
 
-    A light is the judgement of one part of the vehicle, with a level. The level of a chapter is the worst one of the
-    lights that it explains. All chapters are folded except those that :func:`_titles_to_open` names.
+    A status light is the judgement of one part of the vehicle, such as its motors, with a level. The level of a chapter
+    is the worst one of the lights that it explains. All other chapters are folded, so that the page is short.
 
     Args:
         chapters: the chapters.
-        lights: the judgement of each part of the vehicle, such as its motors: a fact with a level, by name.
-        headline: the headline, which is the fact of a light, or of an event.
+        lights: the lights by name; each is a fact (a coded finding) with a level.
+        headline: the fact in the headline, which is that of a light or of an event.
     """
     titles_to_open = _titles_to_open(chapters, lights, headline)
     for chapter in chapters:
         levels = _levels_of_chapter(chapter, lights)
         if levels:
-            chapter = chapter._replace(level=min(levels, key=CHAPTER_LEVELS.index))
-        yield chapter._replace(folded=chapter.title not in titles_to_open)
+            worst_level = min(levels, key=CHAPTER_LEVELS.index)
+            chapter = chapter._replace(level=worst_level)
+        is_open = chapter.title in titles_to_open
+        yield chapter._replace(folded=not is_open)
 
 
 def _titles_to_open(
@@ -248,53 +250,62 @@ def _titles_to_open(
 ) -> Collection[str]:
     """Returns the titles of the chapters that are open when a page is loaded.
 
-    These are all chapters with a bad light. If nothing is bad, there are two, so that the page stays short: one with a
-    light to be watched, the headline's if it has one, and the row of pictures by which a tuning is judged at a glance.
-    The chapter of the log is never open, since its light says everything.
+    These are all chapters with a bad status light. If no light is bad, there are two, so that the page stays short: a
+    chapter with a light to be watched (the one in the headline if there is one), and the row of pictures by which a
+    tuning is judged at a glance. The chapter of the log is never open, since its light says everything.
 
     Args:
         chapters: the chapters, with the levels of their sections.
-        lights: the judgement of each part of the vehicle, a fact with a level, by name.
-        headline: the headline, which is the fact of a light, or of an event.
+        lights: the judgement of each part of the vehicle by name, a fact (a coded finding) with a level.
+        headline: the fact in the headline, which is that of a light or of an event.
     """
     vehicle_levels = {fact.level for name, fact in lights.items() if name != Light.LOG}
     worst_level = Level.BAD if Level.BAD in vehicle_levels else Level.WATCH
     unexplained_lights = _lights_without_repeated_facts(lights)
-    titles = []
+    titles_with_worst_level = []
     for chapter in chapters:
+        # A section that repeats the fact of a light counts by that light.
         sections = [section for section in chapter.sections if section.fact not in lights.values()]
         levels = _levels_of_chapter(chapter._replace(sections=sections), unexplained_lights)
         if worst_level in levels and chapter.title != LOG_TITLE:
-            titles.append(chapter.title)
+            titles_with_worst_level.append(chapter.title)
     if worst_level is Level.BAD:
-        return titles
-    titles_of_headline = []
-    for light, title in CHAPTER_OF_LIGHT.items():
-        if title in titles and light in lights and lights[light].code is headline.code:
-            titles_of_headline.append(title)
-    # The headline may be an event, or a fact of the log, which none of these chapters explains.
-    titles.sort(key=lambda title: title not in titles_of_headline)
-    return [*titles[:1], TUNING_TITLE]
+        return titles_with_worst_level
+    # The headline may also be an event, or a fact of the log, which none of these chapters explains.
+    watched_titles = titles_with_worst_level[:1]
+    for title in titles_with_worst_level:
+        if _explains_headline(title, lights, headline):
+            watched_titles = [title]
+            break
+    return [*watched_titles, TUNING_TITLE]
+
+
+def _explains_headline(title: str, lights: NamedFacts, headline: Fact) -> bool:
+    """Returns whether the headline of a page is the fact of a status light that the chapter of a title explains."""
+    for light, light_title in CHAPTER_OF_LIGHT.items():
+        if light_title == title and light in lights and lights[light].code is headline.code:
+            return True
+    return False
 
 
 def _lights_without_repeated_facts(lights: NamedFacts) -> NamedFacts:
-    """Returns the lights for which a page needs an open chapter.
+    """Returns the status lights that need an open chapter of the page to explain them.
 
-    Several lights may have the same fact, such as how the flight was lost: only the first of them is returned. The
-    light of the tracking is left out after a loss, since the charts above the chapters show roll and pitch then.
+    Several lights may have the same fact, such as how the flight was lost: only the first of them is returned. After a
+    loss the light of the attitude tracking is left out too, since the charts above the chapters show roll and pitch.
 
     Args:
-        lights: the judgement of each part of the vehicle, a fact with a level, by name.
+        lights: the judgement of each part of the vehicle by name, a fact (a coded finding) with a level.
     """
     selected_lights = {}
     stated_facts = set()
     for name, fact in lights.items():
         # Facts about the same thing at the same time may differ in what they add for their light.
-        key = (fact.code, fact.subject, fact.time)
+        identity = (fact.code, fact.subject, fact.time)
         is_shown_above = name == Light.TRACKING and fact.code in Ending
-        if key not in stated_facts and not is_shown_above:
+        if identity not in stated_facts and not is_shown_above:
             selected_lights[name] = fact
-        stated_facts.add(key)
+        stated_facts.add(identity)
     return selected_lights
 
 
@@ -335,10 +346,10 @@ def _numbered_events(
     next_step: str = "",
     evidence_of_headline: str = "",
 ) -> list[PageEvent]:
-    """Returns the events of a log as a page lists them; those with a time are numbered.
+    """Returns the events of a log as the list on its page shows them; those with a time are numbered from 1 on.
 
-    Several events may have the same remedy or the same evidence, which a page shows only once. So each event gets the
-    texts that stand above it, and the template does not repeat those.
+    Several events may have the same remedy or the same evidence, which the page shows only once. So each event gets the
+    texts that stand above it, which the template does not repeat.
 
     Args:
         events: events of all boots of the autopilot, each a fact (a coded finding) with its time.
@@ -355,59 +366,59 @@ def _numbered_events(
     for fact in _with_saturations_counted(events):
         if fact.remedy in next_step:
             texts_above.add(fact.remedy)
-        texts_above_event = frozenset(texts_above)
-        texts_above |= {fact.remedy, *evidence_texts(fact)}
-        page_event = PageEvent(Event(nan, fact), repeated=texts_above_event)
+        page_event = PageEvent(Event(nan, fact), repeated=frozenset(texts_above))
         if fact.time is not None:
             number += 1
             boot = fact.figures.get("boot")
+            has_clock_of_charts = timeline is not None and boot in (None, timeline.boot)
             page_event = page_event._replace(
                 event=Event(fact.time, fact),
                 number=number,
-                is_on_clock_of_charts=timeline is not None and boot in (None, timeline.boot),
+                is_on_clock_of_charts=has_clock_of_charts,
             )
         page_events.append(page_event)
+        texts_above.add(fact.remedy)
+        texts_above.update(evidence_texts(fact))
     return page_events
 
 
 def _labels_in_charts(events: Sequence[PageEvent], timeline: Timeline) -> Names:
-    """Returns the label of each event of the timeline: its number in the list of events.
+    """Returns the labels of the events in the charts over time: their numbers in the list of events below.
 
     Args:
         events: the numbered list of events on the page.
-        timeline: timeline of the flight, with its own events.
+        timeline: charts of the flight over time, with the events that they mark.
 
     Returns:
-        The labels; empty for an event without a number.
+        One label for each event of the timeline, in its order; empty for an event that is not in the list.
     """
-    numbers = {}
+    labels_by_event = {}
     for page_event in events:
         fact = page_event.event.fact
-        numbers[fact.code, fact.time, fact.subject] = str(page_event.number)
+        labels_by_event[fact.code, fact.time, fact.subject] = str(page_event.number)
     labels = []
     for event in timeline.events:
         fact = event.fact
-        labels.append(numbers.get((fact.code, fact.time, fact.subject), ""))
+        labels.append(labels_by_event.get((fact.code, fact.time, fact.subject), ""))
     return tuple(labels)
 
 
 def _with_saturations_counted(events: Facts) -> Iterator[Fact]:
-    """Yields the events, but only the first saturation of each motor, with the number of all of them.
+    """Yields the events of a flight, but of each motor only the first saturation, with the number of all of them.
 
-    A motor may reach its limit hundreds of times in a flight, which would fill the list of events.
+    A motor may reach its output limit hundreds of times in a flight, which would fill the list of events.
 
     Args:
         events: events of the flight, in the order of time.
     """
     saturation = MotionEvent.MOTOR_AT_ITS_STOP
-    counts = Counter(event.subject for event in events if event.code is saturation)
+    counts_by_motor = Counter(event.subject for event in events if event.code is saturation)
     for event in events:
         if event.code is not saturation:
             yield event
-            continue
-        count = counts.pop(event.subject, 0)
-        if count:
-            yield event.replace(count=count)
+        elif event.subject in counts_by_motor:
+            # The first saturation of this motor stands for all of them, so that its count is taken out.
+            yield event.replace(count=counts_by_motor.pop(event.subject))
 
 
 def _flight_chapters(
@@ -418,14 +429,15 @@ def _flight_chapters(
     *,
     is_full: bool,
 ) -> Iterator[Chapter]:
-    """Yields the chapters of a flight that need no model; none if the log has no flight.
+    """Yields the chapters of a flight's page that need no identified model; none if the log has no flight.
 
     Args:
         name: title of the page.
         assessment: all results on a vehicle of the log: events, status lights, model, loops and wind.
         timeline: charts over time; None if the attitude has too few samples.
         advice: advised gains by axis, or the reason why there are none; empty without advice.
-        is_full: whether the page is that of one log, with spectrograms and advice on gains, or a small one of a fleet.
+        is_full: whether the page is that of one log, with spectrograms, notch filters to try and hardware, or a small
+            one of a fleet.
     """
     evidence = assessment.evidence
     analysis = assessment.analysis
@@ -449,22 +461,26 @@ def _flight_chapters(
     if evidence.trust:
         yield _trust_chapter(evidence.trust)
     if assessment.instances:
-        yield Chapter(
-            INSTANCES_TITLE, [instance_table(assessment.instances, has_flown=evidence.has_flown)]
-        )
+        instances = instance_table(assessment.instances, has_flown=evidence.has_flown)
+        yield Chapter(INSTANCES_TITLE, [instances])
     if is_full:
         yield from hardware_chapters(evidence, assessment.lights, timeline)
     yield parameters_chapter(evidence.signals.telemetry, is_full=is_full)
 
 
 def _trust_chapter(trust_of_boots: Sequence[SensorTrust]) -> Chapter:
-    """Returns the chapter on which sensors agree with each other; it is to be watched if one does not.
+    """Returns the chapter with the checks of sensors against each other, which show whose values can be trusted.
 
     Args:
-        trust_of_boots: the checks of each boot.
+        trust_of_boots: the checks of each boot of the autopilot.
+
+    Returns:
+        The chapter, with the level "watch" if a check warns; otherwise without a level.
     """
-    checks = [check for trust in trust_of_boots for check in trust.checks]
-    level = Level.WATCH if any(check.warns for check in checks) else None
+    level = None
+    for trust in trust_of_boots:
+        if any(check.warns for check in trust.checks):
+            level = Level.WATCH
     return Chapter("What can be trusted", [trust_table(trust_of_boots)], level=level)
 
 
@@ -473,7 +489,7 @@ def _axes_chapter(assessment: Assessment, timeline: Timeline) -> Chapter:
 
     Args:
         assessment: all results on a vehicle of the log: events, status lights, model, loops and wind.
-        timeline: timeline of the flight.
+        timeline: charts of the flight over time.
     """
     columns = {}
     for axis, charts in timeline.axis_charts.items():
@@ -481,12 +497,13 @@ def _axes_chapter(assessment: Assessment, timeline: Timeline) -> Chapter:
             columns[axis] = tuple(timeline.marked(chart) for chart in charts)
     light = assessment.lights["tracking"]
     blocks = [*_tracking_blocks(light, assessment.tracking, assessment.headline)]
-    # How the vehicle was lost, with the time; None if it was not.
+    # The event by which the vehicle was lost, with its time; None if it was not lost.
     loss = None if assessment.evidence is None else assessment.evidence.ending
+    is_tracking_judged = light.level is not Level.UNKNOWN
     # If the light states the loss itself, its level is about the whole flight.
-    is_tracking_judged = light.level is not Level.UNKNOWN and light.code not in Ending
+    states_loss = light.code in Ending
     level_scope = ""
-    if loss is not None and loss.time is not None and is_tracking_judged:
+    if loss is not None and loss.time is not None and is_tracking_judged and not states_loss:
         # Tracking is judged in settled flight only, but the charts go on to the loss. So the chapter says for which
         # part of the flight its level holds.
         level_scope = f" in settled flight, until {loss_onset(loss):.1f} s"
@@ -495,17 +512,19 @@ def _axes_chapter(assessment: Assessment, timeline: Timeline) -> Chapter:
 
 
 def _tracking_blocks(light: Fact, axes: NamedFacts, headline: Fact) -> Iterator[Block]:
-    """Yields the sentence of the tracking light, and a table of the tracking errors of all axes that have one.
+    """Yields what a page says about the tracking of setpoints: a sentence, and a table of the errors of each axis.
+
+    The sentence is left out where the page has it already: in the headline, which also says how a flight was lost, or
+    beside the status lights, which say that only multirotors are judged.
 
     Args:
-        light: the judgement of how well all axes track, a fact with a level.
-        axes: fact for each axis, whose figures are the errors and the delay, each with its unit.
-        headline: the headline of the page, which is not repeated.
+        light: the judgement of how well all axes track, a fact (a coded finding) with a level.
+        axes: a fact for each axis, whose figures are the errors and the delay, each with its unit.
+        headline: the headline of the page.
     """
-    # The page says beside the lights that only multirotors are judged, and in its headline how a flight was lost.
-    is_stated_above = light.code in Ending or light == headline
-    if light.code is not Unjudged.MULTIROTORS_ONLY and not is_stated_above:
-        yield Sentence(str(light), "Tracking:")
+    is_in_headline = light.code in Ending or light == headline
+    if light.code is not Unjudged.MULTIROTORS_ONLY and not is_in_headline:
+        yield Sentence(str(light), lead="Tracking:")
     rows = []
     for axis, fact in axes.items():
         cells = _tracking_cells(fact)
@@ -516,10 +535,14 @@ def _tracking_blocks(light: Fact, axes: NamedFacts, headline: Fact) -> Iterator[
 
 
 def _tracking_cells(fact: Fact) -> list[str]:
-    """Returns the cells of an axis in the table of tracking errors, one for each of ``TRACKING_FIGURES``.
+    """Returns the row of one axis in the table of tracking errors: a cell for each of ``TRACKING_FIGURES``.
 
     Args:
-        fact: the fact on how well the axis tracks, with figures that may be None.
+        fact: how well the axis tracks its setpoint, as figures with units; a figure is None where it is not known.
+
+    Returns:
+        Values with their units. A cell is empty if its figure does not apply, and "not known" if the axis has other
+        figures but not this one: a setpoint that moved too little shows no delay, for example.
     """
     cells: list[str] = []
     for key in TRACKING_FIGURES:
@@ -527,7 +550,6 @@ def _tracking_cells(fact: Fact) -> list[str]:
         if value is not None:
             cells.append(with_unit(value, display_unit(fact.units[key])))
         elif key in fact.figures and any(cells):
-            # The axis has an error but no delay: its setpoint moved too little to show one.
             cells.append("not known")
         else:
             cells.append("")
@@ -566,30 +588,27 @@ def _notch_trial(name: str, assessment: Assessment, evidence: Evidence) -> Notch
 
 
 def _motors_chapter(analysis: LogAnalysis, evidence: Evidence, light: Fact) -> Chapter:
-    """Returns the chapter on the motors of a flight: a table of motors and the vehicle drawn from above.
+    """Returns the chapter on the motors of a flight: a table of the motors, and the vehicle drawn from above.
 
-    Where a motor failed, the drawing shows what the motors were commanded then; sentences have the means of the hover.
-    If the log allows no full model, the sentences on the vehicle's condition that concern the motors follow.
+    If a motor failed, the drawing shows what the motors were commanded at that time; otherwise it shows the means of
+    the hover. If the log allows no full model, sentences on the motors' condition follow the table.
 
     Args:
         analysis: what the log shows of the chosen axis: model, physical parameters and condition.
         evidence: signals, events and measurements of the vehicle.
-        light: the judgement of the motors, a fact whose level colours the drawing.
-
-    Returns:
-        The chapter.
+        light: the status light of the motors, whose level colours the drawing.
     """
     hover = analysis.condition.hover
     blocks = motor_blocks(analysis.learned, hover)
     if analysis.learned is None or not analysis.tier.allows_full_model:
-        # The table has what the sentence on the motors says.
-        leads = MOTOR_LEADS[1:] if hover is not None else MOTOR_LEADS
+        # If there is a hover, the table has what the first sentence on the motors says.
+        leads = MOTOR_LEADS if hover is None else MOTOR_LEADS[1:]
         for sentence in render_section("condition", analysis.condition):
             if sentence.lead in leads:
                 blocks.append(sentence)
     failure = failure_commands(evidence.signals, light)
-    plan = frame_plan(evidence.signals.motors, analysis.condition, light, failure)
-    groups = [] if plan is None else [Group.side_by_side([plan])]
+    drawing = frame_plan(evidence.signals.motors, analysis.condition, light, failure)
+    groups = [] if drawing is None else [Group.side_by_side([drawing])]
     return Chapter("Motors", blocks, groups, is_side_by_side=True)
 
 
@@ -639,11 +658,11 @@ def _model_chapters(assessment: Assessment) -> Iterator[Chapter]:
 
 
 def _model_chapter(axis: str, analysis: LogAnalysis) -> Chapter:
-    """Returns the chapter of a page on the model of one axis, or on the reason why there is none.
+    """Returns the chapter of a page on the identified model of one axis, or on the reason why there is none.
 
     It has, in this order, the grade of the model for each purpose with warnings, the physical parameters, and the
-    errors of its forecasts. Charts of the frequency response and of the forecasts follow. The frequency response is
-    computed with the control effectiveness of the motors, and left out where the data does not determine that.
+    errors of its forecasts. Charts of the frequency response and of the forecasts follow. The frequency response needs
+    the control effectiveness of the motors, and is left out where the data does not determine that.
 
     Args:
         axis: name of the axis.
@@ -653,7 +672,7 @@ def _model_chapter(axis: str, analysis: LogAnalysis) -> Chapter:
     findings = analysis.findings
     blocks = Blocks()
     if learned is None and analysis.reason is not None:
-        blocks.append(Sentence(str(analysis.reason), "No model:"))
+        blocks.append(Sentence(str(analysis.reason), lead="No model:"))
     blocks += purpose_tables(findings)
     blocks += [warning(fact) for fact in findings.warnings]
     blocks += render_section("tier", analysis.tier)
@@ -661,31 +680,36 @@ def _model_chapter(axis: str, analysis: LogAnalysis) -> Chapter:
     groups = []
     if learned is not None:
         labels = Labels.of(learned)
-        held_out = analysis.held_out
-        blocks += prediction_blocks(labels, held_out)
-        if findings.grade(Purpose.CONTROL_EFFECTIVENESS) is not Grade.NOT_IDENTIFIABLE:
-            text = "Frequency response of the vehicle without its controller, with a 90 % band."
-            groups.append(Group.side_by_side(model_charts.bode_charts(learned), text))
-        if held_out is not None and len(held_out):
-            text = "Held-out windows, by models that were not trained on them."
-            groups.append(Group.side_by_side(model_charts.forecast_charts(held_out, labels), text))
+        forecasts = analysis.held_out
+        blocks += prediction_blocks(labels, forecasts)
+        effectiveness_grade = findings.grade(Purpose.CONTROL_EFFECTIVENESS)
+        if effectiveness_grade is not Grade.NOT_IDENTIFIABLE:
+            caption = "Frequency response of the vehicle without its controller, with a 90 % band."
+            groups.append(Group.side_by_side(model_charts.bode_charts(learned), caption))
+        if forecasts is not None and len(forecasts):
+            caption = "Held-out windows, by models that were not trained on them."
+            forecast_charts = model_charts.forecast_charts(forecasts, labels)
+            groups.append(Group.side_by_side(forecast_charts, caption))
     return Chapter(f"Model of {axis}", blocks, groups)
 
 
 def _learning_chapter(axis: str, learned: Learned) -> Chapter:
-    """Returns the folded chapter of how a model was learned: poles, free energy, settings and residuals.
+    """Returns the folded chapter on how a model was learned: poles, free energy, settings and residuals.
 
     Args:
         axis: "roll", "pitch" or "yaw".
-        learned: the model of that axis.
+        learned: the model of that axis, with the settings of the learner.
     """
-    settings = [[name, str(value)] for name, value in asdict(learned.settings).items()]
-    table = Table(["setting", "value"], settings, words=True)
-    text = "Errors one step ahead; correlations between the lines may be chance (99 %)."
-    groups = [Group.side_by_side(model_charts.residual_charts(learned), text)]
+    rows = []
+    for name, value in asdict(learned.settings).items():
+        rows.append([name, str(value)])
+    settings = Table(["setting", "value"], rows, words=True)
+    caption = "Errors one step ahead; correlations between the lines may be chance (99 %)."
+    groups = [Group.side_by_side(model_charts.residual_charts(learned), caption)]
     title = f"The model of {axis}, and how it was learned"
+    blocks = [*detail_blocks(learned), settings]
     # The settings of the learner are for its developers. Owners who print the page for their records do not need them.
-    return Chapter(title, [*detail_blocks(learned), table], groups, folded=True, is_printed=False)
+    return Chapter(title, blocks, groups, folded=True, is_printed=False)
 
 
 def live_page(
@@ -764,21 +788,24 @@ def live_page(
 
 
 def _live_subtitle(status: SessionStatus, link: str, axis: str) -> str:
-    """Returns the text below the title of a live page: the present state of the vehicle, or the subject of the page.
+    """Returns the text below the title of a live page: the present state of the vehicle and of its link.
+
+    After the session it says instead what the page is about.
 
     Args:
         status: state of the session now, or at its end.
-        link: address of the vehicle.
-        axis: axis that was learned.
+        link: address of the vehicle's link.
+        axis: axis whose model was learned.
     """
     # Imported here: a page of a log needs nothing of live sessions.
     from mavdem.report.live import vehicle_text
 
     if status.is_over:
         return f"What {axis} did, learned and predicted while it flew, over {link}."
-    # The title names the vehicle.
-    vehicle_state = capitalize_first(vehicle_text(status).removeprefix(f"{status.vehicle}, "))
-    subtitle = f"{vehicle_state} Link {link}, as of {strftime('%H:%M:%S')}."
+    # The title has the name of the vehicle already.
+    vehicle_state = vehicle_text(status).removeprefix(f"{status.vehicle}, ")
+    time_of_day = strftime("%H:%M:%S")
+    subtitle = f"{capitalize_first(vehicle_state)} Link {link}, as of {time_of_day}."
     if status.delay_fact is not None:
         subtitle = f"{subtitle} {status.delay_fact}"
     return subtitle
@@ -794,11 +821,11 @@ def _live_chapters(
     """Returns the chapters of a live page: motors, advised gains, predictions and link, and the model.
 
     Args:
-        axis: axis that was learned.
+        axis: axis whose model was learned.
         history: events and signals of the live flight on one timeline.
         status: state of the session now, or at its end.
-        account: seconds of the flight by what they were used for.
-        learned: the latest model; None if there is none, and then no chapter on motors and model.
+        account: seconds of the flight by what they were used for, such as learning.
+        learned: the latest model; None if there is none, and then there are no chapters on motors and model.
     """
     # Imported here: a page of a log needs nothing of live sessions.
     from mavdem.report.live import live_report
@@ -808,14 +835,14 @@ def _live_chapters(
         chapters.append(Chapter("Motors", motor_blocks(learned, None)))
     gain_sentences = []
     for event in history.events:
-        is_about_gains = isinstance(event.fact.code, GainFact | LoopAction)
-        # That gains are being computed is over when the page is written.
-        if is_about_gains and event.fact.code is not GainFact.ADVICE_AWAITED:
+        code = event.fact.code
+        # An event may also say that gains are being computed, which is over when the page is written.
+        if isinstance(code, GainFact | LoopAction) and code is not GainFact.ADVICE_AWAITED:
             gain_sentences.append(Sentence(event.sentence))
     if gain_sentences:
         chapters.append(Chapter(GAINS_TITLE, gain_sentences))
-    seconds = 0.0 if learned is None else len(learned.record) * learned.dt
-    report = live_report(history, status, account, axis, seconds)
+    learned_seconds = 0.0 if learned is None else len(learned.record) * learned.dt
+    report = live_report(history, status, account, axis, learned_seconds)
     title = f"Prediction of {axis} in flight, and the link"
     chapters.append(Chapter(title, report, folded=True))
     if learned is not None:
@@ -828,14 +855,14 @@ def _live_chapters(
 def _numbered_live_events(
     events: Sequence[Event], headline: Fact, alarms: Facts
 ) -> list[PageEvent]:
-    """Returns the events of a live session as its page lists them; those that its charts have are numbered.
+    """Returns the events of a live session as the list on its page shows them; those with a time are numbered.
 
     Events, alarms and headline are matched by their causes, since the headline may state the cause of an alarm in other
-    words.
+    words than the event that reported it.
 
     Args:
         events: the events in the order in which they were reported.
-        headline: the headline of the page.
+        headline: the headline of the page, a coded finding.
         alarms: the alarms that are active.
 
     Returns:
@@ -845,7 +872,7 @@ def _numbered_live_events(
     from mavdem.live.session_status import cause_of_alarm
     from mavdem.report.live import moment_text
 
-    headline_cause = cause_of_alarm(headline)
+    cause_of_headline = cause_of_alarm(headline)
     active_causes = set()
     for alarm in alarms:
         if alarm.code is not WatchFact.ALARM_OVER:
@@ -859,13 +886,16 @@ def _numbered_live_events(
             numbered_count += 1
             number = numbered_count
         cause = cause_of_alarm(event.fact)
-        code_and_subject = (cause.code, cause.subject)
+        is_headline = (cause.code, cause.subject) == (
+            cause_of_headline.code,
+            cause_of_headline.subject,
+        )
         page_events.append(
             PageEvent(
                 event,
                 number,
-                is_headline=code_and_subject == (headline_cause.code, headline_cause.subject),
-                is_over=code_and_subject not in active_causes,
+                is_headline=is_headline,
+                is_over=(cause.code, cause.subject) not in active_causes,
                 moment=moment_text(event),
             )
         )
@@ -873,25 +903,26 @@ def _numbered_live_events(
 
 
 def _live_map_wind(status: SessionStatus) -> MapWind | None:
-    """Returns the wind on the map of a live page: the present wind in flight, and after it the mean of the flight.
+    """Returns the wind that the map of a live page shows: the present one in flight, the mean of the flight after it.
 
     Args:
         status: state of the session.
 
     Returns:
-        The wind; None where its direction is not known.
+        Direction and speed interval of the wind, without the interval if the speed is not identifiable; None if the
+        direction is not known.
     """
     estimate = status.wind if status.is_flying else status.mean_wind
     if estimate is None:
         return None
+    # The first fact of an estimate is on the speed; a second one, if there is any, on the direction.
     speed_fact, *direction_facts = estimate.facts
     if not direction_facts:
         return None
-    is_identified = speed_fact.figures["status"] is not Status.NOT_IDENTIFIABLE
-    return MapWind(
-        direction_facts[0].figures["direction"],
-        speed_interval=speed_fact.figures["speed_interval"] if is_identified else None,
-    )
+    speed_interval = None
+    if speed_fact.figures["status"] is not Status.NOT_IDENTIFIABLE:
+        speed_interval = speed_fact.figures["speed_interval"]
+    return MapWind(direction_facts[0].figures["direction"], speed_interval=speed_interval)
 
 
 def _live_anchors(timeline: Timeline | None, chapters: Sequence[Chapter]) -> dict[str, str]:
