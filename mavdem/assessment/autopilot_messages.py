@@ -396,19 +396,22 @@ def merge_repeats(facts: Iterable[Fact]) -> list[Fact]:
         quoted_text = fact.figures["text"] if fact.code in CODES_WITH_TEXT else ""
         indices = indices_by_kind[fact.figures["boot"], fact.code, quoted_text]
         is_state = fact.code is ReportedEvent.FAILSAFE or fact.end_time is not None
+        repeated_index = None
         # The latest report of the kind comes first: it is the one that is repeated, if any.
         for index in reversed(indices):
             concerns_state = is_state or index in state_indices
             longest_pause = ACTIVATION_PAUSE if concerns_state else REPEAT_SECONDS
             if _is_repetition(merged_facts[index], fact, longest_pause):
-                merged_facts[index] = _merged_pair(merged_facts[index], fact)
+                repeated_index = index
                 break
-        else:
-            index = len(merged_facts)
-            indices.append(index)
+        if repeated_index is None:
+            repeated_index = len(merged_facts)
+            indices.append(repeated_index)
             merged_facts.append(fact.replace(count=1))
+        else:
+            merged_facts[repeated_index] = _merged_pair(merged_facts[repeated_index], fact)
         if is_state:
-            state_indices.add(index)
+            state_indices.add(repeated_index)
     return merged_facts
 
 
@@ -449,17 +452,21 @@ def _merged_pair(first_report: Fact, repetition: Fact) -> Fact:
         A fact with the time of the first one, the later end, the worse level, the messages of both, a subject if either
         has one, and a count that is one higher. All other figures are taken from the first fact.
     """
+    # Levels are defined in the order good, watch, bad, unknown.
+    levels = list(Level)
+    level = max(first_report.level, repetition.level, key=levels.index)
     last_time = max(_last_time(first_report), _last_time(repetition))
-    # A dictionary keeps each name once, in order.
-    basis = dict.fromkeys((*first_report.figures["basis"], *repetition.figures["basis"]))
+    is_at_one_time = last_time == first_report.time
+    # A fault that never ends has no end, whatever is reported meanwhile.
+    never_ends = last_time == inf
+    message_names = (*first_report.figures["basis"], *repetition.figures["basis"])
     figures = {**repetition.figures, **first_report.figures}
-    figures["basis"] = tuple(basis)
+    # A dictionary keeps each name once, in order.
+    figures["basis"] = tuple(dict.fromkeys(message_names))
     figures["count"] = first_report.figures["count"] + 1
     return first_report.replace(
-        # Levels count in the order of their definition: good, watch, bad, unknown.
-        max(first_report.level, repetition.level, key=list(Level).index),
-        # A report at one time has no end, and neither has a fault that never ends, whatever is reported meanwhile.
-        end_time=None if last_time in (first_report.time, inf) else last_time,
+        level,
+        end_time=None if is_at_one_time or never_ends else last_time,
         subject=first_report.subject or repetition.subject,
         **figures,
     )

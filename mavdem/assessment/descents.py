@@ -114,29 +114,31 @@ def dive_events(sensors: BootSensors, flight_interval: TimeInterval) -> Iterator
     if is_throttle_closed is None:
         return
     # The closed throttle is shown by the stick or, if that was not recorded, by the motors.
-    code_of_closing = (
-        SensorFact.MOTORS_THROTTLED if sensors.stick is None else SensorFact.THROTTLE_CLOSED
-    )
+    evidence_of_closing = SensorFact.THROTTLE_CLOSED
+    if sensors.stick is None:
+        evidence_of_closing = SensorFact.MOTORS_THROTTLED
     flight_start, flight_end = flight_interval
-    record_start, record_end = is_throttle_closed.time[0], is_throttle_closed.time[-1]
-    for closing, opening in true_intervals(is_throttle_closed.time, is_throttle_closed.values > 0):
+    time = is_throttle_closed.time
+    for closing_time, opening_time in true_intervals(time, is_throttle_closed.values > 0):
         # Intervals at the ends of the record are infinite.
-        start = max(closing, flight_start, record_start)
-        end = min(opening, flight_end, record_end)
+        start = max(closing_time, flight_start, time[0])
+        end = min(opening_time, flight_end, time[-1])
         if end - start < MIN_DIVE_SECONDS:
             continue
-        window = (start, end + BAROMETER_LAG)
-        speed = sensors.sink_rate(window)
-        if speed is None or speed < DIVE_SPEED or not flies_on(sensors, flight_interval, end):
+        examined_interval = (start, end + BAROMETER_LAG)
+        sink_rate = sensors.sink_rate(examined_interval)
+        if sink_rate is None or sink_rate < DIVE_SPEED:
             continue
-        closing_fact = supporting_fact(code_of_closing, time=start)
-        descent_facts = supporting_facts(sensors.sink_facts(window))
+        if not flies_on(sensors, flight_interval, end):
+            continue
+        closing_fact = supporting_fact(evidence_of_closing, time=start)
+        descent_facts = supporting_facts(sensors.sink_facts(examined_interval))
         yield Fact(
             MotionEvent.DIVED,
             Level.GOOD,
             time=start,
             end_time=end,
-            speed=speed,
+            speed=sink_rate,
             boot=sensors.boot,
             witnesses=(closing_fact, *descent_facts),
         )

@@ -380,9 +380,10 @@ def is_first_at_limit(at_limit: Flags, motor: int) -> bool:
 def _sinking_at_full_throttle(
     signals: Signals, boot: int, motors: MotorOutputs, time: float
 ) -> Fact | None:
-    """Returns the fact that the vehicle sank at full throttle with a motor at its limit.
+    """Returns the fact that the vehicle sank before an impact although the pilot commanded full throttle.
 
-    Then all thrust is in use, however low the mean command is: a mixer lowers the other motors to keep the attitude.
+    If a motor is at its limit then, all thrust is in use, however low the mean command is: a mixer lowers the other
+    motors to keep the attitude.
 
     Args:
         signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.
@@ -391,25 +392,26 @@ def _sinking_at_full_throttle(
         time: time of the impact, s since boot; the ``SINKING_SECONDS`` before it are examined.
 
     Returns:
-        The fact, with the names of the motors at their limit and the mean command as ``share``; None if the vehicle did
-        not sink so, or stick or climb rate were not recorded.
+        The fact, with the names of the motors at their limit and the mean command, a fraction of its upper limit, as
+        ``share``. None if the vehicle did not sink at full throttle with a motor at its limit, or stick or climb rate
+        were not recorded.
     """
     start = time - SINKING_SECONDS
-    interval = (start, time)
-    stick = BootSensors(signals, boot).stick
-    climb = BootSensors(signals, boot).climb_estimate
+    sensors = BootSensors(signals, boot)
+    stick = sensors.stick
+    climb = sensors.climb_estimate
     if stick is None or climb is None:
         return None
-    stick_travel = stick.values[in_intervals(stick.time, [interval])]
-    climb_rates = climb.values[in_intervals(climb.time, [interval])]
-    commands = motors.range_fractions(boot)
-    is_in_interval = in_intervals(commands.time, [interval])
-    if not len(stick_travel) or not len(climb_rates) or not is_in_interval.any():
+    stick_travel = stick.within((start, time)).values
+    climb_rates = climb.within((start, time)).values
+    commands = motors.range_fractions(boot).within((start, time)).values
+    if not len(stick_travel) or not len(climb_rates) or not len(commands):
         return None
-    at_limit, _ = samples_at_limits(commands.values[is_in_interval], motors.scale)
-    has_limited_motor = at_limit.any(axis=1).mean() > LIMITED_FRACTION
     is_full_throttle = stick_travel.min() >= FULL_STICK
     is_sinking = climb_rates.max() <= -LEAST_SINK_RATE
+    # (samples, motors) whether a motor is at its upper limit.
+    at_limit, _ = samples_at_limits(commands, motors.scale)
+    has_limited_motor = at_limit.any(axis=1).mean() > LIMITED_FRACTION
     if not (is_full_throttle and is_sinking and has_limited_motor):
         return None
     limited_names = []
@@ -419,7 +421,7 @@ def _sinking_at_full_throttle(
     return Fact(
         FailedFirst.THRUST_SPENT_FIRST,
         time=start,
-        share=commands.values[is_in_interval].mean() / motors.scale.upper_limit,
+        share=commands.mean() / motors.scale.upper_limit,
         names=tuple(limited_names),
     )
 

@@ -113,27 +113,33 @@ def largest_height(flights: Sequence[FlownFlight]) -> float | None:
 def _flight(
     signals: Signals, boot: int, take_off: float | None, interval: TimeInterval
 ) -> FlownFlight:
-    """Measures distance and height of one flight.
+    """Measures the flown distance and the greatest height of one flight.
 
     Args:
         signals: logged time series of the vehicle.
         boot: number of the boot.
         take_off: time of the take-off, s since boot; None if it was before the record, so that its height is not known.
         interval: the recorded part of the flight, s since boot.
+
+    Returns:
+        The flight. Its distance over ground and height above the take-off, m, are None if they were not recorded, or
+        the position had no fix.
     """
     sensors = BootSensors(signals, boot, -inf if take_off is None else take_off)
-    height = None
+    greatest_height = None
     if take_off is not None and sensors.height_above_take_off is not None:
         heights = sensors.height_above_take_off.within(interval).values
-        # The landing may be lower than the take-off, and a flight down a hill has no height above it.
-        height = max(float(heights.max()), 0.0) if len(heights) else None
+        if len(heights):
+            # The landing may be lower than the take-off, and a flight down a hill has no height above it.
+            greatest_height = max(float(heights.max()), 0.0)
     distance = None
     position = series_of_boot(signals.position, boot)
-    has_position = _has_position(sensors.trust.position.validity, interval)
-    if position is not None and has_position and sensors.trust.has_position_fix is not False:
+    has_valid_position = _has_position(sensors.trust.position.validity, interval)
+    is_fix_missing = sensors.trust.has_position_fix is False
+    if position is not None and has_valid_position and not is_fix_missing:
         distance = _path_length(position.within(interval))
     start, end = interval
-    return FlownFlight(int(boot), float(start), float(end), distance, height)
+    return FlownFlight(int(boot), float(start), float(end), distance, greatest_height)
 
 
 def _has_position(validity: TimeSeries | None, interval: TimeInterval) -> bool:

@@ -122,10 +122,16 @@ def with_evidence_of_cause(
 
 
 def _interval_at_failure(failure: Fact) -> TimeInterval | None:
-    """Returns the interval whose commands show what failed, s since boot; None if no motor did.
+    """Returns the time in which the commands of the motors show what failed.
+
+    If only thrust was lost, that is up to twice ``RECOVERY_SECONDS`` from the start of the loss. If the flight was
+    lost, it is ``AVERAGING_SECONDS`` from the time of the cause on, before the impact.
 
     Args:
-        failure: how the flight was lost, or that a motor lost thrust.
+        failure: how the flight was lost, with its cause as the figure ``cause``; or that a motor lost thrust.
+
+    Returns:
+        Start and end, s since boot; None if the motors did not fail.
     """
     if failure.code in LOSSES_OF_THRUST:
         start = failure.start_time
@@ -134,13 +140,17 @@ def _interval_at_failure(failure: Fact) -> TimeInterval | None:
     onset = loss_onset(failure)
     if cause is None or onset is None:
         return None
-    if cause.code not in (*CAUSES_BY_WEAK_MOTOR, *CAUSES_BY_OUTPUT, *CAUSES_BY_ALL_MOTORS):
+    causes_by_motors = (*CAUSES_BY_WEAK_MOTOR, *CAUSES_BY_OUTPUT, *CAUSES_BY_ALL_MOTORS)
+    if cause.code not in causes_by_motors:
         return None
-    # An output that froze has no time of its own: it stood still when the attitude left its setpoint.
-    start = onset if cause.time is None else cause.time
+    start = cause.time
+    if start is None:
+        # An output that froze has no time of its own: it stood still when the attitude left its setpoint.
+        start = onset
     end = start + AVERAGING_SECONDS
     if failure.code is Ending.CRASHED:
-        end = max(min(end, failure.start_time), start)
+        impact_time = failure.start_time
+        end = max(min(end, impact_time), start)
     return start, end
 
 

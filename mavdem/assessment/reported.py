@@ -373,10 +373,11 @@ def _take_offs_and_landings(signals: Signals, recorded_span: Segment) -> Iterato
     vehicle = signals.telemetry.vehicle
     if vehicle in SURFACE_VEHICLES:
         return
-    detected_changes = _land_detector_times(signals, recorded_span.boot)
+    boot = recorded_span.boot
+    detected_times = _land_detector_times(signals, boot)
     motor_message = DEMAND_MESSAGE if signals.motors is None else signals.motors.message
-    for take_off, landing in flights_off_ground(signals, recorded_span.boot):
-        sensors = BootSensors(signals, recorded_span.boot, take_off)
+    for take_off, landing in flights_off_ground(signals, boot):
+        height = BootSensors(signals, boot, take_off).height_above_take_off
         for code, time in (
             (ReportedEvent.OFF_GROUND, take_off),
             (ReportedEvent.ON_GROUND, landing),
@@ -384,16 +385,14 @@ def _take_offs_and_landings(signals: Signals, recorded_span: Segment) -> Iterato
             # A time is infinite if the record begins or ends in the air.
             if not isfinite(time):
                 continue
-            detected_time = _nearest_within(detected_changes, time, AVERAGING_SECONDS)
+            detected_time = _nearest_within(detected_times, time, AVERAGING_SECONDS)
             if detected_time is not None:
                 yield _reported_event(
                     signals, recorded_span, "EXTENDED_SYS_STATE", code, detected_time
                 )
-                continue
-            if vehicle not in POSSIBLE_MULTIROTORS:
-                continue
-            is_landing = code is ReportedEvent.ON_GROUND
-            if not (is_landing and stopped_in_air(sensors.height_above_take_off, landing)):
+            elif vehicle in POSSIBLE_MULTIROTORS and not (
+                code is ReportedEvent.ON_GROUND and stopped_in_air(height, landing)
+            ):
                 yield _reported_event(signals, recorded_span, motor_message, code, time)
 
 

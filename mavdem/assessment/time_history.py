@@ -165,9 +165,10 @@ def time_history(
 
 
 def _barometer_height(signals: Signals) -> TimeSeries | None:
-    """Returns the height by the barometer alone, which begins in each boot at the height that the autopilot has then.
+    """Returns the height by the barometer alone, to be compared with the height that the autopilot estimates.
 
-    A barometer measures height above an arbitrary level.
+    A barometer measures height above an arbitrary level. So its height is shifted in each boot, by a constant, to begin
+    at the height that the autopilot has then.
 
     Args:
         signals: logged time series of the vehicle, with its height.
@@ -177,20 +178,21 @@ def _barometer_height(signals: Signals) -> TimeSeries | None:
     """
     if signals.height is None:
         return None
-    parts = []
+    heights_by_boot = []
     for boot in np.unique(signals.height.boot).tolist():
-        height = signals.height.of_boot(boot)
         altitude = height_comparison(signals, boot).barometer
-        if altitude is not None:
-            start = max(height.time[0], altitude.time[0])
-            level = altitude.value_at(start) - height.value_at(start)
-            parts.append(replace(altitude, values=altitude.values - level))
-    if not parts:
+        if altitude is None:
+            continue
+        estimated_height = signals.height.of_boot(boot)
+        start = max(estimated_height.time[0], altitude.time[0])
+        level = altitude.value_at(start) - estimated_height.value_at(start)
+        heights_by_boot.append(replace(altitude, values=altitude.values - level))
+    if not heights_by_boot:
         return None
     return TimeSeries(
-        np.concatenate([part.time for part in parts]),
-        np.concatenate([part.boot for part in parts]),
-        np.concatenate([part.values for part in parts]),
+        np.concatenate([height.time for height in heights_by_boot]),
+        np.concatenate([height.boot for height in heights_by_boot]),
+        np.concatenate([height.values for height in heights_by_boot]),
     )
 
 

@@ -140,7 +140,7 @@ class UsableSegments(NamedTuple):
 def usable_segments(
     signals: Signals, components: tuple[Component, ...] = (), min_rate: float = MIN_STREAM_RATE
 ) -> UsableSegments:
-    """Returns all usable segments of a vehicle's settled flight, aligned with one sampling step.
+    """Returns all segments of a vehicle's settled flight from which a model can be learned, as training data.
 
     Args:
         signals: Logged time series of the vehicle, with angle, rate and setpoints of an axis.
@@ -148,16 +148,16 @@ def usable_segments(
         min_rate: Rate, Hz, that attitude and model inputs need.
 
     Returns:
-        The flights, and the learnability of the best segment.
+        The flights in the order of time, all with one sampling step, empty if no segment is usable; and the
+        learnability of the best segment, which then says why.
     """
-    # The first item is the learnability of the best segment.
     learnabilities = list(segment_learnabilities(signals, components, min_rate))
+    # The best segment comes first.
     best_learnability = learnabilities[0]
-    learnable = [learnability for learnability in learnabilities if learnability.learnable]
-    cautions = _unused_segments(
-        best_learnability.segments, [learnability.segment for learnability in learnable]
-    )
-    flights = [_flight_with_cautions(learnability, *cautions) for learnability in learnable]
+    usable = [learnability for learnability in learnabilities if learnability.learnable]
+    used_segments = [learnability.segment for learnability in usable]
+    cautions = _unused_segments(best_learnability.segments, used_segments)
+    flights = [_flight_with_cautions(learnability, *cautions) for learnability in usable]
     flights.sort(key=lambda flight: (boot_number(flight), flight.time[0]))
     return UsableSegments(tuple(flights), best_learnability)
 
@@ -232,16 +232,19 @@ def choose_vehicle(vehicles: Sequence[Telemetry], requested: str | None = None) 
         return matching[0]
     if not vehicles:
         raise NotLearnable(NotLearnableReason.LOG_WITHOUT_VEHICLE)
-    listed_vehicles = matching or vehicles
+    reason = NotLearnableReason.NO_SUCH_VEHICLE
+    listed_vehicles = vehicles
+    if matching:
+        reason = NotLearnableReason.SEVERAL_VEHICLES
+        listed_vehicles = matching
     # In a file of two logs, vehicles may have the same ids; then only the number of the board distinguishes them.
-    has_same_ids = len({_mavlink_ids(vehicle) for vehicle in listed_vehicles}) < len(
-        listed_vehicles
-    )
+    distinct_ids = {_mavlink_ids(vehicle) for vehicle in listed_vehicles}
+    has_same_ids = len(distinct_ids) < len(listed_vehicles)
     names = []
     for vehicle in listed_vehicles:
         names.append(vehicle.board if has_same_ids and vehicle.board else _mavlink_ids(vehicle))
     raise NotLearnable(
-        NotLearnableReason.SEVERAL_VEHICLES if matching else NotLearnableReason.NO_SUCH_VEHICLE,
+        reason,
         name=requested,
         names=names,
         kinds=[vehicle.vehicle for vehicle in listed_vehicles],

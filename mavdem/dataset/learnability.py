@@ -229,33 +229,41 @@ def _without_inputs(signals: Signals) -> Fact:
 def _never_airborne(signals: Signals, figures: QualityFigures) -> Fact:
     """Returns the reason to refuse a vehicle that was armed but did not fly, with what shows that it did not.
 
-    There are three cases. The autopilot reported that it was in the air, but it had no vertical speed. Or the autopilot
-    reported it on the ground throughout. Or, if neither was reported, the collective (mean output of all motors) was
-    low; without a collective nothing shows a flight.
+    There are three cases:
+
+    - The autopilot reported that it was in the air, but it had no vertical speed.
+    - The autopilot reported it on the ground throughout.
+    - If neither was reported, the collective (mean output of all motors) was low. Without a collective, nothing shows
+      whether it flew.
 
     Args:
         signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.
         figures: figures of the log, with the time for which the vehicle was armed, s.
     """
     telemetry = signals.telemetry
-    name = telemetry.name_in_source("EXTENDED_SYS_STATE")
+    message_name = telemetry.name_in_source("EXTENDED_SYS_STATE")
     attitude, _ = signals.attitude_and_inputs
     is_reported_airborne = False
     for boot in np.unique(attitude.boot):
         if flight_states.airborne_intervals(signals, int(boot)):
             is_reported_airborne = True
             break
-    is_by_collective = not is_reported_airborne and signals.landed_state is None
-    if is_by_collective and signals.collective is None:
+    is_never_reported = not is_reported_airborne and signals.landed_state is None
+    if is_never_reported and signals.collective is None:
         return Fact(
-            NotLearnableReason.NO_EVIDENCE_OF_FLIGHT, name=name, remedy=rate_advice(telemetry)
+            NotLearnableReason.NO_EVIDENCE_OF_FLIGHT,
+            name=message_name,
+            remedy=rate_advice(telemetry),
         )
+    # Each case has its figure; the others are None.
+    min_climb_rate = grounded.MIN_LIFT_OFF_SPEED if is_reported_airborne else None
+    highest_collective = flight_states.max_collective(signals) if is_never_reported else None
     return Fact(
         NotLearnableReason.NEVER_AIRBORNE,
         armed=figures.armed,
-        name=name,
-        climb_rate=grounded.MIN_LIFT_OFF_SPEED if is_reported_airborne else None,
-        collective=flight_states.max_collective(signals) if is_by_collective else None,
+        name=message_name,
+        climb_rate=min_climb_rate,
+        collective=highest_collective,
         least_collective=flight_states.min_airborne_collective(telemetry.parameters),
         remedy=RECORD_A_FLIGHT,
     )

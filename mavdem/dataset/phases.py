@@ -122,24 +122,24 @@ def without_transients(
     start, end = flight_interval
     level_start = start + TRANSIENT_SECONDS
     level_end = end - TRANSIENT_SECONDS
-    if climb_rate is not None:
-        speed = climb_rate.values
-        is_inside = (climb_rate.time >= level_start) & (climb_rate.time <= level_end)
-        is_rising = speed >= MAX_LEVEL_FLIGHT_SPEED
-        is_sinking = speed <= -MAX_LEVEL_FLIGHT_SPEED
+    is_start_recorded = not isinf(start)
+    is_end_recorded = not isinf(end)
+    rates = None if climb_rate is None else climb_rate.within((level_start, level_end))
+    if rates is not None and len(rates.time):
+        is_rising = rates.values >= MAX_LEVEL_FLIGHT_SPEED
+        is_sinking = rates.values <= -MAX_LEVEL_FLIGHT_SPEED
         # No vehicle sinks in a whole flight, from take-off to landing. If the climb rate shows that, the estimate of
         # the height has diverged, and its rate is not used.
-        is_whole_flight = not isinf(start) and not isinf(end)
-        sinks_throughout = bool(is_sinking[is_inside].all())
-        has_diverged = is_whole_flight and sinks_throughout
-        if is_inside.any() and not has_diverged:
-            if not isinf(start):
-                level_times = climb_rate.time[is_inside & ~is_rising]
-                level_start = float(level_times[0]) if len(level_times) else level_end
-            if not isinf(end):
-                level_times = climb_rate.time[is_inside & ~is_sinking]
-                level_end = float(level_times[-1]) if len(level_times) else level_start
-    return (level_start, level_end) if level_start < level_end else None
+        has_diverged = is_start_recorded and is_end_recorded and bool(is_sinking.all())
+        if is_start_recorded and not has_diverged:
+            times_without_rise = rates.time[~is_rising]
+            level_start = float(times_without_rise[0]) if len(times_without_rise) else level_end
+        if is_end_recorded and not has_diverged:
+            times_without_sink = rates.time[~is_sinking]
+            level_end = float(times_without_sink[-1]) if len(times_without_sink) else level_start
+    if level_start >= level_end:
+        return None
+    return level_start, level_end
 
 
 def _without_long_climbs(level_intervals: Intervals, climb_rate: TimeSeries) -> Intervals:

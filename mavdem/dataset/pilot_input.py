@@ -45,7 +45,7 @@ class PilotInput(NamedTuple):
 
 
 def pilot_input(signals: Signals) -> PilotInput:
-    """Returns the sticks and switches that were recorded.
+    """Returns the sticks and switches of the pilot that were recorded.
 
     The sticks of MANUAL_CONTROL, in %, are preferred. Without them, sticks are the radio channels that the autopilot's
     parameters assign to them, in µs. All other channels count as switches.
@@ -62,22 +62,33 @@ def pilot_input(signals: Signals) -> PilotInput:
     for number, series in channels.items():
         if number not in stick_channels.values():
             switches[number] = series
+    sticks_in_percent = _sticks_of_manual_control(signals)
+    if len(sticks_in_percent) == len(STICKS):
+        return PilotInput(sticks_in_percent, "%", switches)
+    sticks_in_microseconds = {}
+    for stick, number in stick_channels.items():
+        if number in channels:
+            sticks_in_microseconds[stick] = channels[number]
+    return PilotInput(sticks_in_microseconds, "µs", switches)
+
+
+def _sticks_of_manual_control(signals: Signals) -> dict[str, TimeSeries]:
+    """Returns the sticks in the message MANUAL_CONTROL, from −100 to 100 %, by name; without those not recorded.
+
+    Args:
+        signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.
+    """
     columns = signals.telemetry.messages.get("MANUAL_CONTROL", {})
     sticks = {}
     for stick, field in STICK_FIELDS.items():
-        if field in columns:
-            # MAVLink has sticks from −1000 to 1000.
-            percent = 0.1 * float_column(columns, field)
-            series = clean_series(columns, percent)
-            if len(series.time):
-                sticks[stick] = series
-    if len(sticks) == len(STICKS):
-        return PilotInput(sticks, "%", switches)
-    sticks = {}
-    for stick, number in stick_channels.items():
-        if number in channels:
-            sticks[stick] = channels[number]
-    return PilotInput(sticks, "µs", switches)
+        if field not in columns:
+            continue
+        # MAVLink has sticks from −1000 to 1000.
+        percent = 0.1 * float_column(columns, field)
+        series = clean_series(columns, percent)
+        if len(series.time):
+            sticks[stick] = series
+    return sticks
 
 
 def _stick_channels(parameters: Parameters) -> dict[str, int]:

@@ -212,17 +212,20 @@ class VehicleSignals:
             return None
         # A vehicle of unknown type sends heartbeats of type GENERIC.
         vehicle_type = "GENERIC" if telemetry.vehicle == "UNKNOWN" else telemetry.vehicle
-        types = [enum_name("MAV_TYPE", number) for number in columns["type"].tolist()]
-        autopilots = [
-            enum_name("MAV_AUTOPILOT", number) for number in columns["autopilot"].tolist()
-        ]
-        is_same_type = np.array(types) == vehicle_type
-        is_same_autopilot = np.array(autopilots) == telemetry.autopilot
-        rows = np.flatnonzero(is_same_type & is_same_autopilot)
-        if not len(rows):
+        rows_of_vehicle = []
+        types_and_autopilots = zip(
+            columns["type"].tolist(), columns["autopilot"].tolist(), strict=True
+        )
+        for row, (type_number, autopilot_number) in enumerate(types_and_autopilots):
+            is_same_type = enum_name("MAV_TYPE", type_number) == vehicle_type
+            is_same_autopilot = enum_name("MAV_AUTOPILOT", autopilot_number) == telemetry.autopilot
+            if is_same_type and is_same_autopilot:
+                rows_of_vehicle.append(row)
+        if not rows_of_vehicle:
             return None
-        order = np.lexsort((columns["time"][rows], columns["boot"][rows]))
-        return selected_rows(columns, rows[order])
+        rows = np.array(rows_of_vehicle)
+        by_boot_and_time = np.lexsort((columns["time"][rows], columns["boot"][rows]))
+        return selected_rows(columns, rows[by_boot_and_time])
 
     def mode_changes(self, boot: int) -> list[ModeChange]:
         """Returns the changes of the flight mode, from CURRENT_MODE or otherwise from HEARTBEAT.

@@ -110,9 +110,14 @@ class HealthFigures:
         Args:
             other: The other record, of the same vehicle.
         """
-        earlier, later = sorted((self, other), key=lambda flight: flight.start_time)
-        duration = 0.0 if earlier.balance is None else earlier.balance.seconds
-        return later.start_time - earlier.start_time < duration
+        earlier_flight, later_flight = self, other
+        if other.start_time < self.start_time:
+            earlier_flight, later_flight = other, self
+        if earlier_flight.balance is None:
+            seconds = 0.0
+        else:
+            seconds = earlier_flight.balance.seconds
+        return later_flight.start_time - earlier_flight.start_time < seconds
 
 
 HealthFlights = Sequence[HealthFigures]

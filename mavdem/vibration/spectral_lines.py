@@ -132,9 +132,8 @@ def prominent_peaks(values: Array, min_prominence: float) -> list[int]:
     """Finds the peaks of a curve that stand out from it.
 
     The prominence of a peak is its height above the higher of two minima: the minima of the curve on either side, up to
-    the
-    next higher point or the end of the curve. ``scipy.signal.find_peaks`` does the same, and finds flat tops too, but
-    takes half a second to import.
+    the next higher point or the end of the curve. ``scipy.signal.find_peaks`` does the same, and finds flat tops too,
+    but takes half a second to import.
 
     Args:
         values: (N,) the curve.
@@ -143,21 +142,20 @@ def prominent_peaks(values: Array, min_prominence: float) -> list[int]:
     Returns:
         Indices of the peaks, ascending.
     """
-    is_peak = (values[1:-1] > values[:-2]) & (values[1:-1] > values[2:])
+    inner_values = values[1:-1]
+    is_peak = (inner_values > values[:-2]) & (inner_values > values[2:])
     peaks = []
     for peak in (np.flatnonzero(is_peak) + 1).tolist():
         # The range around the peak in which nothing is higher: between the nearest higher points on either side.
-        higher = np.flatnonzero(values > values[peak])
-        first_higher_after = np.searchsorted(higher, peak)
-        lower_part_start = 0
-        if first_higher_after > 0:
-            lower_part_start = higher[first_higher_after - 1] + 1
-        lower_part_end = len(values)
-        if first_higher_after < len(higher):
-            lower_part_end = higher[first_higher_after]
-        lowest_before = values[lower_part_start : peak + 1].min()
-        lowest_after = values[peak:lower_part_end].min()
-        if values[peak] - max(lowest_before, lowest_after) >= min_prominence:
+        is_higher = values > values[peak]
+        higher_before = np.flatnonzero(is_higher[:peak])
+        higher_after = peak + np.flatnonzero(is_higher[peak:])
+        range_start = higher_before[-1] + 1 if len(higher_before) else 0
+        range_end = higher_after[0] if len(higher_after) else len(values)
+        lowest_before = values[range_start : peak + 1].min()
+        lowest_after = values[peak:range_end].min()
+        prominence = values[peak] - max(lowest_before, lowest_after)
+        if prominence >= min_prominence:
             peaks.append(peak)
     return peaks
 

@@ -104,31 +104,35 @@ def reported_clips(signals: Signals) -> TimeSeries | None:
 
 
 def _levels_and_clips(signals: Signals) -> TimeSeries | None:
-    """Returns the columns of VIBRATION: k levels of all IMUs, then the clips of each IMU since the sample before.
+    """Returns the vibration levels of all IMUs, and how often each IMU clipped since the sample before.
+
+    An accelerometer clips when the acceleration is beyond its range.
 
     Args:
         signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.
 
     Returns:
-        Samples (N, k + 3); ``None`` if they were not recorded, or all levels are 0.
+        Samples (N, k + 3): k levels, then the clips of three IMUs; ``None`` if VIBRATION was not recorded, or all
+        levels are 0.
     """
     is_px4 = signals.telemetry.autopilot == "PX4"
     level_fields = LEVEL_FIELDS[-1:] if is_px4 else LEVEL_FIELDS
     columns = signals.telemetry.messages.get("VIBRATION")
-    if columns is None or not {*level_fields, *CLIPPING_FIELDS} <= columns.keys():
+    needed_fields = {*level_fields, *CLIPPING_FIELDS}
+    if columns is None or not needed_fields <= columns.keys():
         return None
     # DataFlash logs have the levels of all IMUs, MAVLink has only the levels of the first.
     all_levels = columns.get("levels", float_columns(columns, level_fields))
     possible_levels = np.where(abs(all_levels) <= MAX_LEVEL, all_levels, np.nan)
-    table = np.column_stack([possible_levels, float_columns(columns, CLIPPING_FIELDS)])
-    samples = clean_series(columns, table)
-    # The last columns are the counters of clipping, those before are levels.
+    recorded_counts = float_columns(columns, CLIPPING_FIELDS)
+    samples = clean_series(columns, np.column_stack([possible_levels, recorded_counts]))
     levels, counts = np.split(samples.values, [-len(CLIPPING_FIELDS)], axis=1)
     # A firmware without the measurement may send zeros.
     if not levels.any():
         return None
     # A single count that differs from both its neighbours is damaged; a median of three removes it.
     undamaged_counts = scipy.ndimage.median_filter(counts, size=(3, 1), mode="mirror")
-    # Counts begin at 0 in each boot; the negative difference there is clipped to 0.
-    clips = np.clip(np.diff(undamaged_counts, axis=0, prepend=undamaged_counts[:1]), 0, None)
+    # The first sample has no clips. Counts begin at 0 in each boot; the negative difference there is set to 0.
+    increases = np.diff(undamaged_counts, axis=0, prepend=undamaged_counts[:1])
+    clips = np.maximum(increases, 0)
     return replace(samples, values=np.column_stack([levels, clips]))

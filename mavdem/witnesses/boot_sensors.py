@@ -501,21 +501,22 @@ class BootSensors:
         record = _rest_record(self.signals, self.boot)
         if record is None:
             return None
-        is_candidate = (record.start >= time) & (record.start <= latest) & record.is_rest
+        is_resting = (record.start >= time) & (record.start <= latest) & record.is_rest
         needed_windows = round(MIN_REST_SECONDS / REST_SECONDS)
-        if len(is_candidate) < needed_windows:
+        if len(is_resting) < needed_windows:
             return None
         # Row i of the view has the flags of the windows i to i + needed_windows − 1: all of them must be at rest.
-        begins_rest = sliding_window_view(is_candidate, needed_windows).all(axis=1)
+        begins_rest = sliding_window_view(is_resting, needed_windows).all(axis=1)
         if not begins_rest.any():
             return None
         first_window = int(np.argmax(begins_rest))
-        angles = record.angle[first_window : first_window + needed_windows]
-        known_angles = angles[np.isfinite(angles)]
-        angle = float(np.median(known_angles)) if len(known_angles) else None
+        end_window = first_window + needed_windows
+        angles = record.angle[first_window:end_window]
+        finite_angles = angles[np.isfinite(angles)]
+        median_angle = float(np.median(finite_angles)) if len(finite_angles) else None
         # The record computes the angle from the accelerometer or, without one, from the attitude.
         source = ATTITUDE if self.accelerometer is None else ACCELEROMETER
-        return Rest(float(record.start[first_window]), angle, source)
+        return Rest(float(record.start[first_window]), median_angle, source)
 
 
 @dataclass(frozen=True, eq=False)

@@ -303,9 +303,10 @@ def _recorded_height(signals: Signals, boot: int, source: HeightSource) -> TimeS
 # size in memory.
 @cached_per_vehicle()
 def _trusted_source(signals: Signals, boot: int, take_off: float) -> HeightSource | None:
-    """Chooses the source whose height :func:`trusted_height` returns.
+    """Chooses the source whose height :func:`trusted_height` returns: the autopilot's estimate or the barometer.
 
-    That is the barometer if the autopilot's estimate is ever further than ``MAX_HEIGHT_DIFFERENCE`` from it.
+    The estimate is preferred, except if it is ever farther than ``MAX_HEIGHT_DIFFERENCE`` from the barometer: then it
+    has probably diverged.
 
     Args:
         signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.
@@ -326,10 +327,13 @@ def _trusted_source(signals: Signals, boot: int, take_off: float) -> HeightSourc
         return None if estimate is None else HeightSource.ESTIMATE
     if estimate is None:
         return HeightSource.BAROMETER
-    difference = np.interp(barometer.time, estimate.time, estimate.values) - barometer.values
-    is_covered = (barometer.time >= estimate.time[0]) & (barometer.time <= estimate.time[-1])
-    is_contradicted = is_covered & (abs(difference) > MAX_HEIGHT_DIFFERENCE)
-    return HeightSource.BAROMETER if is_contradicted.any() else HeightSource.ESTIMATE
+    estimate_at_barometer = np.interp(barometer.time, estimate.time, estimate.values)
+    differs = abs(estimate_at_barometer - barometer.values) > MAX_HEIGHT_DIFFERENCE
+    # Before its first and after its last sample the estimate is not known.
+    is_estimate_known = (barometer.time >= estimate.time[0]) & (barometer.time <= estimate.time[-1])
+    if (differs & is_estimate_known).any():
+        return HeightSource.BAROMETER
+    return HeightSource.ESTIMATE
 
 
 def _above_take_off(height: TimeSeries | None, take_off: float) -> TimeSeries | None:

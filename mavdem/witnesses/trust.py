@@ -144,29 +144,34 @@ class SensorTrust:
         """Returns the check of the barometer as a fact: whether it is usable, and agrees with the estimated climb.
 
         The fact has the time, s, of the first contradiction, the noise of the barometer as ``acceleration``, m/s², the
-        median difference of the climb rates as ``speed``, m/s, and the ``drift`` of its height, if there is one.
+        median difference of the climb rates as ``speed``, m/s, and the ``drift`` of its height, if there is one. Its
+        level is unknown if the log does not show whether the two agree.
         """
         is_usable = self.is_barometer_usable
-        is_sound = self.is_climb_estimate_sound
-        # A barometer that is not usable, or not known to be, cannot be compared with the estimate. None if the log does
-        # not show whether they agree.
-        agrees = is_sound if is_usable else is_usable
-        if agrees and self.height_drift is not None:
-            # The estimated climb mostly rests on the barometer, and does not show that it drifts. If it only differs
-            # from satellites, either of them may have drifted.
-            may_be_satellites = self.height_drift.code is MotionEvent.HEIGHTS_DISAGREE
-            agrees = None if may_be_satellites else False
+        agrees_with_climb = self.is_climb_estimate_sound
+        is_right: bool | None
+        if not is_usable:
+            # A barometer that is not usable, or not known to be, cannot be compared with the estimate.
+            is_right = is_usable
+        elif not agrees_with_climb or self.height_drift is None:
+            is_right = agrees_with_climb
+        elif self.height_drift.code is MotionEvent.HEIGHTS_DISAGREE:
+            # The barometer only differs from the satellites, so either of them may have drifted.
+            is_right = None
+        else:
+            # The estimated climb mostly rests on the barometer, and does not show that it drifts.
+            is_right = False
         first_contradiction_time = None
-        if is_sound is False:
+        if agrees_with_climb is False:
             first_contradiction_time, _ = self._contradictions[0]
         return Fact(
             TrustCheck.BAROMETER,
-            _level_of_check(agrees),
+            _level_of_check(is_right),
             time=first_contradiction_time,
             is_usable=is_usable,
-            is_sound=is_sound,
+            is_sound=agrees_with_climb,
             acceleration=self.height.barometer_noise,
-            speed=self.height.climb_difference if is_sound else None,
+            speed=self.height.climb_difference if agrees_with_climb else None,
             duration=self.contradiction_seconds,
             drift=self.height_drift,
             boot=self.boot,

@@ -359,31 +359,30 @@ def _prediction_finding(held_out: HeldOut) -> Finding:
     Returns:
         The grade, with the error ratio and the fractions of windows that were forecast worse than by each baseline.
     """
-    limits = PREDICTION_LIMITS
-    baseline = held_out.best_baseline
+    best_baseline = held_out.best_baseline
     # Both error ratios are relative to the error of the constant mean, which cancels.
-    ratio = held_out.error_ratio() / held_out.error_ratio(baseline)
-    worse_shares = held_out.worse_shares
-    worse_than_mean = worse_shares[CONSTANT_MEAN]
-    worse_than_last = worse_shares[HOLD_LAST]
+    error_ratio = held_out.error_ratio() / held_out.error_ratio(best_baseline)
+    fraction_worse_than_mean = held_out.worse_shares[CONSTANT_MEAN]
+    fraction_worse_than_last = held_out.worse_shares[HOLD_LAST]
     reason = Fact(
         GradeReason.FORECASTS_COMPARED,
-        name=baseline,
-        ratio=ratio if isfinite(ratio) else None,
+        name=best_baseline,
+        ratio=error_ratio if isfinite(error_ratio) else None,
         windows=len(held_out),
-        worse=worse_than_mean,
-        worse_than_last=worse_than_last,
+        worse=fraction_worse_than_mean,
+        worse_than_last=fraction_worse_than_last,
     )
-    is_good = (
-        ratio <= limits.ratio
-        and worse_than_mean <= limits.worse
-        and worse_than_last <= limits.worse_than_last
-        and held_out.coverage >= limits.coverage
-        and len(held_out) >= limits.windows
+    limits = PREDICTION_LIMITS
+    has_small_errors = (
+        error_ratio <= limits.ratio
+        and fraction_worse_than_mean <= limits.worse
+        and fraction_worse_than_last <= limits.worse_than_last
     )
-    if is_good:
+    has_honest_intervals = held_out.coverage >= limits.coverage
+    has_enough_windows = len(held_out) >= limits.windows
+    if has_small_errors and has_honest_intervals and has_enough_windows:
         grade = Grade.GOOD
-    elif ratio < 1:
+    elif error_ratio < 1:
         grade = Grade.LIMITED
     else:
         grade = Grade.NOT_IDENTIFIABLE

@@ -147,7 +147,9 @@ def _sections_by_gains(signals: Signals, flights: Flights) -> dict[GainValues, l
 
 
 def _rows_of_changes(flight: Flight, history: Sequence[GainSet], autotune: Intervals) -> list[int]:
-    """Returns the rows at which a flight must be cut so that the gains are constant in each section.
+    """Returns the samples at which a flight must be cut so that the gains are constant in each section.
+
+    It is cut whenever gains were set, and at the start and the end of each interval of AutoTune.
 
     Args:
         flight: samples of one boot.
@@ -155,14 +157,16 @@ def _rows_of_changes(flight: Flight, history: Sequence[GainSet], autotune: Inter
         autotune: start and end of the intervals in which AutoTune changed gains, s since boot.
 
     Returns:
-        Ascending rows. The first is 0 and the last the number of samples, so that each pair of neighbours bounds one
-        section.
+        Ascending indices of samples. The first is 0 and the last the number of samples, so that each pair of neighbours
+        bounds one section.
     """
     boot = boot_number(flight)
-    change_times = [gain_set.time for gain_set in history if gain_set.boot == boot]
-    rows = np.searchsorted(flight.time, [*change_times, *np.ravel(autotune)])
-    unique_rows: list[int] = np.unique([0, *rows, len(flight)]).tolist()
-    return unique_rows
+    cut_times = [gain_set.time for gain_set in history if gain_set.boot == boot]
+    for start, end in autotune:
+        cut_times += [start, end]
+    cuts = np.searchsorted(flight.time, cut_times)
+    cuts_and_ends: list[int] = np.unique([0, *cuts, len(flight)]).tolist()
+    return cuts_and_ends
 
 
 def _gains_at(history: Sequence[GainSet], moment: BootTime) -> GainValues:

@@ -543,9 +543,11 @@ def _advice_to_compare_peaks(observations: LoopObservations, peak_fact: Fact) ->
 def common_action(actions: Sequence[Fact | None]) -> Fact | None:
     """Returns the one action that a status light advises for several axes: the action of the first that needs one.
 
-    A flight after it shows what the other axes still need. There are two exceptions. Gains that are to be lowered by a
-    third are lowered on all axes at once, before that flight: their changes are joined in one action. And gains that
-    one axis surely needs are not put off since another one is to fly first.
+    The other axes wait, since a flight after this action shows what they still need. There are two exceptions:
+
+    - Gains that are to be lowered by a third are lowered on all axes at once, before that flight: their changes are
+      joined in one action.
+    - Gains that one axis surely needs are not put off because another axis is to fly first.
 
     Args:
         actions: the action of each axis; None if nothing is to be done.
@@ -558,8 +560,10 @@ def common_action(actions: Sequence[Fact | None]) -> Fact | None:
         return None
     first_action = needed_actions[0]
     if first_action.code is LoopAction.FLY_BEFORE_GAINS:
-        actions_to_tune = [action for action in needed_actions if action.code in ADVICE_TO_TUNE]
-        return actions_to_tune[0] if actions_to_tune else first_action
+        for action in needed_actions:
+            if action.code in ADVICE_TO_TUNE:
+                return action
+        return first_action
     if first_action.code is not LoopAction.LOWER_BY_A_THIRD:
         return first_action
     reductions = [action for action in needed_actions if action.code is LoopAction.LOWER_BY_A_THIRD]
@@ -567,7 +571,8 @@ def common_action(actions: Sequence[Fact | None]) -> Fact | None:
         # The action of a single axis has no list of axes ("names").
         return first_action
     gain_changes = []
+    axes = []
     for reduction in reductions:
         gain_changes += reduction.figures["changes"]
-    axes = [reduction.figures["axis"] for reduction in reductions]
+        axes.append(reduction.figures["axis"])
     return first_action.replace(changes=gain_changes, names=axes)

@@ -214,14 +214,17 @@ def response_comparison(
     """
     comparison = measured_response.comparison(frequency, closed_loop)
     if loop.agrees is not None:
-        confirms_identification = comparison.is_good == loop.agrees
-        return comparison if confirms_identification else None
+        contradicts_identification = comparison.is_good != loop.agrees
+        return None if contradicts_identification else comparison
     if comparison.is_good:
         return comparison
-    reason = loop.measured.reason if loop.measured is not None else None
-    were_motors_limited = reason is not None and reason.code is ResponseFact.RESPONSE_LIMITED
+    were_motors_limited = False
+    if loop.measured is not None and loop.measured.reason is not None:
+        were_motors_limited = loop.measured.reason.code is ResponseFact.RESPONSE_LIMITED
     gains_changed = any(caution.code is LoopFact.PARAMETERS_CHANGED for caution in loop.cautions)
-    return None if were_motors_limited or gains_changed else comparison
+    if were_motors_limited or gains_changed:
+        return None
+    return comparison
 
 
 def _confirmed_loop(axis: str, loops: Mapping[str, Loop | Fact]) -> Loop | Fact | None:

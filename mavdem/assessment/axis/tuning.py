@@ -67,10 +67,11 @@ class Tuning(NamedTuple):
         return self.advice[0].conclusion
 
     def files(self, vehicle: Telemetry) -> dict[str, str]:
-        """Returns the parameter files for ground stations, a pair for each stage of tuning.
+        """Returns the contents of the parameter files that set the advised gains, to be loaded by a ground station.
 
-        The gains of a stage are loaded and flown before the gains of the next stage. A notch filter is in the first
-        file, or in a separate one if the gains are kept.
+        There is a pair of files, in two formats, for each stage of tuning: the gains of a stage are loaded and flown
+        before the gains of the next stage. A notch filter is in the files of the first stage that changes gains, or in
+        a separate pair if the gains are kept.
 
         Args:
             vehicle: vehicle that they are for.
@@ -78,22 +79,25 @@ class Tuning(NamedTuple):
         Returns:
             The text of each file by the ending of its name, such as ``.stage1.params``.
         """
-        texts = {}
-        remaining_notch = self.notch_parameters
+        text_by_ending = {}
+        notch_to_write = self.notch_parameters
         for stage, heading in STAGE_HEADINGS.items():
-            parameters = dict[str, float]()
+            parameters_of_stage = dict[str, float]()
             for advice in self.advice:
                 if advice.stage is stage:
-                    parameters |= advice.parameters
-            if parameters:
-                parameters |= remaining_notch
-                remaining_notch = {}
-                for ending, text in parameter_files(parameters, vehicle, heading).items():
-                    texts[f".stage{stage:d}{ending}"] = text
-        if remaining_notch:
-            for ending, text in parameter_files(remaining_notch, vehicle, NOTCH_HEADING).items():
-                texts[f".notch{ending}"] = text
-        return texts
+                    parameters_of_stage |= advice.parameters
+            if not parameters_of_stage:
+                continue
+            parameters_of_stage |= notch_to_write
+            notch_to_write = {}
+            texts = parameter_files(parameters_of_stage, vehicle, heading)
+            for ending, text in texts.items():
+                text_by_ending[f".stage{stage:d}{ending}"] = text
+        if notch_to_write:
+            texts = parameter_files(notch_to_write, vehicle, NOTCH_HEADING)
+            for ending, text in texts.items():
+                text_by_ending[f".notch{ending}"] = text
+        return text_by_ending
 
 
 def tune_loops(
@@ -384,17 +388,19 @@ def _unknown_lights_for_higher_gains(
     Returns:
         The names of these lights; empty if no gain is raised.
     """
-    raises_gain = any(
-        gain.set > gain.now for advice in changed_loops for gain in advice.gains.values()
-    )
+    raises_gain = False
+    for advice in changed_loops:
+        for gain in advice.gains.values():
+            if gain.set > gain.now:
+                raises_gain = True
     if not raises_gain:
         return ()
-    lights = judgement.lights
-    return tuple(
-        str(name)
-        for name in (Light.MOTORS, Light.VIBRATION)
-        if name in lights and lights[name].level is Level.UNKNOWN
-    )
+    unknown_lights = []
+    for name in (Light.MOTORS, Light.VIBRATION):
+        light = judgement.lights.get(name)
+        if light is not None and light.level is Level.UNKNOWN:
+            unknown_lights.append(str(name))
+    return tuple(unknown_lights)
 
 
 def _advises_to_tune(next_step: Fact) -> bool:

@@ -122,12 +122,13 @@ class GainTrial(NamedTuple):
 def try_gains(evidence: Evidence, gains: Parameters, *, in_wind: bool = True) -> GainTrial | Fact:
     """Simulates flights of the twin with the present gains and with other gains, in the same wind and noise.
 
-    Both follow the same setpoints, from the seconds of the recorded flight in which the setpoints move most.
+    The twin is a simulation of the vehicle with its identified loops. One pair of flights follows the setpoints of the
+    recorded flight, in the seconds in which they move most. A second pair hovers in wind, with setpoints of 0.
 
     Args:
         evidence: signals, events and measurements of the vehicle.
         gains: gains to set, by the autopilot's names.
-        in_wind: whether a second pair of flights is simulated, which hover in wind, with setpoints of 0.
+        in_wind: whether the second pair of flights is simulated.
 
     Returns:
         The motion of both flights by axis, "roll" and "pitch", without axes whose setpoints were not recorded; or the
@@ -140,20 +141,23 @@ def try_gains(evidence: Evidence, gains: Parameters, *, in_wind: bool = True) ->
     dt = loops["roll"].record.dt
     replayed_samples = samples_of_most_movement(recorded_segments, dt)
     hover_samples = slice(round((SETTLING_SECONDS + WIND_SECONDS) / dt))
-    flown_segments = dict[str, ReplaySegment]()
+    replayed_segments = dict[str, ReplaySegment]()
     hover_segments = dict[str, ReplaySegment]()
-    for axis, recorded_segment in recorded_segments.items():
-        outputs, setpoints = recorded_segment
-        flown_segments[axis] = ReplaySegment(outputs[replayed_samples], setpoints[replayed_samples])
+    for axis, (outputs, setpoints) in recorded_segments.items():
+        replayed_segments[axis] = ReplaySegment(
+            outputs[replayed_samples], setpoints[replayed_samples]
+        )
         hover_segments[axis] = ReplaySegment(
             outputs[hover_samples], np.zeros_like(setpoints[hover_samples])
         )
+    motion_in_wind = {}
     try:
         present_twin = build_assessed_twin(evidence).twin
         advised_twin = replace(present_twin, parameters={**present_twin.parameters, **gains})
         twins = (present_twin, advised_twin)
-        tracking = _compared_motions(twins, loops, flown_segments)
-        motion_in_wind = _compared_motions(twins, loops, hover_segments) if in_wind else {}
+        tracking = _compared_motions(twins, loops, replayed_segments)
+        if in_wind:
+            motion_in_wind = _compared_motions(twins, loops, hover_segments)
     except NotLearnable as error:
         return error.fact
     return GainTrial(tracking, motion_in_wind)

@@ -14,38 +14,42 @@ from mavdem.facts.sources import Repair
 def recording_fact(evidence: Evidence) -> Fact | None:
     """Returns the fact about how evenly the attitude was recorded in flight.
 
-    As for the light "log", the level is "watch" after a gap above ``MAX_GAP``, or if the logger lost messages.
+    As for the status light "log", the level is "watch" after a gap above ``MAX_GAP``, or if the logger lost messages.
+    Otherwise it is "good".
 
     Args:
         evidence: signals, events and measurements of the vehicle.
 
     Returns:
-        The fact; None without two samples in flight.
+        The fact, with the usual step, s, and the longest gap, s, and when that began; None without two samples in
+        flight.
     """
     attitude = evidence.signals.attitude
     if attitude is None:
         return None
-    steps = []
+    steps_by_flight = []
     longest_gap = 0.0
     gap_start = 0.0
     for flight in evidence.in_flight(attitude.angle_series):
-        steps_of_flight = np.diff(flight.time)
-        if not len(steps_of_flight):
+        steps = np.diff(flight.time)
+        if not len(steps):
             continue
-        steps.append(steps_of_flight)
-        longest_step = int(steps_of_flight.argmax())
-        if steps_of_flight[longest_step] > longest_gap:
-            longest_gap = float(steps_of_flight[longest_step])
-            gap_start = float(flight.time[longest_step])
-    if not steps:
+        steps_by_flight.append(steps)
+        index_of_longest = int(steps.argmax())
+        if steps[index_of_longest] > longest_gap:
+            longest_gap = float(steps[index_of_longest])
+            gap_start = float(flight.time[index_of_longest])
+    if not steps_by_flight:
         return None
+    usual_step = float(np.median(np.concatenate(steps_by_flight)))
+    # Number of messages that the logger reports as lost.
     dropouts = evidence.signals.telemetry.dropouts
     has_gaps = longest_gap > MAX_GAP or dropouts > 0
     return Fact(
         HardwareFact.RECORDING_MEASURED,
         Level.WATCH if has_gaps else Level.GOOD,
         time=gap_start,
-        step=float(np.median(np.concatenate(steps))),
+        step=usual_step,
         longest_gap=longest_gap,
         dropouts=dropouts,
         body_rates=is_attitude_resampled(evidence.signals),

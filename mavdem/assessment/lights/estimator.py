@@ -410,18 +410,20 @@ def _best_receiver(evidence: Evidence) -> TimeSeries | None:
     best_receiver = None
     largest_mean = -1.0
     for message in RECEIVER_MESSAGES:
-        fixes = recorded_series(
+        samples = recorded_series(
             evidence.signals.telemetry, message, "fix_type", "satellites_visible", "eph"
         )
-        counts = [
-            flight.values[flight.values[:, FIX_TYPE_COLUMN] >= FIX_3D, SATELLITES_COLUMN]
-            for flight in evidence.in_flight(fixes)
-        ]
-        satellites = np.concatenate([np.zeros(0), *counts])
-        mean_satellites = float(satellites.mean()) if len(satellites) else 0.0
-        if fixes is not None and mean_satellites > largest_mean:
-            best_receiver = fixes
-            largest_mean = mean_satellites
+        if samples is None:
+            continue
+        satellite_counts = list[float]()
+        for flight in evidence.in_flight(samples):
+            has_fix = flight.values[:, FIX_TYPE_COLUMN] >= FIX_3D
+            satellite_counts += flight.values[has_fix, SATELLITES_COLUMN].tolist()
+        # A receiver without a fix in flight is better than none.
+        mean_count = float(np.mean(satellite_counts)) if satellite_counts else 0.0
+        if mean_count > largest_mean:
+            best_receiver = samples
+            largest_mean = mean_count
     return best_receiver
 
 
@@ -454,7 +456,8 @@ def _wrong_accelerometers(evidence: Evidence) -> Iterator[Fact]:
     """Yields a fact for each accelerometer in use that did not measure gravity at rest, in each boot with a flight.
 
     The estimator integrates the error of the accelerometer, so that the height may diverge in flight. The accelerometer
-    of the primary instance comes first; others are judged if an instance of the EKF runs on them.
+    of the estimator's primary instance comes first. Another one is judged if some other instance of the estimator runs
+    on it, since the autopilot may switch to that.
 
     Args:
         evidence: signals, events and measurements of the vehicle.
@@ -465,19 +468,20 @@ def _wrong_accelerometers(evidence: Evidence) -> Iterator[Fact]:
     for trust in evidence.trust:
         if not _has_flown_in(evidence, trust.boot):
             continue
-        # The accelerometer of the primary instance.
         primary = trust.accelerometer
-        spares = [record for record in trust.accelerometers if record is not primary]
-        primaries = [record for record in trust.accelerometers if record is primary]
-        for accelerometer in (*primaries, *spares):
-            is_spare = accelerometer is not primary
-            runs_instance = accelerometer.is_used or not is_spare
-            if runs_instance and accelerometer.is_sound is False:
+        # False sorts before True: the primary one comes first, and the others keep their order.
+        primary_first = sorted(trust.accelerometers, key=lambda record: record is not primary)
+        for accelerometer in primary_first:
+            is_primary = accelerometer is primary
+            is_in_use = is_primary or accelerometer.is_used
+            # None, that the log does not show gravity at rest, is no fault.
+            is_wrong = accelerometer.is_sound is False
+            if is_in_use and is_wrong:
                 yield Fact(
                     EstimatorLight.ACCELEROMETER_WRONG,
                     subject=accelerometer.name if len(trust.accelerometers) > 1 else "",
                     acceleration=accelerometer.gravity_at_rest,
-                    is_spare=is_spare,
+                    is_spare=not is_primary,
                 )
 
 

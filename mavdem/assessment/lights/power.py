@@ -113,30 +113,39 @@ def power_light(evidence: Evidence) -> Fact:
 def _unmeasured_power(evidence: Evidence) -> Fact:
     """Returns the fact that no power was measured in flight, with what was recorded nevertheless.
 
+    Voltages that never change are not measured: the sensors are not connected.
+
     Args:
         evidence: signals, events and measurements of the vehicle.
 
     Returns:
-        A fact with the largest ``voltage`` of a battery, V, and whether all are constant, since
-        their sensors are not connected; the constant voltage of the board, V; and the largest ``current``, A, if one
-        changes.
+        A fact with the largest ``voltage`` of a battery, V, None without any battery; whether all voltages are
+        constant; the constant voltage of the board, V; and the largest ``current``, A, if one changes.
     """
-    voltages = [battery.voltage.values for battery in evidence.signals.batteries]
+    highest_voltage = None
+    is_constant = True
+    largest_current = None
+    for battery in evidence.signals.batteries:
+        voltage = battery.voltage.values
+        if np.ptp(voltage):
+            is_constant = False
+        if highest_voltage is None or voltage.max() > highest_voltage:
+            highest_voltage = voltage.max()
+        if battery.current is None or not np.ptp(battery.current.values) > 0:
+            continue
+        current = battery.current.values.max()
+        if largest_current is None or current > largest_current:
+            largest_current = current
     unmeasured_fact = Fact(
         PowerLight.POWER_UNMEASURED,
         airborne=evidence.was_in_air,
-        is_constant=not any(np.ptp(volts) for volts in voltages),
-        voltage=max((volts.max() for volts in voltages), default=None),
+        is_constant=is_constant,
+        voltage=highest_voltage,
         voltage_usual=_constant_board_voltage(evidence),
     )
-    currents = [
-        battery.current.values
-        for battery in evidence.signals.batteries
-        if battery.current is not None and np.ptp(battery.current.values) > 0
-    ]
-    if not currents:
+    if largest_current is None:
         return unmeasured_fact
-    return unmeasured_fact.replace(current=max(amperes.max() for amperes in currents))
+    return unmeasured_fact.replace(current=largest_current)
 
 
 def with_batteries_on_ground(evidence: Evidence) -> tuple[Fact, ...]:

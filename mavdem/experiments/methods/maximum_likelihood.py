@@ -392,7 +392,9 @@ def maximize_expected_likelihood(
 
 
 def regress_on_products(products: list[Array], target_count: int, samples: int) -> ArrayPair:
-    """Regresses targets on regressors, given the sums of their products.
+    """Regresses targets on regressors, given only the sums of their products.
+
+    EM does not know the states, but the expected sums of their products, from which a regression can be computed.
 
     Args:
         products: (c + d, c + d) expected sums over the samples of each segment, of the products of c regressors and
@@ -405,14 +407,17 @@ def regress_on_products(products: list[Array], target_count: int, samples: int) 
         ``ROUNDING_TOLERANCE``, which is the most likely such covariance where states and outputs are of size 1.
     """
     total_products = np.sum(products, axis=0)
+    regressors = slice(None, -target_count)
+    targets = slice(-target_count, None)
+    regressor_products = total_products[regressors, regressors]
+    cross_products = total_products[targets, regressors]
+    target_products = total_products[targets, targets]
     # With regressors x, targets z and coefficients β = (Σ z xᵀ)(Σ x xᵀ)⁺, the residuals z − β x have the squared sum
     # Σ z zᵀ − β Σ x zᵀ − (β Σ x zᵀ)ᵀ + β (Σ x xᵀ) βᵀ.
-    regressor_products = total_products[:-target_count, :-target_count]
-    cross_products = total_products[-target_count:, :-target_count]
-    target_products = total_products[-target_count:, -target_count:]
-    coefficients = cross_products @ np.linalg.pinv(
+    pseudoinverse = np.linalg.pinv(
         regressor_products, rcond=DEPENDENCE_TOLERANCE**2, hermitian=True
     )
+    coefficients = cross_products @ pseudoinverse
     explained_products = coefficients @ cross_products.T
     squared_predictions = coefficients @ regressor_products @ coefficients.T
     residual_covariance = (
