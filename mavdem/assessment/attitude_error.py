@@ -8,9 +8,9 @@ import scipy
 
 from mavdem.arrays import Array, Flags
 from mavdem.dataset.axes import PITCH, ROLL
+from mavdem.dataset.extreme_tilt import MAX_TILT
 from mavdem.dataset.grounded import MAX_SETPOINT_DELAY
 from mavdem.dataset.intervals import TimeInterval, in_intervals
-from mavdem.dataset.phases import MAX_TILT
 from mavdem.dataset.signals import Signals
 from mavdem.dataset.steady_flight import attitude_tracking
 from mavdem.ingest.telemetry import rate_without_gaps

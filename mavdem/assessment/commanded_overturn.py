@@ -12,7 +12,7 @@ from mavdem.arrays import Array
 from mavdem.assessment.attitude_losses import LOST_ANGLE
 from mavdem.dataset.attitude import down_in_body
 from mavdem.dataset.axes import TILT_COLUMNS
-from mavdem.dataset.phases import MAX_TILT
+from mavdem.dataset.extreme_tilt import MAX_TILT
 from mavdem.dataset.signals import Signals
 from mavdem.dataset.steady_flight import AttitudeTracking, attitude_tracking
 from mavdem.facts import Fact

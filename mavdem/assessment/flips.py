@@ -7,6 +7,7 @@ from mavdem.assessment.commanded_overturn import lean_angle
 from mavdem.assessment.descents import flies_on
 from mavdem.assessment.flights import RECOVERY_SECONDS, merge_close_intervals
 from mavdem.dataset.axes import TILT_COLUMNS
+from mavdem.dataset.extreme_tilt import MAX_TILT
 from mavdem.dataset.intervals import (
     Intervals,
     TimeInterval,
@@ -14,7 +15,6 @@ from mavdem.dataset.intervals import (
     intersection,
     true_intervals,
 )
-from mavdem.dataset.phases import MAX_TILT
 from mavdem.dataset.steady_flight import attitude_tracking
 from mavdem.facts import Fact, Level
 from mavdem.facts.ending import MotionEvent

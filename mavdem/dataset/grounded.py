@@ -9,6 +9,7 @@ import numpy as np
 
 from mavdem.arrays import Array, Flags
 from mavdem.dataset.axes import TILT_AXES
+from mavdem.dataset.extreme_tilt import extreme_tilt_intervals
 from mavdem.dataset.flight_states import landed_state_intervals
 from mavdem.dataset.intervals import (
     Intervals,
@@ -237,8 +238,13 @@ def grounded_intervals(signals: Signals, boot: int) -> Intervals:
     if collective is None:
         return []
     mean = moving_average(collective)
-    # The autopilot's landed state comes first, since a powerful vehicle hovers below any fixed collective.
-    is_flown = in_intervals(collective.time, landed_state_intervals(signals, boot, OFF_GROUND))
+    # The autopilot's landed state comes first, since a powerful vehicle hovers below any fixed collective. A tumble is
+    # left out: it rotates so fast, and its motors differ so much, that a hover beside it would seem to be held.
+    flights = intersection(
+        landed_state_intervals(signals, boot, OFF_GROUND),
+        complement(extreme_tilt_intervals(signals, boot)),
+    )
+    is_flown = in_intervals(collective.time, flights)
     if not is_flown.any():
         return []
     hover_collective = _hover_collective(mean[is_flown])

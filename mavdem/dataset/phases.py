@@ -9,6 +9,7 @@ from math import isinf
 
 import numpy as np
 
+from mavdem.dataset.extreme_tilt import extreme_tilt_intervals
 from mavdem.dataset.flight_states import airborne_intervals, armed_intervals, landed_state_intervals
 from mavdem.dataset.grounded import mean_climb_rate, without_grounded
 from mavdem.dataset.intervals import (
@@ -37,19 +38,13 @@ MAX_LEVEL_FLIGHT_SPEED = 0.25
 MIN_CLIMB_SPEED = 1.0
 """Vertical speed, m/s, from which ``TRANSIENT_SECONDS`` or more of a flight are a climb or a descent; a choice."""
 
-MAX_TILT = np.radians(60.0)
-"""Roll or pitch, rad, beyond which no model of hover holds.
-
-There half the thrust no longer carries the vehicle, and derivatives of Euler angles are no longer the body rates.
-"""
-
 
 @cached_per_vehicle()
 def settled_intervals(signals: Signals, boot: int) -> Intervals:
     """Returns the intervals of settled flight in a boot.
 
-    In settled flight the vehicle is armed, in the air, upright and not held by the ground. Climb-out, landing, and long
-    climbs and descents are left out.
+    In settled flight the vehicle is armed, in the air, upright and not held by the ground. Climb-out, landing, long
+    climbs and descents, and tumbles are left out.
 
     Args:
         signals: Logged time series of the vehicle, such as attitude, setpoints and motor outputs.
@@ -63,10 +58,9 @@ def settled_intervals(signals: Signals, boot: int) -> Intervals:
     if not signals.tilts:
         return []
     climb_rate = mean_climb_rate(signals, boot)
-    tilts = [tilt.angle_series.of_boot(boot) for tilt in signals.tilts]
     flights = without_grounded(_flights_in_air(signals, boot), signals, boot)
     # A vehicle that lies on its back has crashed.
-    roll = tilts[0]
+    roll = signals.tilts[0].angle_series.of_boot(boot)
     flights = intersection(flights, true_intervals(roll.time, abs(roll.values) < np.pi / 2))
     intervals = []
     for flight in flights:
@@ -75,9 +69,7 @@ def settled_intervals(signals: Signals, boot: int) -> Intervals:
             intervals.append(level_part)
     if climb_rate is not None:
         intervals = _without_long_climbs(intervals, climb_rate)
-    for tilt in tilts:
-        intervals = intersection(intervals, true_intervals(tilt.time, abs(tilt.values) < MAX_TILT))
-    return intervals
+    return intersection(intervals, complement(extreme_tilt_intervals(signals, boot)))
 
 
 def _flights_in_air(signals: Signals, boot: int) -> Intervals:

@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 
 from mavdem.containers import Numbers
-from mavdem.dataset.phases import MAX_TILT
+from mavdem.dataset.extreme_tilt import MAX_TILT
 from mavdem.dataset.setpoints import MAX_SETPOINT_AGE
 from mavdem.dataset.steady_flight import is_far_from_setpoint
 from mavdem.live.messages import AttitudeSample, TiltSetpoint

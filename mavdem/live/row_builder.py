@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import replace
+from math import inf
 from operator import itemgetter
 
 import numpy as np
@@ -9,8 +10,8 @@ import numpy as np
 from mavdem.arrays import Array
 from mavdem.containers import Numbers
 from mavdem.dataset.attitude import ATTITUDE_MESSAGES
-from mavdem.dataset.phases import MAX_TILT
-from mavdem.dataset.time_series import preferred_message
+from mavdem.dataset.extreme_tilt import MAX_TILT
+from mavdem.dataset.time_series import AVERAGING_SECONDS, preferred_message
 from mavdem.facts import Fact
 from mavdem.facts.session import RowsFact
 from mavdem.ingest.telemetry import Fields, Telemetry
@@ -70,6 +71,8 @@ class RowBuilder:
         # There are none before they are chosen.
         self._row_streams: tuple[SampleStream, ...] = ()
         self._selector = InputSelector(boot)
+        # Time of the latest row in which the vehicle was tilted by more than MAX_TILT, s of the boot clock.
+        self._extreme_tilt_time = -inf
         self._grid.restart()
 
     @property
@@ -247,7 +250,8 @@ class RowBuilder:
         """Builds the row of a point of the time grid.
 
         It has angle and body rate of the learned axis, and the output of each motor. It counts as a row of settled or
-        free flight if the flight is so at its time, and the vehicle is upright.
+        free flight if the flight is so at its time, and the vehicle is upright and does not tumble: by the rule for
+        logs (``extreme_tilt_intervals``) an extreme tilt ends half of ``AVERAGING_SECONDS`` after its last row.
 
         Args:
             point: values of attitude (roll and pitch, rad, and their body rates, rad/s), then of each port of the
@@ -263,7 +267,9 @@ class RowBuilder:
         motors = []
         for channel in inputs.channels:
             motors.append(values_by_port[channel.port][channel.offset])
-        is_upright = max(abs(roll), abs(pitch)) < MAX_TILT
+        if max(abs(roll), abs(pitch)) >= MAX_TILT:
+            self._extreme_tilt_time = point.time
+        is_upright = point.time > self._extreme_tilt_time + AVERAGING_SECONDS / 2
         return AlignedRow(
             point.time,
             np.array(motors),

@@ -251,7 +251,28 @@ def test_gaps_and_tumbles_end_a_segment():
         (round(segment.duration) for segment in found), reverse=True
     )
     ends = sorted((round(s.start, 1), round(s.end, 1)) for s in found)
-    assert ends[1:3] == [(20.2, 29.5), (30.5, 34.5)]
+    # The tumbles of 1 s about 30 and 40 s are left out with a second around them; on its back, at 40 s, the vehicle has
+    # crashed, and the seconds before that are those before a touch-down.
+    assert ends[1:3] == [(20.2, 28.5), (31.5, 34.5)]
+
+
+def test_a_hover_before_a_tumble_is_flown_and_not_held():
+    """A tumble rotates so fast, by motors so far apart, that a hover beside it would seem to be held by the ground."""
+    telemetry = HOVER.telemetry()
+    tumble_start = HOVER.level + 15.0
+    attitude = telemetry.messages["ATTITUDE"]
+    time = attitude["time"]
+    tumbling = (time > tumble_start) & (time < tumble_start + 6.0)
+    roll = np.where(tumbling, np.sin(8.0 * time) * 3.0, attitude["roll"])
+    roll_rate = np.where(tumbling, 24.0 * np.cos(8.0 * time), attitude["rollspeed"])
+    telemetry = changed(telemetry, "ATTITUDE", roll=roll, rollspeed=roll_rate)
+    outputs = pulses(telemetry)
+    motor_time = telemetry.messages["SERVO_OUTPUT_RAW"]["time"]
+    outputs[0, motor_time > tumble_start] = 2000.0
+    outputs[1, motor_time > tumble_start] = 1000.0
+    record = only(with_pulses(telemetry, outputs), lambda time: time < tumble_start + 6.0)
+    ((start, end),) = phases.settled_intervals(Signals(record), 0)
+    assert (start, end) == approx((HOVER.level, tumble_start - TRANSIENT_SECONDS), abs=1.5)
 
 
 @mark.parametrize("silence, segment_count", [(0.09, 1), (0.11, 2)])

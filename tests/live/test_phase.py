@@ -77,6 +77,21 @@ def test_a_take_off_is_seen_once_the_motors_are_known():
     assert flown.is_flying and flown.takeoff_time == -inf
 
 
+class Tumble(Hover):
+    """A hover that tumbles from 18 s to 20 s, upright for moments, and hovers again."""
+
+    def roll(self, t):
+        is_tumbling = abs(np.asarray(t) - 19.0) < 1.0
+        return np.where(is_tumbling, 1.5 * np.sin(12.0 * t), super().roll(t))
+
+
+def test_the_moments_in_which_a_tumbling_vehicle_is_upright_are_not_settled():
+    made = replay(Flight(Tumble(hovering=13.0)).frames(end=23.0))
+    settled_times = np.array([row.time for row in made.rows if row.is_settled])
+    assert not any((settled_times > 18.3) & (settled_times < 20.5))
+    assert any(settled_times < 18.0) and any(settled_times > 21.1)
+
+
 @mark.slow
 def test_a_long_climb_is_free_flight_before_it_is_settled():
     one = Vehicle()
