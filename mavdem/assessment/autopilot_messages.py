@@ -197,15 +197,17 @@ def _problems_of_texts(telemetry: Telemetry) -> Iterator[Fact]:
     Args:
         telemetry: messages of the vehicle.
     """
+    message_name = telemetry.name_in_source("STATUSTEXT")
     texts = status_texts(telemetry)
     has_old_scale = any(text.text in _MEANINGS["old_scale"] for text in texts)
     for text in texts:
-        # ``SEVERITIES`` are the names of the numbers that mean a warning or worse.
-        warns = text.severity < len(SEVERITIES) and not has_old_scale
-        severity = SEVERITIES[text.severity] if warns else None
-        fact = _problem_of_text(text, warns=warns)
+        severity = None
+        # Severities count from 0, an emergency. ``SEVERITIES`` are the names of those that are a warning or worse.
+        is_warning = text.severity < len(SEVERITIES)
+        if is_warning and not has_old_scale:
+            severity = SEVERITIES[text.severity]
+        fact = _problem_of_text(text, warns=severity is not None)
         if fact is not None:
-            message_name = telemetry.name_in_source("STATUSTEXT")
             yield fact.replace(boot=text.boot, basis=(message_name,), severity=severity)
 
 

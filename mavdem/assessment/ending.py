@@ -179,11 +179,11 @@ def _has_measurements(signals: Signals, report: Fact) -> bool:
 
 
 def _signs_of_crash(signals: Signals, report: Fact, losses: Sequence[Fact]) -> Facts:
-    """Collects the facts of sensors around a reported crash that support it, or contradict it.
+    """Collects what the sensors show at the time of a reported crash: facts that support the report or contradict it.
 
     If the motion shows that the vehicle was lost at that time, these are the sensor facts of that loss, its figure
-    ``witnesses``. Otherwise the sensors are asked one by one: whether the accelerometer measured a knock, the gyro a
-    tumble, the height sensors a fast descent, and whether the vehicle came to rest on its side.
+    ``witnesses``. Otherwise each sensor is examined: whether the accelerometer measured a knock, the gyro a tumble, the
+    height sensors a fast descent, and whether the vehicle came to rest on its side.
 
     Args:
         signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.
@@ -198,17 +198,24 @@ def _signs_of_crash(signals: Signals, report: Fact, losses: Sequence[Fact]) -> F
     earliest_time, latest_time = interval
     for loss in losses:
         if loss.figures["boot"] == boot and earliest_time <= loss.start_time <= latest_time:
-            facts_of_loss = loss.figures.get("witnesses", ())
-            # The report itself may be among them, but the caller has counted it already.
-            return tuple(
-                fact for fact in facts_of_loss if fact.code is not SensorFact.AUTOPILOT_REPORTED
-            )
+            # The report itself may be among the facts of the loss, but the caller has counted it already.
+            facts_of_loss = []
+            for fact in loss.figures.get("witnesses", ()):
+                if fact.code is not SensorFact.AUTOPILOT_REPORTED:
+                    facts_of_loss.append(fact)
+            return tuple(facts_of_loss)
     sensors = BootSensors(signals, boot)
-    signs = []
-    for sensor_fact in (sensors.knock_fact(interval), sensors.rotation_fact(interval)):
-        if sensor_fact is not None:
-            signs.append(sensor_fact)
-    signs += [fact for fact in sensors.sink_facts(interval) if fact.code is SensorFact.SANK]
+    signs = list[Fact]()
+    knock = sensors.knock_fact(interval)
+    if knock is not None:
+        signs.append(knock)
+    tumble = sensors.rotation_fact(interval)
+    if tumble is not None:
+        signs.append(tumble)
+    for fact in sensors.sink_facts(interval):
+        # Other facts of the height sensors say that the vehicle did not sink.
+        if fact.code is SensorFact.SANK:
+            signs.append(fact)
     rest = sensors.rest_after(earliest_time, latest_time)
     if rest is not None and rest.is_on_side:
         signs += [rest.rest_fact, *rest.pose_facts]

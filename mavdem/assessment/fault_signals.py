@@ -192,21 +192,23 @@ def _battery_faults(signals: Signals) -> Iterator[FaultSignal]:
     Args:
         signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.
     """
-    batteries = []
+    reporting_batteries = []
     for battery in battery_columns(signals.telemetry):
         # The state 0 is "undefined": a battery that never has another one reports nothing.
         if battery.columns.get("charge_state", np.zeros(0)).any():
-            batteries.append(battery)
-    if any(battery.message == "BATTERY_STATUS" for battery in batteries):
-        batteries = [battery for battery in batteries if battery.message == "BATTERY_STATUS"]
-    has_several = len(batteries) > 1 or len(signals.batteries) > 1
+            reporting_batteries.append(battery)
+    batteries = [battery for battery in reporting_batteries if battery.message == "BATTERY_STATUS"]
+    if not batteries:
+        batteries = reporting_batteries
+    has_several_batteries = len(batteries) > 1 or len(signals.batteries) > 1
     for battery in batteries:
         name = battery_name(battery.number)
-        subject = name if has_several else ""
-        charge = battery.columns["charge_state"]
-        is_low = charge == LOW_CHARGE
-        is_emergency = charge == EMERGENCY_CHARGE
-        is_critical = (charge > LOW_CHARGE) & (charge != CHARGING) & ~is_emergency
+        subject = name if has_several_batteries else ""
+        # MAV_BATTERY_CHARGE_STATE: above low are critical, emergency, failed and unhealthy; charging is the last one.
+        state = battery.columns["charge_state"]
+        is_low = state == LOW_CHARGE
+        is_emergency = state == EMERGENCY_CHARGE
+        is_critical = (state > LOW_CHARGE) & (state != CHARGING) & ~is_emergency
         flags_by_code = {
             ReportedEvent.BATTERY_WARNED: is_low,
             ReportedEvent.BATTERY_ALARMED: is_critical,

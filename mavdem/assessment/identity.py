@@ -142,20 +142,21 @@ def vehicle_name(telemetry: Telemetry) -> NameWithBasis:
     Returns:
         The name, and what it was made from.
     """
-    board_number = (
-        telemetry.board
-        or board_number_from_texts(_texts(telemetry))
-        or _board_number_in_messages(telemetry)
-    )
+    board_number = telemetry.board
+    if not board_number:
+        board_number = board_number_from_texts(_texts(telemetry))
+    if not board_number:
+        board_number = _board_number_in_messages(telemetry)
     if board_number:
         return NameWithBasis(board_number, Basis.BOARD)
     for sensor, name_formats in CALIBRATION_PARAMETERS.items():
         for formats_of_sensor in name_formats:
             calibration = _calibration_values(telemetry.parameters, formats_of_sensor)
             if calibration:
-                text = " ".join(f"{value:.{CALIBRATION_DIGITS}g}" for value in calibration)
-                digest = hashlib.sha256(text.encode()).hexdigest()[:NAME_DIGITS]
-                return NameWithBasis(f"{sensor}-{digest}", sensor)
+                # Only digits that every format of logs keeps, so that all logs of the vehicle give the same name.
+                digits = [f"{value:.{CALIBRATION_DIGITS}g}" for value in calibration]
+                digest = hashlib.sha256(" ".join(digits).encode()).hexdigest()
+                return NameWithBasis(f"{sensor}-{digest[:NAME_DIGITS]}", sensor)
     return NameWithBasis(system_id_name(telemetry.autopilot, telemetry.system), Basis.SYSTEM_ID)
 
 

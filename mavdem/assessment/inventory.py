@@ -165,23 +165,23 @@ def _vehicle_values(vehicle: VehicleContents) -> JsonValues:
         a model can be learned (the key ``verdict``), the tier and the condition. And the autopilot's warnings.
     """
     telemetry, learnability, condition, identity = vehicle
-    messages = dict(sorted(telemetry.messages.items()))
-    source_names = telemetry.source_names
     boots = set[int]()
-    for columns in messages.values():
+    messages = {}
+    names_in_log = {}
+    for name, columns in sorted(telemetry.messages.items()):
         boots.update(np.unique(columns["boot"]).tolist())
+        messages[name] = {"count": len(columns["time"]), "rate": _message_rate(columns)}
+        if name in telemetry.source_names:
+            names_in_log[name] = telemetry.source_names[name]
     return {
         "system": telemetry.system,
         "component": telemetry.component,
         "vehicle": telemetry.vehicle,
         "autopilot": telemetry.autopilot,
         "translated_from": telemetry.translated_from,
-        "names": {name: source_names[name] for name in messages if name in source_names},
+        "names": names_in_log,
         "parameters": len(telemetry.parameters),
-        "messages": {
-            name: {"count": len(columns["time"]), "rate": _message_rate(columns)}
-            for name, columns in messages.items()
-        },
+        "messages": messages,
         "boots": len(boots),
         "segments": learnability.segments,
         "repairs": telemetry.repairs,

@@ -128,7 +128,7 @@ def _lasting_losses(
     boot: int,
     changes: Sequence[MotorChange],
 ) -> list[MotorChange]:
-    """Finds the motors that lost thrust slowly, or from the descent on.
+    """Finds the motors that lost thrust slowly, or from the descent on, and did not recover.
 
     Each interval of settled flight is searched. If nothing is found, the flight that it belongs to is searched too,
     until shortly before the touch-down: a vehicle that sinks since a motor lost thrust is not in settled flight.
@@ -143,18 +143,19 @@ def _lasting_losses(
     Returns:
         At most one alarm for each interval of settled flight, then one for each other flight.
     """
-    settled_flight_times = settled_intervals(signals, boot)
-    losses = _gradual_losses(signals, motors, commands, boot, settled_flight_times, changes)
+    settled = settled_intervals(signals, boot)
+    losses = _gradual_losses(signals, motors, commands, boot, settled, changes)
     for flight in free_flight_intervals(signals, boot):
         start, end = flight
-        settled_in_flight = intersection(settled_flight_times, [flight])
-        has_loss = any(start <= loss.onset_time <= end for loss in losses)
-        if settled_in_flight and not has_loss and not _changes_of_motors(changes, flight):
-            settled_start, _ = settled_in_flight[0]
-            flight_with_descent = (settled_start, end - TRANSIENT_SECONDS)
-            losses += _gradual_losses(
-                signals, motors, commands, boot, [flight_with_descent], changes
-            )
+        settled_in_flight = intersection(settled, [flight])
+        has_slow_loss = any(start <= loss.onset_time <= end for loss in losses)
+        has_sudden_loss = bool(_changes_of_motors(changes, flight))
+        if not settled_in_flight or has_slow_loss or has_sudden_loss:
+            continue
+        first_settled_start, _ = settled_in_flight[0]
+        # The touch-down itself is left out, since the ground disturbs the motors.
+        flight_with_descent = (first_settled_start, end - TRANSIENT_SECONDS)
+        losses += _gradual_losses(signals, motors, commands, boot, [flight_with_descent], changes)
     return losses
 
 

@@ -84,17 +84,20 @@ def _step_against_faults(headline: Fact, lights: NamedFacts) -> Fact:
         The fact that advises the step, with the headline as ``reason`` and the facts of the other lights as ``also``.
     """
     power = lights[Light.POWER]
-    if headline.code in REPORTS_OF_BATTERY and power.is_bad and power.code in MEASURED_BATTERY:
+    is_battery_measured = power.is_bad and power.code in MEASURED_BATTERY
+    if headline.code in REPORTS_OF_BATTERY and is_battery_measured:
         return Fact(NextStep.DO_AS_ADVISED, headline.level, reason=power, also=())
-    unexplained_lights = [Light.POWER]
-    if headline == lights[Light.POWER]:
-        unexplained_lights.append(Light.VIBRATION)
     is_loss = headline.code in Ending
+    reason = headline
     if is_loss:
         unexplained_lights = VEHICLE_LIGHTS
         motors = lights[Light.MOTORS]
         if motors.is_bad or "weak_motor" in headline.figures:
-            headline = headline.replace(suspect=motors.subject)
+            reason = headline.replace(suspect=motors.subject)
+    elif headline == power:
+        unexplained_lights = [Light.POWER, Light.VIBRATION]
+    else:
+        unexplained_lights = [Light.POWER]
     other_facts = []
     for name in unexplained_lights:
         fact = lights[name]
@@ -102,7 +105,7 @@ def _step_against_faults(headline: Fact, lights: NamedFacts) -> Fact:
         shows_loss = fact.code in Ending
         if fact.is_bad and not shows_loss and not _advises_other_step_first(fact):
             other_facts.append(fact)
-    return Fact(NextStep.DO_AS_ADVISED, headline.level, reason=headline, also=tuple(other_facts))
+    return Fact(NextStep.DO_AS_ADVISED, headline.level, reason=reason, also=tuple(other_facts))
 
 
 def _advises_other_step_first(light: Fact) -> bool:

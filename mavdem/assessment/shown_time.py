@@ -54,7 +54,9 @@ class ShownTime:
         return Segment(self.boot, start, self.parts[-1].end)
 
     def within(self, signal: TimeSeries | None) -> TimeSeries | None:
-        """Returns the samples of a signal in all parts, on the clock of the history.
+        """Returns the samples of a signal in all shown parts, one after the other on the clock of the history.
+
+        Each boot has a clock of its own, which is shifted so that its part follows the part before.
 
         Args:
             signal: samples of the whole log; None if the signal was not recorded.
@@ -64,15 +66,18 @@ class ShownTime:
         """
         if signal is None:
             return None
-        samples = [signal.select(in_segments(signal, part.segment, slack=0)) for part in self.parts]
-        time = [
-            part_samples.time + part.shift
-            for part_samples, part in zip(samples, self.parts, strict=True)
-        ]
-        values = np.concatenate([part_samples.values for part_samples in samples])
-        if len(values) < 2:
+        times = []
+        values = []
+        for part in self.parts:
+            samples = signal.select(in_segments(signal, part.segment, slack=0))
+            times.append(samples.time + part.shift)
+            values.append(samples.values)
+        all_values = np.concatenate(values)
+        if len(all_values) < 2:
             return None
-        return TimeSeries(np.concatenate(time), np.full(len(values), self.boot), values)
+        # A history has the number of one boot, whatever the boots of its parts.
+        boot = np.full(len(all_values), self.boot)
+        return TimeSeries(np.concatenate(times), boot, all_values)
 
     def event(self, fact: Fact) -> Event | None:
         """Returns a fact as an event on the clock of the history; None without a time.

@@ -233,15 +233,18 @@ def _changed_parameters(signals: Signals) -> ParameterMessages:
         These messages, in their order.
     """
     telemetry = signals.telemetry
-    parameter_messages = telemetry.messages["PARAM_VALUE"]
-    names_and_values = decoded_parameters(parameter_messages, telemetry.autopilot)
+    columns = telemetry.messages["PARAM_VALUE"]
+    names_and_values = decoded_parameters(columns, telemetry.autopilot)
     changed_names = set()
     for name, value in names_and_values:
         if value != telemetry.parameters.get(name):
             changed_names.add(name)
-    rows = [row for row, (name, _) in enumerate(names_and_values) if name in changed_names]
+    rows = []
+    for row, (name, _) in enumerate(names_and_values):
+        if name in changed_names:
+            rows.append(row)
     return ParameterMessages(
-        parameter_messages["boot"][rows],
-        parameter_messages["time"][rows],
+        columns["boot"][rows],
+        columns["time"][rows],
         tuple(names_and_values[row] for row in rows),
     )

@@ -125,10 +125,11 @@ def _unusable_log(signals: Signals, components: Sequence[Component]) -> Fact | N
         The reason, as a fact; None if segments may be usable.
     """
     telemetry = signals.telemetry
-    attitude = signals.attitude
-    recorder = telemetry.translated_from
     if telemetry.vehicle not in POSSIBLE_MULTIROTORS:
         return _no_multirotor(signals, components)
+    # The format of the log that was translated to MAVLink, such as ULog, on which the advice depends.
+    recorder = telemetry.translated_from
+    attitude = signals.attitude
     if attitude is None:
         return Fact(
             NotLearnableReason.NO_ATTITUDE,
@@ -137,16 +138,14 @@ def _unusable_log(signals: Signals, components: Sequence[Component]) -> Fact | N
             remedy=rate_advice(telemetry),
         )
     if signals.model_inputs is None:
-        if signals.armed is not None and not signals.armed.values.any():
-            return NEVER_ARMED
-        return _without_inputs(signals)
+        was_never_armed = signals.armed is not None and not signals.armed.values.any()
+        return NEVER_ARMED if was_never_armed else _without_inputs(signals)
     if attitude.impossible_count > MAX_IMPOSSIBLE_SHARE * attitude.sent_count:
-        return impossible_attitude(signals, NotLearnableReason.ATTITUDE_UNIT).replace(
-            recorder=recorder
-        )
+        reason = impossible_attitude(signals, NotLearnableReason.ATTITUDE_UNIT)
+        return reason.replace(recorder=recorder)
     if not len(attitude.time):
-        name = telemetry.name_in_source(attitude.message)
-        return Fact(NotLearnableReason.ATTITUDE_NOT_FINITE, name=name, axis=signals.axis)
+        message_name = telemetry.name_in_source(attitude.message)
+        return Fact(NotLearnableReason.ATTITUDE_NOT_FINITE, name=message_name, axis=signals.axis)
     return None
 
 

@@ -71,23 +71,27 @@ def recorded_spans(signals: Signals) -> Segments:
     Returns:
         One segment per boot, from the first to the last finite stamp of its messages, s since boot.
     """
-    tables = [
-        columns for name, columns in signals.telemetry.messages.items() if name != "STATUSTEXT"
-    ]
-    boot_count = 1 + max((int(columns["boot"].max(initial=0)) for columns in tables), default=0)
+    messages = []
+    boot_count = 1
+    for name, columns in signals.telemetry.messages.items():
+        if name != "STATUSTEXT":
+            messages.append(columns)
+            last_boot = int(columns["boot"].max(initial=0))
+            boot_count = max(boot_count, last_boot + 1)
+    # Both arrays are indexed by the number of the boot.
     first_stamps = np.full(boot_count, np.inf)
     last_stamps = np.full(boot_count, -np.inf)
-    for columns in tables:
+    for columns in messages:
         is_finite = np.isfinite(columns["time"])
-        time = columns["time"][is_finite]
-        boot = columns["boot"][is_finite]
-        np.minimum.at(first_stamps, boot, time)
-        np.maximum.at(last_stamps, boot, time)
+        stamps = columns["time"][is_finite]
+        boots = columns["boot"][is_finite]
+        np.minimum.at(first_stamps, boots, stamps)
+        np.maximum.at(last_stamps, boots, stamps)
     spans = []
-    for number in range(boot_count):
-        if np.isfinite(first_stamps[number]):
-            first, last = float(first_stamps[number]), float(last_stamps[number])
-            spans.append(Segment(number, first, last))
+    for boot in range(boot_count):
+        # A boot without messages keeps the infinite stamp.
+        if np.isfinite(first_stamps[boot]):
+            spans.append(Segment(boot, float(first_stamps[boot]), float(last_stamps[boot])))
     return tuple(spans)
 
 

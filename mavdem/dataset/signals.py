@@ -436,18 +436,22 @@ class Signals(VehicleSignals):
     @property
     @cached_per_vehicle("axis")
     def setpoints(self) -> tuple[Setpoint, ...]:
-        """Setpoints of the axis; empty if none were recorded.
+        """Setpoints of the axis: of its angle, in rad, and of its rate, in rad/s; empty if none were recorded.
 
-        The setpoint of yaw is unwrapped to within half a turn of the measured yaw.
+        The setpoint of the yaw angle is unwrapped to within half a turn of the measured yaw, so that their difference
+        is the error.
         """
         setpoints = recorded_setpoints(self.telemetry, self.axis)
         if self.axis in TILT_AXES or self.attitude is None:
             return setpoints
-        yaw = self.attitude.angle_series
-        return tuple(
-            near_measured_yaw(setpoint, yaw) if setpoint.unit == "rad" else setpoint
-            for setpoint in setpoints
-        )
+        measured_yaw = self.attitude.angle_series
+        unwrapped_setpoints = []
+        for setpoint in setpoints:
+            is_angle = setpoint.unit == "rad"
+            unwrapped_setpoints.append(
+                near_measured_yaw(setpoint, measured_yaw) if is_angle else setpoint
+            )
+        return tuple(unwrapped_setpoints)
 
     @cached_property
     def angle_setpoint(self) -> TimeSeries | None:

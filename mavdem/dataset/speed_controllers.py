@@ -74,9 +74,14 @@ class SpeedController:
             The index of the motor in ``geometry``; None if it drives none of them.
         """
         if self.motor is not None:
-            return geometry.motors.index(self.motor) if self.motor in geometry.motors else None
-        channels = geometry.channels
-        return channels.index(self.number) if self.number in channels else None
+            numbers = geometry.motors
+            number_of_motor = self.motor
+        else:
+            numbers = geometry.channels
+            number_of_motor = self.number
+        if number_of_motor not in numbers:
+            return None
+        return numbers.index(number_of_motor)
 
 
 @cached_per_vehicle()
@@ -295,26 +300,35 @@ def _controllers_of_esc_telemetry(telemetry: Telemetry) -> Iterator[SpeedControl
     for first_number in FIRST_NUMBERS:
         last_number = first_number + CONTROLLERS_PER_MESSAGE - 1
         columns = telemetry.messages.get(f"ESC_TELEMETRY_{first_number}_TO_{last_number}", {})
-        if "rpm" not in columns:
+        if "rpm" in columns:
+            yield from _controllers_of_group(columns, first_number)
+
+
+def _controllers_of_group(columns: Columns, first_number: int) -> Iterator[SpeedController]:
+    """Yields the speed controllers of one ESC_TELEMETRY message of ArduPilot, as far as they measured anything.
+
+    Args:
+        columns: columns of the message, with the speed.
+        first_number: number of its first controller, from 1.
+    """
+    packet_counts = columns.get("count")
+    for index, motor_speeds in enumerate(_values_by_controller(columns, "rpm")):
+        # Without a counter, all samples are used.
+        is_new = None
+        if packet_counts is not None:
+            is_new = _has_new_packet(columns, np.atleast_2d(packet_counts)[:, index])
+        speed = _speed_series(columns, motor_speeds, is_new)
+        if speed is None or (packet_counts is None and not speed.values.any()):
             continue
-        packet_counts = columns.get("count")
-        for index_in_group, speed_of_motor in enumerate(_values_by_controller(columns, "rpm")):
-            is_new = None
-            if packet_counts is not None:
-                is_new = _has_new_packet(columns, np.atleast_2d(packet_counts)[:, index_in_group])
-            speed = _speed_series(columns, speed_of_motor, is_new)
-            if speed is None or (packet_counts is None and not speed.values.any()):
-                continue
-            current = temperature = None
-            if "current" in columns:
-                currents = _values_by_controller(columns, "current")
-                current = _measured_series(columns, HUNDREDTH * currents[index_in_group], is_new)
-            if "temperature" in columns:
-                temperatures = _values_by_controller(columns, "temperature")
-                temperature = _measured_series(columns, temperatures[index_in_group], is_new)
-            yield SpeedController(
-                first_number + index_in_group, speed, current=current, temperature=temperature
-            )
+        current = None
+        if "current" in columns:
+            currents = _values_by_controller(columns, "current")
+            current = _measured_series(columns, HUNDREDTH * currents[index], is_new)
+        temperature = None
+        if "temperature" in columns:
+            temperatures = _values_by_controller(columns, "temperature")
+            temperature = _measured_series(columns, temperatures[index], is_new)
+        yield SpeedController(first_number + index, speed, current=current, temperature=temperature)
 
 
 def _has_new_packet(columns: Columns, packet_counts: NDArray[Any]) -> Flags:

@@ -82,25 +82,31 @@ def attitude_tracking(signals: Signals, boot: int) -> AttitudeTracking | None:
         boot: Number of the boot; a boot lasts from one start of the autopilot to the next.
 
     Returns:
-        Angles (N, 3) and setpoints of roll and pitch (N, 2), rad; None if the attitude was not recorded.
+        Angles (N, 3) and setpoints of roll and pitch (N, 2), rad, NaN where there is no setpoint; and whether roll and
+        pitch are controlled by rate (N, 2). None if the attitude was not recorded.
     """
-    angles = []
+    recorded_angles = []
     for attitude in signals.attitudes:
         angle = series_of_boot(attitude.angle_series, boot)
         if angle is not None:
-            angles.append(angle)
-    if len(angles) < len(AXES):
+            recorded_angles.append(angle)
+    if len(recorded_angles) < len(AXES):
         return None
-    time = angles[-1].time
+    # The heading, which is the yaw, is the last of the three angles.
+    time = recorded_angles[-1].time
+    angles = [np.interp(time, angle.time, angle.values) for angle in recorded_angles]
     angle_setpoints = np.full((len(time), len(TILT_AXES)), nan)
     rate_setpoints = np.full((len(time), len(TILT_AXES)), nan)
     for column, axis in enumerate(TILT_AXES):
         for setpoint in signals.for_axis(axis).setpoints:
-            table = angle_setpoints if setpoint.unit == "rad" else rate_setpoints
-            table[:, column] = held_setpoint(setpoint, boot, time)
+            values = held_setpoint(setpoint, boot, time)
+            if setpoint.unit == "rad":
+                angle_setpoints[:, column] = values
+            else:
+                rate_setpoints[:, column] = values
     return AttitudeTracking(
         time=time,
-        angles=np.column_stack([np.interp(time, angle.time, angle.values) for angle in angles]),
+        angles=np.column_stack(angles),
         setpoints=angle_setpoints,
         is_rate_controlled=~np.isnan(rate_setpoints),
     )

@@ -544,12 +544,12 @@ class MotorLossDetector:
         loss: Numbers = (),
         causes: CauseProbabilities | None = None,
     ) -> MotorChange:
-        """Adds a change to the alarms, as detected with the last block.
+        """Adds a change to the alarms, as detected with the last block of samples.
 
         Args:
-            motor: Index of the motor; None if the change is not a motor's.
+            motor: Index of the motor; None if the change is of the torque, and of no single motor.
             block_count: Number of blocks since the change began.
-            log_odds: Logarithm of the odds that this is the cause.
+            log_odds: Logarithm of the odds that the balance changed so, from which the probability follows.
             size: Rise of the motor's command, or size of the change of the torque.
             loss: Interval of the thrust that the motor lost, as fractions; empty if it lost none.
             causes: What may have changed the torque, where no motor is named.
@@ -558,12 +558,18 @@ class MotorLossDetector:
             The change as an alarm.
         """
         geometry = self._geometry
+        motor_number = None
+        motor_name = ""
+        if motor is not None:
+            motor_number = geometry.motors[motor]
+            motor_name = geometry.names[motor]
         alarm = MotorChange(
             time=self._blocks.times[-1],
             onset_time=self._blocks.start_of_last(block_count),
-            motor=None if motor is None else geometry.motors[motor],
-            name="" if motor is None else geometry.names[motor],
+            motor=motor_number,
+            name=motor_name,
             size=size,
+            # The logistic function converts log odds to a probability.
             probability=1 / (1 + np.exp(-log_odds)),
             assumed=geometry.positions_assumed,
             boot=self._boot,

@@ -218,25 +218,26 @@ def lasting_changes(changes: Sequence[MotorChange]) -> list[MotorChange]:
         The remaining changes, in the same order.
     """
     # The losses of each motor since it last gave its full thrust, by boot and name of the motor.
-    losses_of_motor: dict[tuple[int, str], list[MotorChange]] = {}
-    removed_alarms: list[MotorChange] = []
+    open_losses: dict[tuple[int, str], list[MotorChange]] = {}
+    removed_changes: list[MotorChange] = []
     for change in changes:
-        motor = (change.boot, change.name)
         if change.motor is None:
             continue
+        motor = (change.boot, change.name)
         if change.is_weak:
-            losses_of_motor.setdefault(motor, []).append(change)
+            open_losses.setdefault(motor, []).append(change)
             continue
-        # Every other change of a motor is its recovery.
-        losses = losses_of_motor.pop(motor, [])
-        if not losses:
-            removed_alarms.append(change)
-        else:
-            # A motor may lose more thrust before it recovers. The time is counted from the onset of the largest loss.
-            largest = max(losses, key=lambda loss: loss.size)
-            if change.onset_time - largest.onset_time < MIN_LOSS_SECONDS:
-                removed_alarms += [*losses, change]
-    return [change for change in changes if change not in removed_alarms]
+        # Every other change of a motor is its recovery, which ends its losses.
+        ended_losses = open_losses.pop(motor, [])
+        if not ended_losses:
+            removed_changes.append(change)
+            continue
+        # A motor may lose more thrust before it recovers. The time is counted from the onset of the largest loss.
+        largest_loss = max(ended_losses, key=lambda loss: loss.size)
+        seconds_until_recovery = change.onset_time - largest_loss.onset_time
+        if seconds_until_recovery < MIN_LOSS_SECONDS:
+            removed_changes += [*ended_losses, change]
+    return [change for change in changes if change not in removed_changes]
 
 
 def alarm_figures(changes: Sequence[MotorChange]) -> JsonValues:

@@ -264,17 +264,23 @@ def fit_gray_box(
         max_attempts=MAX_DAMPING_ATTEMPTS,
         limit_step=objective.limited_step,
     )
-    first = objective.expand(start)
-    max_steps = MAX_STEPS if first.predicted_gain >= min_gain else 0
-    trace, _ = gauss_newton(objective, first, damping, max_steps, corrects_curvature=True)
-    last = trace[-1]
-    lower, upper = model.bounds
-    if ((last.point <= lower) | (last.point >= upper)).any():
-        last = objective.full_expansion(last.point)
+    expansion_at_start = objective.expand(start)
+    is_worth_fitting = expansion_at_start.predicted_gain >= min_gain
+    max_steps = MAX_STEPS if is_worth_fitting else 0
+    expansions, _ = gauss_newton(
+        objective, expansion_at_start, damping, max_steps, corrects_curvature=True
+    )
+    result = expansions[-1]
+    lower_bounds, upper_bounds = model.bounds
+    is_at_bound = (result.point <= lower_bounds) | (result.point >= upper_bounds)
+    if is_at_bound.any():
+        # The steps leave out parameters at their bounds, but the curvature of all is needed.
+        result = objective.full_expansion(result.point)
     levels = []
-    for errors, variance in objective.innovations(last.point[None]):
-        levels.append(np.sqrt(np.mean(errors[0] ** 2, axis=1) / variance))
-    return GrayBoxFit(model, last.point, last.value, last.curvature, np.concatenate(levels))
+    for errors, expected_variance in objective.innovations(result.point[None]):
+        mean_squares = np.mean(errors[0] ** 2, axis=1)
+        levels.append(np.sqrt(mean_squares / expected_variance))
+    return GrayBoxFit(model, result.point, result.value, result.curvature, np.concatenate(levels))
 
 
 def best_start(model: GrayBoxModel, start: Array, windows: FlightWindows) -> Array:

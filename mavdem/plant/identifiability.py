@@ -259,8 +259,8 @@ def identifiability(
 ) -> Identifiability:
     """Judges which of effect, damping and lag a flight identifies.
 
-    A parameter may fail several checks, such as the check of the wind's share; the worst of them decides. Damping and
-    lag get no better status than the effect, because a fit compensates a wrong effect by a wrong lag.
+    A parameter may fail several checks, such as the check of how much of the torque is wind; the worst of them decides.
+    Damping and lag get no better status than the effect, because a fit compensates a wrong effect by a wrong lag.
 
     Args:
         figures: figures of the fit that are compared with the limits of this module.
@@ -270,19 +270,20 @@ def identifiability(
     """
     statuses = dict[str, Status]()
     reasons = dict[str, Fact | None]()
+    # The effect comes first in PARAMETERS, so that its status is known when damping and lag are judged.
+    effect_status = Status.REPORTED
     for name in PARAMETERS:
-        failed_checks = [
-            check
-            for check in _checks_of_parameter(name, figures)
-            if check.status != Status.REPORTED
-        ]
-        # The effect comes first in PARAMETERS, so that its status is known when damping and lag are judged.
-        effect_status = statuses.get("effect", Status.REPORTED)
+        failed_checks = []
+        for check in _checks_of_parameter(name, figures):
+            if check.status != Status.REPORTED:
+                failed_checks.append(check)
         failed_statuses = [check.status for check in failed_checks]
         if effect_status != Status.REPORTED and effect_status not in failed_statuses:
             doubt = Fact(ParameterDoubt.FOLLOWS_FROM_EFFECT, status=effect_status)
             failed_checks.append(_Check(effect_status, doubt))
         statuses[name], reasons[name] = _worst_status(failed_checks)
+        if name == "effect":
+            effect_status = statuses[name]
     return Identifiability(statuses, reasons)
 
 

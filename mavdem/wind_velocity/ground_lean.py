@@ -102,7 +102,7 @@ def lean_on_ground(
 
 
 def _lean_of_stand(angles: Sequence[Attitude], boot: int, stand: TimeInterval) -> Array | None:
-    """Returns the lean of a vehicle that stands still, as specific force.
+    """Returns the lean of a vehicle that stands on the ground, as the force of a wind that tilts it so in flight.
 
     Args:
         angles: roll and pitch that the autopilot recorded.
@@ -110,18 +110,21 @@ def _lean_of_stand(angles: Sequence[Attitude], boot: int, stand: TimeInterval) -
         stand: start and end of the time in which it may stand, s since boot.
 
     Returns:
-        Force (2,) along body x and y, m/s²; ``None`` if it was not recorded, or the vehicle does not stand.
+        Force (2,) along body x and y, m/s²; ``None`` if there are too few samples, the angles move by more than
+        ``MAX_STAND_RANGE``, so that the vehicle does not stand still, or it leans more than any ground.
     """
-    medians = []
+    median_angles = []
     for angle in angles:
         series = angle.angle_series.of_boot(boot)
         values = series.values[in_intervals(series.time, [stand])]
         if len(values) < MIN_STAND_SAMPLES:
             return None
-        if np.ptp(np.quantile(values, [0.1, 0.9])) > MAX_STAND_RANGE:
+        # A tenth of the samples on either side may be disturbed, as when the vehicle is set down.
+        lower_end, upper_end = np.quantile(values, [0.1, 0.9])
+        if upper_end - lower_end > MAX_STAND_RANGE:
             return None
-        medians.append(float(np.median(values)))
-    roll, pitch = medians
+        median_angles.append(float(np.median(values)))
+    roll, pitch = median_angles
     if np.hypot(roll, pitch) > MAX_GROUND_LEAN:
         return None
     # A vehicle that leans nose up, or to its left, is pushed along positive body x, or y, by wind.

@@ -374,18 +374,20 @@ def validated_motion(time: Array, attitude: Array, velocity: Array) -> MotionSam
     """
     stamps = as_real_array(time, "time")
     angles = as_real_array(attitude, "attitude")
-    speeds = as_real_array(velocity, "velocity")
-    if stamps.ndim != 1 or angles.shape != (len(stamps), 3) or speeds.shape != angles.shape:
+    velocities = as_real_array(velocity, "velocity")
+    if stamps.ndim != 1 or angles.shape != (len(stamps), 3) or velocities.shape != angles.shape:
         raise ValueError("time, attitude and velocity must have shapes (T,), (T, 3) and (T, 3)")
     _require_stamps_of_flight(stamps)
-    is_finite = np.asarray(np.isfinite(np.hstack([angles, speeds])).all(axis=1))
+    is_finite = np.asarray(np.isfinite(np.hstack([angles, velocities])).all(axis=1))
     if is_finite.sum() < MIN_SAMPLES:
+        # The advice names what is missing: the yaw, if there is a roll without it.
         has_roll = np.isfinite(angles[:, ROLL]).sum() >= MIN_SAMPLES
         has_yaw = np.isfinite(angles[:, YAW]).sum() >= MIN_SAMPLES
-        missing = "yaw" if has_roll and not has_yaw else "velocity"
-        raise NotLearnable(AirflowFact.MOTION_UNKNOWN, missing=missing)
-    samples = MotionSamples(stamps[is_finite], angles[is_finite], speeds[is_finite], is_finite)
-    if abs(samples.attitude[:, TILT_COLUMNS]).max() > np.pi:
+        missing_quantity = "yaw" if has_roll and not has_yaw else "velocity"
+        raise NotLearnable(AirflowFact.MOTION_UNKNOWN, missing=missing_quantity)
+    samples = MotionSamples(stamps[is_finite], angles[is_finite], velocities[is_finite], is_finite)
+    largest_tilt = abs(samples.attitude[:, TILT_COLUMNS]).max()
+    if largest_tilt > np.pi:
         raise ValueError("attitude seems to be in degrees: give rad")
     _require_velocity_follows_tilt(samples)
     return samples

@@ -195,7 +195,7 @@ def _imu_mask(parameters: Parameters) -> int | None:
 def _measured_accelerometer(
     signals: Signals, boot: int, number: int, is_used: bool | None, specific_forces: TimeSeries
 ) -> AccelerometerRecord | None:
-    """Measures one accelerometer in a boot.
+    """Measures one accelerometer in a boot: its sample rate, its specific force, and gravity while the vehicle rests.
 
     Args:
         signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.
@@ -205,25 +205,29 @@ def _measured_accelerometer(
         specific_forces: specific force (N, 3) of all boots, m/s².
 
     Returns:
-        Specific force, sample rate and gravity at rest; None if the boot has fewer samples than ``MIN_SAMPLES``.
+        The record, whose gravity at rest is None if the vehicle did not rest for ``MIN_SAMPLES``. None if the boot has
+        fewer samples than that.
     """
     force = series_of_boot(specific_forces, boot)
     if force is None or len(force.time) < MIN_SAMPLES:
         return None
-    magnitude = np.linalg.norm(force.values, axis=1)
     duration = force.time[-1] - force.time[0]
-    rest_spans = rest_intervals(signals, boot)
-    magnitude_at_rest = magnitude[in_intervals(force.time, rest_spans)]
+    sample_rate = 0.0
+    if duration > 0:
+        sample_rate = (len(force.time) - 1) / duration
+    magnitude = np.linalg.norm(force.values, axis=1)
+    is_at_rest = in_intervals(force.time, rest_intervals(signals, boot))
+    gravity_at_rest = None
+    if is_at_rest.sum() >= MIN_SAMPLES:
+        gravity_at_rest = float(np.median(magnitude[is_at_rest]))
     return AccelerometerRecord(
         number=number,
         is_used=is_used,
         time=force.time,
         magnitude=magnitude,
         force=force.values,
-        rate=(len(force.time) - 1) / duration if duration > 0 else 0.0,
-        gravity_at_rest=float(np.median(magnitude_at_rest))
-        if len(magnitude_at_rest) >= MIN_SAMPLES
-        else None,
+        rate=sample_rate,
+        gravity_at_rest=gravity_at_rest,
     )
 
 
@@ -361,18 +365,19 @@ def window_ranges(time: Array, values: Array, windows: Array) -> Array:
     Returns:
         (W,) ranges; NaN in windows with fewer than two samples.
     """
-    first = np.searchsorted(time, windows, side="left")
-    after = np.searchsorted(time, windows + REST_SECONDS, side="left")
+    starts = np.searchsorted(time, windows, side="left")
+    ends = np.searchsorted(time, windows + REST_SECONDS, side="left")
     ranges = np.full(len(windows), np.nan)
-    is_filled = after - first >= 2
-    # ``reduceat`` reduces from each start to the next one. The windows lie side by side, so that these are the windows
-    # themselves; only the last one needs an end, for which the samples after it are cut off.
-    values_in_windows = values[: after[-1]] if len(after) else values
-    starts = first[is_filled]
-    if len(starts):
-        largest = np.maximum.reduceat(values_in_windows, starts)
-        smallest = np.minimum.reduceat(values_in_windows, starts)
-        ranges[is_filled] = largest - smallest
+    has_two_samples = ends - starts >= 2
+    if not has_two_samples.any():
+        return ranges
+    # NumPy's ``reduceat`` reduces from each start to the next one. The windows lie side by side, so that these are the
+    # windows themselves; only the last one needs an end, for which the samples after it are cut off.
+    values_in_windows = values[: ends[-1]]
+    reduced_starts = starts[has_two_samples]
+    largest = np.maximum.reduceat(values_in_windows, reduced_starts)
+    smallest = np.minimum.reduceat(values_in_windows, reduced_starts)
+    ranges[has_two_samples] = largest - smallest
     return ranges
 
 

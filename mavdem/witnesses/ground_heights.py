@@ -104,23 +104,29 @@ def ground_heights(
 
 
 def _frozen_since(barometer: TimeSeries, rest: TimeInterval) -> float | None:
-    """Returns since when a barometer read the same height to the end of a rest.
+    """Returns since when a barometer is frozen: it reads the same height from some time in flight on.
+
+    On the ground a coarse barometer reads the same height too. So it counts as frozen only if its equal readings begin
+    more than ``LANDING_SECONDS`` before the rest.
 
     Args:
         barometer: heights (N,), m.
-        rest: start and end of the rest after a flight, s since boot.
+        rest: start and end of the rest after a flight, s since boot; the readings are examined until its end.
 
     Returns:
-        Time of the first of the equal readings, s since boot; None if they do not begin ``LANDING_SECONDS`` before the
-        rest: on the ground a coarse reading stands still.
+        Time of the first of the equal readings, s since boot; None if the barometer is not frozen.
     """
     rest_start, rest_end = rest
     is_before_end = barometer.time <= rest_end
-    times, heights = barometer.time[is_before_end], barometer.values[is_before_end]
-    different_rows = np.flatnonzero(heights != heights[-1])
-    first_row = different_rows[-1] + 1 if len(different_rows) else 0
-    frozen_since = float(times[first_row])
-    return frozen_since if frozen_since < rest_start - LANDING_SECONDS else None
+    times = barometer.time[is_before_end]
+    heights = barometer.values[is_before_end]
+    last_height = heights[-1]
+    different_readings = np.flatnonzero(heights != last_height)
+    first_equal = different_readings[-1] + 1 if len(different_readings) else 0
+    first_equal_time = float(times[first_equal])
+    if first_equal_time >= rest_start - LANDING_SECONDS:
+        return None
+    return first_equal_time
 
 
 def horizontal_distance(start: Array, end: Array) -> float:

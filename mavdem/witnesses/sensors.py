@@ -279,22 +279,26 @@ def throttle_stick(signals: Signals) -> TimeSeries | None:
     """
     messages = signals.telemetry.messages
     parameters = signals.telemetry.parameters
+    # Without the parameter the throttle is on channel 3, its default.
     channel = int(parameters.get("RCMAP_THROTTLE", 3))
     field = f"chan{channel}_raw"
     for message in ("RC_CHANNELS", "RC_CHANNELS_RAW"):
         columns = messages.get(message, {})
         if field not in columns:
             continue
-        pulses = float_column(columns, field)
-        lowest, highest = POSSIBLE_PULSE
-        is_possible = (pulses > lowest) & (pulses < highest)
+        pulse_lengths = float_column(columns, field)
+        shortest, longest = POSSIBLE_PULSE
+        is_possible = (pulse_lengths > shortest) & (pulse_lengths < longest)
         if is_possible.any():
-            return clean_series(columns, _stick_of_pulses(pulses, channel, parameters), is_possible)
+            positions = _stick_of_pulses(pulse_lengths, channel, parameters)
+            return clean_series(columns, positions, is_possible)
     columns = messages.get("MANUAL_CONTROL", {})
-    if "z" in columns:
-        stick = clean_series(columns, np.clip(float_column(columns, "z") / 1000, 0, 1))
-        return stick if len(stick.time) else None
-    return None
+    if "z" not in columns:
+        return None
+    # MAVLink has the throttle stick from 0 to 1000.
+    positions = np.clip(float_column(columns, "z") / 1000, 0, 1)
+    stick = clean_series(columns, positions)
+    return stick if len(stick.time) else None
 
 
 def _stick_of_pulses(pulses: Array, channel: int, parameters: Parameters) -> Array:

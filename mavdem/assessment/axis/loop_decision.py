@@ -441,15 +441,17 @@ def _decision_without_fault(observations: LoopObservations) -> LoopDecision:
         observations: margins, tracking and doubts that the flight shows of the axis.
 
     Returns:
-        The decision, with the diagnosis "nothing wrong" or "unknown".
+        The decision, with the diagnosis "nothing wrong" or "unknown", and doubts that forbid new gains.
     """
     margins = observations.margins
     good_facts = [fact for fact in margins.facts if fact.is_good]
     if not good_facts:
         reason = _reason_for_no_margins(observations)
-        action = _action_to_remedy(reason) if reason.remedy else None
+        action = None
         if reason.code is MarginsLight.RATE_STANDS_OUT:
             action = _advice_to_compare_peaks(observations, reason)
+        elif reason.remedy:
+            action = _action_to_remedy(reason)
         # A loop whose margins are not known to be good is not a basis for new gains.
         return LoopDecision(margins.axis, LoopDiagnosis.UNKNOWN, reason, action, doubts=(reason,))
     best_fact = good_facts[0]

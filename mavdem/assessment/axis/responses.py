@@ -76,20 +76,21 @@ def measure_responses(evidence: Evidence) -> Responses:
     responses = {}
     for axis in AXES:
         signals = evidence.signals.for_axis(axis)
-        loop = evidence.loops.get(axis)
+        # The response of the attitude depends on whether the controller feeds the rate of the setpoint forward.
         has_feedforward = bool(signals.telemetry.parameters.get(RATE_FEEDFORWARD_PARAMETER))
-        rate = rate_step_response(signals, segments, loop if isinstance(loop, Loop) else None)
         attitude = attitude_step_response(signals, segments)
-        if isinstance(loop, Loop):
-            rate_prediction = loop.rate.closed_loop_of_estimate
-            rate_response = _compared_response(rate, loop, loop.rate, rate_prediction)
-            attitude_prediction = predicted_attitude_response(loop, has_feedforward=has_feedforward)
-            attitude_response = _compared_response(
-                attitude, loop, loop.attitude, attitude_prediction
-            )
-        else:
-            rate_response = LoopResponse(rate)
+        loop = evidence.loops.get(axis)
+        # An axis whose loop was not identified has a fact that says why, or nothing.
+        if not isinstance(loop, Loop):
+            rate_response = LoopResponse(rate_step_response(signals, segments, None))
             attitude_response = LoopResponse(attitude)
+        else:
+            rate = rate_step_response(signals, segments, loop)
+            rate_response = _compared_response(
+                rate, loop, loop.rate, loop.rate.closed_loop_of_estimate
+            )
+            prediction = predicted_attitude_response(loop, has_feedforward=has_feedforward)
+            attitude_response = _compared_response(attitude, loop, loop.attitude, prediction)
         responses[axis] = {
             "rate": rate_response,
             "attitude": attitude_response._replace(has_feedforward=has_feedforward),

@@ -329,17 +329,19 @@ def _is_without_sensor_noise(signals: Signals) -> bool:
     if not signals.tilts:
         return False
     roll = signals.tilts[0]
-    boot = int(roll.boot[0]) if len(roll.boot) else 0
-    arming_times = [start for start, _ in flight_states.armed_intervals(signals, boot)]
-    arming_time = min(arming_times, default=inf)
-    rows = np.flatnonzero((roll.boot == boot) & (roll.time < arming_time))
-    if len(rows) < 2:
+    first_boot = int(roll.boot[0]) if len(roll.boot) else 0
+    arming_times = [start for start, _ in flight_states.armed_intervals(signals, first_boot)]
+    first_arming_time = min(arming_times, default=inf)
+    is_before_arming = (roll.boot == first_boot) & (roll.time < first_arming_time)
+    if is_before_arming.sum() < 2:
         return False
     # Every n-th sample is used, so that each change is over the same time at any rate of the log.
-    sample_step = np.median(np.diff(roll.time[rows]))
+    sample_step = np.median(np.diff(roll.time[is_before_arming]))
     stride = max(round(RATE_CHANGE_SECONDS / sample_step), 1)
-    changes = abs(np.diff(roll.rate[rows][::stride]))
+    rates = roll.rate[is_before_arming][::stride]
+    changes = abs(np.diff(rates))
     # A repeated value is no new measurement.
     changes = changes[changes > 0]
-    has_enough = len(changes) >= MIN_SAMPLES_FOR_STATISTICS
-    return has_enough and bool(np.median(changes) < MAX_SIMULATED_RATE_CHANGE)
+    if len(changes) < MIN_SAMPLES_FOR_STATISTICS:
+        return False
+    return bool(np.median(changes) < MAX_SIMULATED_RATE_CHANGE)

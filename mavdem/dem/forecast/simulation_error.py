@@ -31,7 +31,7 @@ from mavdem.dem.engine.model import discretize, unpack
 from mavdem.dem.engine.state_space import StateSpace
 from mavdem.dem.forecast.joint import axis_mixer
 from mavdem.dem.priors import KINEMATIC_PRECISION
-from mavdem.dem.record import Record, Segments, SegmentSamples
+from mavdem.dem.record import Record, Segments
 from mavdem.dem.scaling import Scaling
 from mavdem.dem.settings import CompleteSettings
 
@@ -153,22 +153,23 @@ class SimulationPieces(NamedTuple):
         """
         # The filter and the simulation last one horizon each; one more sample initialises the state of the filter.
         piece_length = 2 * horizon + 1
-        all_pieces: list[SegmentSamples] = []
+        input_pieces: list[Array] = []
+        output_pieces: list[Array] = []
+        segment_lengths = []
         for inputs, outputs in segments:
+            segment_lengths.append(len(outputs))
             for start in _piece_starts(len(outputs), horizon):
                 end = start + piece_length
-                all_pieces.append(SegmentSamples(inputs[start:end], outputs[start:end]))
+                input_pieces.append(inputs[start:end])
+                output_pieces.append(outputs[start:end])
         # If there are fewer pieces than MAX_PIECES, each is selected once.
-        selection = np.unique(np.linspace(0, len(all_pieces) - 1, MAX_PIECES).astype(int))
-        input_pieces = [all_pieces[index].inputs for index in selection]
-        output_pieces = [all_pieces[index].outputs for index in selection]
+        last_piece = len(input_pieces) - 1
+        selection = np.unique(np.linspace(0, last_piece, MAX_PIECES).astype(int)).tolist()
         return cls(
-            np.stack(input_pieces, axis=2),
-            np.stack(output_pieces, axis=2),
+            np.stack([input_pieces[index] for index in selection], axis=2),
+            np.stack([output_pieces[index] for index in selection], axis=2),
             filter_steps=horizon,
-            effective_count=effective_piece_count(
-                [len(outputs) for _, outputs in segments], horizon
-            ),
+            effective_count=effective_piece_count(segment_lengths, horizon),
         )
 
 

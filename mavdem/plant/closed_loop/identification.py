@@ -263,19 +263,24 @@ def _mixture_of_modes(
         mode_by_step_time[round(ascent.point[STEP_TIME])] = ascent
     modes = list(mode_by_step_time.values())
 
-    log_evidences = [mode.value - np.linalg.slogdet(mode.curvature)[1] / 2 for mode in modes]
+    # By Laplace's approximation the log evidence of a mode is its log posterior, less half the log determinant of the
+    # curvature, up to a constant.
+    log_evidences = []
+    for mode in modes:
+        _, log_determinant = np.linalg.slogdet(mode.curvature)
+        log_evidences.append(mode.value - log_determinant / 2)
     weights = scipy.special.softmax(log_evidences)
-    mode_points = np.array([mode.point for mode in modes])
-    mean = weights @ mode_points
+    points = np.array([mode.point for mode in modes])
+    mean = weights @ points
     # The law of total variance adds the mean covariance within the modes and the covariance of their means.
     covariance_within = sum(
         weight * _sandwich_covariance(posterior, mode.curvature)
         for weight, mode in zip(weights, modes, strict=True)
     )
-    covariance_between = (mode_points - mean).T * weights @ (mode_points - mean)
-    return IdentifiedAxis(
-        posterior, mean, covariance_within + covariance_between, mode_points[np.argmax(weights)]
-    )
+    deviations = points - mean
+    covariance_between = deviations.T * weights @ deviations
+    main_mode = points[np.argmax(weights)]
+    return IdentifiedAxis(posterior, mean, covariance_within + covariance_between, main_mode)
 
 
 def _sandwich_covariance(posterior: AxisPosterior, curvature: Array) -> Array:
