@@ -18,10 +18,10 @@ from mavdem.fleet.stored_rows import read_brief_rows, read_rows
 from mavdem.fleet.workers import PAGES
 from mavdem.report.blocks import Block
 from mavdem.report.pages.fleet_page import fleet_page, vehicle_charts
-from mavdem.report.pages.motor_trouble import (
-    MotorTrouble,
-    motor_trouble,
-    with_motor_trouble,
+from mavdem.report.pages.motor_anomaly import (
+    MotorAnomaly,
+    motor_anomaly,
+    with_motor_anomaly,
 )
 from mavdem.report.vehicle_summary import (
     SUMMARY_VERSION,
@@ -144,23 +144,23 @@ def _update_flight_pages(folder: Path, rows: FlightRows) -> None:
     for flight_rows in group_into_flights(row for row in rows if row.page):
         path = folder / PAGES / Path(flight_rows[0].page or "").name
         if path.is_file():
-            _update_flight_page(path, motor_trouble(worst_row(flight_rows)))
+            _update_flight_page(path, motor_anomaly(worst_row(flight_rows)))
 
 
-def _update_flight_page(path: Path, trouble: MotorTrouble | None) -> None:
+def _update_flight_page(path: Path, anomaly: MotorAnomaly | None) -> None:
     """Replaces the comparison with other flights at the top of a flight's page.
 
     Pages may be long, so only their top is searched, and an unchanged page is not written again.
 
     Args:
         path: Path of the page.
-        trouble: Trouble with the motors that the comparison shows; None without any.
+        anomaly: anomaly of the motors that the comparison shows; None without any.
 
     Raises:
         Unreadable: The page cannot be written.
     """
     with path.open(encoding="utf-8", errors="replace") as file:
         top = file.read(PAGE_TOP_LENGTH)
-        updated_top = with_motor_trouble(top, trouble)
+        updated_top = with_motor_anomaly(top, anomaly)
         if updated_top != top:
             write_text_atomically(path, updated_top + file.read())

@@ -21,7 +21,7 @@ from mavdem.fleet.row import UNKNOWN
 from mavdem.report.blocks import Rated
 from mavdem.report.templates import render_section
 
-TROUBLED_HEALTHS = MotorHealth.FAULT, MotorHealth.DRIFT
+ANOMALOUS_HEALTHS = MotorHealth.FAULT, MotorHealth.DRIFT
 """Healths of the motors with which a vehicle needs a look."""
 
 HEALTH_LEVELS = {
@@ -57,30 +57,31 @@ BAD_HEADLINE_RANK = 1.5
 
 
 def light_level(flight: AxisRows, light: Light) -> Level:
-    """Returns the level of a light of a flight; unknown if the log has none.
+    """Returns the level of one status light of a flight on pages of a fleet; unknown if the log has no such light.
 
-    A light is the judgement of one part of the vehicle, such as its motors. That of the motors is judged by the flight
-    alone, and their health in comparison with other flights of the vehicle, which shows smaller losses. On pages of a
-    fleet the light is at least as bad as the health, so that both say the same.
+    A status light is the judgement of one part of the vehicle, such as its motors, from the log alone. The motors are
+    also compared with other flights of the vehicle, which shows smaller losses of thrust. Their light gets the worse
+    level of both judgements.
 
     Args:
-        flight: rows of the flight, one for each axis.
-        light: name of the status light, its subject, such as "motors".
+        flight: rows of the flight in the fleet's table, one for each axis.
+        light: name of the status light, such as "motors".
     """
-    # The rows of all axes have the same lights, in a field "light_motors", "light_power", … each.
+    # Each light has a field of the row, such as "light_motors", which is the same in the rows of all axes.
     level_of_log = Level(getattr(log_row(flight), f"light_{light}") or Level.UNKNOWN)
     if light is not Light.MOTORS:
         return level_of_log
-    return motors_level(level_of_log, HEALTH_LEVELS[MotorHealth(worst_health(flight))])
+    health_level = HEALTH_LEVELS[MotorHealth(worst_health(flight))]
+    return motors_level(level_of_log, health_level)
 
 
 def motors_level(level_of_log: Level, health_level: Level) -> Level:
-    """Returns the level of the light of the motors on pages of a fleet: the worse of two judgements.
+    """Returns the worse of two levels of a flight's motors: by its log alone, and beside the vehicle's other flights.
 
     Args:
-        level_of_log: level of the light by the log of the flight alone.
-        health_level: level of the motors' health, for which the flight is compared with others of the vehicle. It
-            counts only if it is worse.
+        level_of_log: level of the motors' status light by the log alone.
+        health_level: level of the motors' health in comparison with other flights. It counts only if it is "bad" or
+            "watch": sound health does not make a warning of the log better.
     """
     if level_of_log is Level.BAD or health_level not in (Level.BAD, Level.WATCH):
         return level_of_log
@@ -104,7 +105,7 @@ class VehicleTexts(NamedTuple):
     """What the latest flight that was judged shows, such as "Motor 3: fault, probability of a fault 0.97."."""
 
     reason: str
-    """How that flight differs from healthy ones, if its motors are in trouble; otherwise empty."""
+    """How that flight differs from healthy ones, if its motors have a fault or drift; otherwise empty."""
 
     all_flights: str
     """In how many flights the motors had a fault or a drift, and the latest of these; may be empty."""
@@ -123,25 +124,34 @@ def short_name(name: str) -> str:
 
 
 def unnamed_vehicle(autopilot: str, frame: str) -> str:
-    """Returns the description of a vehicle whose logs do not identify it, such as "unnamed PX4 quadrotor".
+    """Returns a description in the place of the name of a vehicle that its logs do not identify.
 
     Args:
-        autopilot: MAV_AUTOPILOT without its prefix; empty where it is not known.
-        frame: kind of its frame, such as "QUADROTOR"; empty where it is not known.
+        autopilot: MAV_AUTOPILOT without its prefix, such as "PX4"; empty where it is not known.
+        frame: type of the frame, such as "QUADROTOR"; empty where it is not known.
+
+    Returns:
+        Text such as "unnamed PX4 quadrotor", or "unnamed vehicle" if nothing is known.
     """
-    frame_words = frame.replace("_", " ").lower() or "vehicle"
-    autopilot_name = AUTOPILOT_NAMES.get(autopilot, "")
-    return " ".join(word for word in ("unnamed", autopilot_name, frame_words) if word)
+    words = ["unnamed"]
+    if autopilot in AUTOPILOT_NAMES:
+        words.append(AUTOPILOT_NAMES[autopilot])
+    words.append(frame.replace("_", " ").lower() or "vehicle")
+    return " ".join(words)
 
 
 def vehicle_type(name: str, frame: str, names: GivenNames, *, is_shared: bool = False) -> str:
-    """Returns the name of a vehicle at the beginning of its line; its type if its logs have only a serial number.
+    """Returns how a line of a report begins that is about one vehicle: its name or, without one, its type.
 
     Args:
-        name: name of the vehicle in its logs.
-        frame: kind of its frame, such as "QUADROTOR"; empty where it is not known.
-        names: names that were given to vehicles.
-        is_shared: whether its logs have a system id only, which several vehicles may have.
+        name: name of the vehicle in its logs, which may be a serial number or made of a system id.
+        frame: type of the frame, such as "QUADROTOR"; empty where it is not known.
+        names: names that owners gave to vehicles, which come before all others.
+        is_shared: whether the name is made of a MAVLink system id, which several vehicles may have.
+
+    Returns:
+        The given name, "unnamed PX4 quadrotor" for a system id, the type of the frame for a serial number, or any other
+        name as it is in the logs.
     """
     if name in names.vehicles:
         return names.vehicle(name)
@@ -153,13 +163,16 @@ def vehicle_type(name: str, frame: str, names: GivenNames, *, is_shared: bool = 
 
 
 def vehicle_label(name: str, frame: str, names: GivenNames, *, is_shared: bool = False) -> str:
-    """Returns the name of a vehicle in a sentence; its type and a shortened serial number if it has no other name.
+    """Returns the name of a vehicle within a sentence, such as "Quadrotor 3A0041…2B37" for a serial number.
 
     Args:
-        name: name of the vehicle in its logs.
-        frame: kind of its frame, such as "QUADROTOR"; empty where it is not known.
-        names: names that were given to vehicles.
-        is_shared: whether its logs have a system id only, which several vehicles may have.
+        name: name of the vehicle in its logs, which may be a serial number or made of a system id.
+        frame: type of the frame, such as "QUADROTOR"; empty where it is not known.
+        names: names that owners gave to vehicles, which come before all others.
+        is_shared: whether the name is made of a MAVLink system id, which several vehicles may have.
+
+    Returns:
+        The text of :func:`vehicle_type`; for a serial number with its first and last characters after it.
     """
     label = vehicle_type(name, frame, names, is_shared=is_shared)
     if is_shared or name in names.vehicles or not is_serial(name):
@@ -203,18 +216,22 @@ def bad_headline(flights: Flights) -> str:
 
 
 def badge(flights: Flights) -> str:
-    """Returns one word on the latest of a vehicle's flights, with its level.
+    """Returns the one word that a fleet's page shows for a vehicle, such as "fault" or "good", with its level.
 
-    The word is the health of the motors if they are in trouble, and otherwise the level of the flight's headline.
+    It is the health of the motors in the latest flight that judged it, if that is a fault or a drift. Otherwise it is
+    the level of the latest flight's headline or, if the log has no headline, the health again.
 
     Args:
         flights: rows of the vehicle's flights, in the order of date.
+
+    Returns:
+        The word with its level, which is its colour; without a level for a log that was not used.
     """
     latest_row = log_row(flights[-1])
     if not latest_row.has_flight:
         return NOT_USED
     health = vehicle_health(flights)
-    if health in TROUBLED_HEALTHS or latest_row.headline_level is None:
+    if health in ANOMALOUS_HEALTHS or latest_row.headline_level is None:
         return Rated(health, HEALTH_LEVELS[MotorHealth(health)])
     return Rated(latest_row.headline_level, Level(latest_row.headline_level))
 
@@ -226,11 +243,11 @@ def badge_level(flights: Flights) -> Level:
 
 
 def urgency(flights: Flights) -> Urgency:
-    """Returns the sort key of a vehicle in a list that begins with the vehicle that needs attention most.
+    """Returns the key by which vehicles are sorted, so that a list begins with the one that needs attention most.
 
-    Of equal vehicles the one with the latest flight comes first. The rank is the position of the motors' health in
-    ``HEALTHS``, which begins with the worst. If the headline of its latest flight is bad, a vehicle ranks directly
-    after vehicles with drifting motors, unless its health ranks higher.
+    Vehicles are ranked by the health of their motors, the worst first. A vehicle whose latest flight has a bad headline
+    ranks at least directly after those with drifting motors. Of vehicles with the same rank the one with the latest
+    flight comes first.
 
     Args:
         flights: flights of the vehicle in order of date, at least one.
@@ -238,6 +255,7 @@ def urgency(flights: Flights) -> Urgency:
     Returns:
         The key, which sorts in ascending order.
     """
+    # ``HEALTHS`` begins with the worst health.
     rank: float = HEALTHS.index(MotorHealth(vehicle_health(flights)))
     if bad_headline(flights):
         rank = min(rank, BAD_HEADLINE_RANK)
@@ -248,47 +266,52 @@ def urgency(flights: Flights) -> Urgency:
 
 
 def vehicle_texts(flights: Flights) -> VehicleTexts:
-    """Returns the texts on a vehicle for a fleet's page: on its latest judged flight, and on all its flights.
+    """Returns the texts about one vehicle on a fleet's page: on its latest judged flight, and on all its flights.
 
     The health of a flight is the judgement of its motors beside the vehicle's other flights: "ok", "drift", "fault" or
-    "unknown". Motors with a drift or a fault are in trouble.
+    "unknown". A drift or a fault is an anomaly.
 
     Args:
         flights: flights of the vehicle in order of date, at least one; each has a row for each axis.
     """
     health = vehicle_health(flights)
-    is_in_trouble = health in TROUBLED_HEALTHS
-    # The latest flight with trouble gives the motor, the probability and the reason.
-    latest_trouble = None
+    has_anomaly = health in ANOMALOUS_HEALTHS
+    # The latest flight with an anomaly gives the motor, the probability and the reason.
+    latest_anomalous_row = None
     for flight in reversed(flights):
-        if worst_health(flight) in TROUBLED_HEALTHS:
-            latest_trouble = worst_row(flight)
+        if worst_health(flight) in ANOMALOUS_HEALTHS:
+            latest_anomalous_row = worst_row(flight)
             break
-    counts = Counter(worst_health(flight) for flight in flights)
+    flights_by_health = Counter(worst_health(flight) for flight in flights)
     latest_flight, all_flights = render_section(
         "fleet_vehicle",
         health=health,
-        is_in_trouble=is_in_trouble,
+        has_anomaly=has_anomaly,
         bad_headline=bad_headline(flights),
         headline=log_row(flights[-1]).headline,
         flight_count=len(flights),
-        counts=counts,
-        troubled_healths=[health for health in TROUBLED_HEALTHS if counts[health]],
+        counts=flights_by_health,
+        anomalous_healths=[health for health in ANOMALOUS_HEALTHS if flights_by_health[health]],
         reason=_reason_for_latest_health(flights),
-        latest_trouble=latest_trouble,
+        latest_anomalous_row=latest_anomalous_row,
         is_shared=has_shared_name(flights),
     )
     reason = ""
-    if latest_trouble is not None and is_in_trouble:
-        reason = first_sentence(latest_trouble.health_reason or "")
+    if latest_anomalous_row is not None and has_anomaly:
+        reason = first_sentence(latest_anomalous_row.health_reason or "")
     return VehicleTexts(latest_flight.text, reason, all_flights.text)
 
 
 def _reason_for_latest_health(flights: Flights) -> str:
-    """Returns the reason for the health of the latest flight that has one, or why its log was not read; else "".
+    """Returns why the motors of a vehicle were judged as they were in its latest flight for which a reason is stored.
+
+    For a log that could not be read the reason is its status, which says why.
 
     Args:
-        flights: rows of the vehicle's flights, in the order of date. The status of a row is why its log was not read.
+        flights: rows of the vehicle's flights, in the order of date.
+
+    Returns:
+        The reason in sentences; empty if no flight has one.
     """
     for flight in reversed(flights):
         for row in flight:

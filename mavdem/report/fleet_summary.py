@@ -13,7 +13,7 @@ from mavdem.fleet.flights import HEALTHS
 from mavdem.fleet.names import NO_NAMES, GivenNames
 from mavdem.fleet.row import UNKNOWN
 from mavdem.report.blocks import Blocks, Table
-from mavdem.report.fleet import MAX_URGENT_RANK, TROUBLED_HEALTHS, truncated, vehicle_label
+from mavdem.report.fleet import ANOMALOUS_HEALTHS, MAX_URGENT_RANK, truncated, vehicle_label
 from mavdem.report.numbers import abbreviated_list, listed
 from mavdem.report.templates import as_clause, capitalize_first, render_section
 from mavdem.report.vehicle_summary import UnusedRow, VehicleFlights, VehicleSummary
@@ -64,7 +64,7 @@ def fleet_blocks(
         for summary in summaries
         if summary.has_shared_name
         and summary.name in vehicles
-        and vehicles[summary.name].health not in TROUBLED_HEALTHS
+        and vehicles[summary.name].health not in ANOMALOUS_HEALTHS
     }
     vehicles_of_headline = {
         name: vehicle for name, vehicle in vehicles.items() if name not in names_without_vehicle
@@ -121,7 +121,7 @@ def _count_bad_unnamed_flights(
     Args:
         summaries: summary of the flights under each name.
         vehicles: summary of each vehicle that the headline counts, by its name, among them shared names whose motors
-            are in trouble.
+            have a fault or drift.
     """
     count = 0
     for summary in summaries:
@@ -236,7 +236,7 @@ def _health_summary(
             watched_count += 1
         if vehicle.health == MotorHealth.OK:
             healthy_count += 1
-            if vehicle.was_in_trouble:
+            if vehicle.had_anomaly:
                 recovered_labels.append(label)
     urgent_list = abbreviated_list(urgent)
     if lists_follow and len(urgent) > MAX_NAMED_BEFORE_LIST:

@@ -12,7 +12,7 @@ from mavdem.facts.motors import MotorHealth
 from mavdem.fleet.flights import AxisRows, log_row, worst_health
 from mavdem.fleet.names import NO_NAMES, content_hash
 from mavdem.fleet.row import SYSTEM_ID_BASIS
-from mavdem.report.fleet import TROUBLED_HEALTHS, badge, light_level, vehicle_type
+from mavdem.report.fleet import ANOMALOUS_HEALTHS, badge, light_level, vehicle_type
 from mavdem.report.numbers import listed, rounded
 from mavdem.report.templates import rounded_up
 from mavdem.wind_velocity.beaufort import is_speed_known
@@ -93,7 +93,9 @@ def _file_name(flight: AxisRows) -> str:
 
 
 def _vehicle(flight: AxisRows) -> str:
-    """Returns the name of a flight's vehicle, or what it is if its log has only a system id ("unnamed PX4 quadrotor").
+    """Returns the cell with the vehicle of a flight in a fleet's list: its name in the logs.
+
+    If the logs have nothing but a MAVLink system id, the vehicle is described instead, as in "unnamed PX4 quadrotor".
 
     Args:
         flight: rows of one flight in the fleet's table, one for each axis.
@@ -105,9 +107,15 @@ def _vehicle(flight: AxisRows) -> str:
 
 
 def _date(flight: AxisRows) -> str:
-    """Returns date and time of a flight, up to the minute; empty if they are not known.
+    """Returns the cell with the date of a flight in a fleet's list: date and time, up to the minute.
 
-    A date in the future is wrong, so that only its year is returned, as that of the vehicle's clock.
+    A date in the future comes from a wrong clock of the vehicle. Then the cell has only its year: "clock in 2098".
+
+    Args:
+        flight: rows of one flight in the fleet's table, one for each axis.
+
+    Returns:
+        The text; empty if the date is not known.
     """
     row = log_row(flight)
     if row.date is None:
@@ -128,12 +136,16 @@ def _badge(flight: AxisRows) -> str:
 
 
 def _warning_lights(flight: AxisRows) -> str:
-    """Returns the lights of a flight that are bad, then those to be watched, such as "motors bad, vibration watch".
+    """Returns the cell with the status lights of a flight that warn, such as "motors bad, vibration watch".
 
-    A light is the judgement of one part of the vehicle. The rows of all axes have the same lights.
+    A status light is the judgement of one part of the vehicle, such as its motors, with a level. Bad ones come first,
+    then those to be watched.
 
     Args:
-        flight: rows of one flight in the fleet's table, one for each axis.
+        flight: rows of one flight in the fleet's table, one for each axis; all have the same lights.
+
+    Returns:
+        The text; empty if no light warns.
     """
     texts = []
     for level in (Level.BAD, Level.WATCH):
@@ -152,36 +164,36 @@ def _suspect_motors(flight: AxisRows) -> str:
 
 
 def _notes_on_flight(flight: AxisRows) -> str:
-    """Returns the notes on a flight, one sentence a line, the most important first, each once.
+    """Returns the cell with notes on a flight in a fleet's list, one sentence a line, the most important first.
 
-    The headline of the log comes first, then the reason for the health of the motors, then warnings. Each note is
-    whole; those for which there is no room are left out.
+    First comes the headline of the log, then the reason for the health of the motors, then warnings, each once. The
+    cell ends before the first sentence that would make it longer than ``MAX_NOTE_LENGTH``. For a log without a flight
+    the only note is why it was not used.
 
     Args:
         flight: rows of one flight in the fleet's table, one for each axis.
     """
-    # A log without a flight has one note: why it was not used.
     first_row = log_row(flight)
     if not first_row.has_flight:
         return first_row.status
     notes = []
-    # The headline knows this log alone. If only the comparison with other flights shows trouble, it says that
-    # nothing is wrong, and is left out.
-    is_trouble_of_fleet = worst_health(flight) in TROUBLED_HEALTHS
-    if first_row.headline_level == Level.BAD or not is_trouble_of_fleet:
+    # The headline is about this log alone. If only the comparison with other flights shows an anomaly, the headline
+    # says that nothing is wrong, and is left out.
+    has_anomaly = worst_health(flight) in ANOMALOUS_HEALTHS
+    if first_row.headline_level == Level.BAD or not has_anomaly:
         notes += [row.headline for row in flight]
     notes += [row.health_reason for row in flight if row.health != MotorHealth.OK]
     for row in flight:
         notes += row.warnings
     # A dictionary keeps each sentence once, in order.
     sentences = dict.fromkeys(note for note in notes if note)
-    shown_text = ""
+    text = ""
     for sentence in sentences:
         # The first sentence, which matters most, is always shown.
-        if shown_text and len(shown_text) + len(sentence) >= MAX_NOTE_LENGTH:
+        if text and len(text) + len(sentence) >= MAX_NOTE_LENGTH:
             break
-        shown_text = f"{shown_text}\n{sentence}" if shown_text else sentence
-    return shown_text
+        text = f"{text}\n{sentence}" if text else sentence
+    return text
 
 
 def _settled_seconds(flight: AxisRows) -> str:
@@ -212,15 +224,18 @@ def wind_speed_text(speed: float | None, interval: Sequence[float] | None) -> st
 
 
 def _wind_text(flight: AxisRows) -> str:
-    """Returns the wind speed, m/s, and the direction that the wind came from, such as "5.2 NW", as far as known.
+    """Returns the cell with the wind of a flight in a fleet's list: speed, m/s, and where it came from, as in "5.2 NW".
+
+    What is not known is left out, so that the cell is empty without a wind.
 
     Args:
-        flight: rows of one flight in the fleet's table, one for each axis.
+        flight: rows of one flight in the fleet's table, one for each axis; all have the same wind.
     """
-    # The rows of all axes have the same wind.
     row = log_row(flight)
     speed = wind_speed_text(row.wind_speed, row.wind_speed_interval)
-    direction = "" if row.wind_direction is None else compass_text(degrees(row.wind_direction))
+    direction = ""
+    if row.wind_direction is not None:
+        direction = compass_text(degrees(row.wind_direction))
     return f"{speed} {direction}".strip()
 
 

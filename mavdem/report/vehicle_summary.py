@@ -30,8 +30,8 @@ from mavdem.fleet.flights import (
 )
 from mavdem.fleet.row import UNKNOWN, FlightRow, FlightRows
 from mavdem.report.fleet import (
+    ANOMALOUS_HEALTHS,
     NOT_USED,
-    TROUBLED_HEALTHS,
     Urgency,
     VehicleTexts,
     badge,
@@ -44,7 +44,7 @@ from mavdem.report.fleet import (
 )
 from mavdem.report.flight_lines import FlightLine, flight_line
 
-SUMMARY_VERSION = "6"
+SUMMARY_VERSION = "7"
 """Version of :class:`VehicleSummary` and of what makes it: kept summaries of another version are made again."""
 
 WARNING_LEVELS = Level.BAD, Level.WATCH
@@ -142,7 +142,7 @@ class VehicleFlights(NamedTuple):
     health: str
     """Health of its motors in the latest flight that was judged."""
 
-    was_in_trouble: bool
+    had_anomaly: bool
     """Whether the motors had a fault or a drift in any flight."""
 
     texts: VehicleTexts
@@ -284,7 +284,7 @@ def _vehicle_flights(name: str, flights: Flights) -> VehicleFlights:
         has_section=has_section(name, flights),
         urgency=urgency(flights),
         health=vehicle_health(flights),
-        was_in_trouble=any(worst_health(flight) in TROUBLED_HEALTHS for flight in flights),
+        had_anomaly=any(worst_health(flight) in ANOMALOUS_HEALTHS for flight in flights),
         texts=vehicle_texts(flights),
         levels=[badge_level([flight]) for flight in flights[-MAX_BARS:]],
         flight_count=len(flights),

@@ -40,7 +40,7 @@ from mavdem.report.pages.library_page import (
     with_server_script,
     with_toolbar,
 )
-from mavdem.report.pages.motor_trouble import motor_trouble
+from mavdem.report.pages.motor_anomaly import motor_anomaly
 from mavdem.report.pages.page_link import PageLink
 from mavdem.results import PAGE_FILE, RECORDING_FILE, RECORDINGS
 from mavdem.serve.guard import POLICY_HEADER
@@ -149,7 +149,9 @@ class Pages:
         result = self._visible_library.search(request, FLIGHTS_PER_PAGE)
         visitor = self._visible_library.visitor_values(request)
         may_read = visitor["may_read"]
-        troubles = self._visible_library.rows_with_trouble(result.entries) if may_read else {}
+        anomalous_rows = (
+            self._visible_library.rows_with_motor_anomaly(result.entries) if may_read else {}
+        )
         problems = search_problems(result.query)
         if not result.entries:
             problems += unknown_terms(result.query)
@@ -167,26 +169,26 @@ class Pages:
                 sample=self._sample_log,
                 is_live=self._is_live,
                 vehicles=self._library.vehicle_names() if may_read else [],
-                troubles=troubles,
-                flights_to_compare=self._flights_to_compare(result.entries, troubles),
+                anomalous_rows=anomalous_rows,
+                flights_to_compare=self._flights_to_compare(result.entries, anomalous_rows),
                 **visitor,
             )
         )
 
     def _flights_to_compare(
-        self, entries: Sequence[LibraryEntry], troubles: Mapping[str, FlightRow]
+        self, entries: Sequence[LibraryEntry], anomalous_rows: Mapping[str, FlightRow]
     ) -> dict[str, LibraryEntry]:
-        """Finds for each flight of a list with troubled motors the sound flight that it is best compared with.
+        """Finds for each flight of a list whose motors have an anomaly the flight that it is best compared with.
 
         Args:
-            entries: flights of the list.
-            troubles: rows of those with a fault or drift of the motors, compared with other flights, by their ids.
+            entries: index entries of all flights of the list.
+            anomalous_rows: rows in the fleet's table of those with a fault or drift of the motors, by the entry's id.
 
         Returns:
-            The sound flight by the id of the troubled one.
+            An earlier flight of the same vehicle without an anomaly, by the id of the flight with one.
         """
-        troubled_entries = [entry for entry in entries if entry.id in troubles]
-        return self._visible_library.flights_to_compare(troubled_entries)
+        anomalous_entries = [entry for entry in entries if entry.id in anomalous_rows]
+        return self._visible_library.flights_to_compare(anomalous_entries)
 
     def flight(self, request: HttpRequest) -> Response:
         """Answers with the page of a flight, below the bar of the library with its downloads and settings.
@@ -217,12 +219,12 @@ class Pages:
         if is_stored and self._requests_new_page(entry, html):
             entry = self._library.entry(entry.id)
             return self._progress_page(entry, values | {"flight": entry})
-        trouble = None
+        anomaly = None
         if values["may_read"] and not vehicle:
-            row = self._visible_library.rows_with_trouble([entry]).get(entry.id)
-            trouble = motor_trouble(row)
-            if trouble is not None:
-                trouble = trouble._replace(comparison=self._comparison_link(entry))
+            row = self._visible_library.rows_with_motor_anomaly([entry]).get(entry.id)
+            anomaly = motor_anomaly(row)
+            if anomaly is not None:
+                anomaly = anomaly._replace(comparison=self._comparison_link(entry))
             values["previous"] = self._visible_library.previous_flight(entry)
         has_recording = RECORDING_FILE in entry.file_names
         can_open = self._has_viewer and has_recording and values["may_read"]
@@ -232,7 +234,7 @@ class Pages:
             with_toolbar(
                 html,
                 given_name=values["given"].flights.get(entry.content_hash, ""),
-                trouble=trouble,
+                anomaly=anomaly,
                 files=files,
                 missing=missing_recordings,
                 can_open=can_open,
@@ -241,16 +243,20 @@ class Pages:
         )
 
     def _comparison_link(self, entry: LibraryEntry) -> PageLink | None:
-        """Returns the link to the comparison of a flight with troubled motors with a sound flight before it, if any.
+        """Returns the link to the page that compares a flight with a motor anomaly with an earlier one without.
 
         Args:
-            entry: index entry of the flight with troubled motors.
+            entry: index entry of the flight with the anomaly.
+
+        Returns:
+            The link; None if the vehicle has no earlier flight to compare with.
         """
-        other = self._visible_library.flights_to_compare([entry]).get(entry.id)
-        if other is None:
+        earlier_entry = self._visible_library.flights_to_compare([entry]).get(entry.id)
+        if earlier_entry is None:
             return None
-        name = self._library.names.flights.get(other.content_hash, other.name)
-        return PageLink(f"Compare with {name}", f"/compare?a={other.id}&b={entry.id}")
+        given_names = self._library.names.flights
+        name = given_names.get(earlier_entry.content_hash, earlier_entry.name)
+        return PageLink(f"Compare with {name}", f"/compare?a={earlier_entry.id}&b={entry.id}")
 
     def _progress_page(self, entry: LibraryEntry, values: JsonValues) -> Response:
         """Returns the page of a flight whose log is being read or cannot be read.
@@ -430,15 +436,15 @@ class Pages:
         # A log may have several vehicles, so that its rows are filtered by the name, too.
         rows = [row for row in self._library.flight_rows(entries) if row.vehicle == name]
         healthy_rows = [row for row in self._library.store.healthy if row.vehicle == name]
-        troubles = self._visible_library.rows_with_trouble(entries)
+        anomalous_rows = self._visible_library.rows_with_motor_anomaly(entries)
         html = vehicle_page(
             group_by_vehicle(rows).get(name, []),
             _changes_from_baseline(name, rows, healthy_rows),
             name=name,
             entries=entries,
             baseline=len({row.key for row in healthy_rows}),
-            troubles=troubles,
-            flights_to_compare=self._flights_to_compare(entries, troubles),
+            anomalous_rows=anomalous_rows,
+            flights_to_compare=self._flights_to_compare(entries, anomalous_rows),
             **self._visible_library.visitor_values(request),
         )
         return HTMLResponse(html)
@@ -490,12 +496,12 @@ class Pages:
         gains_after = json.loads(entry_after.gains)
         parameters = changed_parameters(gains_before, gains_after)
         given_names = self._library.names.flights
-        rows_with_trouble = self._visible_library.rows_with_trouble([entry_before, entry_after])
-        troubles = {}
+        anomalous_rows = self._visible_library.rows_with_motor_anomaly([entry_before, entry_after])
+        anomalies = {}
         for side, entry in zip(STATE_NAMES, (entry_before, entry_after), strict=True):
-            trouble = motor_trouble(rows_with_trouble.get(entry.id))
-            if trouble is not None:
-                troubles[side] = trouble
+            anomaly = motor_anomaly(anomalous_rows.get(entry.id))
+            if anomaly is not None:
+                anomalies[side] = anomaly
         html = comparison_page(
             names=(
                 given_names.get(entry_before.content_hash, entry_before.name),
@@ -510,7 +516,7 @@ class Pages:
             lacking=states_without_gains(gains_before, gains_after),
             back=PageLink("Flights", "/"),
             flights=(self._series(entry_before), self._series(entry_after)),
-            troubles=troubles,
+            anomalies=anomalies,
         )
         return HTMLResponse(
             with_server_script(html, **self._visible_library.visitor_values(request))

@@ -15,7 +15,7 @@ from mavdem.errors import Refusal
 from mavdem.facts.serve import ListingOrder, Permission, RefusalReason, Sharing, Stage
 from mavdem.fleet.flights import worst_row
 from mavdem.fleet.row import FlightRow
-from mavdem.report.fleet import TROUBLED_HEALTHS
+from mavdem.report.fleet import ANOMALOUS_HEALTHS
 from mavdem.report.pages.library_page import interface_words
 from mavdem.results import REPORT_FILE
 from mavdem.serve.index import LibraryEntry
@@ -29,7 +29,7 @@ MAX_SEARCH_LETTERS = 500
 """Letters of a search that are used; further ones are ignored."""
 
 MAX_EARLIER_FLIGHTS = 20
-"""Flights before one with troubled motors, among which a sound one to compare it with is looked for: a choice."""
+"""Flights before one with a motor anomaly, among which a sound one to compare it with is looked for: a choice."""
 
 
 class SearchResult(NamedTuple):
@@ -147,43 +147,47 @@ class VisibleLibrary:
         return self.library.find(condition, values, limit, order=ListingOrder.FLIGHT).entries
 
     def flights_to_compare(self, entries: Sequence[LibraryEntry]) -> dict[str, LibraryEntry]:
-        """Finds for each flight with troubled motors the sound flight that it is best compared with.
+        """Finds for each flight with a motor anomaly the flight that it is best compared with, for a link on its page.
 
-        That is the latest of the ``MAX_EARLIER_FLIGHTS`` flights of the vehicle before it that has no such trouble.
+        That is the latest earlier flight of the same vehicle without such an anomaly, of at most
+        ``MAX_EARLIER_FLIGHTS``.
 
         Args:
-            entries: flights with a fault or drift of the motors (:meth:`rows_with_trouble`).
+            entries: flights with a fault or drift of the motors (:meth:`rows_with_motor_anomaly`).
 
         Returns:
-            The sound flight by the id of the troubled one; flights for which there is none are left out.
+            The earlier flight by the id of the flight with the anomaly; flights for which there is none are left out.
         """
-        sound_flights = {}
+        healthy_flights = {}
         for entry in entries:
             earlier_entries = self._earlier_flights(entry, MAX_EARLIER_FLIGHTS)
-            troubles = self.rows_with_trouble(earlier_entries)
-            sound_entries = [other for other in earlier_entries if other.id not in troubles]
-            if sound_entries:
-                sound_flights[entry.id] = sound_entries[0]
-        return sound_flights
+            anomalous_rows = self.rows_with_motor_anomaly(earlier_entries)
+            for earlier_entry in earlier_entries:
+                if earlier_entry.id not in anomalous_rows:
+                    healthy_flights[entry.id] = earlier_entry
+                    break
+        return healthy_flights
 
-    def rows_with_trouble(self, entries: Sequence[LibraryEntry]) -> dict[str, FlightRow]:
-        """Finds the flights with a fault or drift of the motors, compared with other flights of their vehicle.
+    def rows_with_motor_anomaly(self, entries: Sequence[LibraryEntry]) -> dict[str, FlightRow]:
+        """Finds the flights whose motors have a fault or drift in comparison with other flights of their vehicle.
 
         Args:
-            entries: the flights to look at.
+            entries: index entries of the flights to look at.
 
         Returns:
-            The row of the worst axis of each such flight, by the flight's id.
+            For each such flight, by the id of its entry, its row in the fleet's table for the axis in the worst health.
         """
-        entry_by_path = {str(self.library.log_path(entry)): entry for entry in entries}
-        rows = []
+        entries_by_path = {str(self.library.log_path(entry)): entry for entry in entries}
+        anomalous_rows = []
         for row in self.library.brief_flight_rows(entries):
             # An entry is listed under one vehicle; a log may have rows of others.
-            if row.health in TROUBLED_HEALTHS and row.vehicle == entry_by_path[row.file].vehicle:
-                rows.append(row)
+            is_of_listed_vehicle = row.vehicle == entries_by_path[row.file].vehicle
+            if row.health in ANOMALOUS_HEALTHS and is_of_listed_vehicle:
+                anomalous_rows.append(row)
         worst_rows = {}
-        for file, rows_of_file in group_by(rows, lambda row: row.file).items():
-            worst_rows[entry_by_path[file].id] = worst_row(rows_of_file)
+        for file, rows_of_file in group_by(anomalous_rows, lambda row: row.file).items():
+            entry = entries_by_path[file]
+            worst_rows[entry.id] = worst_row(rows_of_file)
         return worst_rows
 
     def documents(self, entries: Sequence[LibraryEntry]) -> list[Flight]:

@@ -98,11 +98,16 @@ def test_a_search_by_an_unknown_property_names_the_known_ones():
     assert sentence.endswith(", and gains")
 
 
-def library_page(entries, troubles=None, **values):
+def library_page(entries, anomalous_rows=None, **values):
     """The page with the list of these flights, as somebody who may read sees it."""
     shown = {"entries": entries, "total": len(entries), "query": "", "order": "upload", "offset": 0}
     shown |= {"page": 50, "is_empty": False, "sample": None, "is_live": False, "vehicles": []}
-    shown |= {"troubles": troubles or {}, "may_read": True, "key": "", "has_token": False}
+    shown |= {
+        "anomalous_rows": anomalous_rows or {},
+        "may_read": True,
+        "key": "",
+        "has_token": False,
+    }
     shown |= {"address": "", "upload": "", "given": GivenNames(), "frames": {}}
     return render_server_page("library", **shown | values)
 
@@ -113,7 +118,7 @@ def test_the_list_has_the_lights_of_the_pages_and_the_interval_of_the_wind(healt
     wind = {"wind_speed": 5.7, "wind_low": 2.9, "wind_high": 10.4}
     entry = LibraryEntry("id", "a.bin", stage=Stage.DONE, level="good", **wind, **lights)
     row = flight_row("quad", 0, health=health, health_reason="Motor 3 works harder.")
-    page = library_page([entry], troubles={} if health == "ok" else {"id": row})
+    page = library_page([entry], anomalous_rows={} if health == "ok" else {"id": row})
     assert f'aria-label="motors {level}"' in page
     assert ">2.9 to 10.4 m/s<" in page
 
@@ -328,7 +333,7 @@ def test_a_vehicle_without_a_name_is_called_by_its_type_and_the_end_of_its_seria
         "library",
         **{"entries": [], "total": 0, "query": "", "order": "upload", "offset": 0, "page": 50},
         **{"is_empty": True, "sample": None, "is_live": False, "vehicles": [serial]},
-        **{"troubles": {}, "may_read": True, "key": "", "has_token": False, "address": ""},
+        **{"anomalous_rows": {}, "may_read": True, "key": "", "has_token": False, "address": ""},
         **{"upload": "", "given": GivenNames(), "frames": frames},
     )
     assert ">Hexarotor 001a…333539</a>" in page and f'title="{serial}"' in page

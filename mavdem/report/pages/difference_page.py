@@ -44,7 +44,7 @@ from mavdem.report.difference import (
 )
 from mavdem.report.loops import LOOP_FIGURES, TUNED_FIGURES
 from mavdem.report.numbers import counted, rounded
-from mavdem.report.pages.motor_trouble import MotorTrouble, review_with_trouble
+from mavdem.report.pages.motor_anomaly import MotorAnomaly, review_with_anomaly
 from mavdem.report.pages.page import Chapter, render_document
 from mavdem.report.pages.page_link import PageLink
 from mavdem.report.palette import PREDICTED, TRUTH
@@ -53,7 +53,7 @@ from mavdem.report.templates import render_section, rounded_up
 Reviews = Mapping[str, Review]
 """The reviews of both flights, by side: "A" and "B"."""
 
-NO_TROUBLES: Mapping[str, MotorTrouble] = MappingProxyType({})
+NO_ANOMALIES: Mapping[str, MotorAnomaly] = MappingProxyType({})
 """No side with motors that are known to differ from those of other flights of the vehicle."""
 
 SIDE_COLOURS = {"A": PREDICTED, "B": TRUTH}
@@ -96,7 +96,7 @@ def comparison_page(
     lacking: Names = (),
     back: PageLink | None = None,
     flights: tuple[FlightSeries | None, FlightSeries | None] = ({}, {}),
-    troubles: Mapping[str, MotorTrouble] = NO_TROUBLES,
+    anomalies: Mapping[str, MotorAnomaly] = NO_ANOMALIES,
 ) -> str:
     """Renders the page that compares two flights.
 
@@ -109,11 +109,11 @@ def comparison_page(
         back: the page that leads here, if any.
         flights: time series of the flight of each side (``flight_series``): empty of a fleet, None where they were not
             stored with the flight.
-        troubles: trouble with the motors that a flight shows beside all other flights of its vehicle, by side, "A" or
+        anomalies: anomaly of the motors that a flight shows beside all other flights of its vehicle, by side, "A" or
             "B"; none where only these two flights are known.
     """
     reviews_by_side = {
-        side: review_with_trouble(review, troubles.get(side))
+        side: review_with_anomaly(review, anomalies.get(side))
         for side, review in zip(SIDE_COLOURS, reviews, strict=True)
     }
     # Names of files and dates, which the subtitle has, would fill each chart's legend.

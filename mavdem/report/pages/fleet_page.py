@@ -20,9 +20,9 @@ from mavdem.report.charts.chart import Plan
 from mavdem.report.charts.plans import MIN_ROSE_FLIGHTS, dots_of_flights, rose_of_flights
 from mavdem.report.charts.vehicle_charts import vehicle_group
 from mavdem.report.fleet import (
+    ANOMALOUS_HEALTHS,
     MAX_URGENT_RANK,
     NOT_USED,
-    TROUBLED_HEALTHS,
     is_serial,
     short_name,
     vehicle_label,
@@ -394,8 +394,8 @@ class UnnamedFlight(NamedTuple):
 def _bad_unnamed_flights(summaries: Sequence[VehicleSummary]) -> list[UnnamedFlight]:
     """Returns the bad flights under names that several vehicles may share, such as system ids, the newest first.
 
-    If motors under such a name are in trouble, the headline counts it as a vehicle, and the latest flight is left out
-    here, because the section on that vehicle shows it.
+    If motors under such a name have a fault or drift, the headline counts it as a vehicle, and the latest flight is
+    left out here, because the section on that vehicle shows it.
 
     Args:
         summaries: summary of the flights under each name, with the line of each flight in the table of all flights.
@@ -405,7 +405,7 @@ def _bad_unnamed_flights(summaries: Sequence[VehicleSummary]) -> list[UnnamedFli
     lines_in_sections = [
         _latest_line(summary)
         for summary in summaries_of_shared_names
-        if summary.name in vehicles and vehicles[summary.name].health in TROUBLED_HEALTHS
+        if summary.name in vehicles and vehicles[summary.name].health in ANOMALOUS_HEALTHS
     ]
     flights = []
     for line in _newest_first(summaries_of_shared_names):

@@ -39,7 +39,7 @@ from mavdem.report.fleet import (
 )
 from mavdem.report.flight_lines import wind_speed_text
 from mavdem.report.pages.environment import environment, render_page
-from mavdem.report.pages.motor_trouble import MotorTrouble, with_motor_trouble
+from mavdem.report.pages.motor_anomaly import MotorAnomaly, with_motor_anomaly
 from mavdem.report.pages.page import PageEvent
 
 POLICY_ELEMENT = re.compile(r'<meta http-equiv="Content-Security-Policy"[^>]*>')
@@ -98,12 +98,15 @@ def script_hashes() -> Names:
 
 
 def script_hashes_of_page(page: str) -> set[str]:
-    """Returns the hashes of the scripts within the page of a flight, as :func:`script_hashes` does.
+    """Returns the hashes of the scripts in a flight's page, by which a content security policy permits them.
 
-    Data that scripts read, which stand in elements with a type, are left out.
+    Elements with data for the scripts, which have a type, are no scripts and are left out.
 
     Args:
-        page: HTML of a flight's page, as this or an earlier version has written it.
+        page: HTML of the page, as this or an earlier version of mavdem has written it.
+
+    Returns:
+        Hashes in the form of :func:`script_hashes`.
     """
     return {_script_hash(source) for source in SCRIPT_ELEMENT.findall(page)}
 
@@ -142,18 +145,16 @@ def _server_environment() -> Environment:
 
 
 def _lights_beside_fleet(lights: Mapping[str, str], row: FlightRow | None) -> dict[str, str]:
-    """Returns the levels of a flight's lights, with a comparison of its motors with the vehicle's other flights.
+    """Returns the levels of a flight's status lights as the list of flights shows them.
 
     A light is the judgement of one part of the vehicle, such as its motors, with a level: good, watch, bad or unknown.
-    The comparison changes the level of the motors' light only. The page of the flight shows the same levels.
+    The lights of a log are judged by that log alone. If the motors differ from those of the vehicle's other flights,
+    their light gets the worse of both levels, as on the page of the flight.
 
     Args:
-        lights: level of each light by the log alone; empty before the log is judged.
-        row: the flight's row in the fleet's table, if its motors differ from those of the other flights; otherwise
+        lights: level of each light by the log alone, by name; empty before the log is judged.
+        row: the flight's row in the fleet's table if its motors have a fault or drift beside other flights; otherwise
             None.
-
-    Returns:
-        The level of each light, by name.
     """
     levels = dict(lights)
     if levels and row is not None:
@@ -164,13 +165,13 @@ def _lights_beside_fleet(lights: Mapping[str, str], row: FlightRow | None) -> di
 
 
 def _short_vehicle_name(name: str, frames: Mapping[str, str]) -> str:
-    """Returns the short name of a vehicle to which the owner gave none.
+    """Returns the short name of a vehicle to which its owner gave no name; a filter of the server's templates.
 
-    It is the name in the logs. Where that is a serial number, it is the type of the frame and the end of the number.
+    It is the name in the logs or, if that is a serial number, the type of the frame and the end of the number.
 
     Args:
         name: name of the vehicle in its logs.
-        frames: kind of the frame of each vehicle, such as "QUADROTOR", by that name.
+        frames: type of the frame of each vehicle, such as "QUADROTOR", by the name in the logs.
     """
     return vehicle_label(name, frames.get(name, ""), NO_NAMES)
 
@@ -224,10 +225,12 @@ def render_server_page(name: str, /, **values: Any) -> str:
 
 
 def first_plots(history: TimeHistory) -> str:
-    """Renders the plots of a flight that need no model, with its events, for the page of a log that is being read.
+    """Renders the plots that a flight's page shows while its log is still being read, with the events in them.
+
+    They are the charts over time that need no identified model, such as angles with their setpoints.
 
     Args:
-        history: the flight over time.
+        history: signals and events of the flight over time.
 
     Returns:
         Part of a page as HTML.
@@ -239,43 +242,42 @@ def first_plots(history: TimeHistory) -> str:
             # All charts get the time axis and the event lines of the flight.
             charts_by_axis[axis] = [timeline.marked(chart) for chart in charts]
     groups = [Group((timeline.overview,)), Group.of_axes(charts_by_axis)]
+    # A flight without attitudes has no charts of axes.
+    groups_with_charts = [group for group in groups if any(group.columns)]
     return render_server_page(
         "first_plots",
-        # A flight without attitudes has no charts of axes.
-        groups=[group for group in groups if any(group.columns)],
+        groups=groups_with_charts,
         events=[PageEvent(event) for event in timeline.events],
         points=MAX_POINTS_OF_SMALL_PAGE,
     )
 
 
 def with_toolbar(
-    page: str, given_name: str = "", trouble: MotorTrouble | None = None, **values: Any
+    page: str, given_name: str = "", anomaly: MotorAnomaly | None = None, **values: Any
 ) -> str:
     """Returns the page of a flight as the server sends it: with a bar of downloads and settings at its top.
 
-    The file of the page is never changed: each visitor gets a copy with these replacements. The page's own content
+    The stored file of the page is never changed: each visitor gets a copy with these additions. The page's own content
     security policy, which forbids the server's script, is removed (:func:`with_server_script`).
 
     Args:
         page: HTML of the flight's page, as it was written to its file.
-        given_name: name that the owner gave to the flight. It becomes the title, with the name of the log beside it.
-            Empty if there is none; then the name of the log stays the title.
-        trouble: fault or drift of the motors that shows beside other flights of the vehicle. It becomes the headline
-            unless the log shows worse, and the light (judgement) of the motors becomes at least as bad. None without
-            trouble.
+        given_name: name that the owner gave to the flight. It becomes the title, with the name of the log after it.
+            Empty if there is none.
+        anomaly: fault or drift of the motors that shows beside other flights of the vehicle, which is written into the
+            page (:func:`with_motor_anomaly`). None without any.
         **values: further values that the template ``bar.html`` uses, by name.
 
     Returns:
         The page as HTML.
     """
-    pattern = AUTOPILOT_SET_PARAMETERS.pattern
     bar = render_server_page(
         "bar",
-        self_set_parameters=pattern,
+        self_set_parameters=AUTOPILOT_SET_PARAMETERS.pattern,
         given_name=given_name,
         **values,
     )
-    page = with_motor_trouble(page, trouble)
+    page = with_motor_anomaly(page, anomaly)
     if given_name:
         # A function makes the replacement, since backslashes of the name would be taken for references to groups.
         page = TITLE.sub(
@@ -283,7 +285,8 @@ def with_toolbar(
             page,
             count=1,
         )
-    return with_server_script(page, **values).replace("<main>\n", f"<main>\n{bar}", 1)
+    page = with_server_script(page, **values)
+    return page.replace("<main>\n", f"<main>\n{bar}", 1)
 
 
 def with_server_script(page: str, **values: Any) -> str:
@@ -305,19 +308,20 @@ def with_server_script(page: str, **values: Any) -> str:
 
 
 def vehicle_page(flights: Sequence[AxisRows], changes: Iterable[Block], **values: Any) -> str:
-    """Renders the page of one vehicle: its charts over its flights, and what differs from the baseline.
+    """Renders the server's page of one vehicle: what was found of its motors, and how they changed over its flights.
 
     Args:
-        flights: rows of each flight, in the order of time.
-        changes: sentences and tables on the differences from the baseline.
-        **values: further values that the template uses, by name.
+        flights: for each flight, in the order of time, its rows in the fleet's table, one for each axis. With fewer
+            than two flights there are no charts.
+        changes: sentences and tables on how the latest flight differs from the baseline of healthy flights.
+        **values: further values that the template ``vehicle.html`` uses, by name.
 
     Returns:
         The page as HTML.
     """
     summary = vehicle_texts(flights).all_flights if flights else ""
-    group = vehicle_group(flights) if len(flights) > 1 else None
-    groups = [] if group is None else [group]
+    charts = vehicle_group(flights) if len(flights) > 1 else None
+    groups = [] if charts is None else [charts]
     return render_server_page("vehicle", words=summary, changes=[*changes], groups=groups, **values)
 
 

@@ -8,10 +8,10 @@ from pytest import mark
 from mavdem.fleet.difference import vehicle_difference
 from mavdem.report.difference import headline_of_comparison, motor_table, next_blocks
 from mavdem.report.pages.difference_page import comparison_page
-from mavdem.report.pages.motor_trouble import (
-    motor_trouble,
-    review_with_trouble,
-    with_motor_trouble,
+from mavdem.report.pages.motor_anomaly import (
+    motor_anomaly,
+    review_with_anomaly,
+    with_motor_anomaly,
 )
 
 PAGE = """<main>
@@ -28,14 +28,14 @@ PAGE = """<main>
 CRASHED_PAGE = PAGE.replace("blocks assessment", "blocks assessment doubted")
 
 
-def trouble(health, motor=None, reason="It differs."):
-    return motor_trouble(
+def anomaly(health, motor=None, reason="It differs."):
+    return motor_anomaly(
         flight_row("quad", 1, health=health, health_reason=reason, suspect_motor=motor)
     )
 
 
 def marked(page, health, motor=None):
-    return with_motor_trouble(page, trouble(health, motor))
+    return with_motor_anomaly(page, anomaly(health, motor))
 
 
 def test_a_fault_beside_other_flights_is_the_headline_and_the_next_step_of_the_page():
@@ -60,9 +60,9 @@ def test_a_fault_beside_other_flights_is_the_headline_and_the_next_step_of_the_p
 def test_a_flight_that_is_judged_anew_and_is_sound_has_its_own_result_again(
     page, earlier_health, health
 ):
-    with_trouble = marked(page, earlier_health, 2)
-    assert with_trouble != page
-    assert marked(with_trouble, health) == page
+    with_anomaly = marked(page, earlier_health, 2)
+    assert with_anomaly != page
+    assert marked(with_anomaly, health) == page
 
 
 def test_a_drift_without_a_motor_leaves_the_next_step_to_the_log():
@@ -90,9 +90,9 @@ def test_a_comparison_shows_the_motors_as_they_are_beside_other_flights(health, 
         "headline": {"level": "good", "sentence": "Nothing wrong found."},
         "next_step": {"sentence": "Fly anew."},
     }
-    weak = trouble(health, 1, "Motor 1 (front right) lost about 22 % of its thrust.")
-    reviews = {"A": review, "B": review_with_trouble(review, weak)}
-    assert review["lights"]["motors"] is motors and review_with_trouble(review, None) is review
+    weak = anomaly(health, 1, "Motor 1 (front right) lost about 22 % of its thrust.")
+    reviews = {"A": review, "B": review_with_anomaly(review, weak)}
+    assert review["lights"]["motors"] is motors and review_with_anomaly(review, None) is review
     flights = [[flight_row("quad", number)] for number in (1, 2)]
     difference = vehicle_difference(*flights)
     first, second, *_ = headline_of_comparison(reviews, difference)
@@ -102,7 +102,7 @@ def test_a_comparison_shows_the_motors_as_they_are_beside_other_flights(health, 
     (table,) = motor_table(reviews, difference)
     assert [row[:2] for row in table.rows][0] == ["motor 1", "no warning"]
     assert "lost about 22 %" in table.rows[0][2]
-    page = comparison_page(("a", "b"), (review, review), difference, troubles={"B": weak})
+    page = comparison_page(("a", "b"), (review, review), difference, anomalies={"B": weak})
     assert f"Motors: good in A, {level} in B. Motor 1 (front right) lost about" in page
     assert "<strong>B by itself:</strong>" not in page
     if health == "fault":
@@ -112,5 +112,5 @@ def test_a_comparison_shows_the_motors_as_they_are_beside_other_flights(health, 
 
 def test_a_log_that_shows_worse_is_compared_as_it_is():
     review = {"lights": {"motors": {"level": "bad", "sentence": "Motor 2 stopped."}}}
-    assert review_with_trouble(review, trouble("drift", 1)) is review
-    assert review_with_trouble(review, trouble("fault", 1)) is review
+    assert review_with_anomaly(review, anomaly("drift", 1)) is review
+    assert review_with_anomaly(review, anomaly("fault", 1)) is review

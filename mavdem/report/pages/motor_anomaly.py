@@ -1,0 +1,202 @@
+"""Anomalies of motors that only comparison with other flights shows, written into the page and its status light.
+
+The page of a flight is written from its log alone. Later the vehicle is judged from all its flights, which shows
+smaller losses of a motor. Then the beginning of the page is changed: the anomaly becomes its headline and next step,
+unless the log alone shows worse, and the light of the motors (their judgement by a level) becomes at least as bad as
+the anomaly.
+"""
+
+import re
+from collections.abc import Mapping
+from functools import partial
+from typing import Any, NamedTuple
+
+from mavdem.containers import JsonValues
+from mavdem.facts import Level
+from mavdem.facts.lights import Light
+from mavdem.facts.motors import MotorHealth
+from mavdem.fleet.report_columns import value_at
+from mavdem.fleet.row import FlightRow
+from mavdem.report.blocks import Sentence
+from mavdem.report.fleet import ANOMALOUS_HEALTHS, HEALTH_LEVELS, motors_level
+from mavdem.report.pages.environment import environment, render_page
+from mavdem.report.pages.page_link import PageLink
+from mavdem.report.templates import render_section
+
+RESULT = re.compile(
+    r'(?P<anomaly><section id="beside".*?</section>\n)?'
+    r'<section id="result" class="(?P<classes>[^"]*)">\n(?P<content>.*?)</section>\n'
+    r'(?P<anomaly_below><section id="beside".*?</section>\n)?',
+    re.DOTALL,
+)
+"""The result of the log on a flight's page, and the section about an anomaly of the motors if there is one."""
+
+HEADLINE = re.compile(r'<p class="headline"><strong>(.*?)</strong></p>')
+"""The headline of a log's result."""
+
+HEADLINE_ALONE = re.compile("<p><strong>This log alone:</strong> (.*?)</p>")
+"""The headline of a log's result, where the anomaly has become that of the page."""
+
+NEXT_STEP = "<p><strong>Next:</strong>"
+"""The beginning of a log's next step."""
+
+NEXT_STEP_ALONE = "<p><strong>Then, by this log alone:</strong>"
+"""The beginning of a log's next step, where the anomaly has one that comes first."""
+
+SECTION_CLASSES = {Level.BAD: "doubted", Level.WATCH: "lacking"}
+"""The class of a section with a result, by the level of the result."""
+
+MOTORS_LIGHT = re.compile(
+    r'(<div data-light="motors"><dt>.*?</dt>)'
+    r'<dd class="(\w+)"(?: data-alone="(\w+)")?>\w+</dd><dd class="soft">(?:<b>[^<]*</b> )?'
+)
+"""The light of the motors on a flight's page: its heading, the shown level, and the level by the log alone.
+
+The third group is empty if both levels are the same. The last part is a note that the levels differ, if they do.
+"""
+
+
+class MotorAnomaly(NamedTuple):
+    """A fault or a drift of the motors that shows in comparison with the other flights of the vehicle."""
+
+    level: Level
+    """Watch for a drift of the motors, bad for a fault."""
+
+    reason: str
+    """The evidence, in sentences."""
+
+    next_step: list[Sentence]
+    """What to do next; empty of a drift without a suspected motor."""
+
+    motor: str
+    """Name of the suspected motor, such as "motor 1"; empty where none is."""
+
+    comparison: PageLink | None = None
+    """The page that compares the flight with a sound one; None where there is no such page."""
+
+
+def motor_anomaly(row: FlightRow | None) -> MotorAnomaly | None:
+    """Returns the fault or drift of the motors that shows when a flight is compared with others of its vehicle.
+
+    Args:
+        row: row of the flight in the fleet's table, for the axis whose motors are in the worst health; None if the
+            flight is not compared.
+
+    Returns:
+        The anomaly with its evidence and next step; None if the motors have neither a fault nor a drift.
+    """
+    if row is None or row.health not in ANOMALOUS_HEALTHS:
+        return None
+    motor = f"motor {row.suspect_motor}" if row.suspect_motor else ""
+    next_step: list[Sentence] = []
+    # A fault has a next step even where the motor is not known; a drift has one only for a suspected motor.
+    if row.health == MotorHealth.FAULT or motor:
+        next_step = [*render_section("difference_next", motor=motor, is_weaker=bool(motor))]
+    level = HEALTH_LEVELS[MotorHealth(row.health)]
+    return MotorAnomaly(level, row.health_reason or "", next_step, motor)
+
+
+def review_with_anomaly(
+    review: Mapping[str, Any], anomaly: MotorAnomaly | None
+) -> Mapping[str, Any]:
+    """Returns the review document of a flight, with its motors judged also by the other flights of the vehicle.
+
+    The review itself judges the log alone. An anomaly of the motors, which shows beside other flights only, replaces
+    the status light of the motors in it. It also replaces the headline and the next step, unless the headline is bad
+    already. A comparison of two flights then judges each in the same way as its own page does.
+
+    Args:
+        review: review document of the flight; it is not modified.
+        anomaly: the anomaly of the motors; None if there is none.
+
+    Returns:
+        A changed copy; the review itself without an anomaly, or if its motors are as bad by the log alone.
+    """
+    if anomaly is None:
+        return review
+    lights = review.get("lights") or {}
+    level_of_log = Level(value_at(lights, f"{Light.MOTORS}.level") or Level.UNKNOWN)
+    if motors_level(level_of_log, anomaly.level) is level_of_log:
+        return review
+    changed_parts: JsonValues = {}
+    judgement: JsonValues = {"level": anomaly.level, "sentence": anomaly.reason}
+    if Light.MOTORS in lights:
+        motors_light = judgement | {"subject": anomaly.motor}
+        changed_parts["lights"] = lights | {Light.MOTORS: motors_light}
+    if value_at(review, "headline.level") != Level.BAD:
+        changed_parts["headline"] = judgement
+        for step in anomaly.next_step:
+            changed_parts["next_step"] = {"sentence": step.text}
+    return {**review, **changed_parts}
+
+
+def with_motor_anomaly(page: str, anomaly: MotorAnomaly | None) -> str:
+    """Writes an anomaly of the motors into the HTML page of a flight, which was made from its log alone.
+
+    The anomaly becomes the headline of the page, and the status light of the motors at least as bad as it. The function
+    may be called again with its result: what the earlier call has written is replaced.
+
+    Args:
+        page: HTML of the page, or its beginning up to the status lights.
+        anomaly: the anomaly; None if there is none, which restores the page of the log alone.
+
+    Returns:
+        The changed HTML.
+    """
+    page = MOTORS_LIGHT.sub(partial(_light_html, anomaly=anomaly), page, count=1)
+    return RESULT.sub(partial(_result_html, anomaly=anomaly), page, count=1)
+
+
+def _result_html(result: re.Match[str], anomaly: MotorAnomaly | None) -> str:
+    """Returns the top of a flight's page: the result by its log alone, and the section about an anomaly of its motors.
+
+    The section stands above the result or, if the log alone shows worse, below it. A next step by the log alone may be
+    to fly again. Below the next step of the anomaly it is therefore marked as the later one.
+
+    Args:
+        result: match of ``RESULT`` in the page, in which an earlier call may have written an anomaly.
+        anomaly: the anomaly that the comparison with other flights shows; None without any.
+    """
+    # What an earlier call has changed in the result is undone first.
+    content = HEADLINE_ALONE.sub(r'<p class="headline"><strong>\1</strong></p>', result["content"])
+    content = content.replace(NEXT_STEP_ALONE, NEXT_STEP, 1)
+    opening = f'<section id="result" class="{result["classes"]}">\n'
+    if anomaly is None:
+        return f"{opening}{content}</section>\n"
+    is_log_bad = SECTION_CLASSES[Level.BAD] in result["classes"].split()
+    is_below = is_log_bad and anomaly.level is not Level.BAD
+    anomaly_section = render_page(
+        environment().get_template("related_flights.html"),
+        anomaly=anomaly,
+        level_class=SECTION_CLASSES[anomaly.level],
+        is_below=is_below,
+    )
+    if is_below:
+        return f"{opening}{content}</section>\n{anomaly_section}\n"
+    content = HEADLINE.sub(r"<p><strong>This log alone:</strong> \1</p>", content, count=1)
+    if anomaly.next_step:
+        content = content.replace(NEXT_STEP, NEXT_STEP_ALONE, 1)
+    return f"{anomaly_section}\n{opening}{content}</section>\n"
+
+
+def _light_html(light: re.Match[str], anomaly: MotorAnomaly | None) -> str:
+    """Returns the beginning of the HTML of the motors' status light, with the worse of two levels.
+
+    One level is by the log of the flight alone, the other that of the anomaly which shows beside other flights. If the
+    anomaly is worse, the attribute ``data-alone`` keeps the level by the log alone, so that the change can be undone.
+
+    Args:
+        light: match of ``MOTORS_LIGHT`` in the page: the heading, the shown level, and the level by the log alone,
+            which is None if the shown level is that.
+        anomaly: the anomaly of the motors; None without any.
+    """
+    heading, shown_level, level_alone = light.groups()
+    level_of_log = Level(level_alone or shown_level)
+    level = level_of_log if anomaly is None else motors_level(level_of_log, anomaly.level)
+    if level is level_of_log:
+        return f'{heading}<dd class="{level}">{level}</dd><dd class="soft">'
+    note = f"Beside other flights {level} (above), by this log alone {level_of_log}:"
+    return (
+        f'{heading}<dd class="{level}" data-alone="{level_of_log}">{level}</dd>'
+        f'<dd class="soft"><b>{note}</b> '
+    )
