@@ -371,7 +371,7 @@ def _levels_and_reason(lights_by_side: Mapping[str, JsonValues]) -> tuple[str, s
         second_is_worse = second["level"] == Level.BAD or first["level"] not in WARNING_LEVELS
         worse_light = second if second_is_worse else first
         levels = f"{first['level']} in {first_side}, {second['level']} in {second_side}"
-        return levels, worse_light["sentence"] + _remark_on_imus(first, second)
+        return levels, worse_light["sentence"] + _remark_on_imus(lights_by_side)
     levels = f"{first['level']} in {first_side} and {second_side}"
     if first["sentence"] == second["sentence"]:
         return levels, first["sentence"]
@@ -381,30 +381,73 @@ def _levels_and_reason(lights_by_side: Mapping[str, JsonValues]) -> tuple[str, s
     if are_of_motors and first_motor != second_motor:
         levels += ", of different motors"
     reasons = f"{first_side}: {first['sentence']} {second_side}: {second['sentence']}"
-    return levels, reasons + _remark_on_imus(first, second)
+    return levels, reasons + _remark_on_imus(lights_by_side)
 
 
-def _remark_on_imus(first_light: JsonValues, second_light: JsonValues) -> str:
-    """Returns a remark for the reader if two status lights are about different IMUs, for example IMU 1 and IMU 3.
+def vibrations_of_same_imu(
+    lights_by_side: Mapping[str, JsonValues],
+) -> dict[str, tuple[float, float]]:
+    """Returns the vibration of the IMUs that the lights on vibration of two logs state, each IMU compared with itself.
 
-    The light on vibration is about the IMU that vibrates most. IMUs are mounted in different ways, so that a difference
-    between two of them does not mean that the vehicle changed.
+    A light states the IMU that vibrates most, which may be another one in each log. IMUs are mounted in different ways,
+    so that a difference between two of them does not mean that the vehicle changed.
 
     Args:
-        first_light, second_light: the same light in the review documents of both logs.
+        lights_by_side: the light on vibration in the review document of each log, by side, "A" and "B".
 
     Returns:
-        The remark with a space before it; empty if both lights are about the same IMU, or about something else.
+        By the name of the IMU, such as "IMU 2", its mean vibration in A and in B, m/s², along the axis that vibrates
+        most. Only IMUs are there that were recorded in both logs.
     """
-    first_subject = first_light.get("subject") or ""
-    second_subject = second_light.get("subject") or ""
-    are_imus = first_subject.startswith("IMU ") and second_subject.startswith("IMU ")
-    if not are_imus or first_subject == second_subject:
+    levels_by_side = [_vibration_by_imu(light) for light in lights_by_side.values()]
+    levels = {}
+    for light in lights_by_side.values():
+        imu = light.get("subject") or ""
+        if all(imu in levels_of_log for levels_of_log in levels_by_side):
+            first, second = (levels_of_log[imu] for levels_of_log in levels_by_side)
+            levels[imu] = first, second
+    return levels
+
+
+def _vibration_by_imu(light: JsonValues) -> dict[str, float]:
+    """Returns the mean vibration of each IMU of a log, m/s², by its name, such as "IMU 1".
+
+    Args:
+        light: the light on vibration in the review document of the log. Documents of earlier versions have only the
+            vibration of the IMU that vibrates most.
+    """
+    figures = light.get("figures") or {}
+    levels = {}
+    if light.get("subject") and "vibration" in figures:
+        levels[light["subject"]] = figures["vibration"]
+    for number, level in enumerate(figures.get("imu_levels") or (), start=1):
+        levels[f"IMU {number}"] = level
+    return levels
+
+
+def _remark_on_imus(lights_by_side: Mapping[str, JsonValues]) -> str:
+    """Returns a remark for the reader if a status light is about another IMU in each of two logs, as IMU 1 and IMU 3.
+
+    Args:
+        lights_by_side: the same light in the review document of each log, by side, "A" and "B".
+
+    Returns:
+        The remark with a space before it: the vibration of each of these IMUs in both logs, or that they are different
+        sensors, if the other IMU was not recorded. Empty if both lights are about the same IMU, or about something
+        else than an IMU.
+    """
+    subjects = [light.get("subject") or "" for light in lights_by_side.values()]
+    are_imus = all(subject.startswith("IMU ") for subject in subjects)
+    if not are_imus or subjects[0] == subjects[1]:
         return ""
-    return (
-        f" {first_subject} and {second_subject} are different sensors: "
-        "their difference is no change."
-    )
+    levels_of_imus = vibrations_of_same_imu(lights_by_side)
+    if not levels_of_imus:
+        return f" {subjects[0]} and {subjects[1]} are different sensors: their difference is no change."
+    comparisons = [
+        f"{imu}: {rounded(first)} → {rounded(second)} m/s²"
+        for imu, (first, second) in levels_of_imus.items()
+    ]
+    return f" {'; '.join(comparisons)}."
 
 
 def _sentence_on_watched_motors(reviews: Mapping[str, Review]) -> list[Sentence]:
@@ -449,7 +492,7 @@ def sentences_on_watched_lights(reviews: Mapping[str, Review]) -> list[Sentence]
             reason = light["sentence"].removeprefix(f"{name.capitalize()} ")
             short_reason = without_full_stop(shortened(reason, MAX_LIGHT_CHARACTERS))
             texts.append(f"{light['level']} in {side} ({short_reason})")
-        text = f"{', '.join(texts)}.{_remark_on_imus(*lights_by_side.values())}"
+        text = f"{', '.join(texts)}.{_remark_on_imus(lights_by_side)}"
         sentences.append(Sentence(text, lead=f"{name.capitalize()}:"))
     return sentences
 

@@ -47,7 +47,8 @@ def vibration_light(evidence: Evidence) -> Fact:
         evidence: signals, events and measurements of the vehicle.
 
     Returns:
-        A fact whose level is the colour of the light: good, watch, bad or unknown.
+        A fact whose level is the colour of the light: good, watch, bad or unknown. Of several IMUs its figure
+        ``imu_levels`` has the mean level of each, along the axis that vibrates most, m/s².
     """
     signals = evidence.signals
     telemetry = signals.telemetry
@@ -87,4 +88,7 @@ def vibration_light(evidence: Evidence) -> Fact:
         clips=clips,
         is_settled=bool(settled_segments),
     )
+    levels_of_imus = mean_levels.reshape(-1, len(vibration.axes)).max(axis=1).tolist()
+    if len(levels_of_imus) > 1:
+        fact = fact.replace(imu_levels=levels_of_imus)
     return fact.replace(has_clipped_unsettled=True) if has_clipped_unsettled else fact

@@ -41,6 +41,7 @@ from mavdem.report.difference import (
     next_blocks,
     same_sentences,
     sentences_on_watched_lights,
+    vibrations_of_same_imu,
 )
 from mavdem.report.loops import LOOP_FIGURES, TUNED_FIGURES
 from mavdem.report.numbers import counted, rounded
@@ -452,8 +453,8 @@ def _trim_chart(
 def _vibration_row(reviews_by_side: Reviews) -> list[str]:
     """Returns the row of a table with the mean vibration in flight, m/s², of the same IMU in both logs.
 
-    It is the IMU that vibrates most, which the light of the vibration states, if that is the same one in both logs.
-    Otherwise it is the first IMU.
+    It is the IMU that vibrates most in A or, if it was not recorded in both logs, the one that does in B. If neither
+    was recorded in both, it is the first IMU.
 
     Args:
         reviews_by_side: review documents of both logs, by side.
@@ -461,11 +462,11 @@ def _vibration_row(reviews_by_side: Reviews) -> list[str]:
     Returns:
         The name of the figure, and one cell for each side; a dash if the vibration was not recorded.
     """
-    lights = [value_at(review, "lights.vibration") or {} for review in reviews_by_side.values()]
-    levels = [value_at(light, "figures.vibration") for light in lights]
-    subjects = {light.get("subject") for light in lights}
-    if None not in levels and len(subjects) == 1:
-        return [f"vibration of {subjects.pop()} (m/s²)", *map(rounded, levels)]
+    lights_by_side = {
+        side: value_at(review, "lights.vibration") or {} for side, review in reviews_by_side.items()
+    }
+    for imu, levels in vibrations_of_same_imu(lights_by_side).items():
+        return [f"vibration of {imu} (m/s²)", *map(rounded, levels)]
     row = ["vibration of IMU 1 (m/s²)"]
     for review in reviews_by_side.values():
         levels_of_axes = value_at(review, "condition.vibration.level")

@@ -277,7 +277,7 @@ def test_the_next_step_of_an_earlier_bad_light_stays_until_it_is_good(difference
     assert [step.lead for step in steps if step.lead != "Next:"] == leads
 
 
-def test_the_vibration_of_two_imus_is_no_change(difference):
+def test_the_vibration_of_each_imu_is_compared_with_its_own(difference):
     def review(imu, vibration, level):
         """Returns a review whose light of the vibration is of an IMU, and whose first IMU has 5 m/s²."""
         light = {"level": level, "subject": imu, "figures": {"vibration": vibration}}
@@ -291,6 +291,12 @@ def test_the_vibration_of_two_imus_is_no_change(difference):
         "IMU 2 and IMU 3 are different sensors: their difference is no change."
     )
     assert _vibration_row({"A": worse, "B": better}) == ["vibration of IMU 1 (m/s²)", "5.0", "5.0"]
+    # Where every IMU is known, each is compared with itself.
+    worse["lights"]["vibration"]["figures"]["imu_levels"] = [11.0, 16.2, 8.5]
+    better["lights"]["vibration"]["figures"]["imu_levels"] = [5.1, 7.4, 7.9]
+    *_, sentence = headline_of_comparison({"A": worse, "B": better}, difference)
+    assert sentence.text.endswith(" IMU 2: 16 → 7.4 m/s²; IMU 3: 8.5 → 7.9 m/s².")
+    assert _vibration_row({"A": worse, "B": better}) == ["vibration of IMU 2 (m/s²)", "16", "7.4"]
     same = review("IMU 2", 7.9, "good")
     *_, sentence = headline_of_comparison({"A": worse, "B": same}, difference)
     assert "different sensors" not in sentence.text
