@@ -42,6 +42,7 @@ MESSAGES = {
     "PIDY": (148, "Qf", "TimeUS,D"),
     "RCO2": (149, "QHHHH", "TimeUS,C15,C16,C17,C18"),
     "RCO3": (150, "Q" + 14 * "H", "TimeUS," + ",".join(f"C{n}" for n in range(19, 33))),
+    "POWR": (151, "QffHHB", "TimeUS,Vcc,VServo,Flags,AccFlags,Safety"),
     "BARO": (160, "QBff", "TimeUS,I,Alt,Press"),
 }
 

@@ -138,6 +138,23 @@ def test_between_two_armings_the_vehicle_was_disarmed_when_the_log_stopped(tmp_p
     assert first == approx((20.1, 29.5)) and second[0] == approx(50.0)
 
 
+def test_the_armed_flag_of_the_supply_dates_an_arming_without_its_event(tmp_path):
+    """A log that was not written between its start and the arming lacks the event, and first has AUTO_ARMED."""
+    armed_states = [(20.0, 0), (20.5, 0), (24.0, 1), (24.5, 1), (27.0, 1), (27.5, 0), (28.0, 0)]
+    flags = [
+        (time, made.message("POWR", round(1e6 * time), 5.0, 0.0, 0, 0, 2 + 4 * armed))
+        for time, armed in armed_states
+    ]
+    events = [(25.0, made.message("EV", 25_000_000, 15)), (27.1, made.message("EV", 27_100_000, 11))]
+    rows = sorted([*zip(SLOW, made.flight(SLOW), strict=True), *flags, *events])
+    vehicle = vehicle_in(tmp_path, *(row for _, row in rows))
+    assert armed_intervals(Signals(vehicle), 0) == [approx((24.0, 27.1))]
+    without_flags = sorted([*zip(SLOW, made.flight(SLOW), strict=True), *events])
+    vehicle = vehicle_in(tmp_path, *(row for _, row in without_flags))
+    ((begin, _),) = armed_intervals(Signals(vehicle), 0)
+    assert begin < 20.0
+
+
 def test_two_armings_with_the_first_message_and_events_of_no_kind_change_no_time(tmp_path):
     rows = made.flight(SLOW)
     twice = [made.message("EV", 20_000_000, 10)] * 2

@@ -3,6 +3,9 @@
 EV's ids are ``LogEvent`` in ArduPilot's ``libraries/AP_Logger/AP_Logger.h``. A log may begin after take-off, so an
 event also gives the state before it. Where that is not the state after the event before, one between them was not
 logged, and the landed state is undefined, as it is after the last. A boot without events has neither message.
+
+An arming may also be missing before the first event of a log that began disarmed, and then was not written until the
+motors were armed. POWR.Safety of newer firmware has a flag of armed motors, at 10 Hz: it adds changes without events.
 """
 
 from collections.abc import Callable, Mapping
@@ -56,6 +59,12 @@ LANDED_EVENTS = {
 }
 """EXTENDED_SYS_STATE.landed_state before and after events, by EV.Id."""
 
+ARMED_SAFETY_FLAG = 4
+"""Flag of armed motors in POWR.Safety (``Write_Power`` in ArduPilot's ``libraries/AP_Logger/LogFile.cpp``)."""
+
+MAX_FLAG_LEAD = 0.5
+"""Time, s, by which the flag in POWR may change before the event is logged: both are written within one slow loop."""
+
 ARM_STATES = {0: StateChange(ARMED, DISARMED), 1: StateChange(DISARMED, ARMED)}
 """HEARTBEAT.base_mode before and after a message ARM, by its ArmState."""
 
@@ -102,7 +111,8 @@ class StateMessages(NamedTuple):
 def states_of(tables: Tables, vehicle_type: int) -> StateMessages:
     """Makes HEARTBEAT and EXTENDED_SYS_STATE from the events of a log.
 
-    The armed state is read from EV or from ARM: from the message that has more changes.
+    The armed state is read from EV or from ARM: from the message that has more changes. Changes that it lacks are those
+    of the armed flag in POWR.
 
     Args:
         tables: Columns of DataFlash's messages, by the name of the message ("ATT").
@@ -120,6 +130,7 @@ def states_of(tables: Tables, vehicle_type: int) -> StateMessages:
         if len(changes_by_arm_messages) > len(changes_by_events)
         else changes_by_events
     )
+    armed_changes = _with_changes_of_power_flags(armed_changes, tables)
     landed_changes = _state_changes(tables, "EV", "Id", LANDED_EVENTS, boot_stamps)
     return StateMessages(
         _heartbeats_of_changes(armed_changes, vehicle_type, boot_stamps),
@@ -168,10 +179,61 @@ def _state_changes(
                 boot_start = float(boot_stamps(boot)[0])
                 changes.append(_DatedChange(boot, boot_start, change.before, change.before))
             changes.append(_DatedChange(boot, time, change.before, change.after))
+    return _sorted_changes(changes)
+
+
+def _sorted_changes(changes: list[_DatedChange]) -> _StateChanges:
+    """Arranges changes by boot and time, as columns; changes of the same time keep their order."""
     changes.sort(key=attrgetter("boot", "time"))
     # An array with a row per change, turned into one column per field.
     columns = np.array(changes, np.float64).reshape(-1, len(_DatedChange._fields)).T
     return _StateChanges(*columns)
+
+
+def _with_changes_of_power_flags(event_changes: _StateChanges, tables: Tables) -> _StateChanges:
+    """Adds the changes of the armed flag in POWR that no event reports, in boots that have events.
+
+    Args:
+        event_changes: Changes of the armed state by EV or ARM, which are dated to the message.
+        tables: Columns of DataFlash's messages, by the name of the message ("POWR").
+
+    Returns:
+        The changes in the order of boot and time: those of the events alone if POWR has no flag, or never a set one,
+        as in firmware that did not set it.
+    """
+    power = tables.get("POWR", {})
+    if "Safety" not in power:
+        return event_changes
+    has_armed_flag = (power["Safety"].astype(np.int64) & ARMED_SAFETY_FLAG) != 0
+    if not np.any(has_armed_flag):
+        return event_changes
+    flag_states = np.where(has_armed_flag, ARMED, DISARMED)
+
+    changes = []
+    for boot in np.unique(event_changes.boot).astype(int):
+        is_event = event_changes.boot == boot
+        event_time = event_changes.time[is_event]
+        before_event = event_changes.before[is_event]
+        after_event = event_changes.after[is_event]
+        is_flag = power["boot"] == boot
+        flag_time = power["time"][is_flag]
+        flag_state = flag_states[is_flag]
+        if len(flag_time) and flag_time[0] < event_time[1]:
+            # The entry at the beginning of the boot has the state before the first event, which may be a later one.
+            before_event[0] = after_event[0] = flag_state[0]
+        for time, before, after in zip(event_time, before_event, after_event, strict=True):
+            changes.append(_DatedChange(boot, time, before, after))
+        for row in np.flatnonzero(np.diff(flag_state)) + 1:
+            before, after = flag_state[row - 1], flag_state[row]
+            is_same_change = (
+                (event_time >= flag_time[row - 1] - MAX_FLAG_LEAD)
+                & (event_time <= flag_time[row])
+                & (before_event == before)
+                & (after_event == after)
+            )
+            if not np.any(is_same_change):
+                changes.append(_DatedChange(boot, flag_time[row], before, after))
+    return _sorted_changes(changes)
 
 
 def _heartbeats_of_changes(
