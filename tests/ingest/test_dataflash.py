@@ -145,7 +145,10 @@ def test_the_armed_flag_of_the_supply_dates_an_arming_without_its_event(tmp_path
         (time, made.message("POWR", round(1e6 * time), 5.0, 0.0, 0, 0, 2 + 4 * armed))
         for time, armed in armed_states
     ]
-    events = [(25.0, made.message("EV", 25_000_000, 15)), (27.1, made.message("EV", 27_100_000, 11))]
+    events = [
+        (25.0, made.message("EV", 25_000_000, 15)),
+        (27.1, made.message("EV", 27_100_000, 11)),
+    ]
     rows = sorted([*zip(SLOW, made.flight(SLOW), strict=True), *flags, *events])
     vehicle = vehicle_in(tmp_path, *(row for _, row in rows))
     assert armed_intervals(Signals(vehicle), 0) == [approx((24.0, 27.1))]
